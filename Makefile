@@ -1,0 +1,45 @@
+# Two commands from a fresh clone: `make demo` and `make test`. Each sets up what it needs.
+
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: help demo test bench lint format lock set-up clean
+
+help:
+	@echo "make demo   set up, land a simulated ankle on a slope, record it, show what happened"
+	@echo "make test   set up, run every test"
+	@echo "make bench  set up, measure speed; writes bench.json"
+	@echo "make lint   set up, ruff and mypy"
+	@echo "make format set up, format the code with ruff"
+	@echo "make lock   write requirements.lock anew from requirements.in"
+	@echo "make clean  remove everything that the other targets made"
+
+set-up:
+	@$(PYTHON) jammkle_bringup/scripts/set_up.py
+
+demo: set-up
+	@$(BIN)/jammkle demo
+
+test: set-up
+	@$(BIN)/python -m pytest
+
+bench: set-up
+	@$(BIN)/python test/bench/run.py --json bench.json
+
+lint: set-up
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/mypy
+
+format: set-up
+	@$(BIN)/ruff check --fix
+	@$(BIN)/ruff format
+
+lock: set-up
+	@$(BIN)/python -m pip install --quiet uv
+	@$(BIN)/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-header \
+		requirements.in --output-file requirements.lock
+
+clean:
+	@rm -rf .venv runs bench.json .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""The jammkle command and what brings the graph up."""

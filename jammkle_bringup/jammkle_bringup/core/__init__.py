@@ -1,0 +1,1 @@
+"""What bringup does without ROS: process supervision, bags, summaries, pictures."""

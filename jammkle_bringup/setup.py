@@ -1,0 +1,32 @@
+"""Build of jammkle_bringup, for colcon."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "jammkle_bringup"
+
+
+def files_in(folder: str) -> tuple[str, list[str]]:
+    """Install everything in `folder` under the package's share directory."""
+    return f"share/{NAME}/{folder}", [str(path) for path in sorted(Path(folder).iterdir()) if path.is_file()]
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        files_in("launch"),
+        files_in("config"),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="Jammkle maintainers",
+    maintainer_email="maintainers@jammkle.example",
+    description="The jammkle command, launch files, parameters and viewer layouts.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": ["jammkle = jammkle_bringup.command:main"]},
+)

@@ -1,0 +1,1 @@
+"""Slip and impact detection and the jamming policy of a jammable ankle."""

@@ -1,0 +1,1 @@
+"""What the controller decides, without ROS: contact detection and the jamming policy."""

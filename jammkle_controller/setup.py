@@ -1,0 +1,22 @@
+"""Build of jammkle_controller, for colcon."""
+
+from setuptools import find_packages, setup
+
+NAME = "jammkle_controller"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="Jammkle maintainers",
+    maintainer_email="maintainers@jammkle.example",
+    description="Slip and impact detection and the jamming policy of a jammable ankle.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": ["controller = jammkle_controller.__main__:main"]},
+)

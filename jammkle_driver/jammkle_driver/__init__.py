@@ -1,0 +1,1 @@
+"""Pump and solenoids of a jammable ankle as topics and services."""

@@ -1,0 +1,22 @@
+"""Build of jammkle_driver, for colcon."""
+
+from setuptools import find_packages, setup
+
+NAME = "jammkle_driver"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="Jammkle maintainers",
+    maintainer_email="maintainers@jammkle.example",
+    description="Pump and solenoids of a jammable ankle as topics and services.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": ["driver = jammkle_driver.__main__:main"]},
+)

@@ -1,0 +1,88 @@
+"""Take a parameter table onto a node: declare, describe, bound, validate, and apply changes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+
+from jammkle_graph.parameters import ParameterClass, ParameterError, ParameterRow, from_mapping, rows
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+P = TypeVar("P", bound=ParameterClass)
+
+_RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service")
+_RCLPY_PREFIX = "qos_overrides."
+
+
+def declare(node: Node, table: type[P]) -> P:
+    """Declare every row of `table` on `node` and return the values in force.
+
+    Args:
+        node: The node; values come from its command line, launch file or YAML file.
+        table: The node's parameter dataclass.
+
+    Raises:
+        ParameterError: an unknown parameter was given, or a value has the wrong type or is out of range.
+
+    """
+    known = {row.name: row for row in rows(table)}
+    # rclpy drops what nobody declares without a word, and a typing error in a YAML file would go unseen.
+    # Its public interface does not tell what was given.
+    given = {name: value.value for name, value in node._parameter_overrides.items()}  # noqa: SLF001
+    given = {
+        name: value
+        for name, value in given.items()
+        if name not in _RCLPY_PARAMETERS and not name.startswith(_RCLPY_PREFIX)
+    }
+    try:
+        values = from_mapping(table, given)
+    except ParameterError as error:
+        msg = f"{node.get_fully_qualified_name()}: {error}"
+        raise ParameterError(msg) from error
+    for row in known.values():
+        value = getattr(values, row.name)
+        node.declare_parameter(row.name, value, _descriptor(row), ignore_override=True)
+    return values
+
+
+def on_change(node: Node, table: type[P], apply: Callable[[P], None]) -> None:
+    """Validate changes of dynamic parameters before they are taken, and hand the new table to `apply` after."""
+
+    def merged(changes: Iterable[Parameter]) -> P:
+        names = [row.name for row in rows(table)]
+        values = {name: node.get_parameter(name).value for name in names}
+        values.update({change.name: change.value for change in changes if change.name in values})
+        return from_mapping(table, values)
+
+    def validate(changes: list[Parameter]) -> SetParametersResult:
+        try:
+            merged(changes)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(validate)
+    node.add_post_set_parameters_callback(lambda changes: apply(merged(changes)))
+
+
+def _descriptor(row: ParameterRow) -> ParameterDescriptor:
+    unit = f" [{row.unit}]" if row.unit else ""
+    descriptor = ParameterDescriptor(
+        name=row.name,
+        description=f"{row.description}{unit}",
+        additional_constraints=", ".join(row.choices),
+        read_only=not row.dynamic,
+    )
+    if row.minimum is not None and row.maximum is not None:
+        if isinstance(row.default, float):
+            bounds = FloatingPointRange(from_value=row.minimum, to_value=row.maximum)
+            descriptor.floating_point_range = [bounds]
+        else:
+            descriptor.integer_range = [IntegerRange(from_value=int(row.minimum), to_value=int(row.maximum), step=1)]
+    return descriptor

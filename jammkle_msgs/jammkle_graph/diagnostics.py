@@ -1,0 +1,85 @@
+"""Health of a node on /diagnostics: 1 Hz and on change, stamped with the graph's clock, paced by a steady one."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
+from jammkle_graph.names import DIAGNOSTICS
+from jammkle_graph.qos import publisher_qos
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rclpy.node import Node
+
+PERIOD_S = 1.0
+
+
+class Level(enum.Enum):
+    """Severity, as in diagnostic_msgs."""
+
+    OK = DiagnosticStatus.OK
+    WARN = DiagnosticStatus.WARN
+    ERROR = DiagnosticStatus.ERROR
+    STALE = DiagnosticStatus.STALE
+
+
+@dataclass(frozen=True)
+class Health:
+    """One line of health: what it is about, how bad, one sentence, and values for people (with units in the key)."""
+
+    about: str
+    level: Level
+    message: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+class DiagnosticsPublisher:
+    """Publishes what `report` returns, once a second and whenever a level or message changes."""
+
+    def __init__(self, node: Node, hardware_id: str, report: Callable[[], Sequence[Health]]) -> None:
+        """Start publishing for `node`; `report` is called on every tick and by `check`."""
+        self._node = node
+        self._hardware_id = hardware_id
+        self._report = report
+        self._last: tuple[tuple[str, Level, str], ...] = ()
+        self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS.name, publisher_qos(DIAGNOSTICS))
+        # A timer on simulated time stands still when /clock does, and so would the report that says so.
+        self._timer = node.create_timer(PERIOD_S, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def check(self) -> None:
+        """Publish now if a level or a message has changed since the last report."""
+        health = self._report()
+        if _signature(health) != self._last:
+            self._send(health)
+
+    def publish(self) -> None:
+        """Publish now."""
+        self._send(self._report())
+
+    def _send(self, health: Sequence[Health]) -> None:
+        self._last = _signature(health)
+        array = DiagnosticArray()
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        name = self._node.get_fully_qualified_name()
+        array.status = [
+            DiagnosticStatus(
+                name=f"{name}: {line.about}",
+                level=line.level.value,
+                message=line.message,
+                hardware_id=self._hardware_id,
+                values=[KeyValue(key=key, value=value) for key, value in line.values.items()],
+            )
+            for line in health
+        ]
+        self._publisher.publish(array)
+
+
+def _signature(health: Sequence[Health]) -> tuple[tuple[str, Level, str], ...]:
+    return tuple((line.about, line.level, line.message) for line in health)

@@ -1,0 +1,140 @@
+"""Names on the graph: channels, tendons, joints, frames, topics. Does not import rclpy.
+
+All topic names are relative, so that a namespace per ankle (`/lf_ankle`) is enough for a quadruped;
+only `/clock` and `/diagnostics` are absolute.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+PERONEAL_LEFT = "peroneal_left"
+PERONEAL_RIGHT = "peroneal_right"
+ACHILLES = "achilles"
+
+CHANNELS: tuple[str, ...] = (PERONEAL_LEFT, PERONEAL_RIGHT, ACHILLES)
+"""Pneumatic channels, one solenoid each, in the order every message uses."""
+
+TENDONS_OF_CHANNEL: dict[str, tuple[str, ...]] = {
+    PERONEAL_LEFT: ("peroneal_left",),
+    PERONEAL_RIGHT: ("peroneal_right",),
+    ACHILLES: ("achilles_left", "achilles_right"),
+}
+"""Which tendons a channel evacuates. Three solenoids for four tendons: the Achilles pair shares one (our reading)."""
+
+TENDONS: tuple[str, ...] = tuple(tendon for channel in CHANNELS for tendon in TENDONS_OF_CHANNEL[channel])
+"""Tendons of one ankle, in the order every message uses."""
+
+ANKLE_JOINTS: tuple[str, ...] = ("ankle_roll", "ankle_pitch", "ankle_yaw")
+"""Angles of the ball joint in joint_states, rad; ankle_pitch is positive toe-down."""
+
+CARRIAGE_JOINT = "carriage"
+"""The rig's slide in joint_states: height of the ankle joint above floor or slope, m, up positive."""
+
+IMU_FRAME = "imu"
+LOAD_CELL_FRAME = "load_cell"
+
+
+class TopicKind(enum.Enum):
+    """How a topic is delivered; `jammkle_graph.qos` turns it into profiles for both ends."""
+
+    SENSOR = "sensor"
+    """A stream of measurements: reliable publisher (REP-2003), best-effort subscribers."""
+    COMMAND = "command"
+    """A stream of wishes: reliable, volatile. A wish from before one joined is void."""
+    STATE = "state"
+    """The latest value counts: reliable, latched (transient local), depth 1."""
+    EVENT = "event"
+    """Each message counts: reliable, volatile, deep queue."""
+    CLOCK = "clock"
+    """/clock: best effort, depth 1, as rclpy subscribes to it."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic: its name, its type as `package/msg/Name`, how it is delivered, and what it means."""
+
+    name: str
+    message_type: str
+    kind: TopicKind
+    note: str
+
+
+PUMP_DUTY = Topic("pump/duty", "std_msgs/msg/Float32", TopicKind.STATE, "duty applied to the pump, 0 to 1")
+MANIFOLD_PRESSURE = Topic(
+    "manifold/pressure", "sensor_msgs/msg/FluidPressure", TopicKind.SENSOR, "absolute pressure in the manifold, Pa"
+)
+IMU = Topic(
+    "imu/data",
+    "sensor_msgs/msg/Imu",
+    TopicKind.SENSOR,
+    "specific force, m/s^2, and angular velocity, rad/s (REP-145); no orientation",
+)
+JOINT_STATES = Topic(
+    "joint_states", "sensor_msgs/msg/JointState", TopicKind.SENSOR, "ankle angles, rad, and the rig's carriage, m"
+)
+TENDON_STATES = Topic(
+    "tendon_states",
+    "jammkle_msgs/msg/TendonStates",
+    TopicKind.SENSOR,
+    "extension, m, rate, m/s, and tension, N, per tendon",
+)
+LOAD_CELL = Topic(
+    "load_cell/wrench",
+    "geometry_msgs/msg/WrenchStamped",
+    TopicKind.SENSOR,
+    "force between rig and leg, N; tension on force.z is positive",
+)
+JAM_STATE = Topic("jam_state", "jammkle_msgs/msg/JamState", TopicKind.STATE, "state and vacuum per channel")
+JAM_COMMAND = Topic(
+    "jam_command", "jammkle_msgs/msg/JamCommand", TopicKind.COMMAND, "vacuum wanted per channel, Pa; goes stale"
+)
+CONTACT_EVENTS = Topic(
+    "contact_events", "jammkle_msgs/msg/ContactEvent", TopicKind.EVENT, "impact, slip, lift-off, settled"
+)
+EMERGENCY_STOP = Topic(
+    "emergency_stop", "std_msgs/msg/Bool", TopicKind.STATE, "true: release everything until ~/clear_fault"
+)
+SIM_PARAMETERS = Topic(
+    "sim_parameters", "std_msgs/msg/String", TopicKind.STATE, "rig and simulation parameters as YAML"
+)
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TopicKind.CLOCK, "simulated time, after the state it belongs to")
+DIAGNOSTICS = Topic(
+    "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TopicKind.EVENT, "health of every node, 1 Hz and on change"
+)
+
+
+def solenoid_topic(channel: str) -> Topic:
+    """Topic of a channel's solenoid: true = energised = connected to the manifold."""
+    return Topic(f"{channel}/solenoid", "std_msgs/msg/Bool", TopicKind.STATE, "true: energised, vacuum; false: vented")
+
+
+def pressure_topic(channel: str) -> Topic:
+    """Topic of a channel's pressure, absolute Pa."""
+    return Topic(
+        f"{channel}/pressure", "sensor_msgs/msg/FluidPressure", TopicKind.SENSOR, "absolute pressure in the channel, Pa"
+    )
+
+
+SOLENOIDS: dict[str, Topic] = {channel: solenoid_topic(channel) for channel in CHANNELS}
+PRESSURES: dict[str, Topic] = {channel: pressure_topic(channel) for channel in CHANNELS}
+
+TOPICS: tuple[Topic, ...] = (
+    PUMP_DUTY,
+    *SOLENOIDS.values(),
+    *PRESSURES.values(),
+    MANIFOLD_PRESSURE,
+    IMU,
+    JOINT_STATES,
+    TENDON_STATES,
+    LOAD_CELL,
+    JAM_STATE,
+    JAM_COMMAND,
+    CONTACT_EVENTS,
+    EMERGENCY_STOP,
+    SIM_PARAMETERS,
+    DIAGNOSTICS,
+    CLOCK,
+)
+"""Every topic of one ankle's graph: what a complete recording holds."""

@@ -1,0 +1,96 @@
+"""How every node of this project starts, spins and ends."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import TYPE_CHECKING, Protocol
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from jammkle_graph.parameters import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from types import FrameType
+
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
+EXIT_BAD_INPUT = 2
+_SPIN_TIMEOUT_S = 0.1
+
+
+class StopFlag:
+    """Set by SIGINT and SIGTERM; a loop asks it whether to go on."""
+
+    def __init__(self) -> None:
+        """Make an unset flag."""
+        self._stopped = False
+
+    def __bool__(self) -> bool:
+        """Return True once the process was asked to stop."""
+        return self._stopped
+
+    def stop(self, _signal: int | None = None, _frame: FrameType | None = None) -> None:
+        """Ask the loop to end; usable as a signal handler."""
+        self._stopped = True
+
+
+class NodeBuilder(Protocol):
+    """Makes a node after rclpy.init; may raise ParameterError."""
+
+    def __call__(self) -> Node:
+        """Make the node."""
+
+
+def spin(_node: Node, executor: Executor, stop: StopFlag) -> None:
+    """Serve callbacks until asked to stop."""
+    while not stop:
+        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+
+
+def run(
+    make_node: NodeBuilder,
+    arguments: Sequence[str] | None = None,
+    *,
+    loop: Callable[..., None] = spin,
+    shut_down: Callable[..., None] | None = None,
+) -> int:
+    """Run one node until SIGINT or SIGTERM.
+
+    rclpy's own signal handlers end the context before a last message can be sent, so the node keeps its own:
+    the loop ends, `shut_down` publishes the last, safe command while the context is still valid.
+
+    Args:
+        make_node: Makes the node.
+        arguments: Command line (with `--ros-args`); None takes the process's own.
+        loop: What to do until the flag is set: `loop(node, executor, stop)`.
+        shut_down: Called with the node before it is destroyed.
+
+    Returns:
+        The exit code: 0 after a signal, 2 after bad input, which was explained in one line on stderr.
+
+    """
+    stop = StopFlag()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop.stop)
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        try:
+            node = make_node()
+        except ParameterError as error:
+            sys.stderr.write(f"{error}\n")
+            return EXIT_BAD_INPUT
+        executor = EventsExecutor()
+        executor.add_node(node)
+        loop(node, executor, stop)
+        if shut_down is not None:
+            shut_down(node)
+        executor.remove_node(node)
+        node.destroy_node()
+        return 0
+    finally:
+        rclpy.try_shutdown()

@@ -1,0 +1,1 @@
+"""Simulation of a jammable ankle, its pneumatics, rigs and sensors in MuJoCo."""

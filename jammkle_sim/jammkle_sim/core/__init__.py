@@ -1,0 +1,1 @@
+"""What the sim node decides, without ROS: pacing, publishing schedule, pause and step."""

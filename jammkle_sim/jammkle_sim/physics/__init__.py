@@ -1,0 +1,1 @@
+"""Physics of the ankle: tendon, pneumatics, rigid bodies, sensors. Knows nothing of rigs or ROS."""
