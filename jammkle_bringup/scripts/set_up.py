@@ -5,6 +5,7 @@ the requirements while the lock file is the same, the build while nothing that i
 """
 
 import hashlib
+import importlib.util
 import os
 import platform
 import shutil
@@ -38,6 +39,8 @@ def check_machine():
             "The ROS 2 wheels are built for Linux on x86_64, and this is %s on %s: use a sourced ROS 2 Jazzy instead "
             "(README, 'In a sourced Jazzy')." % (platform.system(), platform.machine())
         )
+    if not importlib.util.find_spec("ensurepip"):
+        raise SetUpError("This Python has no `ensurepip`: install it, for example `apt install python3-venv`.")
     compiler = os.environ.get("CXX")
     if not any(shutil.which(name) for name in ((compiler,) if compiler else COMPILERS)):
         raise SetUpError(
@@ -93,6 +96,8 @@ def clean_environment():
 
 def install_requirements():
     """Make the virtual environment and install the lock file into it."""
+    if VENV.exists() and not (VENV / "venv.log").exists():
+        raise SetUpError(".venv is there and was not made by this set-up: move it away or delete it, then try again.")
     shutil.rmtree(str(VENV), ignore_errors=True)
     run([sys.executable, "-m", "venv", str(VENV)], ROOT / ".set_up.log", clean_environment())
     (ROOT / ".set_up.log").rename(VENV / "venv.log")

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Value = bool | int | float | str
 _METADATA_KEY = "jammkle_parameter"
+_TYPE_TEXT: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
 class ParameterError(ValueError):
@@ -67,7 +68,7 @@ class ParameterRow:
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
         if type(value) is not kind:
-            msg = f"parameter '{self.name}' is {value!r}, which is not a {kind.__name__}"
+            msg = f"parameter '{self.name}' is {value!r}, and must be {_TYPE_TEXT[kind]}"
             raise ParameterError(msg)
         if isinstance(value, float) and not math.isfinite(value):
             msg = f"parameter '{self.name}' is {value}; it must be a finite number"
