@@ -1,0 +1,108 @@
+"""The controller's node: IMU samples in, contact events and jam commands out."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from jammkle_graph.declare import declare, on_change
+from jammkle_graph.diagnostics import DiagnosticsPublisher, Health
+from jammkle_graph.names import CONTACT_EVENTS, IMU, JAM_COMMAND
+from jammkle_graph.qos import publisher_qos, subscriber_qos
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import Imu
+from std_srvs.srv import SetBool
+
+from jammkle_controller.conversions import contact_event_message, imu_sample, jam_command_message
+from jammkle_controller.core.controller import AnkleController
+from jammkle_controller.core.freshness import Freshness
+from jammkle_controller.health import StreamTrouble, imu_health, policy_health
+from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
+from jammkle_msgs.msg import ContactEvent, JamCommand
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+HARDWARE_ID = "ankle"
+_NS = 1e-9
+
+
+class ControllerNode(Node):
+    """Detects contact on `imu/data` and commands jamming on `jam_command`.
+
+    The wish is published from within the callback of the sample that changed it, and repeated by a steady timer, so
+    that the driver knows the controller is alive also while simulated time stands still.
+    """
+
+    def __init__(self) -> None:
+        """Make the node.
+
+        Raises:
+            ParameterError: an unknown parameter was given, or a value is out of range.
+
+        """
+        super().__init__("controller")
+        values = declare(self, ControllerParameters)
+        self._auto = values.auto_at_start
+        self._controller = AnkleController(detector_settings(values), policy_settings(values))
+        self._freshness = Freshness(values.imu_timeout_s, time.monotonic(), self._graph_time_s())
+        self._trouble = StreamTrouble()
+        on_change(self, ControllerParameters, self._configure)
+
+        self._commands = self.create_publisher(JamCommand, JAM_COMMAND.name, publisher_qos(JAM_COMMAND))
+        self._events = self.create_publisher(ContactEvent, CONTACT_EVENTS.name, publisher_qos(CONTACT_EVENTS))
+        self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
+        self.create_service(SetBool, "~/set_auto", self._set_auto)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / values.command_rate_hz, self._repeat, clock=steady)
+        self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU))
+
+    def _feel(self, message: Imu) -> None:
+        events, wish_changed = self._controller.update(imu_sample(message))
+        if wish_changed and self._auto:
+            self._command()
+        for event in events:
+            self._events.publish(contact_event_message(event, message.header.frame_id))
+
+    def _command(self) -> None:
+        self._commands.publish(jam_command_message(self._controller.vacuum_pa, self.get_clock().now().to_msg()))
+
+    def _repeat(self) -> None:
+        if self._auto:
+            self._command()
+        self._diagnostics.check()
+
+    def _set_auto(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._auto = request.data
+        response.success = True
+        if self._auto:
+            self._command()
+            response.message = (
+                f"automatic jamming is on ({self._controller.mode.value}): "
+                f"{JAM_COMMAND.name} now asks for {self._controller.vacuum_pa:.0f} Pa in every channel"
+            )
+        else:
+            response.message = (
+                f"automatic jamming is off: {JAM_COMMAND.name} stops, and the driver vents the channels that it jammed "
+                "after its command_timeout_s; channels jammed by service stay as they are"
+            )
+        self._diagnostics.check()
+        return response
+
+    def _configure(self, values: ControllerParameters) -> None:
+        self._controller.configure(detector_settings(values), policy_settings(values))
+        if self._auto:
+            self._command()
+
+    def _health(self) -> Sequence[Health]:
+        steady_s = time.monotonic()
+        counts = self._controller.gate.counts
+        self._freshness.observe(counts.usable, steady_s, self._graph_time_s())
+        trouble = self._trouble.recent(counts, steady_s)
+        imu = imu_health(self._controller, self._freshness, self.resolve_topic_name(IMU.name), trouble=trouble)
+        return [imu, policy_health(self._controller, auto=self._auto)]
+
+    def _graph_time_s(self) -> float:
+        return self.get_clock().now().nanoseconds * _NS
