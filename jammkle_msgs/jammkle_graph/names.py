@@ -1,4 +1,4 @@
-"""Names on the graph: channels, tendons, joints, frames, topics. Does not import rclpy.
+"""Names on the graph: nodes, channels, tendons, joints, frames, topics, services. Does not import rclpy.
 
 All topic names are relative, so that a namespace per ankle (`/lf_ankle`) is enough for a quadruped;
 only `/clock` and `/diagnostics` are absolute.
@@ -8,6 +8,10 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+
+DRIVER_NODE = "driver"
+CONTROLLER_NODE = "controller"
+SIM_NODE = "sim"
 
 PERONEAL_LEFT = "peroneal_left"
 PERONEAL_RIGHT = "peroneal_right"
@@ -138,3 +142,59 @@ TOPICS: tuple[Topic, ...] = (
     CLOCK,
 )
 """Every topic of one ankle's graph: what a complete recording holds."""
+
+
+@dataclass(frozen=True)
+class Service:
+    """One service: the node that offers it, its name below that node, its type as `package/srv/Name`, what it does."""
+
+    node: str
+    suffix: str
+    service_type: str
+    note: str
+
+    @property
+    def name(self) -> str:
+        """Name as the node itself creates it: private, so that it follows the node's name and namespace."""
+        return f"~/{self.suffix}"
+
+    @property
+    def path(self) -> str:
+        """Name relative to the namespace, for clients: `driver/jam`."""
+        return f"{self.node}/{self.suffix}"
+
+
+_TRIGGER = "std_srvs/srv/Trigger"
+_SET_BOOL = "std_srvs/srv/SetBool"
+
+JAM = Service(DRIVER_NODE, "jam", "jammkle_msgs/srv/Jam", "jam channels to a vacuum")
+UNJAM = Service(DRIVER_NODE, "unjam", "jammkle_msgs/srv/Unjam", "vent channels")
+JAM_ALL = Service(DRIVER_NODE, "jam_all", _TRIGGER, "jam all channels to the default vacuum")
+UNJAM_ALL = Service(DRIVER_NODE, "unjam_all", _TRIGGER, "vent all channels")
+CLEAR_FAULT = Service(DRIVER_NODE, "clear_fault", _TRIGGER, "leave FAULT and emergency stop, everything vented")
+SET_AUTO = Service(CONTROLLER_NODE, "set_auto", _SET_BOOL, "let the controller decide, or not")
+SET_PAUSED = Service(SIM_NODE, "set_paused", _SET_BOOL, "pause or go on")
+RESET = Service(SIM_NODE, "reset", _TRIGGER, "put the rig back to its start; simulated time goes on")
+STEP = Service(SIM_NODE, "step", "jammkle_msgs/srv/Step", "advance a paused simulation by steps")
+
+
+def channel_jam_service(channel: str) -> Service:
+    """Service that jams (true, default vacuum) or vents (false) one channel."""
+    return Service(DRIVER_NODE, f"{channel}/jam", _SET_BOOL, "jam this channel to the default vacuum, or vent it")
+
+
+CHANNEL_JAMS: dict[str, Service] = {channel: channel_jam_service(channel) for channel in CHANNELS}
+
+SERVICES: tuple[Service, ...] = (
+    JAM,
+    UNJAM,
+    *CHANNEL_JAMS.values(),
+    JAM_ALL,
+    UNJAM_ALL,
+    CLEAR_FAULT,
+    SET_AUTO,
+    SET_PAUSED,
+    RESET,
+    STEP,
+)
+"""Every service of one ankle's graph, apart from those that ROS gives each node."""
