@@ -1,0 +1,56 @@
+"""Fixtures of the whole-graph tests: each test has a ROS domain of its own, on this machine only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from domain_coordinator import domain_id as reserve_domain_id
+
+from graph import Probe, Up
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+
+@pytest.fixture(autouse=True)
+def _localhost_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+@pytest.fixture
+def domain_id() -> Iterator[int]:
+    """Reserve a ROS domain for one test."""
+    with reserve_domain_id() as number:
+        yield number
+
+
+@pytest.fixture
+def make_probe(domain_id: int) -> Iterator[Callable[..., Probe]]:
+    """Make nodes that look on, in the test's domain."""
+    probes: list[Probe] = []
+
+    def make(namespace: str = "") -> Probe:
+        probes.append(Probe(domain_id, namespace))
+        return probes[-1]
+
+    yield make
+    for probe in probes:
+        probe.close()
+
+
+@pytest.fixture
+def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Up]]:
+    """Start `jammkle` with arguments in the test's domain; whatever still runs at the end is stopped."""
+    started: list[Up] = []
+
+    def begin(*arguments: str) -> Up:
+        folder = tmp_path / f"process_{len(started)}"
+        folder.mkdir()
+        started.append(Up(domain_id, folder, *arguments))
+        return started[-1]
+
+    yield begin
+    for process in started:
+        process.stop()

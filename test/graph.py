@@ -1,0 +1,154 @@
+"""A running graph for tests: `jammkle` as a child process, and a node in the test that looks on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import psutil
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from jammkle_graph.names import CHANNELS, JAM_STATE, Service, Topic
+from jammkle_graph.qos import live_qos, publisher_qos, subscriber_qos
+from jammkle_msgs.msg import ChannelJamState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.node import Node
+
+TIMEOUT_S = 60.0
+"""How long a test waits for anything. Only a broken graph ever gets there."""
+
+COMMAND = Path(sys.executable).with_name("jammkle")
+
+
+def interface(name: str) -> Any:
+    """Class of an interface named as `package/msg/Name` or `package/srv/Name`."""
+    package, folder, leaf = name.split("/")
+    return getattr(import_module(f"{package}.{folder}"), leaf)
+
+
+def environment(domain_id: int) -> dict[str, str]:
+    """Environment in which a child sees only its own domain on this machine."""
+    return {**os.environ, "ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+class Probe:
+    """A node in the test process, in a context of its own, that hears every topic of one namespace."""
+
+    def __init__(self, domain_id: int, namespace: str = "") -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
+        self.node: Node = rclpy.create_node("probe", namespace=namespace, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.heard: dict[str, list[Any]] = defaultdict(list)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def listen(self, *topics: Topic, live: bool = False) -> None:
+        """Keep every message of these topics in `heard`, by topic name."""
+        for topic in topics:
+            self.node.create_subscription(
+                interface(topic.message_type),
+                topic.name,
+                self.heard[topic.name].append,
+                live_qos(topic) if live else subscriber_qos(topic),
+            )
+
+    def publisher(self, topic: Topic) -> Any:
+        """Publisher of `topic` with the project's own QoS."""
+        return self.node.create_publisher(interface(topic.message_type), topic.name, publisher_qos(topic))
+
+    def last(self, topic: Topic) -> Any:
+        """Latest message of `topic`, or None."""
+        return self.heard[topic.name][-1] if self.heard[topic.name] else None
+
+    def spin_until(self, holds: Callable[[], bool], what: str, timeout_s: float = TIMEOUT_S) -> None:
+        """Serve callbacks until `holds()`; fail with the last messages if it never does."""
+        deadline_s = time.monotonic() + timeout_s
+        while not holds():
+            if time.monotonic() > deadline_s:
+                last = {name: messages[-1] for name, messages in self.heard.items() if messages}
+                msg = f"gave up waiting until {what}; last heard: {last}"
+                raise AssertionError(msg)
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def call(self, service: Service, **request: Any) -> Any:
+        """Call a service and return its answer."""
+        kind = interface(service.service_type)
+        client = self.node.create_client(kind, service.path)
+        try:
+            self.spin_until(client.service_is_ready, f"{service.path} is offered")
+            future = client.call_async(kind.Request(**request))
+            self.spin_until(future.done, f"{service.path} answers")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def channel_states(self) -> dict[str, int]:
+        """State per channel as last heard on jam_state; empty if none was heard."""
+        state = self.last(JAM_STATE)
+        return {channel.channel: channel.state for channel in state.channels} if state else {}
+
+    def wait_for_channels(self, state: int, *channels: str) -> None:
+        """Wait until these channels (all, if none is named) report `state`."""
+        wanted = channels or CHANNELS
+        self.spin_until(
+            lambda: all(self.channel_states().get(channel) == state for channel in wanted),
+            f"{', '.join(wanted)} report state {state}",
+        )
+
+    def wait_until_up(self) -> None:
+        """Wait until the driver has measured every channel."""
+        self.spin_until(
+            lambda: bool(self.channel_states()) and ChannelJamState.UNKNOWN not in self.channel_states().values(),
+            "the driver knows every channel",
+        )
+
+
+class Up:
+    """A `jammkle` process, with its output in files, so that a full pipe can never stop it."""
+
+    def __init__(self, domain_id: int, folder: Path, *arguments: str) -> None:
+        self.output = folder / "stdout.txt"
+        self.errors = folder / "stderr.txt"
+        with self.output.open("w") as output, self.errors.open("w") as errors:
+            self.process = subprocess.Popen(
+                [COMMAND, *arguments], stdout=output, stderr=errors, cwd=folder, env=environment(domain_id)
+            )
+
+    def children(self) -> list[psutil.Process]:
+        """Every process that it has started and that still runs."""
+        return psutil.Process(self.process.pid).children(recursive=True)
+
+    def child(self, package: str) -> psutil.Process:
+        """The running process of one of the nodes, by its Python package."""
+        return next(child for child in self.children() if package in child.cmdline())
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Send a signal to it alone and return its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.wait()
+
+    def wait(self) -> int:
+        """Wait for its end and return the exit code."""
+        return self.process.wait(timeout=TIMEOUT_S)
+
+    def text(self) -> str:
+        """All it has printed so far."""
+        return self.output.read_text() + self.errors.read_text()

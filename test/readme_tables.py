@@ -1,0 +1,84 @@
+"""The README's tables of topics, services and parameters, made from the code.
+
+`python test/readme_tables.py` writes them into README.md; a test fails when they differ.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.names import CHANNELS, SERVICES, TOPICS
+from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
+from jammkle_sim.parameters import SimParameters
+
+README = Path(__file__).parents[1] / "README.md"
+NODES: dict[str, type[ParameterClass]] = {
+    "driver": DriverParameters,
+    "controller": ControllerParameters,
+    "sim": SimParameters,
+}
+
+
+def table(head: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
+    """Markdown table without repeated lines."""
+    unique = list(dict.fromkeys(lines))
+    return "\n".join(
+        [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}", *(f"| {' | '.join(line)} |" for line in unique)]
+    )
+
+
+def any_channel(name: str) -> str:
+    """Write `<channel>` for the name of a channel at its start."""
+    return re.sub(rf"\b({'|'.join(CHANNELS)})/", "<channel>/", name)
+
+
+def value_text(value: Value) -> str:
+    """Value as it stands in a YAML file."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def parameter_line(row: ParameterRow) -> tuple[str, ...]:
+    """One line of a parameter table."""
+    default = f"{value_text(row.default)} {row.unit}".rstrip()
+    description = row.description.rstrip(".") + (" (may be changed while running)" if row.dynamic else "")
+    return (f"`{row.name}`", default, row.range_text, description)
+
+
+def tables() -> dict[str, str]:
+    """Every table by the name of its place in the README."""
+    made = {
+        "topics": table(
+            ("topic", "type", "delivery", "what"),
+            [(f"`{any_channel(t.name)}`", f"`{t.message_type}`", t.kind.value, t.note) for t in TOPICS],
+        ),
+        "services": table(
+            ("service", "type", "what"),
+            [(f"`{any_channel(s.path)}`", f"`{s.service_type}`", s.note) for s in SERVICES],
+        ),
+    }
+    for node, parameters in NODES.items():
+        made[f"parameters of {node}"] = table(
+            ("parameter", "default", "range", "what"), [parameter_line(row) for row in rows(parameters)]
+        )
+    return made
+
+
+def filled(text: str) -> str:
+    """Return the README's text with every table as the code has it."""
+    for name, made in tables().items():
+        begin, end = f"<!-- table: {name} -->", "<!-- end of table -->"
+        pattern = re.compile(rf"{re.escape(begin)}\n.*?{re.escape(end)}", re.DOTALL)
+        if not pattern.search(text):
+            msg = f"README.md has no place for the table '{name}': add the lines '{begin}' and '{end}'"
+            raise ValueError(msg)
+        text = pattern.sub(lambda _, block=f"{begin}\n{made}\n{end}": block, text)
+    return text
+
+
+if __name__ == "__main__":
+    README.write_text(filled(README.read_text()))

@@ -1,0 +1,174 @@
+"""Start and end of the graph: signals, dead nodes, a namespace that is taken, input that is wrong."""
+
+from __future__ import annotations
+
+import os
+import signal
+from typing import TYPE_CHECKING
+
+import psutil
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+
+from jammkle_graph.names import CHANNELS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
+from jammkle_msgs.msg import ChannelJamState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from graph import Probe, Up
+
+GOOD_VACUUM_PA = 50e3
+
+
+@pytest.fixture
+def graph(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> tuple[Up, Probe]:
+    """Bring up one ankle that the controller leaves alone, with a node that looks on."""
+    up = start("up")
+    probe = make_probe()
+    probe.listen(JAM_STATE, PUMP_DUTY, *SOLENOIDS.values())
+    probe.wait_until_up()
+    return up, probe
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_up_stops_cleanly(graph: tuple[Up, Probe], number: signal.Signals) -> None:
+    """After Ctrl-C or SIGTERM: exit code 0, no traceback, no process left, every solenoid released, pump off."""
+    up, probe = graph
+    probe.call(JAM)
+    probe.wait_for_channels(ChannelJamState.JAMMED)
+    children = up.children()
+    assert len(children) >= 3
+    assert up.stop(number) == 0
+    assert not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
+    assert "Traceback" not in up.text()
+    probe.spin_until(lambda: not any(probe.last(topic).data for topic in SOLENOIDS.values()), "all solenoids released")
+    probe.spin_until(lambda: probe.last(PUMP_DUTY).data == 0.0, "the pump is off")
+
+
+@pytest.mark.parametrize("package", ["jammkle_driver", "jammkle_controller", "jammkle_sim"])
+def test_up_says_which_node_died(graph: tuple[Up, Probe], package: str) -> None:
+    """When a node is killed, `up` names it, takes the rest down and exits with an error."""
+    up, _ = graph
+    children = up.children()
+    os.kill(up.child(package).pid, signal.SIGKILL)
+    assert up.wait() not in {0, 2}
+    assert package.removeprefix("jammkle_") in up.text()
+    assert "SIGKILL" in up.text()
+    assert "Traceback" not in up.text()
+    assert not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
+
+
+def test_a_killed_up_leaves_no_process(graph: tuple[Up, Probe]) -> None:
+    """Even `kill -9` of the parent ends every node."""
+    up, _ = graph
+    children = up.children()
+    os.kill(up.process.pid, signal.SIGKILL)
+    up.wait()
+    gone, alive = psutil.wait_procs(children, timeout=30)
+    assert len(gone) == len(children)
+    assert not alive
+
+
+def test_a_second_up_in_the_namespace_is_refused(graph: tuple[Up, Probe], start: Callable[..., Up]) -> None:
+    """One clear line and exit code 2; the first graph goes on as if nothing had happened."""
+    up, probe = graph
+    second = start("up")
+    assert second.wait() == 2
+    assert len(second.text().strip().splitlines()) == 1
+    assert up.process.poll() is None
+    assert probe.call(JAM).success
+
+
+@pytest.mark.parametrize(
+    ("request_fields", "words"),
+    [
+        ({"channels": ["soleus"]}, ("soleus", *CHANNELS)),
+        ({"vacuum_pa": float("nan")}, ("nan",)),
+        ({"vacuum_pa": float("inf")}, ("inf",)),
+        ({"vacuum_pa": 1e6}, ("1000", "80")),
+        ({"vacuum_pa": -5e3}, ("-5",)),
+        ({"channels": ["achilles", "soleus"], "vacuum_pa": GOOD_VACUUM_PA}, ("soleus",)),
+    ],
+)
+def test_a_bad_jam_request_changes_nothing(
+    graph: tuple[Up, Probe], request_fields: dict[str, object], words: tuple[str, ...]
+) -> None:
+    """The answer is success=false with the value and the limit in it, and no channel is commanded."""
+    _, probe = graph
+    answer = probe.call(JAM, **request_fields)
+    assert not answer.success
+    assert all(word in answer.message for word in words), answer.message
+    assert "\n" not in answer.message
+    assert all(channel.commanded_vacuum_pa == 0.0 for channel in probe.last(JAM_STATE).channels)
+
+
+def test_a_jam_request_while_inactive_is_refused(graph: tuple[Up, Probe]) -> None:
+    """A deactivated driver answers success=false, says how to activate it, and jams again once it is active."""
+    _, probe = graph
+    client = probe.node.create_client(ChangeState, "driver/change_state")
+    for transition, accepted in ((Transition.TRANSITION_DEACTIVATE, False), (Transition.TRANSITION_ACTIVATE, True)):
+        future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        probe.spin_until(future.done, "the driver changes its state")
+        assert future.result().success
+        answer = probe.call(JAM)
+        assert answer.success is accepted, answer.message
+        if not accepted:
+            assert "active" in answer.message
+
+
+def test_a_step_is_refused_while_running(graph: tuple[Up, Probe]) -> None:
+    """Stepping needs a pause first; the answer says so."""
+    _, probe = graph
+    answer = probe.call(STEP, steps=10)
+    assert not answer.success
+    assert "pause" in answer.message.lower()
+
+
+def bad_yaml(folder: Path) -> str:
+    """Parameter file with a typing error in it."""
+    path = folder / "parameters.yaml"
+    path.write_text("driver:\n  ros__parameters:\n    defualt_vacuum_pa: 40000.0\n")
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("jam", "soleus"), ("soleus", "achilles")),
+        (("jam", "--vacuum-kpa", "900"), ("900", "80")),
+        (("jam", "--vacuum-kpa", "nan"), ("nan",)),
+        (("up", "--params", "{bad_yaml}"), ("defualt_vacuum_pa",)),
+        (("up", "--params", "{missing}"), ("missing",)),
+        (("up", "--speed", "-1"), ("-1",)),
+        (("up", "--namespace", "no good"), ("no good",)),
+        (("record", "-o", "{existing}"), ("existing",)),
+        (("info", "{existing}"), ("existing",)),
+        (("info", "{missing}"), ("missing",)),
+    ],
+)
+def test_bad_input_gets_one_clear_line(
+    start: Callable[..., Up], tmp_path: Path, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    """Exit code 2 and one line that names the value; what is there already stays as it is."""
+    existing = tmp_path / "existing"
+    existing.mkdir()
+    (existing / "metadata.yaml").write_text("not a bag")
+    places = {"bad_yaml": bad_yaml(tmp_path), "missing": str(tmp_path / "missing"), "existing": str(existing)}
+    process = start(*(argument.format(**places) for argument in arguments))
+    assert process.wait() == 2
+    lines = process.text().strip().splitlines()
+    assert len(lines) == 1, lines
+    assert all(word in lines[0] for word in words), lines[0]
+    assert (existing / "metadata.yaml").read_text() == "not a bag"
+
+
+def test_without_a_graph_a_client_says_so(start: Callable[..., Up]) -> None:
+    """`jammkle jam` and `status` end with an error and one line that says what to start."""
+    for name in ("jam", "unjam", "status"):
+        process = start(name)
+        assert process.wait() == 1
+        assert "jammkle up" in process.text()
+        assert "Traceback" not in process.text()

@@ -1,0 +1,124 @@
+"""The wiring of the running graph: who publishes what, with which QoS, and what late joiners get."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+from graph import Probe, Up, interface
+from jammkle_graph.names import (
+    CHANNELS,
+    CLOCK,
+    CONTROLLER_NODE,
+    DRIVER_NODE,
+    EMERGENCY_STOP,
+    IMU,
+    JAM_STATE,
+    SERVICES,
+    SIM_NODE,
+    SIM_PARAMETERS,
+    SOLENOIDS,
+    TOPICS,
+)
+from jammkle_msgs.msg import ChannelJamState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+NODES = (DRIVER_NODE, CONTROLLER_NODE, SIM_NODE)
+ROS_OWN_SERVICES = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/")
+"""Services that ROS gives every node or every lifecycle node."""
+
+
+@pytest.fixture
+def probe(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> Probe:
+    """Bring up one ankle and look on until the driver knows every channel."""
+    start("up")
+    looking_on = make_probe()
+    looking_on.listen(JAM_STATE)
+    looking_on.wait_until_up()
+    return looking_on
+
+
+def test_every_pair_of_publisher_and_subscriber_fits(probe: Probe) -> None:
+    """On every topic of the graph, each publisher is compatible with each subscriber, in type and in QoS."""
+    for topic in TOPICS:
+        publishers = probe.node.get_publishers_info_by_topic(topic.name)
+        subscribers = probe.node.get_subscriptions_info_by_topic(topic.name)
+        if topic != EMERGENCY_STOP:
+            assert publishers, f"nobody publishes {topic.name}"
+        assert {end.topic_type for end in publishers + subscribers} <= {topic.message_type}
+        for publisher in publishers:
+            for subscriber in subscribers:
+                verdict, reason = qos_check_compatible(publisher.qos_profile, subscriber.qos_profile)
+                assert verdict == QoSCompatibility.OK, (
+                    f"{topic.name}: {publisher.node_name} -> {subscriber.node_name}: {reason}"
+                )
+
+
+def test_there_is_no_topic_that_is_not_in_the_table(probe: Probe) -> None:
+    """Every topic that a node of ours publishes or takes is one of the documented ones, or ROS's own."""
+    known = {topic.name if topic.name.startswith("/") else f"/{topic.name}" for topic in TOPICS}
+    known |= {"/rosout", "/parameter_events"} | {f"/{node}/transition_event" for node in NODES}
+    for node in NODES:
+        pairs = probe.node.get_publisher_names_and_types_by_node(node, "/")
+        pairs += probe.node.get_subscriber_names_and_types_by_node(node, "/")
+        assert {name for name, _ in pairs} <= known
+
+
+def test_the_services_are_those_in_the_table(probe: Probe) -> None:
+    """Each node offers exactly the services of the table, with their types."""
+    for node in NODES:
+        offered = {
+            (name, types[0])
+            for name, types in probe.node.get_service_names_and_types_by_node(node, "/")
+            if not types[0].startswith(ROS_OWN_SERVICES)
+        }
+        assert offered == {(f"/{each.path}", each.service_type) for each in SERVICES if each.node == node}
+
+
+@pytest.mark.usefixtures("probe")
+def test_who_joins_late_gets_what_is_latched(make_probe: Callable[..., Probe]) -> None:
+    """jam_state, the solenoids and the simulation's parameters reach a subscriber that comes after them."""
+    late = make_probe()
+    latched = (SIM_PARAMETERS, JAM_STATE, *SOLENOIDS.values())
+    late.listen(*latched)
+    late.spin_until(lambda: all(late.heard[topic.name] for topic in latched), "everything latched has come")
+    assert "slope_deg" in late.last(SIM_PARAMETERS).data
+
+
+def test_a_stop_that_came_before_the_driver_is_heeded(
+    start: Callable[..., Up], make_probe: Callable[..., Probe]
+) -> None:
+    """A latched emergency stop holds a driver that starts after it."""
+    probe = make_probe()
+    stop = probe.publisher(EMERGENCY_STOP)
+    stop.publish(interface(EMERGENCY_STOP.message_type)(data=True))
+    start("up")
+    probe.listen(JAM_STATE)
+    probe.spin_until(
+        lambda: probe.last(JAM_STATE) is not None and probe.last(JAM_STATE).emergency_stopped, "the driver is stopped"
+    )
+
+
+def test_two_ankles_live_side_by_side(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+    """Two namespaces share a domain; jamming one ankle leaves the other soft."""
+    left, right = make_probe("/lf_ankle"), make_probe("/rf_ankle")
+    for probe in (left, right):
+        start("up", "--namespace", probe.node.get_namespace())
+        probe.listen(JAM_STATE)
+        probe.wait_until_up()
+    start("jam", "--namespace", "/lf_ankle").wait()
+    left.wait_for_channels(ChannelJamState.JAMMED)
+    assert set(right.channel_states()) == set(CHANNELS)
+    assert not {ChannelJamState.JAMMING, ChannelJamState.JAMMED} & set(right.channel_states().values())
+
+
+def test_a_state_is_out_before_its_tick(probe: Probe) -> None:
+    """/clock never runs ahead of the measurements: when a tick is heard, the IMU sample of that time was sent."""
+    probe.listen(IMU, CLOCK)
+    probe.spin_until(lambda: len(probe.heard[CLOCK.name]) > 200, "the clock ticked 200 times")
+    ticks = [tick.clock.sec + tick.clock.nanosec * 1e-9 for tick in probe.heard[CLOCK.name]]
+    assert ticks == sorted(ticks)

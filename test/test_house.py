@@ -1,0 +1,114 @@
+"""The house: which way the imports point, how large a node may be, what the cores need."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("jammkle_driver", "jammkle_controller", "jammkle_sim", "jammkle_bringup")
+NODE_LINES = 300
+PURE = (
+    "jammkle_graph.names",
+    "jammkle_graph.parameters",
+    "jammkle_driver.core",
+    "jammkle_controller.core",
+    "jammkle_sim.physics",
+    "jammkle_sim.rigs",
+    "jammkle_sim.core",
+    "jammkle_bringup.core",
+)
+ALLOWED = {
+    "jammkle_graph": {"jammkle_graph", "jammkle_msgs"},
+    "jammkle_driver": {"jammkle_driver", "jammkle_graph", "jammkle_msgs"},
+    "jammkle_controller": {"jammkle_controller", "jammkle_graph", "jammkle_msgs"},
+    "jammkle_sim": {"jammkle_sim", "jammkle_graph", "jammkle_msgs"},
+    "jammkle_sim.physics": {"jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_sim.rigs": {"jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
+}
+BLOCKED = (
+    "rclpy", "jammkle_msgs", "std_msgs", "sensor_msgs", "geometry_msgs", "diagnostic_msgs", "rosgraph_msgs",
+    "builtin_interfaces", "rcl_interfaces", "lifecycle_msgs", "std_srvs",
+)  # fmt: skip
+IMPORT_PURE = f"""
+import importlib, pkgutil, sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {BLOCKED!r}:
+            raise ImportError(name + " is blocked")
+        return None
+
+sys.meta_path.insert(0, Blocker())
+package = importlib.import_module(sys.argv[1])
+count = 1
+for module in pkgutil.walk_packages(getattr(package, "__path__", []), package.__name__ + "."):
+    importlib.import_module(module.name)
+    count += 1
+print(count)
+"""
+
+
+def folder_of(module: str) -> Path:
+    """Folder of the sources of a package named with dots."""
+    top = module.split(".", maxsplit=1)[0]
+    return ROOT / ("jammkle_msgs" if top == "jammkle_graph" else top) / Path(*module.split("."))
+
+
+def imports_of(path: Path) -> set[str]:
+    """Every module of this project that a file imports, wherever in the file it does."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module)
+    return {name for name in found if name.startswith("jammkle_")}
+
+
+@pytest.mark.parametrize("module", PURE)
+def test_a_core_imports_with_rclpy_and_messages_blocked(module: str) -> None:
+    """The pure cores work on a machine without ROS."""
+    result = subprocess.run(
+        [sys.executable, "-c", IMPORT_PURE, module], capture_output=True, text=True, check=False, cwd="/"
+    )
+    assert result.returncode == 0, result.stderr
+    assert int(result.stdout) >= 1
+
+
+@pytest.mark.parametrize("module", ALLOWED)
+def test_the_arrows_point_one_way(module: str) -> None:
+    """Driver, controller and sim meet on topics only; physics knows nothing of rigs."""
+    for path in folder_of(module).rglob("*.py"):
+        strangers = {
+            name
+            for name in imports_of(path)
+            if not any(name == allowed or name.startswith(f"{allowed}.") for allowed in ALLOWED[module])
+        }
+        assert not strangers, f"{path.relative_to(ROOT)} imports {strangers}"
+
+
+@pytest.mark.parametrize("package", PACKAGES[:3])
+def test_a_node_is_thin(package: str) -> None:
+    """A node stays under 300 lines; what it decides lives in the core."""
+    lines = (ROOT / package / package / "node.py").read_text().splitlines()
+    assert len(lines) < NODE_LINES
+
+
+def test_no_name_on_the_graph_is_written_twice() -> None:
+    """Topic names with a slash stand in jammkle_graph.names and nowhere else in the packages' sources."""
+    from jammkle_graph.names import TOPICS  # noqa: PLC0415 - after the tests that block modules
+
+    names = {topic.name for topic in TOPICS if "/" in topic.name}
+    for package in PACKAGES:
+        for path in (ROOT / package / package).rglob("*.py"):
+            constants = {
+                node.value
+                for node in ast.walk(ast.parse(path.read_text()))
+                if isinstance(node, ast.Constant) and isinstance(node.value, str)
+            }
+            assert not constants & names, f"{path.relative_to(ROOT)} writes {constants & names} itself"
