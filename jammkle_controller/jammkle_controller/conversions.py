@@ -8,10 +8,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from jammkle_graph.names import CHANNELS
-
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_controller.core.imu import ImuSample
+from jammkle_graph.names import CHANNELS
 from jammkle_msgs.msg import ChannelJamCommand, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
 

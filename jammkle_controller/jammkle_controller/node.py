@@ -5,10 +5,6 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from jammkle_graph.declare import declare, on_change
-from jammkle_graph.diagnostics import DiagnosticsPublisher, Health
-from jammkle_graph.names import CONTACT_EVENTS, IMU, JAM_COMMAND
-from jammkle_graph.qos import publisher_qos, subscriber_qos
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -20,6 +16,10 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.freshness import Freshness
 from jammkle_controller.health import StreamTrouble, imu_health, policy_health
 from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
+from jammkle_graph.declare import declare, on_change
+from jammkle_graph.diagnostics import DiagnosticsPublisher, Health
+from jammkle_graph.names import CONTACT_EVENTS, IMU, JAM_COMMAND
+from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ContactEvent, JamCommand
 
 if TYPE_CHECKING:

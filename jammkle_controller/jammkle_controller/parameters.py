@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jammkle_graph.parameters import parameter
-
 from jammkle_controller.core.detector import DetectorSettings
 from jammkle_controller.core.impact import ImpactSettings
 from jammkle_controller.core.liftoff import LiftoffSettings
 from jammkle_controller.core.policy import PolicySettings
 from jammkle_controller.core.settled import SettledSettings
 from jammkle_controller.core.slip import SlipSettings
+from jammkle_graph.parameters import parameter
 
 
 @dataclass(frozen=True)
