@@ -16,6 +16,7 @@ from jammkle_graph.qos import publisher_qos
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from builtin_interfaces.msg import Time
     from rclpy.node import Node
 
 PERIOD_S = 1.0
@@ -43,9 +44,24 @@ class Health:
 class DiagnosticsPublisher:
     """Publishes what `report` returns, once a second and whenever a level or message changes."""
 
-    def __init__(self, node: Node, hardware_id: str, report: Callable[[], Sequence[Health]]) -> None:
-        """Start publishing for `node`; `report` is called on every tick and by `check`."""
+    def __init__(
+        self,
+        node: Node,
+        hardware_id: str,
+        report: Callable[[], Sequence[Health]],
+        stamp: Callable[[], Time] | None = None,
+    ) -> None:
+        """Start publishing for `node`.
+
+        Args:
+            node: Whose health it is.
+            hardware_id: What the health is about, as in diagnostic_msgs.
+            report: Gives the health; called on every tick and by `check`.
+            stamp: Gives the graph's time; None takes the node's clock, which a node that makes the time does not follow.
+
+        """
         self._node = node
+        self._stamp = stamp if stamp is not None else lambda: node.get_clock().now().to_msg()
         self._hardware_id = hardware_id
         self._report = report
         self._last: tuple[tuple[str, Level, str], ...] = ()
@@ -66,7 +82,7 @@ class DiagnosticsPublisher:
     def _send(self, health: Sequence[Health]) -> None:
         self._last = _signature(health)
         array = DiagnosticArray()
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.header.stamp = self._stamp()
         name = self._node.get_fully_qualified_name()
         array.status = [
             DiagnosticStatus(
