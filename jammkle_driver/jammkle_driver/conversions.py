@@ -1,0 +1,88 @@
+"""Every change of unit and sign in the driver, and the reading and building of its messages.
+
+Inside: vacuum below ambient, Pa, gauge, positive; time in s. `sensor_msgs/FluidPressure` is absolute.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from std_msgs.msg import Bool, Float32
+
+from jammkle_driver.core.hardware import PressureSample
+from jammkle_driver.core.requests import Wish
+from jammkle_msgs.msg import ChannelJamState, JamCommand, JamState
+
+if TYPE_CHECKING:
+    import rclpy.time
+    from builtin_interfaces.msg import Time
+    from sensor_msgs.msg import FluidPressure
+
+    from jammkle_driver.core.driver import DriverStatus
+
+_NS_PER_S = 1_000_000_000
+
+
+def seconds(time: rclpy.time.Time) -> float:
+    """Return a clock's reading in s."""
+    return float(time.nanoseconds / _NS_PER_S)
+
+
+def stamp_seconds(stamp: Time) -> float:
+    """Return a header's stamp in s; 0 if it was not stamped."""
+    return float(stamp.sec + stamp.nanosec / _NS_PER_S)
+
+
+def vacuum_from_pressure(absolute_pa: float, ambient_pa: float) -> float:
+    """Return gauge vacuum, Pa, positive below ambient, from absolute pressure, Pa."""
+    return ambient_pa - absolute_pa
+
+
+def pressure_from_vacuum(vacuum_pa: float, ambient_pa: float) -> float:
+    """Return absolute pressure, Pa, from gauge vacuum, Pa, positive below ambient."""
+    return ambient_pa - vacuum_pa
+
+
+def pressure_sample(place: str, message: FluidPressure, ambient_pa: float, received_s: float) -> PressureSample:
+    """Return the reading in `message`; one without a stamp gets `received_s`, the graph's time of arrival, s."""
+    stamp_s = stamp_seconds(message.header.stamp) or received_s
+    return PressureSample(place, vacuum_from_pressure(message.fluid_pressure, ambient_pa), stamp_s)
+
+
+def wishes(message: JamCommand) -> tuple[Wish, ...]:
+    """Return the wishes in `message`, unchecked."""
+    return tuple(Wish(entry.channel, entry.vacuum_pa) for entry in message.channels)
+
+
+def solenoid_message(*, energised: bool) -> Bool:
+    """Return the message for one solenoid."""
+    return Bool(data=energised)
+
+
+def duty_message(duty: float) -> Float32:
+    """Return the message for the pump; duty 0 to 1."""
+    return Float32(data=duty)
+
+
+def jam_state_message(status: DriverStatus, stamp: Time) -> JamState:
+    """Return what is known of the channels as a message; what is not measured is NaN."""
+    message = JamState()
+    message.header.stamp = stamp
+    message.emergency_stopped = bool(status.stop_reason)
+    message.manifold_vacuum_pa = _or_nan(status.manifold_vacuum_pa)
+    message.channels = [
+        ChannelJamState(
+            channel=channel.name,
+            state=channel.state.value,
+            commanded_vacuum_pa=channel.commanded_vacuum_pa,
+            measured_vacuum_pa=_or_nan(channel.measured_vacuum_pa),
+            reason=channel.reason,
+        )
+        for channel in status.channels
+    ]
+    return message
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

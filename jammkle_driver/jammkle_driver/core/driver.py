@@ -1,0 +1,299 @@
+"""The driver without ROS: who may ask what, what the actuators do, and what is known of the channels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState, ChannelStatus
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, PressureSample, released
+from jammkle_driver.core.regulator import PumpRegulator, RegulatorSettings
+from jammkle_driver.core.requests import (
+    RequestError,
+    VacuumLimits,
+    Wish,
+    checked_channels,
+    checked_vacuum,
+    checked_wishes,
+)
+from jammkle_driver.core.stream import WishStream
+from jammkle_driver.core.watchdog import Instant, Watchdog
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+INACTIVE = "driver is not active"
+
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """Everything that can be set about the driver.
+
+    Attributes:
+        limits: Vacuum that may be asked for.
+        channel: When a channel counts as jammed, vented or failed.
+        regulator: How vacuum is regulated.
+        command_timeout_s: Silence after which what a stream of wishes jammed is vented, s.
+        pressure_timeout_s: Silence after which a pressure counts as not measured, s.
+        emergency_stop_timeout_s: Silence of the emergency stop that counts as a stop, s; 0 = never.
+
+    """
+
+    limits: VacuumLimits
+    channel: ChannelSettings
+    regulator: RegulatorSettings
+    command_timeout_s: float
+    pressure_timeout_s: float
+    emergency_stop_timeout_s: float
+
+
+@dataclass(frozen=True)
+class DriverStatus:
+    """What is known of the whole driver.
+
+    Attributes:
+        active: Whether it follows requests.
+        stop_reason: Why everything is stopped; empty where it is not.
+        manifold_vacuum_pa: Vacuum in the manifold, Pa; None where it is not measured.
+        channels: One status per channel, in the driver's order.
+
+    """
+
+    active: bool
+    stop_reason: str
+    manifold_vacuum_pa: float | None
+    channels: tuple[ChannelStatus, ...]
+
+
+class Driver:
+    """Takes requests, measurements and the time; says what the actuators shall do and what is known.
+
+    Requests are atomic: they raise `RequestError` and change nothing, or are taken whole and return one line that
+    says what was taken. Per channel the latest change wins, from wherever it came.
+    """
+
+    def __init__(self, channels: Sequence[str], settings: DriverSettings) -> None:
+        """Make an inactive driver: everything released."""
+        self._names = tuple(channels)
+        self._settings = settings
+        self._limits = settings.limits
+        self._channels = {name: Channel(name, settings.channel) for name in self._names}
+        self._regulator = PumpRegulator(settings.regulator)
+        self._stream = WishStream(settings.command_timeout_s)
+        self._silences = {place: Watchdog(settings.pressure_timeout_s) for place in (*self._names, MANIFOLD)}
+        self._stop_silence = Watchdog(settings.emergency_stop_timeout_s or math.inf)
+        self._stamps: dict[str, float] = {}
+        self._manifold_vacuum_pa: float | None = None
+        self._regulated_at_s = -math.inf
+        self._duty = 0.0
+        self._active = False
+        self._stop_asked = False
+        self._stop_reason = ""
+
+    @property
+    def limits(self) -> VacuumLimits:
+        """Vacuum that may be asked for."""
+        return self._limits
+
+    def limit(self, limits: VacuumLimits) -> None:
+        """Take new limits; what was asked before stays."""
+        self._limits = limits
+
+    @property
+    def command(self) -> ActuatorCommand:
+        """What the actuators shall do now."""
+        if not self._active or self._stop_reason:
+            return released(self._names)
+        return ActuatorCommand({name: self._channels[name].energised for name in self._names}, self._duty)
+
+    @property
+    def status(self) -> DriverStatus:
+        """What is known now."""
+        channels = tuple(channel.status for channel in self._channels.values())
+        return DriverStatus(self._active, self._stop_reason, self._manifold_vacuum_pa, channels)
+
+    def activate(self, now: Instant) -> None:
+        """Start to follow requests; nothing is wanted yet. An emergency stop and faults stay until cleared."""
+        self._active = True
+        self._stream.forget()
+        self._stop_silence.feed(now)
+        for channel in self._channels.values():
+            channel.enable()
+
+    def deactivate(self) -> None:
+        """Release everything and refuse requests; faults stay until cleared."""
+        self._active = False
+        self._stream.forget()
+        for channel in self._channels.values():
+            channel.disable(INACTIVE)
+        self._regulate(0.0)
+
+    def reset(self) -> None:
+        """Be as new, inactive; only an emergency stop stays."""
+        self._channels = {name: Channel(name, self._settings.channel) for name in self._names}
+        self._manifold_vacuum_pa = None
+        self._stamps.clear()
+        for silence in self._silences.values():
+            silence.forget()
+        self.deactivate()
+
+    def jam(self, channels: Sequence[str], vacuum_pa: float, asked_by: str) -> str:
+        """Jam channels (none named: all) with `vacuum_pa` Pa, 0 for the default.
+
+        Raises:
+            RequestError: unknown channel, vacuum out of range, driver inactive or stopped, channel in fault or
+                without a measured pressure. Nothing has changed.
+
+        """
+        names = checked_channels(channels, self._names)
+        vacuum_pa = checked_vacuum(vacuum_pa, self.limits)
+        self._check_ready("jam")
+        for name in names:
+            status = self._channels[name].status
+            if status.state is ChannelState.FAULT:
+                msg = f"channel '{name}' is in FAULT ({status.reason}); nothing was jammed"
+                raise RequestError(msg)
+            if status.state is ChannelState.UNKNOWN:
+                msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
+                raise RequestError(msg)
+        for name in names:
+            self._take(Wish(name, vacuum_pa), asked_by)
+            self._stream.release(name)
+        self._regulate(0.0)
+        return f"jamming {', '.join(names)} at {vacuum_pa:g} Pa below ambient"
+
+    def unjam(self, channels: Sequence[str], asked_by: str) -> str:
+        """Vent channels (none named: all).
+
+        Raises:
+            RequestError: unknown channel, or the driver is inactive. Nothing has changed.
+
+        """
+        names = checked_channels(channels, self._names)
+        if not self._active:
+            msg = f"{INACTIVE}: every channel is vented already; activate it to follow requests"
+            raise RequestError(msg)
+        for name in names:
+            self._take(Wish(name, 0.0), asked_by)
+            self._stream.release(name)
+        self._regulate(0.0)
+        return f"unjamming {', '.join(names)}"
+
+    def follow(self, wishes: Sequence[Wish], now: Instant, asked_by: str) -> None:
+        """Take one message of a stream of wishes; only changes count, repeating keeps them alive.
+
+        A channel in FAULT or stopped does not follow, and the change is spent: it does not jam by itself later.
+
+        Raises:
+            RequestError: one of the wishes is bad, or the driver is inactive. Nothing has changed.
+
+        """
+        if not self._active:
+            msg = f"{INACTIVE}: activate it first"
+            raise RequestError(msg)
+        checked = checked_wishes(wishes, self._names, self.limits)
+        # Before its first measurement a channel cannot follow; the wish counts as soon as it can.
+        heard = [wish for wish in checked if self._channels[wish.channel].vacuum_pa is not None]
+        for wish in self._stream.changes(heard, now):
+            if self._stop_reason or self._channels[wish.channel].state is ChannelState.FAULT:
+                continue
+            self._take(wish, asked_by)
+            self._stream.lead(wish.channel)
+        self._regulate(0.0)
+
+    def emergency_stop(self, *, stop: bool, now: Instant) -> None:
+        """Take the latest word on the emergency stop: True releases everything, False only permits `clear_fault`."""
+        self._stop_silence.feed(now)
+        self._stop_asked = stop
+        if stop:
+            self._stop("emergency_stop is true")
+
+    def clear_fault(self, now: Instant) -> str:
+        """Leave every fault and the emergency stop; all channels stay vented until asked anew.
+
+        Raises:
+            RequestError: the emergency stop is still asked for. Nothing has changed.
+
+        """
+        if self._stop_asked:
+            msg = "emergency_stop is still true; publish false on it first, then call ~/clear_fault again"
+            raise RequestError(msg)
+        faults = [channel.name for channel in self._channels.values() if channel.state is ChannelState.FAULT]
+        cleared = (["emergency stop"] if self._stop_reason else []) + faults
+        self._stop_reason = ""
+        self._stop_silence.feed(now)
+        for channel in self._channels.values():
+            if channel.state is ChannelState.FAULT and self._silences[channel.name].expired(now):
+                channel.forget_pressure()
+            channel.clear()
+        return f"cleared: {', '.join(cleared)}" if cleared else "nothing to clear"
+
+    def measure(self, sample: PressureSample, now: Instant) -> None:
+        """Take a pressure sample. One that is not a finite number counts as none."""
+        if not math.isfinite(sample.vacuum_pa):
+            return
+        self._silences[sample.place].feed(now)
+        elapsed_s = max(sample.stamp_s - self._stamps.get(sample.place, sample.stamp_s), 0.0)
+        self._stamps[sample.place] = sample.stamp_s
+        if sample.place == MANIFOLD:
+            self._manifold_vacuum_pa = sample.vacuum_pa
+        else:
+            self._channels[sample.place].measure(sample.vacuum_pa, elapsed_s)
+        # Samples of one moment come one by one; the pump is set once per moment.
+        if sample.stamp_s != self._regulated_at_s:
+            since_s = sample.stamp_s - self._regulated_at_s
+            self._regulated_at_s = sample.stamp_s
+            self._regulate(since_s if math.isfinite(since_s) else 0.0)
+
+    def tick(self, now: Instant) -> None:
+        """Look at the clocks: vent, fail or stop what has gone silent. To be called several times a second."""
+        for name, channel in self._channels.items():
+            if channel.vacuum_pa is not None and self._silences[name].expired(now):
+                channel.forget_pressure()
+                if self._active:
+                    timeout_s = self._settings.pressure_timeout_s
+                    channel.fail(
+                        f"no valid pressure for {timeout_s:g} s (pressure_timeout_s): "
+                        "look at the sensor, then call ~/clear_fault"
+                    )
+        if self._silences[MANIFOLD].expired(now):
+            self._manifold_vacuum_pa = None
+        for name in self._stream.fall_silent(now):
+            reason = f"unjammed: no jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
+            self._take(Wish(name, 0.0), reason)
+        if self._active and not self._stop_reason and self._stop_silence.expired(now):
+            self._stop(f"no emergency_stop for {self._stop_silence.timeout_s:g} s (emergency_stop_timeout_s)")
+        self._regulate(0.0)
+
+    def _check_ready(self, verb: str) -> None:
+        if not self._active:
+            msg = f"{INACTIVE}: cannot {verb}; activate it first (lifecycle transition 'activate')"
+            raise RequestError(msg)
+        if self._stop_reason:
+            msg = f"emergency stop ({self._stop_reason}): cannot {verb}; release it, then call ~/clear_fault"
+            raise RequestError(msg)
+
+    def _take(self, wish: Wish, reason: str) -> None:
+        self._channels[wish.channel].ask(wish.vacuum_pa, reason)
+
+    def _stop(self, reason: str) -> None:
+        self._stop_reason = reason
+        for channel in self._channels.values():
+            channel.ask(0.0, f"emergency stop: {reason}")
+            self._stream.release(channel.name)
+        self._regulate(0.0)
+
+    def _regulate(self, elapsed_s: float) -> None:
+        asking = [channel for channel in self._channels.values() if channel.set_point_pa > 0.0]
+        deepest_pa = max((channel.set_point_pa for channel in asking), default=0.0)
+        deepest = [channel for channel in asking if channel.set_point_pa == deepest_pa]
+        may_vent = all(channel.state is ChannelState.JAMMED for channel in deepest)
+        for channel in self._channels.values():
+            channel.share(deepest_pa, may_vent=may_vent)
+        measured = [channel.vacuum_pa for channel in deepest if channel.vacuum_pa is not None]
+        if not measured:
+            self._regulator.reset()
+            self._duty = 0.0
+            return
+        self._duty = self._regulator.update(deepest_pa, min(measured), self._manifold_vacuum_pa, elapsed_s)

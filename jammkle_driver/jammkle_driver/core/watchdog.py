@@ -1,0 +1,60 @@
+"""Tells when something that should come regularly has stopped coming, at any speed of simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Instant:
+    """One moment on both clocks.
+
+    Attributes:
+        steady_s: The machine's steady clock, s; never jumps, never stops.
+        graph_s: The graph's clock (ROS time), s; stands still while a simulation is paused.
+
+    """
+
+    steady_s: float
+    graph_s: float
+
+
+class Watchdog:
+    """Expires when more than `timeout_s` has passed on both clocks since it was last fed.
+
+    Both, because a paused simulation stops the graph's clock and a fast one outruns the machine's;
+    neither is a fault.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        """Make a watchdog that was never fed, and so never expires.
+
+        Args:
+            timeout_s: Silence allowed, s, > 0.
+
+        """
+        self._timeout_s = timeout_s
+        self._steady_s: float | None = None
+        self._graph_s = 0.0
+
+    @property
+    def timeout_s(self) -> float:
+        """Silence allowed, s."""
+        return self._timeout_s
+
+    def feed(self, now: Instant) -> None:
+        """Note a sign of life."""
+        self._steady_s = now.steady_s
+        self._graph_s = now.graph_s
+
+    def forget(self) -> None:
+        """Behave as if it had never been fed."""
+        self._steady_s = None
+
+    def expired(self, now: Instant) -> bool:
+        """Return True if the last sign of life is older than the timeout on both clocks."""
+        if self._steady_s is None:
+            return False
+        # A simulation that was started anew sets the graph's clock back; silence is then counted from there.
+        self._graph_s = min(self._graph_s, now.graph_s)
+        return now.steady_s - self._steady_s > self._timeout_s and now.graph_s - self._graph_s > self._timeout_s

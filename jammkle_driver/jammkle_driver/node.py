@@ -1,0 +1,231 @@
+"""The driver as a lifecycle node: topics and services around the core, nothing decided here."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool, Trigger
+
+from jammkle_driver.conversions import pressure_sample, seconds, wishes
+from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.requests import RequestError
+from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.health import health_lines
+from jammkle_driver.outputs import Outputs
+from jammkle_driver.parameters import DriverParameters
+from jammkle_driver.simulated_hardware import SimulatedHardware
+from jammkle_graph.declare import declare, on_change
+from jammkle_graph.diagnostics import DiagnosticsPublisher
+from jammkle_graph.names import CHANNELS, EMERGENCY_STOP, JAM_COMMAND
+from jammkle_graph.qos import live_qos, subscriber_qos
+from jammkle_msgs.msg import JamCommand
+from jammkle_msgs.srv import Jam, Unjam
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sensor_msgs.msg import FluidPressure
+
+    from jammkle_driver.core.hardware import Hardware
+    from jammkle_graph.diagnostics import Health
+
+TICK_PERIOD_S = 0.05
+"""Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""
+
+STATE_PERIOD_S = 1.0
+"""jam_state is repeated this often on the steady clock, s."""
+
+
+class DriverNode(LifecycleNode):
+    """Pump and solenoids of one ankle as topics and services."""
+
+    def __init__(self, **node_options: Any) -> None:
+        """Declare the parameters; topics and services come with `on_configure`.
+
+        Args:
+            node_options: Passed on to rclpy (`parameter_overrides`, `namespace`, `context`).
+
+        Raises:
+            ParameterError: a parameter is unknown or out of range.
+
+        """
+        super().__init__("driver", **node_options)
+        self._parameters = declare(self, DriverParameters)
+        on_change(self, DriverParameters, self._take_parameters)
+        self._driver = Driver(CHANNELS, self._parameters.settings())
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._outputs: Outputs | None = None
+        self._hardware: Hardware | None = None
+        self._closers: list[Callable[[], object]] = []
+        self._refused_command = ""
+        self._faults: tuple[str, ...] = ()
+        self._diagnostics = DiagnosticsPublisher(self, self._parameters.hardware, self._health)
+
+    def start(self) -> None:
+        """Configure and activate, where the parameter `autostart` says so."""
+        if self._parameters.autostart:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def shut_down(self) -> None:
+        """Release everything, see to it that this gets out, and end the lifecycle."""
+        self.trigger_shutdown()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Create topics and services; everything stays released, and requests are answered but refused."""
+        self._outputs = Outputs(self)
+        self._hardware = SimulatedHardware(self, self._on_pressure)
+        self._create_subscriptions()
+        self._create_services()
+        for period_s, callback in ((TICK_PERIOD_S, self._on_tick), (STATE_PERIOD_S, self._repeat_state)):
+            timer = self.create_timer(period_s, callback, clock=self._steady)
+            self._closers.append(partial(self.destroy_timer, timer))
+        self._settle()
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Follow requests from now on."""
+        self._driver.activate(self._now())
+        self._settle()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Release everything and refuse requests."""
+        self._driver.deactivate()
+        self._settle()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Release everything and destroy topics and services."""
+        self._close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Release everything and destroy topics and services."""
+        self._close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Release everything and be unconfigured again."""
+        self.get_logger().error("a lifecycle transition failed; the driver is unconfigured again")
+        self._close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _close(self) -> None:
+        self._driver.reset()
+        self._refused_command = ""
+        if self._outputs is None or self._hardware is None:
+            return
+        self._hardware.apply(self._driver.command)
+        self._outputs.repeat_command(self._driver.command)
+        self._outputs.repeat_state(self._driver.status)
+        self._outputs.deliver()
+        for close in (*self._closers, self._hardware.close, self._outputs.close):
+            close()
+        self._closers.clear()
+        self._hardware = None
+        self._outputs = None
+
+    def _create_subscriptions(self) -> None:
+        for kind, topic, callback, qos in (
+            (JamCommand, JAM_COMMAND, self._on_jam_command, subscriber_qos(JAM_COMMAND)),
+            (Bool, EMERGENCY_STOP, self._on_emergency_stop, subscriber_qos(EMERGENCY_STOP)),
+            (Bool, EMERGENCY_STOP, self._on_emergency_stop, live_qos(EMERGENCY_STOP)),
+        ):
+            subscription = self.create_subscription(kind, topic.name, callback, qos)
+            self._closers.append(partial(self.destroy_subscription, subscription))
+
+    def _create_services(self) -> None:
+        answers: list[tuple[type, str, Callable[[Any], str]]] = [
+            (Jam, "~/jam", lambda request: self._driver.jam(request.channels, request.vacuum_pa, "~/jam")),
+            (Unjam, "~/unjam", lambda request: self._driver.unjam(request.channels, "~/unjam")),
+            (Trigger, "~/jam_all", lambda _request: self._driver.jam((), 0.0, "~/jam_all")),
+            (Trigger, "~/unjam_all", lambda _request: self._driver.unjam((), "~/unjam_all")),
+            (Trigger, "~/clear_fault", lambda _request: self._driver.clear_fault(self._now())),
+        ]
+        answers += [(SetBool, f"~/{channel}/jam", partial(self._switch, channel)) for channel in CHANNELS]
+        for kind, name, answer in answers:
+            service = self.create_service(kind, name, partial(self._serve, answer))
+            self._closers.append(partial(self.destroy_service, service))
+
+    def _switch(self, channel: str, request: SetBool.Request) -> str:
+        asked_by = f"~/{channel}/jam"
+        if request.data:
+            return self._driver.jam((channel,), 0.0, asked_by)
+        return self._driver.unjam((channel,), asked_by)
+
+    def _serve(self, answer: Callable[[Any], str], request: Any, response: Any) -> Any:
+        try:
+            response.message = answer(request)
+            response.success = True
+        except RequestError as error:
+            response.message = str(error)
+            response.success = False
+        self._settle()
+        return response
+
+    def _on_pressure(self, place: str, message: FluidPressure) -> None:
+        now = self._now()
+        self._driver.measure(pressure_sample(place, message, self._parameters.ambient_pressure_pa, now.graph_s), now)
+        self._settle()
+
+    def _on_jam_command(self, message: JamCommand) -> None:
+        try:
+            self._driver.follow(wishes(message), self._now(), JAM_COMMAND.name)
+            refused = ""
+        except RequestError as error:
+            refused = f"refused: {error}"
+        if refused != self._refused_command:
+            self._refused_command = refused
+            if refused:
+                self.get_logger().warning(f"{JAM_COMMAND.name} {refused}")
+            self._diagnostics.check()
+        self._settle()
+
+    def _on_emergency_stop(self, message: Bool) -> None:
+        self._driver.emergency_stop(stop=message.data, now=self._now())
+        self._settle()
+
+    def _on_tick(self) -> None:
+        self._driver.tick(self._now())
+        if self._outputs is not None and self._hardware is not None:
+            self._hardware.apply(self._driver.command)
+            self._outputs.repeat_command(self._driver.command)
+        self._settle()
+
+    def _repeat_state(self) -> None:
+        if self._outputs is not None:
+            self._outputs.repeat_state(self._driver.status)
+
+    def _settle(self) -> None:
+        """Let everybody know what has changed; called after everything that may change something."""
+        if self._outputs is None or self._hardware is None:
+            return
+        command = self._driver.command
+        self._hardware.apply(command)
+        self._outputs.update_command(command)
+        status = self._driver.status
+        if self._outputs.update_state(status):
+            self._diagnostics.check()
+            faults = tuple(f"{c.name}: {c.reason}" for c in status.channels if c.state is ChannelState.FAULT)
+            for fault in faults:
+                if fault not in self._faults:
+                    self.get_logger().error(fault)
+            self._faults = faults
+
+    def _take_parameters(self, parameters: DriverParameters) -> None:
+        self._parameters = parameters
+        self._driver.limit(parameters.limits())
+
+    def _health(self) -> tuple[Health, ...]:
+        _identifier, label = self._state_machine.current_state
+        return health_lines(self._driver.status, label, self._refused_command)
+
+    def _now(self) -> Instant:
+        return Instant(seconds(self._steady.now()), seconds(self.get_clock().now()))

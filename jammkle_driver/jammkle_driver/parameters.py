@@ -1,0 +1,92 @@
+"""Parameters of the driver: the one table from which they are declared, bounded, validated and documented."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jammkle_driver.core.channel import ChannelSettings
+from jammkle_driver.core.driver import DriverSettings
+from jammkle_driver.core.regulator import RegulatorSettings
+from jammkle_driver.core.requests import VacuumLimits
+from jammkle_graph.parameters import ParameterError, parameter
+
+
+@dataclass(frozen=True)
+class DriverParameters:
+    """Parameters of the driver node.
+
+    Set points: the paper holds -50 kPa; the pump assumed for the simulation ends at -80 kPa, and takes 1.3 s to pull
+    four tendons to -70 kPa. Times: four tendons reach -50 kPa in 0.5 s and vent in 0.15 s on the assumed pneumatics;
+    the limits leave a factor of six. Gains: tuned on these pneumatics for less than 1 kPa of overshoot.
+    """
+
+    autostart: bool = parameter(default=True, description="Configure and activate the node by itself at start")
+    hardware: str = parameter("sim", "What is driven; sim: the topics of the simulation", choices=("sim",))
+    ambient_pressure_pa: float = parameter(
+        101325.0, "Pressure of the atmosphere, from which vacuum is counted", "Pa", 50e3, 110e3, dynamic=True
+    )
+    default_vacuum_pa: float = parameter(
+        50e3, "Vacuum of a jam request that names none", "Pa", 1e3, 100e3, dynamic=True
+    )
+    min_vacuum_pa: float = parameter(5e3, "Least vacuum that may be asked for", "Pa", 1e3, 100e3)
+    max_vacuum_pa: float = parameter(70e3, "Most vacuum that may be asked for", "Pa", 1e3, 100e3)
+    tolerance_pa: float = parameter(
+        2e3, "Distance from the set point within which a channel is JAMMED", "Pa", 100.0, 20e3
+    )
+    hysteresis_pa: float = parameter(4e3, "How much further it must go to leave JAMMED or UNJAMMED", "Pa", 0.0, 20e3)
+    vented_vacuum_pa: float = parameter(5e3, "Vacuum below which a channel is UNJAMMED", "Pa", 100.0, 20e3)
+    jam_timeout_s: float = parameter(3.0, "Longest time in JAMMING before FAULT", "s", 0.05, 60.0)
+    vent_timeout_s: float = parameter(1.0, "Longest time in VENTING before FAULT", "s", 0.05, 60.0)
+    command_timeout_s: float = parameter(
+        0.5, "Silence of jam_command after which what it jammed is vented", "s", 0.05, 60.0
+    )
+    pressure_timeout_s: float = parameter(0.5, "Silence of a pressure topic before FAULT", "s", 0.05, 60.0)
+    emergency_stop_timeout_s: float = parameter(
+        0.0, "Silence of emergency_stop that counts as a stop; 0: silence is no stop", "s", 0.0, 60.0
+    )
+    regulator_gain_per_pa: float = parameter(2.5e-4, "Pump duty per Pa of missing vacuum", "1/Pa", 1e-6, 1e-2)
+    regulator_integral_time_s: float = parameter(
+        0.5, "Time in which the regulator's integral repeats its proportional part", "s", 0.01, 60.0
+    )
+    manifold_lead_pa: float = parameter(
+        2e3, "How much deeper than the set point the manifold may be while tendons follow", "Pa", 0.0, 20e3
+    )
+
+    def __post_init__(self) -> None:
+        """Check what one row alone cannot.
+
+        Raises:
+            ParameterError: default_vacuum_pa is not between min_vacuum_pa and max_vacuum_pa.
+
+        """
+        if not self.min_vacuum_pa <= self.default_vacuum_pa <= self.max_vacuum_pa:
+            msg = (
+                f"parameter 'default_vacuum_pa' is {self.default_vacuum_pa:g}; it must be from min_vacuum_pa "
+                f"to max_vacuum_pa, here {self.min_vacuum_pa:g} to {self.max_vacuum_pa:g} Pa"
+            )
+            raise ParameterError(msg)
+
+    def limits(self) -> VacuumLimits:
+        """Vacuum that may be asked for."""
+        return VacuumLimits(self.min_vacuum_pa, self.max_vacuum_pa, self.default_vacuum_pa)
+
+    def settings(self) -> DriverSettings:
+        """Everything the core wants to know."""
+        return DriverSettings(
+            limits=self.limits(),
+            channel=ChannelSettings(
+                tolerance_pa=self.tolerance_pa,
+                hysteresis_pa=self.hysteresis_pa,
+                vented_vacuum_pa=self.vented_vacuum_pa,
+                jam_timeout_s=self.jam_timeout_s,
+                vent_timeout_s=self.vent_timeout_s,
+            ),
+            regulator=RegulatorSettings(
+                proportional_gain_per_pa=self.regulator_gain_per_pa,
+                integral_time_s=self.regulator_integral_time_s,
+                manifold_lead_pa=self.manifold_lead_pa,
+            ),
+            command_timeout_s=self.command_timeout_s,
+            pressure_timeout_s=self.pressure_timeout_s,
+            emergency_stop_timeout_s=self.emergency_stop_timeout_s,
+        )
