@@ -57,7 +57,7 @@ class DiagnosticsPublisher:
             node: Whose health it is.
             hardware_id: What the health is about, as in diagnostic_msgs.
             report: Gives the health; called on every tick and by `check`.
-            stamp: Gives the graph's time; None takes the node's clock, which a node that makes the time does not follow.
+            stamp: Gives the graph's time; None takes the node's clock, which a node that makes the time lacks.
 
         """
         self._node = node
