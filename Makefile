@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo test bench lint format lock set-up clean
+.PHONY: help demo test bench lint format readme lock set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, show what happened"
@@ -11,6 +11,7 @@ help:
 	@echo "make bench  set up, measure speed; writes bench.json"
 	@echo "make lint   set up, ruff and mypy"
 	@echo "make format set up, format the code with ruff"
+	@echo "make readme set up, write the tables of README.md anew from the code"
 	@echo "make lock   write requirements.lock anew from requirements.in"
 	@echo "make clean  remove everything that the other targets made"
 
@@ -24,12 +25,15 @@ test: set-up
 	@$(BIN)/python -m pytest
 
 bench: set-up
-	@$(BIN)/python test/bench/run.py --json bench.json
+	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
 
 lint: set-up
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
+
+readme: set-up
+	@$(BIN)/python test/readme_tables.py
 
 format: set-up
 	@$(BIN)/ruff check --fix

@@ -1,0 +1,87 @@
+"""`make bench`: measure, print a table, and write JSON. Compare ratios, not times: machines differ and are shared."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from domain_coordinator import domain_id as reserve_domain_id
+from rich.console import Console
+from rich.table import Table
+
+from delay import Delays, measure_delays
+from load import Load, measure_load
+from steps import StepRates, measure_steps
+
+IMU_RATES_HZ = (500, 1000)
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything that one run has measured."""
+
+    machine: str
+    cores: int
+    steps: StepRates
+    delays: Delays
+    loads: list[Load]
+
+
+def measure(console: Console) -> Results:
+    """Run every benchmark, one after the other."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    with console.status("simulation steps per second"):
+        steps = measure_steps()
+    with reserve_domain_id() as domain_id, console.status("from impact to solenoid"):
+        delays = measure_delays(domain_id)
+    loads = []
+    for rate_hz in IMU_RATES_HZ:
+        with reserve_domain_id() as domain_id, console.status(f"load at {rate_hz} Hz"):
+            loads += measure_load(domain_id, rate_hz)
+    return Results(platform.machine(), os.cpu_count() or 1, steps, delays, loads)
+
+
+def table_of(results: Results) -> Table:
+    """Lay the results out for people."""
+    table = Table("what", "value", "beside it, in the same run", "ratio", title="Benchmark")
+    steps, delays = results.steps, results.delays
+    table.add_row(
+        "simulation steps per second",
+        f"{steps.full_steps_per_s:,.0f}",
+        f"bare mj_step {steps.bare_steps_per_s:,.0f}",
+        f"{steps.ratio:.2f} ({steps.ratio_lowest:.2f} to {steps.ratio_highest:.2f})",
+    )
+    table.add_row(
+        f"impact to solenoid, {delays.trials} landings",
+        f"median {delays.median_ms:.2f} ms, p99 {delays.p99_ms:.2f} ms",
+        f"bare round trip {delays.round_trip_median_ms:.2f} ms, p99 {delays.round_trip_p99_ms:.2f} ms",
+        f"{delays.per_hop_ratio:.2f} per hop",
+    )
+    for load in results.loads:
+        table.add_row(
+            f"{load.node}, IMU at {load.imu_rate_hz} Hz",
+            f"{load.cpu_percent_of_one_core:.0f} % of a core, {load.memory_mib:.0f} MiB",
+            "a subscriber that only counts",
+            f"{load.cpu_over_bare:.1f}",
+        )
+    return table
+
+
+def main(
+    json_file: Annotated[Path, typer.Option("--json", help="Where to write the results.")] = Path("bench.json"),
+) -> None:
+    """Measure and report."""
+    console = Console()
+    results = measure(console)
+    json_file.write_text(json.dumps(asdict(results), indent=2) + "\n")
+    console.print(table_of(results))
+    console.print(f"written to {json_file}")
+
+
+if __name__ == "__main__":
+    typer.run(main)
