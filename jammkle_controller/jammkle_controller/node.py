@@ -18,7 +18,7 @@ from jammkle_controller.health import StreamTrouble, imu_health, policy_health
 from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher, Health
-from jammkle_graph.names import CONTACT_EVENTS, IMU, JAM_COMMAND
+from jammkle_graph.names import CONTACT_EVENTS, CONTROLLER_NODE, IMU, JAM_COMMAND, SET_AUTO
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ContactEvent, JamCommand
 
@@ -43,7 +43,7 @@ class ControllerNode(Node):
             ParameterError: an unknown parameter was given, or a value is out of range.
 
         """
-        super().__init__("controller")
+        super().__init__(CONTROLLER_NODE)
         values = declare(self, ControllerParameters)
         self._auto = values.auto_at_start
         self._controller = AnkleController(detector_settings(values), policy_settings(values))
@@ -54,7 +54,7 @@ class ControllerNode(Node):
         self._commands = self.create_publisher(JamCommand, JAM_COMMAND.name, publisher_qos(JAM_COMMAND))
         self._events = self.create_publisher(ContactEvent, CONTACT_EVENTS.name, publisher_qos(CONTACT_EVENTS))
         self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
-        self.create_service(SetBool, "~/set_auto", self._set_auto)
+        self.create_service(SetBool, SET_AUTO.name, self._set_auto)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / values.command_rate_hz, self._repeat, clock=steady)
         self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU))

@@ -1,0 +1,266 @@
+"""The controller as a real process on real DDS; the test plays the IMU and listens."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from domain_coordinator import domain_id as reserve_domain_id
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import Imu
+from std_srvs.srv import SetBool
+
+from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, DIAGNOSTICS, IMU, JAM_COMMAND, SET_AUTO
+from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_msgs.msg import ContactEvent, JamCommand
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+TIMEOUT_S = 30.0
+INTERVAL_S = 0.004
+FALL_S, LANDED_AT_S = 0.1, 0.5
+GRAVITY_M_S2 = 9.80665
+
+
+class Bench:
+    """A controller process, and a node that publishes IMU samples and keeps what the controller says."""
+
+    def __init__(self, domain_id: int, folder: Path, *arguments: str) -> None:
+        self.errors = folder / "stderr.txt"
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        command = [sys.executable, "-m", "jammkle_controller", *arguments]
+        with self.errors.open("w") as errors:
+            self.process = subprocess.Popen(command, env=environment, stdout=errors, stderr=errors)
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("bench", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.events: list[ContactEvent] = []
+        self.commands: list[JamCommand] = []
+        self.health: dict[str, DiagnosticStatus] = {}
+        self.reports = 0
+        self.imu = self.node.create_publisher(Imu, IMU.name, publisher_qos(IMU))
+        for kind, topic, take in (
+            (ContactEvent, CONTACT_EVENTS, self.events.append),
+            (JamCommand, JAM_COMMAND, self.commands.append),
+            (DiagnosticArray, DIAGNOSTICS, self._hear),
+        ):
+            self.node.create_subscription(kind, topic.name, take, subscriber_qos(topic))
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        self.reports += 1
+        self.health.update({status.name.split(": ")[1]: status for status in message.status})
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def spin_until(self, holds: Callable[[], bool], what: str) -> None:
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while not holds():
+            if time.monotonic() > deadline_s:
+                said = self.events[-1:], self.commands[-1:], self.health, self.errors.read_text()
+                pytest.fail(f"gave up waiting until {what}; last heard: {said}")
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def wait_until_up(self) -> None:
+        self.spin_until(lambda: bool(self.commands) and bool(self.health), "the controller is heard")
+        self.spin_until(lambda: self.imu.get_subscription_count() > 0, "the controller hears the IMU")
+
+    def feel(self, force_m_s2: float, time_s: float) -> None:
+        """Publish one IMU sample with a specific force along z."""
+        message = Imu()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(time_s * 1e9), 1_000_000_000)
+        message.header.frame_id = "imu"
+        message.linear_acceleration.z = force_m_s2
+        message.orientation_covariance[0] = -1.0
+        self.imu.publish(message)
+        self.executor.spin_once(timeout_sec=0.001)
+
+    def stand(self, from_s: float, until_s: float) -> None:
+        for index in range(round((until_s - from_s) / INTERVAL_S)):
+            self.feel(GRAVITY_M_S2, from_s + index * INTERVAL_S)
+
+    def land(self) -> None:
+        """Stand, fall for 0.1 s, and hit the ground at `LANDED_AT_S`; that sample is the last."""
+        self.stand(0.1, LANDED_AT_S - FALL_S)
+        for index in range(round(FALL_S / INTERVAL_S)):
+            self.feel(0.0, LANDED_AT_S - FALL_S + index * INTERVAL_S)
+        self.feel(40.0, LANDED_AT_S)
+        self.spin_until(lambda: self.kinds()[-1:] == [ContactEvent.IMPACT], "the impact is told")
+
+    def kinds(self) -> list[int]:
+        return [event.type for event in self.events]
+
+    def wishes(self) -> dict[str, float]:
+        return {channel.channel: channel.vacuum_pa for channel in self.commands[-1].channels}
+
+    def hear_more(self, count: int = 4) -> None:
+        """Wait for some more commands of the steady stream."""
+        seen = len(self.commands)
+        self.spin_until(lambda: len(self.commands) >= seen + count, "commands go on")
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready, f"{name} is offered")
+        future = client.call_async(request)
+        self.spin_until(future.done, f"{name} answers")
+        return future.result()
+
+    def set_auto(self, *, on: bool) -> SetBool.Response:
+        return self.call(SetBool, SET_AUTO.path, SetBool.Request(data=on))
+
+    def stop(self, number: signal.Signals) -> int:
+        self.process.send_signal(number)
+        return self.process.wait(timeout=TIMEOUT_S)
+
+
+@pytest.fixture
+def make_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Bench]]:
+    """Make a bench in a ROS domain of its own."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    benches: list[Bench] = []
+    with reserve_domain_id() as number:
+
+        def make(*arguments: str) -> Bench:
+            benches.append(Bench(number, tmp_path, *arguments))
+            return benches[-1]
+
+        yield make
+        for bench in benches:
+            bench.close()
+
+
+def test_landing_is_told_and_jams_after_the_delay(make_bench: Callable[..., Bench]) -> None:
+    """A landing gives events stamped with their samples, and vacuum once the samples' time has passed the delay.
+
+    The delay is the samples' time, not the wall's: while no sample comes, as in a paused simulation, nothing jams.
+    """
+    bench = make_bench()
+    bench.wait_until_up()
+    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.land()
+    liftoff, impact = bench.events
+    assert liftoff.type == ContactEvent.LIFTOFF
+    stamp = impact.header.stamp
+    assert stamp.sec + stamp.nanosec * 1e-9 == pytest.approx(LANDED_AT_S, abs=1e-9)
+    assert impact.header.frame_id == "imu"
+    assert impact.unit == "m/s^2"
+    assert impact.magnitude == pytest.approx(40.0)
+    bench.hear_more()
+    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.feel(30.0, LANDED_AT_S + 0.019)
+    bench.hear_more()
+    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.feel(20.0, LANDED_AT_S + 0.02)
+    bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 50e3), "the channels are to be jammed")
+    bench.stand(LANDED_AT_S + 0.024, LANDED_AT_S + 0.4)
+    bench.spin_until(lambda: bench.kinds()[-1] == ContactEvent.SETTLED, "the landing settles")
+    assert bench.wishes() == dict.fromkeys(CHANNELS, 50e3)
+
+
+def test_delay_of_zero_can_be_set_while_running(make_bench: Callable[..., Bench]) -> None:
+    """jam_delay_s is dynamic: with zero the impact's own sample jams; out of range is refused by name and limit."""
+    bench = make_bench()
+    bench.wait_until_up()
+
+    def set_delay(value: float) -> Any:
+        parameter = Parameter(
+            name="jam_delay_s", value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        )
+        request = SetParameters.Request(parameters=[parameter])
+        return bench.call(SetParameters, "controller/set_parameters", request).results[0]
+
+    refused = set_delay(3.0)
+    assert not refused.successful
+    assert "jam_delay_s" in refused.reason
+    assert "1" in refused.reason
+    assert set_delay(0.0).successful
+    bench.land()
+    bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 50e3), "the impact jams")
+
+
+def test_auto_off_ends_the_stream_and_on_resumes_it(make_bench: Callable[..., Bench]) -> None:
+    """With auto off no jam_command is sent, while events are still told; with auto on the wish is sent at once."""
+    bench = make_bench()
+    bench.wait_until_up()
+    answer = bench.set_auto(on=False)
+    assert answer.success
+    assert "command_timeout_s" in answer.message
+    sent = bench.reports
+    bench.spin_until(lambda: bench.reports >= sent + 2, "what was under way has come")
+    bench.commands.clear()
+    bench.land()
+    bench.stand(LANDED_AT_S + INTERVAL_S, LANDED_AT_S + 0.1)
+    sent = bench.reports
+    bench.spin_until(lambda: bench.reports >= sent + 2, "two more reports have come")
+    assert bench.commands == []
+    assert bench.set_auto(on=True).success
+    bench.spin_until(lambda: bool(bench.commands), "the stream goes on")
+    assert bench.wishes() == dict.fromkeys(CHANNELS, 50e3)
+
+
+def test_auto_can_be_off_from_the_start(make_bench: Callable[..., Bench]) -> None:
+    """With auto_at_start false nothing is commanded before ~/set_auto."""
+    bench = make_bench("--ros-args", "-p", "auto_at_start:=false")
+    bench.spin_until(lambda: bench.reports >= 2, "the controller is heard")
+    assert bench.commands == []
+    bench.set_auto(on=True)
+    bench.spin_until(lambda: bool(bench.commands), "the stream begins")
+
+
+def test_health_of_the_imu_is_told(make_bench: Callable[..., Bench]) -> None:
+    """A missing IMU is an error that says for how long, NaN samples are a warning with their count, and it passes."""
+    bench = make_bench()
+    bench.wait_until_up()
+    error, warning = DiagnosticStatus.ERROR, DiagnosticStatus.WARN
+    bench.spin_until(lambda: bench.health["imu"].level == error, "the missing IMU is an error")
+    assert "no usable sample on /imu/data for" in bench.health["imu"].message
+    bench.stand(0.1, 0.3)
+    bench.feel(math.nan, 0.3)
+
+    def warned() -> bool:
+        bench.feel(GRAVITY_M_S2, 0.3 + bench.reports * 1.0)
+        return bench.health["imu"].level == warning
+
+    bench.spin_until(warned, "the NaN is a warning")
+    assert "1 not finite" in bench.health["imu"].message
+    bench.spin_until(lambda: bench.health["imu"].level == error, "the IMU is missed again")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_ends_cleanly_on_signals(make_bench: Callable[..., Bench], number: signal.Signals) -> None:
+    """SIGTERM and SIGINT end the process with 0 and without a word."""
+    bench = make_bench()
+    bench.wait_until_up()
+    bench.stand(0.1, 0.3)
+    assert bench.stop(number) == 0
+    assert bench.errors.read_text() == ""
+
+
+@pytest.mark.parametrize(("given", "named"), [("jam_dely_s:=0.1", "jam_dely_s"), ("jam_delay_s:=-1.0", "0 to 1 s")])
+def test_bad_parameters_get_one_line(make_bench: Callable[..., Bench], given: str, named: str) -> None:
+    """An unknown parameter or a value out of range ends the process with 2 and one line that names it."""
+    bench = make_bench("--ros-args", "-p", given)
+    assert bench.process.wait(timeout=TIMEOUT_S) == 2
+    lines = bench.errors.read_text().splitlines()
+    assert len(lines) == 1
+    assert named in lines[0]
