@@ -1,0 +1,217 @@
+"""The `jammkle` command: arguments in, exit code out. What the subcommands do stands in modules of their own."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for ROS, NumPy and Matplotlib
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Protocol, runtime_checkable
+
+import typer
+
+from jammkle_bringup.core.errors import GraphError, InputError
+from jammkle_bringup.core.namespace import normalised
+from jammkle_bringup.core.node_table import Hardware, Robot
+from jammkle_bringup.core.signals import Interrupted, StopRequest
+
+EXIT_FAILED = 1
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+app = typer.Typer(
+    help="Bring up, command, watch and record legged robots' jammable ankles.",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+NamespaceOption = Annotated[str, typer.Option("--namespace", help="ROS namespace of the ankle, for example lf_ankle.")]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the results to this file as JSON too.")]
+ChannelsArgument = Annotated[
+    list[str] | None, typer.Argument(help="peroneal_left, peroneal_right, achilles; none means all.", metavar="CHANNEL")
+]
+
+
+@runtime_checkable
+class _UsageProblem(Protocol):
+    """What the argument parser raises when the command line is wrong."""
+
+    exit_code: int
+
+    def format_message(self) -> str:
+        """Say what is wrong."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command and return its exit code: 0 done, 1 failed, 2 bad input, 130 interrupted."""
+    try:
+        code: Any = app(arguments, standalone_mode=False)
+    except InputError as error:
+        return _fail(str(error), EXIT_BAD_INPUT)
+    except GraphError as error:
+        return _fail(str(error), EXIT_FAILED)
+    except (Interrupted, KeyboardInterrupt, typer.Abort):
+        return _fail("interrupted", EXIT_INTERRUPTED)
+    except Exception as error:
+        if not isinstance(error, _UsageProblem):
+            raise
+        return _fail(f"{error.format_message()} (see --help)", error.exit_code)
+    return code if isinstance(code, int) else 0
+
+
+@app.callback(invoke_without_command=True)
+def start(context: typer.Context) -> None:
+    """Show the help if no subcommand is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command()
+def up(
+    robot: Annotated[Robot, typer.Option(help="What to bring up.")] = Robot.ANKLE,
+    hardware: Annotated[Hardware, typer.Option(help="What stands behind the driver.")] = Hardware.SIM,
+    namespace: NamespaceOption = "/",
+    speed: Annotated[
+        float | None, typer.Option(help="Simulated time per real time; 0: as fast as possible. [default: 1]")
+    ] = None,
+    record: Annotated[Path | None, typer.Option(help="Record everything into this new bag.")] = None,
+    params: Annotated[list[Path] | None, typer.Option(help="ROS parameter file (YAML); may be repeated.")] = None,
+) -> int:
+    """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
+    from jammkle_bringup.up import GraphOptions, check_speed
+    from jammkle_bringup.up import up as run_graph
+
+    values = {} if speed is None else {"sim": {"speed": check_speed(speed, hardware)}}
+    options = GraphOptions(normalised(namespace), robot, hardware, tuple(params or ()), record, values)
+    try:
+        return run_graph(options, StopRequest())
+    except Interrupted:  # while it was still starting: asked to stop, and nothing is left
+        return 0
+
+
+@app.command()
+def jam(
+    channels: ChannelsArgument = None,
+    vacuum_kpa: Annotated[float, typer.Option(help="Vacuum to hold, kPa below ambient.")] = 50.0,
+    namespace: NamespaceOption = "/",
+    json: JsonOption = None,
+) -> int:
+    """Jam channels: evacuate their tendons and hold the vacuum."""
+    from jammkle_bringup import channel_commands, report
+
+    report.check_writable(json)
+    answer = channel_commands.jam(normalised(namespace), channels or [], vacuum_kpa, StopRequest())
+    return _answered(answer, json)
+
+
+@app.command()
+def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", json: JsonOption = None) -> int:
+    """Unjam channels: vent their tendons to the atmosphere."""
+    from jammkle_bringup import channel_commands, report
+
+    report.check_writable(json)
+    answer = channel_commands.unjam(normalised(namespace), channels or [], StopRequest())
+    return _answered(answer, json)
+
+
+@app.command()
+def status(namespace: NamespaceOption = "/", json: JsonOption = None) -> int:
+    """Show the state of every channel and the health of every node."""
+    import dataclasses
+
+    from jammkle_bringup import channel_commands, report
+
+    report.check_writable(json)
+    jam_status, health = channel_commands.status(normalised(namespace), StopRequest())
+    console = report.console()
+    if jam_status.emergency_stopped:
+        console.print("emergency stop: everything is released until driver/clear_fault")
+    for table in report.status_tables(jam_status, health):
+        console.print(table)
+    content = dataclasses.asdict(jam_status)
+    report.write_json(json, {**content, "health": [dataclasses.asdict(line) for line in health]})
+    return 0
+
+
+@app.command()
+def record(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the new bag.")],
+    namespace: NamespaceOption = "/",
+    clock: Annotated[
+        str, typer.Option(help="Log times: sim (/clock), system, or auto: /clock if somebody publishes it.")
+    ] = "auto",
+    json: JsonOption = None,
+) -> int:
+    """Record a namespace, /clock, /diagnostics and /tf into a bag (MCAP) until Ctrl-C."""
+    from jammkle_bringup import report
+    from jammkle_bringup.record import record as record_graph
+
+    report.check_writable(json)
+    counts = record_graph(output, normalised(namespace), clock)
+    report.write_json(json, {"bag": str(output), "messages": counts.messages, "by_topic": counts.by_topic})
+    return 0
+
+
+@app.command()
+def info(
+    bag: Annotated[Path, typer.Argument(help="The bag.", metavar="BAG")],
+    json: JsonOption = None,
+) -> int:
+    """Show what a bag holds: duration, topics, types, counts, rates, QoS, custom data."""
+    from jammkle_bringup import report
+    from jammkle_bringup.core.bag_info import bag_info
+
+    report.check_writable(json)
+    found = bag_info(bag)
+    console = report.console()
+    for table in report.info_tables(found):
+        console.print(table)
+    for key, value in found.custom_data.items():
+        console.print(f"{key}:\n{value.rstrip()}", markup=False)
+    report.write_json(json, found.as_json())
+    return 0
+
+
+@app.command()
+def demo(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.")] = Path(
+        "runs"
+    ),
+    namespace: NamespaceOption = "/",
+    json: JsonOption = None,
+) -> int:
+    """Land the simulated ankle on a 40 degree slope, record it, and show what happened."""
+    import datetime as dt
+
+    from jammkle_bringup import report
+    from jammkle_bringup.core.run_folder import fresh_folder
+    from jammkle_bringup.demo import demo as land
+
+    report.check_writable(json)
+    checked = normalised(namespace)
+    folder = fresh_folder(output, dt.datetime.now(tz=dt.timezone.utc).astimezone().date())
+    result = land(folder, checked, StopRequest())
+    console = report.console()
+    console.print(report.summary_table(result.summary))
+    for line in result.summary.missing:
+        console.print(f"not in the bag: {line}")
+    console.print(f"picture: {result.picture}")
+    report.write_json(json, {**result.summary.as_json(), "picture": str(result.picture)})
+    return result.exit_code
+
+
+def _answered(answer: Any, json: Path | None) -> int:
+    """Show what the driver said to a request."""
+    from jammkle_bringup import report
+
+    report.write_json(json, answer.as_json())
+    if not answer.success:
+        return _fail(answer.message, EXIT_FAILED)
+    typer.echo(answer.message)
+    return 0
+
+
+def _fail(message: str, exit_code: int) -> int:
+    """Say one line and return the exit code."""
+    sys.stderr.write(f"jammkle: {' '.join(message.split())}\n")
+    return exit_code

@@ -1,0 +1,77 @@
+"""One `jammkle up` per user, ROS domain and namespace: a lock that the kernel gives back when its holder dies."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jammkle_bringup.core.errors import InputError
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+
+def ros_domain() -> str:
+    """Return the ROS domain of this process, as text."""
+    return os.environ.get("ROS_DOMAIN_ID") or "0"
+
+
+def default_folder() -> Path:
+    """Return where this user's lock files live: the runtime folder of the session, or one in the temporary folder."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    if runtime and os.access(runtime, os.W_OK):
+        return Path(runtime) / "jammkle"
+    return Path(tempfile.gettempdir()) / f"jammkle-{os.getuid()}"
+
+
+class NamespaceLock:
+    """Context manager that holds a namespace of a ROS domain against a second `jammkle up` of the same user."""
+
+    def __init__(self, namespace: str, domain: str, folder: Path) -> None:
+        """Prepare the lock of a normalised namespace; nothing is taken yet."""
+        self._namespace = namespace
+        self._domain = domain
+        self._path = folder / f"domain{domain}{namespace.rstrip('/').replace('/', '--')}.lock"
+        self._descriptor: int | None = None
+
+    def __enter__(self) -> Self:
+        """Take the lock.
+
+        Raises:
+            InputError: another process holds it.
+
+        """
+        self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip() or "unknown"
+            os.close(descriptor)
+            msg = already_up(self._namespace, self._domain, f"process {holder}")
+            raise InputError(msg) from None
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        self._descriptor = descriptor
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Give the lock back. The file stays: removing it would let two processes hold two files of one name."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+
+def already_up(namespace: str, domain: str, who: str) -> str:
+    """Return the line that refuses a second graph in a namespace."""
+    return (
+        f"a graph is already up in namespace {namespace} of ROS domain {domain} ({who}): "
+        "stop it first, or choose another --namespace or ROS_DOMAIN_ID"
+    )

@@ -1,0 +1,156 @@
+"""The one table of nodes: what is started for which robot and hardware. Used by `jammkle up` and the launch files."""
+
+from __future__ import annotations
+
+import enum
+import importlib
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_bringup.core.errors import InputError
+from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, SIM_NODE
+
+if TYPE_CHECKING:
+    from jammkle_graph.parameters import ParameterClass
+
+
+class Robot(enum.Enum):
+    """What is simulated or driven."""
+
+    ANKLE = "ankle"
+    LEG = "leg"
+
+
+class Hardware(enum.Enum):
+    """What stands behind the hardware topics."""
+
+    SIM = "sim"
+    SERIAL = "serial"
+
+
+@dataclass(frozen=True)
+class NodeEntry:
+    """One node: where its code is, its name on the graph, its parameter table, and when it is started.
+
+    Attributes:
+        package: The ROS package, which is also the Python package: `python -m package` starts the node.
+        executable: Name for `ros2 run` and launch files.
+        name: Name on the graph, inside the namespace.
+        parameter_table: `module:Class` of the node's parameters.
+        robots: Robots that need it.
+        hardware: Hardware that needs it.
+        follows_simulated_time: True if the node runs on /clock while the hardware is simulated.
+
+    """
+
+    package: str
+    executable: str
+    name: str
+    parameter_table: str
+    robots: frozenset[Robot]
+    hardware: frozenset[Hardware]
+    follows_simulated_time: bool
+
+    def parameters(self) -> type[ParameterClass]:
+        """Return the node's parameter table. Imported only when asked for, to keep the command quick."""
+        module, _, name = self.parameter_table.partition(":")
+        table: type[ParameterClass] = getattr(importlib.import_module(module), name)
+        return table
+
+
+_EVERY_ROBOT = frozenset(Robot)
+_EVERY_HARDWARE = frozenset(Hardware)
+
+NODES: tuple[NodeEntry, ...] = (
+    NodeEntry(
+        package="jammkle_sim",
+        executable="sim",
+        name=SIM_NODE,
+        parameter_table="jammkle_sim.parameters:SimParameters",
+        robots=_EVERY_ROBOT,
+        hardware=frozenset({Hardware.SIM}),
+        follows_simulated_time=False,
+    ),
+    NodeEntry(
+        package="jammkle_controller",
+        executable="controller",
+        name=CONTROLLER_NODE,
+        parameter_table="jammkle_controller.parameters:ControllerParameters",
+        robots=_EVERY_ROBOT,
+        hardware=_EVERY_HARDWARE,
+        follows_simulated_time=True,
+    ),
+    NodeEntry(
+        package="jammkle_driver",
+        executable="driver",
+        name=DRIVER_NODE,
+        parameter_table="jammkle_driver.parameters:DriverParameters",
+        robots=_EVERY_ROBOT,
+        hardware=_EVERY_HARDWARE,
+        follows_simulated_time=True,
+    ),
+)
+"""In the order in which they start; they stop in the reverse order, so that the simulation sees the release."""
+
+BUILT_ROBOTS = frozenset({Robot.ANKLE})
+BUILT_HARDWARE = frozenset({Hardware.SIM})
+
+ParameterValue = bool | int | float | str
+
+
+def check_built(robot: Robot, hardware: Hardware) -> None:
+    """Refuse what the options name and this version cannot do yet.
+
+    Raises:
+        InputError: the robot or the hardware is not built yet.
+
+    """
+    if robot not in BUILT_ROBOTS:
+        msg = f"--robot {robot.value} is not built yet: use --robot ankle"
+        raise InputError(msg)
+    if hardware not in BUILT_HARDWARE:
+        msg = f"--hardware {hardware.value} is not built yet: use --hardware sim"
+        raise InputError(msg)
+
+
+def nodes_for(robot: Robot, hardware: Hardware) -> tuple[NodeEntry, ...]:
+    """Return the nodes of a graph, in the order in which they start."""
+    return tuple(entry for entry in NODES if robot in entry.robots and hardware in entry.hardware)
+
+
+def simulated_time(entry: NodeEntry, hardware: Hardware) -> bool:
+    """Return True if the node runs on /clock with this hardware."""
+    return entry.follows_simulated_time and hardware is Hardware.SIM
+
+
+def command_of(
+    entry: NodeEntry,
+    namespace: str,
+    values: dict[str, ParameterValue],
+    parameter_files: tuple[str, ...] = (),
+) -> tuple[str, ...]:
+    """Return the command that starts a node in a normalised namespace.
+
+    Args:
+        entry: The node.
+        namespace: Normalised namespace.
+        values: Parameters that win over the files.
+        parameter_files: YAML files, the last one wins.
+
+    """
+    arguments = ["-r", f"__ns:={namespace}"]
+    for file in parameter_files:
+        arguments += ["--params-file", file]
+    for name, value in values.items():
+        arguments += ["-p", f"{name}:={_yaml_text(value)}"]
+    return (sys.executable, "-m", entry.package, "--ros-args", *arguments)
+
+
+def _yaml_text(value: ParameterValue) -> str:
+    """Return a value so that ROS reads it back in the same type."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f"'{value}'"
+    return repr(value)

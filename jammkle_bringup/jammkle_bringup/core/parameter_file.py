@@ -1,0 +1,163 @@
+"""Parameter files (YAML): check one against the nodes' tables before anything is started, and write one in full.
+
+A typing error in such a file would otherwise show only when its node refuses to start, or not at all where the name
+of the node is misspelt.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import yaml
+
+from jammkle_bringup.core.errors import InputError
+from jammkle_bringup.core.namespace import resolved
+from jammkle_graph.parameters import ParameterError, from_mapping, rows
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from jammkle_bringup.core.node_table import NodeEntry
+
+_PARAMETERS_KEY = "ros__parameters"
+_WILDCARDS = ("*", "**")
+_WIDTH = 118
+# Every ROS node has these; no table lists them.
+_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+
+
+def check_parameter_file(path: Path, namespace: str, nodes: Sequence[NodeEntry]) -> None:
+    """Check a ROS parameter file against the nodes it is for.
+
+    Args:
+        path: The file.
+        namespace: Normalised namespace in which the nodes will run.
+        nodes: The nodes that will be started.
+
+    Raises:
+        InputError: the file cannot be read, names a node that is not there, or holds an unknown or bad parameter.
+
+    """
+    sections = dict(_sections(_read(path), path))
+    names = {entry.name for entry in nodes}
+    for pattern in sections:
+        node = pattern.rpartition("/")[2]
+        if node not in names and node not in _WILDCARDS:
+            msg = f"{path}: no node '{node}' in this graph (section '{pattern}'); known are: {', '.join(sorted(names))}"
+            raise InputError(msg)
+    used = False
+    for entry in nodes:
+        full_name = resolved(namespace, entry.name)
+        for pattern, values in sections.items():
+            if _matches(pattern, full_name):
+                used = True
+                _check_values(path, entry, values)
+    if sections and not used:
+        msg = (
+            f"{path}: no section fits namespace {namespace} (sections: {', '.join(sections)}); "
+            "'/**/driver' fits the driver of every namespace"
+        )
+        raise InputError(msg)
+
+
+def values_for(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> dict[str, object]:
+    """Return what checked files set on one node; the last file and section win.
+
+    Raises:
+        InputError: a file cannot be read.
+
+    """
+    found: dict[str, object] = {}
+    for path in paths:
+        for pattern, values in _sections(_read(path), path):
+            if _matches(pattern, resolved(namespace, entry.name)):
+                found.update(values)
+    return found
+
+
+def parameter_file_text(nodes: Sequence[NodeEntry]) -> str:
+    """Return a parameter file that holds every parameter of the nodes with its default, described."""
+    lines = [
+        "# Every parameter with its default, made from the nodes' tables. Copy it, keep what you change,",
+        "# and give it to the graph: jammkle up --params FILE",
+    ]
+    for entry in nodes:
+        lines += ["", f"/**/{entry.name}:", f"  {_PARAMETERS_KEY}:"]
+        for row in rows(entry.parameters()):
+            about = row.description if not row.unit else f"{row.description} [{row.unit}]"
+            limits = f" ({row.range_text})" if row.range_text else ""
+            lines += [f"    # {part}" for part in _wrapped(about + limits)]
+            lines.append(f"    {row.name}: {_scalar(row.default)}")
+    return "\n".join(lines) + "\n"
+
+
+def _scalar(value: object) -> str:
+    return repr(value) if isinstance(value, float) else yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
+
+
+def _wrapped(text: str) -> list[str]:
+    lines = [""]
+    for word in text.split():
+        if len(lines[-1]) + len(word) > _WIDTH - len("    # "):
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return lines
+
+
+def _read(path: Path) -> Mapping[str, object]:
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        msg = f"{path}: cannot be read: {error.strerror}"
+        raise InputError(msg) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        msg = f"{path}: is not YAML: {' '.join(str(error).split())}"
+        raise InputError(msg) from error
+    if not isinstance(document, dict):
+        msg = f"{path}: must hold sections such as '/**/driver: {{{_PARAMETERS_KEY}: {{...}}}}'"
+        raise InputError(msg)
+    return document
+
+
+def _sections(document: Mapping[str, object], path: Path, prefix: str = "") -> Iterator[tuple[str, dict[str, object]]]:
+    """Yield `(pattern of node names, parameters)` of a file; namespaces may be nested."""
+    for key, value in document.items():
+        pattern = f"{prefix}/{str(key).strip('/')}"
+        if not isinstance(value, dict):
+            msg = f"{path}: section '{key}' holds no '{_PARAMETERS_KEY}'"
+            raise InputError(msg)
+        if _PARAMETERS_KEY in value:
+            yield pattern, dict(_flat(value[_PARAMETERS_KEY] or {}))
+        else:
+            yield from _sections(value, path, pattern)
+
+
+def _flat(values: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _matches(pattern: str, full_name: str) -> bool:
+    """Return True if a pattern of a parameter file fits a node's full name; `*` is one level, `**` any number."""
+    parts = ""
+    for token in pattern.strip("/").split("/"):
+        parts += {"*": "/[^/]+", "**": "(?:/[^/]+)*"}.get(token, "/" + re.escape(token))
+    return re.fullmatch(parts, full_name) is not None
+
+
+def _check_values(path: Path, entry: NodeEntry, values: Mapping[str, object]) -> None:
+    of_node = {
+        name: value
+        for name, value in values.items()
+        if name not in _OF_EVERY_NODE and not name.startswith("qos_overrides.")
+    }
+    try:
+        from_mapping(entry.parameters(), of_node)
+    except ParameterError as error:
+        msg = f"{path}: {entry.name}: {error}"
+        raise InputError(msg) from error

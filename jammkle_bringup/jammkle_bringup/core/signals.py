@@ -1,0 +1,32 @@
+"""A flag that SIGINT, SIGTERM and SIGHUP set, for a command that stops in order instead of in the middle."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Interrupted(Exception):  # noqa: N818 - not an error: a person asked for it
+    """The command was asked to stop while it waited for something."""
+
+
+class StopRequest:
+    """Callable that returns True once the process was asked to stop."""
+
+    def __init__(self) -> None:
+        """Make an unset request and listen for signals."""
+        self._asked = False
+        for number in _SIGNALS:
+            signal.signal(number, self._ask)
+
+    def __call__(self) -> bool:
+        """Return True once the process was asked to stop."""
+        return self._asked
+
+    def _ask(self, _signal: int, _frame: FrameType | None) -> None:
+        self._asked = True

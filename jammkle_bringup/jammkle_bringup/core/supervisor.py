@@ -1,0 +1,178 @@
+"""Start the processes of a graph, watch them, say which one died, and stop them in order."""
+
+from __future__ import annotations
+
+import collections
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+STOP_TIMEOUT_S = 5.0
+"""How long a process may take to end after SIGTERM before it is killed. Assumed; nodes need about 0.2 s."""
+
+_KEPT_LINES = 5
+_READER_TIMEOUT_S = 1.0
+_TETHER = Path(__file__).with_name("tether.py")
+
+
+@dataclass(frozen=True)
+class ChildSpec:
+    """One process to start: its name for people and its command, whose first entry is an absolute path."""
+
+    name: str
+    command: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Death:
+    """A process that ended without being asked to, or badly when asked. `last_lines` is the end of its output."""
+
+    name: str
+    exit_code: int
+    last_lines: tuple[str, ...]
+
+    def text(self) -> str:
+        """Return one line for people: who, how, and the last thing it said."""
+        said = f"; it said: {self.last_lines[-1]}" if self.last_lines else ""
+        return f"{self.name} died with {exit_text(self.exit_code)}{said}"
+
+
+def exit_text(exit_code: int) -> str:
+    """Return `exit code 3`, or `signal SIGKILL` for the negative codes of the subprocess module."""
+    if exit_code >= 0:
+        return f"exit code {exit_code}"
+    try:
+        return f"signal {signal.Signals(-exit_code).name}"
+    except ValueError:
+        return f"signal {-exit_code}"
+
+
+class _Child:
+    """A running process and the thread that reads what it says."""
+
+    def __init__(self, spec: ChildSpec, on_line: Callable[[str, str], None]) -> None:
+        self.spec = spec
+        self._lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LINES)
+        self._on_line = on_line
+        self.process = subprocess.Popen(  # noqa: S603 - the command is the caller's own, and no shell reads it
+            # -S and -E: the tether needs the standard library only, and starts in a few milliseconds that way
+            [sys.executable, "-S", "-E", str(_TETHER), str(os.getpid()), *spec.command],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            bufsize=1,
+            start_new_session=True,  # Ctrl-C in the terminal reaches the parent alone, which then stops in order
+        )
+        self._reader = threading.Thread(target=self._read, name=f"read {spec.name}", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        if self.process.stdout is None:
+            return
+        for line in self.process.stdout:
+            stripped = line.rstrip()
+            if stripped:
+                self._lines.append(stripped)
+                self._on_line(self.spec.name, stripped)
+
+    def death(self) -> Death:
+        """Return how the ended process ended, after all that it said was read."""
+        self._reader.join(_READER_TIMEOUT_S)
+        return Death(self.spec.name, self.process.returncode, tuple(self._lines))
+
+    def stop(self, timeout_s: float) -> None:
+        """Send SIGTERM, and SIGKILL to the whole session if that is not enough."""
+        if self.process.poll() is None:
+            self.process.terminate()
+        try:
+            self.process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+
+
+class Supervisor:
+    """Processes that belong together: all run, or all are stopped.
+
+    They are started in the order given and stopped in the reverse order, one after the other, so that what starts
+    first (a recorder) sees all of what the others do when they stop.
+    """
+
+    def __init__(
+        self,
+        specs: Sequence[ChildSpec],
+        on_line: Callable[[str, str], None],
+        stop_timeout_s: float = STOP_TIMEOUT_S,
+    ) -> None:
+        """Prepare; nothing is started yet.
+
+        Args:
+            specs: What to start, in order.
+            on_line: Called with the name and every line that a process writes, from another thread.
+            stop_timeout_s: How long a process may take to end before it is killed.
+
+        """
+        self._specs = tuple(specs)
+        self._on_line = on_line
+        self._stop_timeout_s = stop_timeout_s
+        self._children: list[_Child] = []
+
+    def __enter__(self) -> Self:
+        """Start all processes."""
+        try:
+            for spec in self._specs:
+                self._children.append(_Child(spec, self._on_line))
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Stop what still runs."""
+        self.stop()
+
+    def process_ids(self) -> dict[str, int]:
+        """Return the process id of everything that was started and not stopped, by name."""
+        return {child.spec.name: child.process.pid for child in self._children}
+
+    def first_death(self) -> Death | None:
+        """Return a process that has ended although nobody asked it to, or None while all run."""
+        for child in self._children:
+            if child.process.poll() is not None:
+                return child.death()
+        return None
+
+    def watch(self, stop: Callable[[], bool], period_s: float = 0.1) -> Death | None:
+        """Wait until `stop` returns True (then None) or a process dies (then how)."""
+        while not stop():
+            death = self.first_death()
+            if death is not None:
+                return death
+            time.sleep(period_s)
+        return None
+
+    def stop(self) -> tuple[Death, ...]:
+        """Stop everything in reverse order and return those that did not end with 0. Safe to call twice."""
+        bad: list[Death] = []
+        while self._children:
+            child = self._children.pop()
+            child.stop(self._stop_timeout_s)
+            if child.process.returncode != 0:
+                bad.append(child.death())
+        return tuple(bad)

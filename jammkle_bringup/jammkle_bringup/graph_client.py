@@ -1,0 +1,125 @@
+"""A short-lived node of the command: looks at the graph, listens, and calls services."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from jammkle_bringup.core.errors import GraphError
+from jammkle_bringup.core.namespace import resolved
+from jammkle_bringup.core.namespace_lock import ros_domain
+from jammkle_bringup.core.signals import Interrupted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from rclpy.qos import QoSProfile
+    from typing_extensions import Self
+
+    from jammkle_graph.names import Service, Topic
+
+ANSWER_TIMEOUT_S = 5.0
+"""How long the command waits for the graph. Assumed; discovery on one machine takes about 0.3 s."""
+
+_SPIN_S = 0.05
+
+
+class GraphClient:
+    """Context manager around a node without parameters or services of its own."""
+
+    def __init__(self, namespace: str, asked_to_stop: Callable[[], bool]) -> None:
+        """Prepare.
+
+        Args:
+            namespace: Normalised namespace that relative names are put into.
+            asked_to_stop: Ends every wait with `Interrupted` once it returns True.
+
+        """
+        self.namespace = namespace
+        self._asked_to_stop = asked_to_stop
+
+    def __enter__(self) -> Self:
+        """Join the graph."""
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node(
+            f"jammkle_command_{os.getpid()}",
+            context=self._context,
+            namespace=self.namespace,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def subscribe(self, kind: type[Any], topic: Topic, take: Callable[[Any], None], qos: QoSProfile) -> None:
+        """Call `take` with every message of a topic while waiting for something."""
+        self.node.create_subscription(kind, resolved(self.namespace, topic.name), take, qos)
+
+    def wait_until(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
+        """Serve callbacks until `predicate` holds (True) or the time is up (False).
+
+        Raises:
+            Interrupted: the command was asked to stop.
+
+        """
+        end_s = time.monotonic() + timeout_s
+        while not predicate():
+            if self._asked_to_stop():
+                raise Interrupted
+            left_s = end_s - time.monotonic()
+            if left_s <= 0:
+                return False
+            self._executor.spin_once(timeout_sec=min(_SPIN_S, left_s))
+        return True
+
+    def call(self, service: Service, kind: type[Any], request: Any, timeout_s: float = ANSWER_TIMEOUT_S) -> Any:
+        """Call a service of the graph and return its answer.
+
+        Raises:
+            GraphError: the service is not there, or does not answer.
+
+        """
+        return self.call_path(service.path, kind, request, timeout_s)
+
+    def call_path(self, path: str, kind: type[Any], request: Any, timeout_s: float = ANSWER_TIMEOUT_S) -> Any:
+        """Call a service by its name relative to the namespace; see `call`."""
+        name = resolved(self.namespace, path)
+        client = self.node.create_client(kind, name)
+        try:
+            if not self.wait_until(client.service_is_ready, timeout_s):
+                raise GraphError(no_answer(name, self.namespace, timeout_s))
+            future = client.call_async(request)
+            if not self.wait_until(future.done, timeout_s):
+                msg = f"{name} did not answer within {timeout_s:g} s"
+                raise GraphError(msg)
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def nodes(self) -> set[str]:
+        """Return the full names of all nodes seen so far."""
+        return {resolved(namespace, name) for name, namespace in self.node.get_node_names_and_namespaces()}
+
+
+def no_answer(what: str, namespace: str, timeout_s: float) -> str:
+    """Return the line for a graph that is not there."""
+    return (
+        f"nothing answers on {what} within {timeout_s:g} s (namespace {namespace}, ROS domain {ros_domain()}): "
+        "start the graph with `jammkle up`, or give its --namespace or ROS_DOMAIN_ID"
+    )

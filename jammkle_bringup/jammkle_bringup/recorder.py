@@ -1,0 +1,183 @@
+"""The recorder node: everything in a namespace, and what is said of it outside, into one bag."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import String
+
+from jammkle_bringup.conversions import bag_qos, clock_ns, message_class
+from jammkle_bringup.core.bag_log import BagLog, TimeSource
+from jammkle_bringup.core.errors import InputError
+from jammkle_bringup.core.namespace import relative, resolved
+from jammkle_graph.names import CLOCK, SIM_PARAMETERS, TOPICS
+from jammkle_graph.qos import publisher_qos
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from rclpy.executors import Executor
+    from rclpy.subscription import Subscription
+    from rosbags.interfaces import Qos
+
+    from jammkle_bringup.core.bag_log import BagCounts
+    from jammkle_bringup.core.message_definitions import MessageDefinitions
+    from jammkle_graph.runner import StopFlag
+
+QUEUE_DEPTH = 2000
+"""Messages per topic that may wait while the recorder is busy: 2 s of a 1 kHz IMU. Assumed."""
+
+_DISCOVERY_PERIOD_S = 0.2
+_UNDECIDED_S = 1.0
+_OUTSIDE = ("/clock", "/diagnostics", "/tf", "/tf_static")
+_LEFT_OUT = ("/rosout", "/parameter_events")
+_SPIN_TIMEOUT_S = 0.1
+
+
+@dataclass(frozen=True)
+class RecorderOptions:
+    """What to record: the bag's folder, a normalised namespace, and which clock gives the log times."""
+
+    path: Path
+    namespace: str
+    source: TimeSource
+
+
+class Recorder(Node):
+    """Subscribes to topics as they appear and writes their messages as they came over the wire."""
+
+    def __init__(self, options: RecorderOptions, definitions: MessageDefinitions) -> None:
+        """Create the bag and start to record.
+
+        Raises:
+            InputError: the bag's path exists or cannot be made.
+
+        """
+        self._log = BagLog(options.path, definitions, options.source)
+        super().__init__("recorder", namespace=options.namespace, start_parameter_services=False)
+        self._namespace = options.namespace
+        self._sim_parameters = resolved(options.namespace, SIM_PARAMETERS.name)
+        self._recorded: dict[str, Subscription] = {}
+        self._requested: dict[str, QoSProfile] = {}
+        self._refused: set[str] = set()
+        # What the project itself publishes is subscribed to before its publishers are there, so that nothing is
+        # lost between a publisher's first message and the next look at the graph.
+        for topic in TOPICS:
+            self._subscribe(resolved(options.namespace, topic.name), topic.message_type, publisher_qos(topic))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_DISCOVERY_PERIOD_S, self._discover, clock=steady)
+        self._decision = self.create_timer(_UNDECIDED_S, self._decide, clock=steady)
+        self._discover()
+
+    def counts(self) -> BagCounts:
+        """Return how many messages came so far."""
+        return self._log.counts()
+
+    def close(self) -> BagCounts:
+        """Complete the bag."""
+        return self._log.close()
+
+    def _discover(self) -> None:
+        """Subscribe to topics that have appeared, and anew where a publisher offers less than was asked for."""
+        for name, types in self.get_topic_names_and_types():
+            if name in self._refused or not self._wanted(name):
+                continue
+            publishers = self.get_publishers_info_by_topic(name)
+            if not publishers:
+                continue
+            if len(types) > 1:
+                self._refuse(name, f"it has several types: {', '.join(types)}")
+                continue
+            offered = [publisher.qos_profile for publisher in publishers]
+            asked = self._requested.get(name)
+            if asked is None or any(_misses(asked, offer) for offer in offered):
+                self._subscribe(name, types[0], _weakest(offered))
+
+    def _wanted(self, name: str) -> bool:
+        if name in _OUTSIDE:
+            return True
+        inside = relative(self._namespace, name)
+        return inside is not None and name not in _LEFT_OUT
+
+    def _subscribe(self, name: str, message_type: str, offered: QoSProfile) -> None:
+        try:
+            kind = message_class(message_type)
+            self._log.add_topic(name, message_type, functools.partial(self._offered, name, offered))
+        except InputError as error:
+            self._refuse(name, str(error))
+            return
+        profile = QoSProfile(depth=QUEUE_DEPTH, reliability=offered.reliability, durability=offered.durability)
+        old = self._recorded.pop(name, None)
+        if old is not None:
+            self.destroy_subscription(old)
+        take = self._take_clock if name == CLOCK.name else functools.partial(self._take, name)
+        self._requested[name] = profile
+        self._recorded[name] = self.create_subscription(kind, name, take, profile, raw=True)
+
+    def _refuse(self, name: str, why: str) -> None:
+        self._refused.add(name)
+        self.get_logger().warning(f"{name} is not recorded: {why}")
+
+    def _offered(self, name: str, assumed: QoSProfile) -> Sequence[Qos]:
+        publishers = self.get_publishers_info_by_topic(name)
+        return [bag_qos(publisher.qos_profile) for publisher in publishers] or [bag_qos(assumed)]
+
+    def _take(self, name: str, data: bytes) -> None:
+        self._log.write(name, data)
+        if name == self._sim_parameters:
+            self._log.set_custom_data(SIM_PARAMETERS.name, _text(data))
+
+    def _take_clock(self, data: bytes) -> None:
+        if self._log.source is TimeSource.UNDECIDED:
+            self._log.decide(TimeSource.SIMULATED)
+        self._log.tick(clock_ns(deserialize_message(data, ClockMessage)))
+        self._log.write(CLOCK.name, data)
+
+    def _decide(self) -> None:
+        """Settle which clock is used: by now a simulation would have been discovered."""
+        self._decision.cancel()
+        simulated = self.count_publishers(CLOCK.name) > 0
+        self._log.decide(TimeSource.SIMULATED if simulated else TimeSource.SYSTEM)
+
+
+def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
+    """Record until asked to stop, then take what has already arrived and complete the bag."""
+    while not stop:
+        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+    executor.spin_once(timeout_sec=0)
+    node.close()
+
+
+def _text(data: bytes) -> str:
+    message: Any = deserialize_message(data, String)
+    return str(message.data)
+
+
+def _misses(asked: QoSProfile, offered: QoSProfile) -> bool:
+    """Return True if a subscription that asks for `asked` never sees a publisher that offers `offered`."""
+    return (
+        asked.reliability is ReliabilityPolicy.RELIABLE and offered.reliability is not ReliabilityPolicy.RELIABLE
+    ) or (
+        asked.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        and offered.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+    )
+
+
+def _weakest(offered: Sequence[QoSProfile]) -> QoSProfile:
+    """Return the strongest request that all of these publishers can meet."""
+    reliable = all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offered)
+    latched = all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offered)
+    return QoSProfile(
+        depth=QUEUE_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )

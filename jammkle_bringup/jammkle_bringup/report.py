@@ -1,0 +1,142 @@
+"""Tables for people."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from jammkle_bringup.core.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from jammkle_bringup.conversions import HealthStatus, JamStatus
+    from jammkle_bringup.core.bag_info import BagInfo
+    from jammkle_bringup.core.run_summary import RunSummary
+
+_PA_PER_KPA = 1e3
+_STATE_STYLES = {"JAMMED": "green", "JAMMING": "yellow", "VENTING": "yellow", "FAULT": "bold red", "UNKNOWN": "dim"}
+_LEVEL_STYLES = {"OK": "green", "WARN": "yellow", "ERROR": "bold red", "STALE": "dim"}
+
+
+def console() -> Console:
+    """Return where results go; pipes get plain text that is not cut."""
+    return Console(soft_wrap=not sys.stdout.isatty(), highlight=False)
+
+
+def write_json(path: Path | None, content: dict[str, Any]) -> None:
+    """Write results for machines, if a file was asked for.
+
+    Raises:
+        InputError: the file cannot be written.
+
+    """
+    if path is None:
+        return
+    try:
+        path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        msg = f"--json {path} cannot be written: {error.strerror}"
+        raise InputError(msg) from error
+
+
+def check_writable(path: Path | None) -> None:
+    """Refuse a results file that could not be written, before the work is done.
+
+    Raises:
+        InputError: its folder does not exist, or it is a folder.
+
+    """
+    if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+        why = "it is a folder" if path.is_dir() else f"there is no folder {path.absolute().parent}"
+        msg = f"--json {path} cannot be written: {why}"
+        raise InputError(msg)
+
+
+def status_tables(status: JamStatus, health: Sequence[HealthStatus]) -> list[Table]:
+    """Return the tables of `jammkle status`."""
+    channels = Table(title="Channels", title_justify="left")
+    for heading in ("channel", "state"):
+        channels.add_column(heading)
+    for heading in ("commanded [kPa]", "measured [kPa]"):
+        channels.add_column(heading, justify="right")
+    channels.add_column("reason")
+    for channel in status.channels:
+        channels.add_row(
+            channel.channel,
+            _styled(channel.state, _STATE_STYLES),
+            f"{channel.commanded_vacuum_kpa:.1f}",
+            _kpa(channel.measured_vacuum_kpa),
+            channel.reason,
+        )
+    channels.add_row("manifold", "", "", _kpa(status.manifold_vacuum_kpa), "")
+    lines = Table(title="Health", title_justify="left")
+    for heading in ("node: what", "level", "message", "values"):
+        lines.add_column(heading)
+    for line in health:
+        values = ", ".join(f"{key}: {value}" for key, value in line.values.items())
+        lines.add_row(line.name, _styled(line.level, _LEVEL_STYLES), line.message, values)
+    return [channels, lines] if health else [channels]
+
+
+def info_tables(info: BagInfo) -> list[Table]:
+    """Return the table of `jammkle info`."""
+    title = f"{info.bag}: {info.messages} messages in {info.duration_s:.3f} s from ROS time {info.start_s:.3f} s"
+    topics = Table(title=title, title_justify="left")
+    for heading in ("topic", "type"):
+        topics.add_column(heading)
+    for heading in ("count", "rate [Hz]"):
+        topics.add_column(heading, justify="right")
+    topics.add_column("offered as")
+    for topic in info.topics:
+        offered = ", ".join(part for part in (topic.reliability, topic.durability) if part)
+        topics.add_row(topic.name, topic.message_type, str(topic.count), f"{topic.rate_hz:.1f}", offered)
+    return [topics]
+
+
+def summary_table(summary: RunSummary) -> Table:
+    """Return the short table of a landing."""
+    table = Table(title="Landing", title_justify="left", show_header=False)
+    table.add_column("what")
+    table.add_column("value")
+    table.add_row("touch-down", _seconds(summary.touch_down_s))
+    table.add_row("impact detected", f"{_seconds(summary.detected_s)}{_after(summary.detected_s, summary)}")
+    for channel in summary.channels:
+        if channel.reached_s is None or channel.commanded_vacuum_pa is None:
+            greatest = "" if channel.greatest_vacuum_pa is None else f" (at most {_pa(channel.greatest_vacuum_pa)})"
+            table.add_row(channel.channel, f"did not reach its vacuum{greatest}")
+            continue
+        reached = f"{_pa(channel.commanded_vacuum_pa)} at {_seconds(channel.reached_s)}"
+        table.add_row(channel.channel, f"{reached}{_after(channel.reached_s, summary)}")
+    peak = summary.peak_deceleration_m_s2
+    table.add_row("peak deceleration", "not known" if peak is None else f"{peak:.2f} m/s² (IMU z minus g)")
+    table.add_row("bag", summary.bag)
+    return table
+
+
+def _after(time_s: float | None, summary: RunSummary) -> str:
+    if time_s is None or summary.touch_down_s is None:
+        return ""
+    return f", {(time_s - summary.touch_down_s) * 1e3:+.0f} ms from touch-down"
+
+
+def _seconds(time_s: float | None) -> str:
+    return "not seen" if time_s is None else f"{time_s:.3f} s"
+
+
+def _pa(pascal: float) -> str:
+    return f"{pascal / _PA_PER_KPA:.1f} kPa"
+
+
+def _kpa(kilopascal: float | None) -> str:
+    return "not measured" if kilopascal is None else f"{kilopascal:.1f}"
+
+
+def _styled(text: str, styles: dict[str, str]) -> str:
+    style = styles.get(text)
+    return f"[{style}]{text}[/{style}]" if style else text
