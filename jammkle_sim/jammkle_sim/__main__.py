@@ -1,0 +1,40 @@
+"""`python -m jammkle_sim` and `ros2 run jammkle_sim sim`: the landing rig on the graph."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from jammkle_graph.runner import run
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+
+    from jammkle_graph.runner import StopFlag
+    from jammkle_sim.node import SimNode
+
+
+def main() -> int:
+    """Run the sim node until SIGINT or SIGTERM and return the exit code."""
+    return run(_make_node, loop=_drive, shut_down=_shut_down)
+
+
+def _make_node() -> SimNode:
+    # Loading the physics takes a second or more; here it happens under the runner's signal handlers, so that Ctrl-C
+    # during the start ends the process as cleanly as later.
+    from jammkle_sim.landing import make_simulation  # noqa: PLC0415
+    from jammkle_sim.node import SimNode  # noqa: PLC0415
+
+    return SimNode(make_simulation)
+
+
+def _drive(node: SimNode, executor: Executor, stop: StopFlag) -> None:
+    node.drive(executor, stop)
+
+
+def _shut_down(node: SimNode) -> None:
+    node.shut_down()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

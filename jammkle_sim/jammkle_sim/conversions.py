@@ -1,0 +1,137 @@
+"""Between the simulation's values and ROS messages: stamps, units, frames, and checks at the border.
+
+Outgoing messages are made once and filled again for every publication: rclpy copies a message while it publishes,
+so nobody sees the next contents too early, and filling costs a tenth of making. All values are SI on both sides.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import yaml
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import WrenchStamped
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import FluidPressure, Imu, JointState
+from std_msgs.msg import Header, String
+
+from jammkle_graph.names import IMU_FRAME, LOAD_CELL_FRAME, TENDONS
+from jammkle_msgs.msg import TendonState, TendonStates
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from std_msgs.msg import Float32
+
+    from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+
+_NANOSECONDS = 1_000_000_000
+_NO_ORIENTATION = -1.0
+"""REP-145 and sensor_msgs/Imu: the first element of a covariance that belongs to nothing measured."""
+
+
+class NotFiniteError(ArithmeticError):
+    """The simulation gave NaN or infinity, which must not leave it. The message names the output."""
+
+
+class BadCommandError(ValueError):
+    """A command that cannot be followed. The message names topic, value and limit."""
+
+
+class OutgoingMessages:
+    """The messages that the sim node publishes at a rate, each made once and filled again and again."""
+
+    def __init__(self) -> None:
+        """Make the messages."""
+        self._clock = Clock()
+        self._imu = Imu(header=Header(frame_id=IMU_FRAME))
+        self._imu.orientation_covariance[0] = _NO_ORIENTATION
+        self._pressure = FluidPressure()
+        self._joints = JointState()
+        self._tendons = TendonStates(tendons=[TendonState(name=name) for name in TENDONS])
+        self._wrench = WrenchStamped(header=Header(frame_id=LOAD_CELL_FRAME))
+
+    def clock(self, time_ns: int) -> Clock:
+        """Return the tick of a simulated time, ns."""
+        return _stamped(self._clock, self._clock.clock, time_ns)
+
+    def imu(self, time_ns: int, sample: ImuSample) -> Imu:
+        """Return specific force, m/s^2, and angular velocity, rad/s, in the frame of the IMU (REP-145)."""
+        _check_finite("the IMU", (*sample.specific_force_m_s2, *sample.angular_velocity_rad_s))
+        _fill_vector(self._imu.linear_acceleration, sample.specific_force_m_s2)
+        _fill_vector(self._imu.angular_velocity, sample.angular_velocity_rad_s)
+        return _stamped(self._imu, self._imu.header.stamp, time_ns)
+
+    def pressure(self, time_ns: int, pressure_pa: float) -> FluidPressure:
+        """Return one absolute pressure, Pa. Zero variance stands for unknown."""
+        _check_finite("a pressure", (pressure_pa,))
+        self._pressure.fluid_pressure = pressure_pa
+        return _stamped(self._pressure, self._pressure.header.stamp, time_ns)
+
+    def joint_states(self, time_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]) -> JointState:
+        """Return joint angles, rad, and slides, m, with their rates. Both mappings have the same names."""
+        _check_finite("a joint", positions.values())
+        _check_finite("a joint's rate", velocities.values())
+        self._joints.name = list(positions)
+        self._joints.position = list(positions.values())
+        self._joints.velocity = [velocities[name] for name in positions]
+        return _stamped(self._joints, self._joints.header.stamp, time_ns)
+
+    def tendon_states(self, time_ns: int, tendons: Sequence[TendonSample]) -> TendonStates:
+        """Return extension, m, rate, m/s, and tension, N, of every tendon, in the order of names.TENDONS."""
+        for message, tendon in zip(self._tendons.tendons, tendons, strict=True):
+            _check_finite(f"tendon '{tendon.name}'", (tendon.extension_m, tendon.extension_rate_m_s, tendon.tension_n))
+            message.name = tendon.name
+            message.condition = TendonState.BROKEN if tendon.broken else TendonState.INTACT
+            message.extension_m = tendon.extension_m
+            message.extension_rate_m_s = tendon.extension_rate_m_s
+            message.tension_n = tendon.tension_n
+        return _stamped(self._tendons, self._tendons.header.stamp, time_ns)
+
+    def wrench(self, time_ns: int, force_n: tuple[float, float, float]) -> WrenchStamped:
+        """Return the force between rig and leg, N, tension positive on z. The load cell measures no torque."""
+        _check_finite("the load cell", force_n)
+        _fill_vector(self._wrench.wrench.force, force_n)
+        return _stamped(self._wrench, self._wrench.header.stamp, time_ns)
+
+
+def time_message(time_ns: int) -> Time:
+    """Return a simulated time, ns, as a stamp."""
+    seconds, nanoseconds = divmod(time_ns, _NANOSECONDS)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def parameters_message(description: Mapping[str, object]) -> String:
+    """Return all parameters of rig and simulation as YAML, for people and for a bag."""
+    return String(data=yaml.safe_dump(dict(description), sort_keys=False, allow_unicode=True))
+
+
+def duty_from(message: Float32) -> float:
+    """Return the pump's duty, 0 to 1, from its message.
+
+    Raises:
+        BadCommandError: NaN or out of range.
+
+    """
+    duty = float(message.data)
+    if not 0.0 <= duty <= 1.0:  # false for NaN as well
+        msg = f"pump/duty is {duty:g}; it must be 0 to 1; the last good value is kept"
+        raise BadCommandError(msg)
+    return duty
+
+
+def _stamped(message, stamp: Time, time_ns: int):  # noqa: ANN001, ANN202 - any message, and the very same back
+    stamp.sec, stamp.nanosec = divmod(time_ns, _NANOSECONDS)
+    return message
+
+
+def _fill_vector(vector, values: tuple[float, float, float]) -> None:  # noqa: ANN001 - geometry_msgs Vector3
+    vector.x, vector.y, vector.z = values
+
+
+def _check_finite(what: str, values: Iterable[float]) -> None:
+    # A sum is finite only if every term is; this costs a fifth of asking each.
+    if not math.isfinite(sum(values)):
+        msg = f"{what} gave a value that is not finite"
+        raise NotFiniteError(msg)

@@ -1,0 +1,176 @@
+"""Drives a simulation from one due output to the next, at the pace wanted. Knows neither ROS nor a clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from jammkle_sim.core.pacing import Pacer, RealTimeFactor
+from jammkle_sim.core.run_control import RunControl, RunState
+from jammkle_sim.core.schedule import STATES, Output, Schedule, timestep_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+
+class SteppedSimulation(Protocol):
+    """What the engine needs of a simulation."""
+
+    @property
+    def timestep_s(self) -> float:
+        """Length of one step, s; a whole number of nanoseconds."""
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since construction, s; never falls, not even in a reset."""
+
+    def advance(self, steps: int) -> None:
+        """Take steps."""
+
+    def reset(self) -> None:
+        """Restore the state and the noise seeds of the start."""
+
+
+@dataclass(frozen=True)
+class Tick:
+    """What is due now: the simulated time, ns, and the outputs in the order of publishing (none: only /clock)."""
+
+    time_ns: int
+    outputs: tuple[Output, ...]
+
+
+class Engine:
+    """One simulation, its pace, its schedule and its run state."""
+
+    def __init__(
+        self,
+        simulation: SteppedSimulation,
+        periods: Mapping[Output, int],
+        control: RunControl,
+        pacer: Pacer,
+        now_s: Callable[[], float],
+    ) -> None:
+        """Put the parts together.
+
+        Args:
+            simulation: What is driven.
+            periods: Steps between two of each output.
+            control: Run state; shared with whoever pauses, resumes and steps through this engine only.
+            pacer: Pace.
+            now_s: Real time, s, from a steady clock.
+
+        Raises:
+            RateError: the time step is not a whole number of nanoseconds.
+
+        """
+        self._simulation = simulation
+        self._schedule = Schedule(periods)
+        self._control = control
+        self._pacer = pacer
+        self._factor = RealTimeFactor()
+        self._now_s = now_s
+        self._timestep_s = simulation.timestep_s
+        self._timestep_ns = timestep_ns(self._timestep_s)
+        self._first_step = self._step
+        self._restart_pace()
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time, ns; the exact multiple of the time step."""
+        return self._step * self._timestep_ns
+
+    @property
+    def control(self) -> RunControl:
+        """The run state, to look at."""
+        return self._control
+
+    @property
+    def pacer(self) -> Pacer:
+        """The pace, to look at."""
+        return self._pacer
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per real second; 0 while time stands still, NaN while too little has been measured."""
+        if self._control.state in (RunState.PAUSED, RunState.FAILED):
+            return 0.0
+        return self._factor.value()
+
+    def wait_s(self) -> float:
+        """Real time, s, until `cycle` has something to do; infinite while time stands still."""
+        state = self._control.state
+        if state is RunState.STEPPING:
+            return 0.0
+        if state is not RunState.RUNNING:
+            return float("inf")
+        return self._pacer.wait_s(self._next_step() * self._timestep_s, self._now_s())
+
+    def cycle(self) -> Tick | None:
+        """Advance to the next due output if its time has come.
+
+        Returns:
+            What is due; None if time stands still or has not come.
+
+        """
+        if self.wait_s() > 0:
+            return None
+        target = self._next_step()
+        now_s = self._now_s()
+        stepping = self._control.state is RunState.STEPPING
+        if stepping:
+            target = min(target, self._step + self._control.steps_left)
+        else:
+            self._pacer.begin(target * self._timestep_s, now_s)
+        steps = target - self._step
+        self._simulation.advance(steps)
+        self._control.steps_taken(steps)
+        self._factor.note(target * self._timestep_s, now_s)
+        outputs = self._schedule.due(target - self._first_step)
+        if stepping and self._control.state is RunState.PAUSED:
+            # Who steps one by one wants to see the state after each; readings keep to their rates.
+            outputs = tuple(output for output in Output if output in outputs or output in STATES)
+        return Tick(self.time_ns, outputs)
+
+    def pause(self) -> None:
+        """Stop simulated time; see RunControl.pause."""
+        self._control.pause()
+
+    def resume(self) -> None:
+        """Let simulated time run on from where it stands; see RunControl.resume."""
+        already_running = self._control.state is RunState.RUNNING
+        self._control.resume()
+        if not already_running:
+            self._restart_pace()
+
+    def begin_steps(self, steps: int) -> None:
+        """Take steps in the cycles to come; see RunControl.begin_steps."""
+        self._control.begin_steps(steps)
+        self._factor.restart()
+
+    def set_speed(self, speed: float) -> None:
+        """Change the pace from now on; 0 is as fast as possible."""
+        if speed != self._pacer.speed:
+            self._restart_pace(speed)
+
+    def fail(self, why: str) -> None:
+        """Stop simulated time until a reset, and remember why."""
+        self._control.fail(why)
+
+    def reset(self) -> None:
+        """Restore the rig; simulated time goes on, and the schedule counts from here. See RunControl.reset."""
+        self._control.reset()
+        self._simulation.reset()
+        self._first_step = self._step
+        self._restart_pace()
+
+    @property
+    def _step(self) -> int:
+        return round(self._simulation.time_s / self._timestep_s)
+
+    def _next_step(self) -> int:
+        step = self._step
+        return step + self._schedule.steps_to_next(step - self._first_step)
+
+    def _restart_pace(self, speed: float | None = None) -> None:
+        self._pacer.restart(self._step * self._timestep_s, self._now_s(), speed)
+        self._factor.restart()

@@ -1,0 +1,110 @@
+"""Which outputs are due at which simulation step: counted in whole steps, so that no rate can drift."""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_RATE_TOLERANCE = 1e-9
+_NANOSECONDS = 1_000_000_000
+
+
+class Output(enum.Enum):
+    """What the sim node publishes at rates of their own. Listed in the order of publishing."""
+
+    JOINT_STATES = "joint_states"
+    TENDON_STATES = "tendon_states"
+    LOAD_CELL = "load_cell"
+    PRESSURES = "pressures"
+    IMU = "imu"
+
+
+STATES = (Output.JOINT_STATES, Output.TENDON_STATES)
+"""Outputs that are states and not readings: looking at them once more, between two due times, disturbs nothing."""
+
+
+class RateError(ValueError):
+    """A rate that the time step does not divide. The message is one line with the rates that would do."""
+
+
+def timestep_ns(timestep_s: float) -> int:
+    """Return the time step in whole nanoseconds, so that every stamp is exact.
+
+    Raises:
+        RateError: it is not a whole number of nanoseconds.
+
+    """
+    nanoseconds = timestep_s * _NANOSECONDS
+    if round(nanoseconds) < 1 or abs(nanoseconds - round(nanoseconds)) > _RATE_TOLERANCE * nanoseconds:
+        msg = f"timestep_s is {timestep_s!r}; it must be a whole number of nanoseconds, as 0.0005 is"
+        raise RateError(msg)
+    return round(nanoseconds)
+
+
+def steps_per_output(rate_hz: int, timestep_s: float, max_rate_hz: int) -> int:
+    """Whole number of steps between two outputs.
+
+    Args:
+        rate_hz: Rate wanted, Hz.
+        timestep_s: Simulation step, s.
+        max_rate_hz: Highest rate to name in the error, Hz.
+
+    Raises:
+        RateError: the rate is not the step rate divided by a whole number.
+
+    """
+    steps_per_second = 1.0 / timestep_s
+    steps = steps_per_second / rate_hz
+    if steps < 1 - _RATE_TOLERANCE or abs(steps - round(steps)) > _RATE_TOLERANCE * steps:
+        divisors = [
+            rate
+            for rate in range(1, max_rate_hz + 1)
+            if abs(steps_per_second / rate - round(steps_per_second / rate)) <= _RATE_TOLERANCE * steps_per_second
+        ]
+        below = max((rate for rate in divisors if rate < rate_hz), default=divisors[0])
+        above = min((rate for rate in divisors if rate > rate_hz), default=divisors[-1])
+        msg = (
+            f"an output rate of {rate_hz} Hz does not fit timestep_s of {timestep_s:g} s; "
+            f"the rate must divide {steps_per_second:g} Hz, as {below} or {above} Hz do"
+        )
+        raise RateError(msg)
+    return round(steps)
+
+
+class Schedule:
+    """Outputs by step, counted from the last (re)start of the rig. An output of period n is due at n, 2n, 3n ..."""
+
+    def __init__(self, periods: Mapping[Output, int]) -> None:
+        """Tabulate one repeat of the schedule.
+
+        Args:
+            periods: Steps between two of each output, each at least 1.
+
+        """
+        if not periods or min(periods.values()) < 1:
+            msg = f"every output needs a period of at least one step, not {dict(periods)}"
+            raise ValueError(msg)
+        self._repeat = math.lcm(*periods.values())
+        # An enum's members iterate in the order of their definition, which is the order of publishing.
+        self._due = tuple(
+            tuple(output for output in Output if output in periods and step % periods[output] == 0)
+            for step in range(self._repeat)
+        )
+        steps_to_next = [0] * self._repeat
+        distance = 1
+        for step in reversed(range(self._repeat)):
+            steps_to_next[step] = distance
+            distance = 1 if self._due[step] else distance + 1
+        self._steps_to_next = tuple(steps_to_next)
+
+    def due(self, step: int) -> tuple[Output, ...]:
+        """Outputs due at `step`, in the order of publishing."""
+        return self._due[step % self._repeat]
+
+    def steps_to_next(self, step: int) -> int:
+        """Steps from `step` to the next one, after it, at which something is due."""
+        return self._steps_to_next[step % self._repeat]

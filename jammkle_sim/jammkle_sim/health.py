@@ -1,0 +1,52 @@
+"""Health of the sim node, for /diagnostics."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from jammkle_graph.diagnostics import Health, Level
+from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE
+from jammkle_sim.core.run_control import RunState
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_sim.core.engine import Engine
+
+_SLOW_BELOW = 0.9
+"""Share of the wanted speed below which the simulation counts as too slow. Assumed: clear of measuring noise."""
+
+
+def simulation_health(engine: Engine) -> Health:
+    """Run state, simulated time and pace."""
+    control, pacer = engine.control, engine.pacer
+    factor = engine.real_time_factor
+    values = {
+        "state": control.state.value,
+        "simulated time (s)": f"{engine.time_ns * 1e-9:.4f}",
+        "target real-time factor": "as fast as possible" if pacer.speed == AS_FAST_AS_POSSIBLE else f"{pacer.speed:g}",
+        "achieved real-time factor": "not measured yet" if math.isnan(factor) else f"{factor:.3f}",
+        "late cycles": str(pacer.late_cycles),
+        "real time given up (s)": f"{pacer.given_up_s:.3f}",
+    }
+    if control.state is RunState.FAILED:
+        return Health("simulation", Level.ERROR, f"{control.failure}; paused until ~/reset", values)
+    if control.state is RunState.RUNNING and factor < _SLOW_BELOW * pacer.speed:
+        return Health("simulation", Level.WARN, "slower than wanted; lower the parameter speed", values)
+    return Health("simulation", Level.OK, control.state.value, values)
+
+
+def tendon_health(broken: Sequence[str]) -> Health:
+    """Whether every tendon is whole."""
+    values = {"broken tendons": ", ".join(broken) or "none"}
+    if broken:
+        return Health("tendons", Level.ERROR, f"broken: {', '.join(broken)}; ~/reset makes them whole", values)
+    return Health("tendons", Level.OK, "whole", values)
+
+
+def command_health(refused: str) -> Health:
+    """Whether the latest command was followed."""
+    if refused:
+        return Health("commands", Level.WARN, refused)
+    return Health("commands", Level.OK, "followed")

@@ -1,0 +1,39 @@
+"""The rig that the sim node simulates, from the node's parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from jammkle_graph.parameters import ParameterError
+from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
+
+if TYPE_CHECKING:
+    from jammkle_sim.parameters import SimParameters
+    from jammkle_sim.rigs.simulation import Simulation
+
+
+def make_simulation(parameters: SimParameters) -> Simulation:
+    """Build the landing rig.
+
+    Args:
+        parameters: The node's parameters.
+
+    Raises:
+        ParameterError: the rig refuses a value.
+
+    """
+    try:
+        options = LandingOptions(
+            slope_deg=parameters.slope_deg,
+            drop_height_m=parameters.drop_height_m,
+            mass_kg=parameters.mass_kg,
+            friction=parameters.friction,
+            release_time_s=parameters.release_time_s,
+            seed=parameters.seed,
+            parameter_set=parameters.parameter_set,
+            timestep_s=parameters.timestep_s,
+        )
+    except ValueError as error:
+        msg = f"parameter {error}"
+        raise ParameterError(msg) from error
+    return landing_simulation(options)

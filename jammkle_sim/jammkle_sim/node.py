@@ -1,0 +1,144 @@
+"""The sim node: the simulated hardware of one ankle on the graph, and the graph's clock."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+
+from jammkle_graph import names
+from jammkle_graph.declare import declare, on_change
+from jammkle_graph.diagnostics import DiagnosticsPublisher
+from jammkle_graph.parameters import ParameterError
+from jammkle_graph.qos import publisher_qos
+from jammkle_sim.commands import Commands
+from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
+from jammkle_sim.core.engine import Engine
+from jammkle_sim.core.pacing import Pacer
+from jammkle_sim.core.run_control import RunControl, RunState
+from jammkle_sim.core.schedule import Output, RateError, steps_per_output
+from jammkle_sim.health import command_health, simulation_health, tendon_health
+from jammkle_sim.outputs import Outputs
+from jammkle_sim.parameters import MAX_RATE_HZ, SimParameters
+from jammkle_sim.rigs.simulation import UnstableSimulationError
+from jammkle_sim.services import Services
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.executors import Executor
+
+    from jammkle_graph.diagnostics import Health
+    from jammkle_graph.runner import StopFlag
+    from jammkle_sim.rigs.simulation import Simulation
+
+PRESSURE_RATE_HZ = 100
+"""Rate of every pressure topic, Hz, as agreed for the graph; the regulator counts on it."""
+
+_LONGEST_WAIT_S = 0.1
+"""Real time, s, after which the loop looks at its stop flag, and how often a standing /clock is repeated."""
+
+
+class SimNode(Node):
+    """Runs one simulation at its pace and puts it on the graph. `drive` drives it; it has no timer of its own."""
+
+    def __init__(self, make_simulation: Callable[[SimParameters], Simulation]) -> None:
+        """Make the node, its rig and all its topics and services.
+
+        Args:
+            make_simulation: Builds the rig from the node's parameters.
+
+        Raises:
+            ParameterError: an unknown parameter, or one out of range.
+
+        """
+        # Who makes the clock must not listen to it, whatever a launch file sets for all nodes.
+        own_time = Parameter("use_sim_time", value=False)
+        super().__init__(names.SIM_NODE, parameter_overrides=[own_time])
+        parameters = declare(self, SimParameters)
+        self._simulation = make_simulation(parameters)
+        self._engine = _make_engine(self._simulation, parameters)
+        self._outputs = Outputs(self, self._simulation, publish_clock=parameters.publish_clock)
+        self._reported_broken: tuple[str, ...] = ()
+        self._description = self.create_publisher(
+            String, names.SIM_PARAMETERS.name, publisher_qos(names.SIM_PARAMETERS)
+        )
+        self._description.publish(parameters_message(self._simulation.description()))
+        self._diagnostics = DiagnosticsPublisher(
+            self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
+        )
+        self._commands = Commands(self, self._simulation, self._diagnostics.check)
+        self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
+        on_change(self, SimParameters, lambda changed: self._engine.set_speed(changed.speed))
+
+    def cycle(self) -> float:
+        """Advance to the next due outputs and publish them if their time has come; never longer than one output.
+
+        Returns:
+            How long callbacks may be served until the next call, s.
+
+        """
+        try:
+            tick = self._engine.cycle()
+            if tick is not None:
+                self._outputs.publish(tick)
+        except (UnstableSimulationError, NotFiniteError) as error:
+            self._engine.fail(str(error))
+            self.get_logger().error(f"{error}; paused until ~/reset")
+            self._diagnostics.check()
+        self._answers.answer_finished_steps()
+        if self._outputs.broken_tendons != self._reported_broken:
+            self._reported_broken = self._outputs.broken_tendons
+            self._diagnostics.check()
+        return min(self._engine.wait_s(), _LONGEST_WAIT_S)
+
+    def repeat_clock_while_standing(self) -> None:
+        """Publish the standing /clock again, so that a node which joins during a pause knows the time."""
+        standing = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
+        if standing and self._engine.time_ns > 0:
+            self._outputs.publish_clock(self._engine.time_ns)
+
+    def drive(self, executor: Executor, stop: StopFlag) -> None:
+        """Run until asked to stop: a cycle, then callbacks until the next one is due."""
+        while not stop:
+            wait_s = self.cycle()
+            executor.spin_once(timeout_sec=wait_s)
+            if wait_s == _LONGEST_WAIT_S:
+                self.repeat_clock_while_standing()
+
+    def shut_down(self) -> None:
+        """Answer whoever still waits for steps."""
+        self._engine.fail("the sim node was stopped")
+        self._answers.answer_finished_steps()
+
+    def _reset(self) -> None:
+        self._engine.reset()
+        self._commands.apply()
+
+    def _health(self) -> list[Health]:
+        return [
+            simulation_health(self._engine),
+            tendon_health(self._outputs.broken_tendons),
+            command_health(self._commands.refused),
+        ]
+
+
+def _make_engine(simulation: Simulation, parameters: SimParameters) -> Engine:
+    """Make the engine; raises ParameterError if a rate or the time step does not fit the others."""
+    timestep_s = simulation.timestep_s
+    try:
+        state = steps_per_output(parameters.state_rate_hz, timestep_s, MAX_RATE_HZ)
+        periods = {
+            Output.IMU: steps_per_output(parameters.imu_rate_hz, timestep_s, MAX_RATE_HZ),
+            Output.JOINT_STATES: state,
+            Output.TENDON_STATES: state,
+            Output.LOAD_CELL: state,
+            Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
+        }
+        control, pacer = RunControl(start_paused=parameters.start_paused), Pacer(parameters.speed)
+        return Engine(simulation, periods, control, pacer, time.monotonic)
+    except RateError as error:
+        raise ParameterError(str(error)) from error
