@@ -1,0 +1,131 @@
+"""The ankle as a MuJoCo model: ball joint in the foot, four tendons, foot with contact points.
+
+Frame of the foot: x to the toe, y to the left, z up; the origin is the centre of the ball joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_graph.names import ANKLE_JOINTS, TENDONS
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+ROLL, PITCH, YAW = ANKLE_JOINTS
+
+
+@dataclass(frozen=True)
+class AnkleParameters:
+    """Geometry, mass and contact of one ankle. The paper gives the mass and the tendon's length, no drawing."""
+
+    mass_kg: float = 0.352
+    """Whole ankle. Paper."""
+    foot_mass_kg: float = 0.120
+    """Share of it that turns with the foot. Assumed."""
+    foot_centre_m: tuple[float, float, float] = (0.008, 0.0, -0.008)
+    """Centre of the foot's mass. Assumed: middle of the sole, half way down."""
+    toe_m: float = 0.060
+    """Lever of the toe's contact, forward of the joint. Assumed, as in the drop rig."""
+    heel_m: float = 0.045
+    """Lever of the heel's contact, behind the joint. Assumed: just behind the Achilles tendons."""
+    half_width_m: float = 0.030
+    """Contacts to the left and right of the middle. Assumed."""
+    sole_m: float = 0.020
+    """Height of the joint above the sole. Assumed: the socket is printed into the foot."""
+    contact_radius_m: float = 0.005
+    """Radius of the rounded corners that touch the ground. Assumed."""
+    tendon_length_m: float = 0.118
+    """End plate to end plate at the neutral pose. Paper."""
+    achilles_arm_m: float = 0.0374
+    """Achilles tendons behind the joint. Assumed, as in the drop rig."""
+    achilles_spread_m: float = 0.015
+    """Achilles tendons left and right of the middle. Assumed."""
+    peroneal_forward_m: float = 0.025
+    """Peroneal tendons forward of the joint. Assumed: what pulls the toe up against the Achilles pair."""
+    peroneal_spread_m: float = 0.030
+    """Peroneal tendons left and right of the middle. Assumed."""
+    achilles_pretension_m: float = 0.0015
+    """Extension of the Achilles tendons at the neutral pose. Assumed: enough to hold the foot up in the air. The
+    peroneal tendons get as much more as balances the foot."""
+    joint_damping_n_m_s: float = 0.01
+    """Viscous friction of the ball joint, per axis. Assumed."""
+    joint_limit_rad: float = 1.2
+    """Angle at which foot meets leg, per axis. Assumed."""
+    contact_time_s: float = 0.004
+    """Time constant of the contact (MuJoCo's solref), critically damped. Assumed: stiff plastic on wood is faster, but
+    the IMU's filter would not show it."""
+
+
+def tendon_sites_m(parameters: AnkleParameters) -> dict[str, tuple[float, float]]:
+    """Where each tendon meets the foot: x and y in the frame of the foot, m, at the height of the joint."""
+    back, spread = -parameters.achilles_arm_m, parameters.achilles_spread_m
+    front, side = parameters.peroneal_forward_m, parameters.peroneal_spread_m
+    return dict(zip(TENDONS, ((front, side), (front, -side), (back, spread), (back, -spread)), strict=True))
+
+
+def free_lengths_m(parameters: AnkleParameters) -> NDArray[np.float64]:
+    """Free length of each tendon, in the order of TENDONS, m; shorter than at the neutral pose by the pretension."""
+    peroneal_pretension_m = parameters.achilles_pretension_m * parameters.achilles_arm_m / parameters.peroneal_forward_m
+    pretension = (peroneal_pretension_m,) * 2 + (parameters.achilles_pretension_m,) * 2
+    return parameters.tendon_length_m - np.array(pretension)
+
+
+def add_ankle(spec: Any, leg: Any, parameters: AnkleParameters, friction: float) -> None:
+    """Add foot, joints, tendons and their pulls to a leg whose origin is the centre of the ball joint.
+
+    The joint is three hinges through one point, in the order pitch, roll, yaw, so that angles and rates can be read
+    as they are; the limit of each keeps it away from gimbal lock. Each tendon gets an actuator of its name whose
+    control is its pull, N.
+
+    Args:
+        spec: The mujoco.MjSpec that `leg` belongs to.
+        leg: Body that the foot hangs on.
+        parameters: Geometry, mass and contact.
+        friction: Coefficient of sliding friction of the foot.
+
+    """
+    spec.compiler.degree = False
+    foot = leg.add_body(name="foot")
+    length_m = parameters.toe_m + parameters.heel_m
+    box_m = np.array([length_m, 2.0 * parameters.half_width_m, parameters.sole_m])
+    foot.mass = parameters.foot_mass_kg
+    foot.ipos = parameters.foot_centre_m
+    foot.inertia = parameters.foot_mass_kg / 12.0 * ((box_m**2).sum() - box_m**2)
+    foot.explicitinertial = True
+    limit = parameters.joint_limit_rad
+    for name, axis in ((PITCH, (0, 1, 0)), (ROLL, (1, 0, 0)), (YAW, (0, 0, 1))):
+        joint = foot.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+        joint.damping = (parameters.joint_damping_n_m_s, 0.0, 0.0)  # linear; then quadratic and cubic
+        joint.limited = True
+        joint.range = (-limit, limit)
+    _add_contacts(foot, parameters, friction)
+    for name, (x, y) in tendon_sites_m(parameters).items():
+        foot.add_site(name=f"{name}_foot", pos=(x, y, 0.0))
+        leg.add_site(name=f"{name}_leg", pos=(x, y, parameters.tendon_length_m))
+        tendon = spec.add_tendon(name=name)
+        tendon.wrap_site(f"{name}_leg")
+        tendon.wrap_site(f"{name}_foot")
+        pull = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_TENDON, target=name)
+        pull.gear = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _add_contacts(foot: Any, parameters: AnkleParameters, friction: float) -> None:
+    """Round the four corners of the sole; nothing else of the foot touches the ground."""
+    radius = parameters.contact_radius_m
+    for end, x in (("toe", parameters.toe_m), ("heel", -parameters.heel_m)):
+        for side, y in (("left", parameters.half_width_m), ("right", -parameters.half_width_m)):
+            foot.add_geom(
+                name=f"{end}_{side}",
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=(radius, 0.0, 0.0),
+                pos=(x, y, radius - parameters.sole_m),
+                mass=0.0,
+                friction=(friction, 0.0, 0.0),
+                condim=3,
+                solref=(parameters.contact_time_s, 1.0),
+            )

@@ -1,0 +1,138 @@
+"""Pump, manifold, three solenoids, channels: parameters, packing for the compiled law, and the state of the air.
+
+One mass of air per volume, isothermal. A channel's 3/2 solenoid connects it to the manifold when energised and to the
+atmosphere when not, so that an ankle without power is soft. No data of the paper's pump could be found: the numbers
+below are assumed and declared, and a recording is what would replace them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
+from jammkle_sim.physics import kernels
+from jammkle_sim.physics.constants import AMBIENT_PA
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_GAS_CONSTANT_J_KG_K = 287.05
+"""Specific gas constant of dry air (ISO 2533)."""
+_REFERENCE_DENSITY_KG_M3 = 1.185
+"""Density of air at the reference state of ISO 6358-1 (20 degC, 100 kPa, 65 %)."""
+_CONDUCTANCE_UNIT = 1e-3 / 1e5
+"""m^3/(s Pa) in one dm^3/(s bar), the unit of sonic conductance in data sheets."""
+_STABLE_STEP = 0.9
+"""Largest time step over shortest time constant. An explicit step does not overshoot below 1."""
+
+
+@dataclass(frozen=True)
+class PneumaticParameters:
+    """Volumes, conductances, pump and valves of one ankle."""
+
+    ambient_pa: float = AMBIENT_PA
+    """Pressure of the atmosphere, Pa."""
+    temperature_k: float = 293.15
+    """Temperature of all air, K. Assumed: 20 degC, as the tendon's constants are."""
+    manifold_volume_m3: float = 15e-6
+    """Manifold and the hose to the pump, m^3. Assumed."""
+    tendon_volume_m3: float = 6e-6
+    """Free air in one tendon with its share of tube, m^3. Assumed; does not change with extension."""
+    valve_conductance_dm3_s_bar: float = 0.1
+    """Sonic conductance of solenoid and tube in series, either way. Assumed."""
+    leak_conductance_dm3_s_bar: float = 1e-4
+    """Sonic conductance from the atmosphere into each volume. Assumed: a good membrane."""
+    critical_ratio: float = 0.5
+    """Pressure ratio below which an orifice chokes (`b` of ISO 6358). Assumed; data sheets say 0.2 to 0.5."""
+    linear_ratio: float = 0.99
+    """Pressure ratio above which an orifice is linear. Assumed; ISO 6358 leaves it to the user."""
+    pump_free_flow_l_min: float = 6.0
+    """Volume that the pump draws in at full duty without vacuum, l/min. Assumed; proportional to duty."""
+    pump_ultimate_vacuum_pa: float = 80e3
+    """Vacuum at which the pump stops drawing, at any duty, Pa. Assumed. Its valves let nothing back."""
+    valve_dead_time_s: float = 0.010
+    """Time from command to movement, both ways, s. Assumed; small solenoids have 5 to 20 ms."""
+
+
+def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray[Any]:
+    """Constants for one time step, shape (1,) of PNEUMATIC_LAW, with as many substeps as the smallest volume needs."""
+    law = np.zeros(1, dtype=kernels.PNEUMATIC_LAW)
+    record = law[0]
+    energy_j_kg = _GAS_CONSTANT_J_KG_K * parameters.temperature_k
+    tendons = [len(TENDONS_OF_CHANNEL[channel]) for channel in CHANNELS]
+    volumes_m3 = np.array([parameters.manifold_volume_m3, *(parameters.tendon_volume_m3 * count for count in tendons)])
+    to_mass_flow = _CONDUCTANCE_UNIT * _REFERENCE_DENSITY_KG_M3
+    valve_kg_s_pa = np.full(kernels.VALVES, parameters.valve_conductance_dm3_s_bar * to_mass_flow)
+    leak_kg_s_pa = np.full(kernels.VOLUMES, parameters.leak_conductance_dm3_s_bar * to_mass_flow)
+    free_flow_m3_s = parameters.pump_free_flow_l_min * 1e-3 / 60.0
+    record["ambient_pa"] = parameters.ambient_pa
+    record["specific_energy_j_kg"] = energy_j_kg
+    record["volume_m3"] = volumes_m3
+    record["valve_kg_s_pa"] = valve_kg_s_pa
+    record["leak_kg_s_pa"] = leak_kg_s_pa
+    record["critical_ratio"] = parameters.critical_ratio
+    record["linear_ratio"] = parameters.linear_ratio
+    record["pump_free_flow_m3_s"] = free_flow_m3_s
+    record["pump_ultimate_vacuum_pa"] = parameters.pump_ultimate_vacuum_pa
+    record["valve_dead_time_s"] = parameters.valve_dead_time_s
+    record["step_s"] = timestep_s
+
+    # Steepest mass flow per pressure difference of each orifice, then rates (1/s) of each volume. Two volumes that
+    # exchange air approach each other at no more than the sum of their rates.
+    ellipse = (parameters.linear_ratio - parameters.critical_ratio) / (1.0 - parameters.critical_ratio)
+    slope = math.sqrt(1.0 - ellipse**2) / (1.0 - parameters.linear_ratio)
+    per_volume = energy_j_kg / volumes_m3
+    channel_rates = slope * (valve_kg_s_pa + leak_kg_s_pa[1:]) * per_volume[1:]
+    pump_rate = free_flow_m3_s / volumes_m3[0] * parameters.ambient_pa / parameters.pump_ultimate_vacuum_pa
+    manifold_rate = slope * (valve_kg_s_pa.sum() + leak_kg_s_pa[0]) * per_volume[0] + pump_rate
+    fastest = float(manifold_rate + channel_rates.max())
+    record["substeps"] = max(1, math.ceil(timestep_s * fastest / _STABLE_STEP))
+    return law
+
+
+def vented_state(law: NDArray[Any]) -> NDArray[Any]:
+    """Everything at ambient pressure, pump off, solenoids released; shape (1,) of PNEUMATIC_STATE."""
+    state = np.zeros(1, dtype=kernels.PNEUMATIC_STATE)
+    state["pressure_pa"] = law["ambient_pa"][:, np.newaxis]
+    state["mass_kg"] = state["pressure_pa"] * law["volume_m3"] / law["specific_energy_j_kg"][:, np.newaxis]
+    return state
+
+
+class Pneumatics:
+    """The air of one ankle on its own: what a pump bench sees."""
+
+    def __init__(self, parameters: PneumaticParameters, timestep_s: float) -> None:
+        """Start vented, pump off.
+
+        Args:
+            parameters: Volumes, conductances, pump and valves.
+            timestep_s: Time step, s.
+
+        """
+        self._law = pneumatic_law(parameters, timestep_s)
+        self._state = vented_state(self._law)
+
+    def command(self, duty: float, energised: tuple[bool, bool, bool]) -> None:
+        """Set pump duty, 0 to 1, and the solenoids, in the order of CHANNELS."""
+        self._state["duty"] = duty
+        self._state["command"] = energised
+
+    def advance(self, steps: int) -> NDArray[np.float64]:
+        """Advance and return absolute pressures after each step, Pa, shape (steps, 4): manifold, then channels."""
+        pressure_pa = np.zeros((steps, kernels.VOLUMES))
+        kernels.pneumatic_history(self._law, self._state, steps, pressure_pa)
+        return pressure_pa
+
+    @property
+    def mass_kg(self) -> float:
+        """Air in all volumes, kg."""
+        return float(self._state["mass_kg"].sum())
+
+    @property
+    def exchanged_kg(self) -> float:
+        """Air that came in through vents and leaks less what the pump took out, since the start, kg."""
+        return float(self._state["admitted_kg"][0] - self._state["pumped_kg"][0])

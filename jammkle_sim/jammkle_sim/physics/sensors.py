@@ -1,0 +1,94 @@
+"""What the sensors make of the truth: IMU, pressure sensors, load cell. One seed for all of them.
+
+The IMU's noise is drawn once per time step, before its filter, whether somebody reads it or not; every other sensor's
+noise is a function of seed, sensor and step. So readings do not depend on who reads what how often, and a reset brings
+the same ones back.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_sim.physics import kernels
+from jammkle_sim.physics.constants import GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_TWO_POLE_FACTOR = math.sqrt(math.sqrt(2.0) - 1.0)
+"""Cut-off of two equal poles over that of each."""
+
+
+@dataclass(frozen=True)
+class SensorParameters:
+    """Noise, range and bandwidth of the sensors."""
+
+    seed: int = 0
+    """Start of all noise."""
+    acceleration_limit_m_s2: float = 80.83
+    """Range of the accelerometer, raw, per axis. The paper's drops clip at 71.02 m/s^2 net of gravity: 8.24 g raw."""
+    acceleration_noise_m_s2_rthz: float = 80e-6 * GRAVITY_M_S2
+    """Noise density: 80 ug/rtHz, as small industrial IMUs state."""
+    angular_rate_limit_rad_s: float = math.radians(900.0)
+    """Range of the gyro. Assumed."""
+    angular_rate_noise_rad_s_rthz: float = math.radians(0.005)
+    """Noise density: 0.005 deg/s/rtHz. Assumed, as for the accelerometer."""
+    imu_bandwidth_hz: float = 225.0
+    """Frequency at which the IMU's two equal poles have lost 3 dB. Without overshoot, so that a clipped plateau
+    stays one. Assumed: the paper names neither filter nor rate."""
+    pressure_noise_pa: float = 50.0
+    """Standard deviation of each pressure reading. Assumed: 0.05 % of an atmosphere."""
+    pressure_offset_pa: float = 150.0
+    """Standard deviation, over sensors, of their constant offset. Assumed."""
+    load_cell_noise_n: float = 0.05
+    """Standard deviation of each axis of a load cell reading. Assumed: 0.02 % of the paper's 245 N cell."""
+
+
+def imu_law(parameters: SensorParameters, timestep_s: float) -> NDArray[Any]:
+    """Constants of the IMU filter for one time step, shape (1,) of IMU_LAW."""
+    law = np.zeros(1, dtype=kernels.IMU_LAW)
+    pole_rad_s = 2.0 * math.pi * parameters.imu_bandwidth_hz / _TWO_POLE_FACTOR
+    law["smoothing"] = 1.0 - math.exp(-pole_rad_s * timestep_s)
+    to_step = math.sqrt(0.5 / timestep_s)  # white noise up to half the step rate
+    law["noise"][:, :3] = parameters.acceleration_noise_m_s2_rthz * to_step
+    law["noise"][:, 3:] = parameters.angular_rate_noise_rad_s_rthz * to_step
+    law["limit"][:, :3] = parameters.acceleration_limit_m_s2
+    law["limit"][:, 3:] = parameters.angular_rate_limit_rad_s
+    return law
+
+
+class Noise:
+    """All random numbers of one simulation."""
+
+    _IMU, _PRESSURE, _OFFSET, _LOAD_CELL = range(4)
+
+    def __init__(self, parameters: SensorParameters) -> None:
+        """Start all streams from the seed of the parameters."""
+        self._parameters = parameters
+        self._imu = self._stream(self._IMU, 0)
+        offsets = self._stream(self._OFFSET, 0).standard_normal(kernels.VOLUMES)
+        self._pressure_offset_pa = parameters.pressure_offset_pa * offsets
+
+    def reset(self) -> None:
+        """Start all streams again."""
+        self._imu = self._stream(self._IMU, 0)
+
+    def imu_white(self, steps: int) -> NDArray[np.float64]:
+        """Next standard normal numbers of the IMU, shape (steps, 6)."""
+        return self._imu.standard_normal((steps, kernels.IMU_AXES))
+
+    def pressure_pa(self, step: int) -> NDArray[np.float64]:
+        """Error of manifold and channel pressure at a step, Pa, shape (4,)."""
+        white = self._stream(self._PRESSURE, step).standard_normal(kernels.VOLUMES)
+        return self._pressure_offset_pa + self._parameters.pressure_noise_pa * white
+
+    def load_cell_n(self, step: int) -> NDArray[np.float64]:
+        """Error of the load cell at a step, N, shape (3,)."""
+        return self._parameters.load_cell_noise_n * self._stream(self._LOAD_CELL, step).standard_normal(3)
+
+    def _stream(self, sensor: int, step: int) -> np.random.Generator:
+        return np.random.Generator(np.random.Philox(key=self._parameters.seed, counter=[0, step, sensor, 0]))

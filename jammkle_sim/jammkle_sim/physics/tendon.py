@@ -1,0 +1,92 @@
+"""One jamming tendon: constants packed for the compiled law, and a tendon on its own for tests and tensile rigs.
+
+    F = max(0, (1 + beta p / 50 kPa) Q[F0](x) + sum T_i + a_m p min(x / x_m, 1))    while x > 0, else 0
+
+F0 is the static force of the fibres, Q quasi-linear viscoelasticity with an exact exponential update, T_i the friction
+of the jammed fibres with a yield force that grows with the vacuum p, the last term the grip of the membrane.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_sim.physics import kernels
+from jammkle_sim.physics.materials.elastic import force_table_n
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from jammkle_sim.physics.constants import TendonParameters
+
+_STIFFENING_REFERENCE_PA = 50e3
+"""Vacuum at which `pressure_stiffening` is given: the paper's."""
+
+
+def tendon_law(
+    parameters: TendonParameters, timestep_s: float, free_length_m: float = 0.0, channel: int = 0
+) -> NDArray[Any]:
+    """Constants of a tendon for one time step, shape (1,) of TENDON_LAW.
+
+    Args:
+        parameters: The tendon.
+        timestep_s: Time step, s.
+        free_length_m: Length at which the fibres are straight and carry nothing, m.
+        channel: Index of the pneumatic channel that evacuates it.
+
+    """
+    law = np.zeros(1, dtype=kernels.TENDON_LAW)
+    record = law[0]
+    times_s = np.array(parameters.relaxation_times_s)
+    decay = np.exp(-timestep_s / times_s)
+    step_m = parameters.break_extension_m / (kernels.TABLE_POINTS - 2)
+    record["table_step_m"] = step_m
+    record["static_force_n"] = force_table_n(parameters.fibres, step_m, kernels.TABLE_POINTS)
+    record["decay"] = decay
+    record["gain"] = np.array(parameters.relaxation_gains) * times_s / timestep_s * (1.0 - decay)
+    record["friction_stiffness_n_m"] = parameters.friction_stiffness_n_m
+    record["friction_yield_n_per_pa"] = np.array(parameters.friction_yield_n_per_pa) * parameters.friction_scale
+    record["friction_onset_pa"] = parameters.friction_onset_pa
+    record["stiffening_per_pa"] = parameters.pressure_stiffening / _STIFFENING_REFERENCE_PA
+    record["grip_n_per_pa"] = parameters.grip_n_per_pa
+    record["grip_saturation_m"] = parameters.grip_saturation_m
+    record["break_extension_m"] = parameters.break_extension_m
+    record["free_length_m"] = free_length_m
+    record["channel"] = channel
+    return law
+
+
+class Tendon:
+    """A tendon between two clamps, moved as one likes: what a tensile test does to it."""
+
+    def __init__(self, parameters: TendonParameters, timestep_s: float) -> None:
+        """Make a relaxed tendon at its free length.
+
+        Args:
+            parameters: The tendon.
+            timestep_s: Time between two entries of a history, s.
+
+        """
+        self._law = tendon_law(parameters, timestep_s)
+        self._state = np.zeros(1, dtype=kernels.TENDON_STATE)
+
+    @property
+    def broken(self) -> bool:
+        """True for good once it was stretched to its break extension."""
+        return bool(self._state["broken"][0] > 0.0)
+
+    def follow(self, extension_m: NDArray[np.float64], vacuum_pa: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Go through a history, one entry per time step, and return the tension at each.
+
+        Args:
+            extension_m: Length beyond the free length, shape (n,), m.
+            vacuum_pa: Pressure below ambient, shape (n,), Pa, 0 or more.
+
+        Returns:
+            Tension, shape (n,), N, never negative.
+
+        """
+        tension_n = np.zeros(len(extension_m))
+        kernels.tendon_history(self._law, self._state, extension_m, vacuum_pa, tension_n)
+        return tension_n

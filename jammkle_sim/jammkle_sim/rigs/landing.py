@@ -1,0 +1,171 @@
+"""The landing rig: a leg on a vertical slide, held above a slope, let go, caught by its ankle."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
+from jammkle_sim.physics.ankle import AnkleParameters, add_ankle, free_lengths_m
+from jammkle_sim.physics.constants import AMBIENT_PA, GRAVITY_M_S2, TENDON_SETS, tendon_parameters
+from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.physics.pneumatics import PneumaticParameters
+from jammkle_sim.physics.sensors import SensorParameters
+from jammkle_sim.physics.tendon import tendon_law
+from jammkle_sim.rigs.simulation import ACCELEROMETER, GYRO, LOAD_CELL, Event, Rig, Simulation
+
+_HOLD = "hold"
+
+
+@dataclass(frozen=True)
+class LandingOptions:
+    """What can be chosen about a landing."""
+
+    slope_deg: float = 40.0
+    """Angle of the slope, degrees, toe uphill. The paper's slip test has 40."""
+    drop_height_m: float = 0.05
+    """Height of fall of the foot's lowest point, m. The paper's drop test has 50 mm."""
+    mass_kg: float = 1.8
+    """All that falls, ankle included, kg. Paper."""
+    friction: float = 0.55
+    """Coefficient of sliding friction between foot and slope. Assumed, as in the slip rig."""
+    release_time_s: float = 1.0
+    """Time after each start at which the carriage is let go, s."""
+    seed: int = 0
+    """Start of all sensor noise."""
+    parameter_set: str = "fitted"
+    """Constants of the tendons: `fitted` or `as_printed`."""
+    ambient_pa: float = AMBIENT_PA
+    """Pressure of the atmosphere, Pa."""
+    timestep_s: float = 0.0005
+    """Time step, s. At twice that a drop's peak reads 1 to 1.5 m/s^2 high."""
+
+    def __post_init__(self) -> None:
+        """Check every value.
+
+        Raises:
+            ValueError: one is out of range; the message names it and the range.
+
+        """
+        for name, low, high in (
+            ("slope_deg", 0.0, 50.0),
+            ("drop_height_m", 0.0, 0.5),
+            ("mass_kg", 0.5, 20.0),
+            ("friction", 0.0, 2.0),
+            ("release_time_s", 0.0, 3600.0),
+            ("seed", 0, 2**63 - 1),
+            ("ambient_pa", 50e3, 120e3),
+            ("timestep_s", 1e-5, 2e-3),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                msg = f"{name} is {value}; it must be {low:g} to {high:g}"
+                raise ValueError(msg)
+        if self.parameter_set not in TENDON_SETS:
+            msg = f"parameter_set is '{self.parameter_set}'; it must be one of: {', '.join(TENDON_SETS)}"
+            raise ValueError(msg)
+
+
+def landing_simulation(options: LandingOptions) -> Simulation:
+    """Build the landing rig, ready to run.
+
+    Args:
+        options: What to land on, with what, from where.
+
+    """
+    ankle = AnkleParameters()
+    tendon = tendon_parameters(options.parameter_set)
+    pneumatics = PneumaticParameters(ambient_pa=options.ambient_pa)
+    sensors = SensorParameters(seed=options.seed)
+    model = _model(options, ankle, sensors)
+    channels = [index for index, channel in enumerate(CHANNELS) for _ in TENDONS_OF_CHANNEL[channel]]
+    laws = [
+        tendon_law(tendon, options.timestep_s, float(free_length_m), channel)
+        for free_length_m, channel in zip(free_lengths_m(ankle), channels, strict=True)
+    ]
+    hold = model.equality(_HOLD).id
+
+    def release(data: Any) -> None:
+        data.eq_active[hold] = 0
+
+    return Simulation(
+        Rig(
+            name="landing",
+            model=model,
+            tendon_laws=np.concatenate(laws),
+            pneumatics=pneumatics,
+            sensors=sensors,
+            events=(Event(round(options.release_time_s / options.timestep_s), release),),
+            description={
+                "options": dataclasses.asdict(options),
+                "ankle": dataclasses.asdict(ankle),
+                "tendon": dataclasses.asdict(tendon),
+                "pneumatics": dataclasses.asdict(pneumatics),
+                "sensors": dataclasses.asdict(sensors),
+            },
+        )
+    )
+
+
+def touch_down_height_m(options: LandingOptions, ankle: AnkleParameters) -> float:
+    """Height of the joint above the slope, straight down, at which the level foot first touches it, m."""
+    slope = math.radians(options.slope_deg)
+    radius = ankle.contact_radius_m
+    # The toe's rounded corner touches where its normal is that of the slope.
+    return ankle.toe_m * math.tan(slope) + ankle.sole_m - radius + radius / math.cos(slope)
+
+
+def _model(options: LandingOptions, ankle: AnkleParameters, sensors: SensorParameters) -> Any:
+    spec = mujoco.MjSpec()
+    spec.modelname = "landing"
+    spec.option.timestep = options.timestep_s
+    spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    slope = math.radians(options.slope_deg)
+    spec.worldbody.add_geom(
+        name="slope",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=(1.0, 1.0, 0.1),
+        quat=(math.cos(slope / 2.0), 0.0, -math.sin(slope / 2.0), 0.0),
+        friction=(options.friction, 0.0, 0.0),
+        solref=(ankle.contact_time_s, 1.0),
+    )
+    start_m = touch_down_height_m(options, ankle) + options.drop_height_m
+    carriage = spec.worldbody.add_body(name="carriage", pos=(0.0, 0.0, start_m))
+    slide = carriage.add_joint(name=CARRIAGE_JOINT, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
+    slide.ref = start_m
+    _weigh(carriage, options.mass_kg - ankle.mass_kg)
+    carriage.add_site(name="imu")
+    leg = carriage.add_body(name="leg")
+    _weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)
+    leg.add_site(name=LOAD_CELL)
+    add_ankle(spec, leg, ankle, options.friction)
+    hold = spec.add_equality(name=_HOLD, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+    hold.name1 = CARRIAGE_JOINT
+    hold.data[:5] = 0.0
+    hold.solref = (ankle.contact_time_s, 1.0)
+    site = mujoco.mjtObj.mjOBJ_SITE
+    sensor = mujoco.mjtSensor
+    spec.add_sensor(
+        name=ACCELEROMETER,
+        type=sensor.mjSENS_ACCELEROMETER,
+        objtype=site,
+        objname="imu",
+        cutoff=sensors.acceleration_limit_m_s2,
+    )
+    spec.add_sensor(name=GYRO, type=sensor.mjSENS_GYRO, objtype=site, objname="imu")
+    spec.add_sensor(name=LOAD_CELL, type=sensor.mjSENS_FORCE, objtype=site, objname=LOAD_CELL)
+    return spec.compile()
+
+
+def _weigh(body: Any, mass_kg: float) -> None:
+    """Give a body that only slides its mass; its inertia never matters."""
+    body.mass = mass_kg
+    body.inertia = (mass_kg * 1e-3,) * 3
+    body.explicitinertial = True
