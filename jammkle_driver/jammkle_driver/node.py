@@ -22,7 +22,18 @@ from jammkle_driver.parameters import DriverParameters
 from jammkle_driver.simulated_hardware import SimulatedHardware
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.names import CHANNELS, EMERGENCY_STOP, JAM_COMMAND
+from jammkle_graph.names import (
+    CHANNEL_JAMS,
+    CHANNELS,
+    CLEAR_FAULT,
+    DRIVER_NODE,
+    EMERGENCY_STOP,
+    JAM,
+    JAM_ALL,
+    JAM_COMMAND,
+    UNJAM,
+    UNJAM_ALL,
+)
 from jammkle_graph.qos import live_qos, subscriber_qos
 from jammkle_msgs.msg import JamCommand
 from jammkle_msgs.srv import Jam, Unjam
@@ -30,10 +41,12 @@ from jammkle_msgs.srv import Jam, Unjam
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from lifecycle_msgs.srv import ChangeState
     from sensor_msgs.msg import FluidPressure
 
     from jammkle_driver.core.hardware import Hardware
     from jammkle_graph.diagnostics import Health
+    from jammkle_graph.names import Service
 
 TICK_PERIOD_S = 0.05
 """Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""
@@ -55,7 +68,8 @@ class DriverNode(LifecycleNode):
             ParameterError: a parameter is unknown or out of range.
 
         """
-        super().__init__("driver", **node_options)
+        super().__init__(DRIVER_NODE, **node_options)
+        self._refuse_bad_transitions()
         self._parameters = declare(self, DriverParameters)
         on_change(self, DriverParameters, self._take_parameters)
         self._driver = Driver(CHANNELS, self._parameters.settings())
@@ -69,13 +83,12 @@ class DriverNode(LifecycleNode):
 
     def start(self) -> None:
         """Configure and activate, where the parameter `autostart` says so."""
-        if self._parameters.autostart:
-            self.trigger_configure()
+        if self._parameters.autostart and self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
             self.trigger_activate()
 
     def shut_down(self) -> None:
-        """Release everything, see to it that this gets out, and end the lifecycle."""
-        self.trigger_shutdown()
+        """Release everything, see to it that this gets out, and close; possible in every lifecycle state."""
+        self._close()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
@@ -117,6 +130,21 @@ class DriverNode(LifecycleNode):
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
+    def _refuse_bad_transitions(self) -> None:
+        # rclpy lets a transition that is not allowed now escape from the executor, which would end the driver:
+        # anybody who activates twice would drop the leg.
+        change_state = self._service_change_state.callback
+
+        def answer(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+            try:
+                return change_state(request, response)
+            except RuntimeError as error:
+                self.get_logger().warning(f"transition {request.transition.id} refused: {error}")
+                response.success = False
+                return response
+
+        self._service_change_state.callback = answer
+
     def _close(self) -> None:
         self._driver.reset()
         self._refused_command = ""
@@ -142,20 +170,20 @@ class DriverNode(LifecycleNode):
             self._closers.append(partial(self.destroy_subscription, subscription))
 
     def _create_services(self) -> None:
-        answers: list[tuple[type, str, Callable[[Any], str]]] = [
-            (Jam, "~/jam", lambda request: self._driver.jam(request.channels, request.vacuum_pa, "~/jam")),
-            (Unjam, "~/unjam", lambda request: self._driver.unjam(request.channels, "~/unjam")),
-            (Trigger, "~/jam_all", lambda _request: self._driver.jam((), 0.0, "~/jam_all")),
-            (Trigger, "~/unjam_all", lambda _request: self._driver.unjam((), "~/unjam_all")),
-            (Trigger, "~/clear_fault", lambda _request: self._driver.clear_fault(self._now())),
+        answers: list[tuple[type, Service, Callable[[Any], str]]] = [
+            (Jam, JAM, lambda request: self._driver.jam(request.channels, request.vacuum_pa, JAM.name)),
+            (Unjam, UNJAM, lambda request: self._driver.unjam(request.channels, UNJAM.name)),
+            (Trigger, JAM_ALL, lambda _request: self._driver.jam((), 0.0, JAM_ALL.name)),
+            (Trigger, UNJAM_ALL, lambda _request: self._driver.unjam((), UNJAM_ALL.name)),
+            (Trigger, CLEAR_FAULT, lambda _request: self._driver.clear_fault(self._now())),
         ]
-        answers += [(SetBool, f"~/{channel}/jam", partial(self._switch, channel)) for channel in CHANNELS]
-        for kind, name, answer in answers:
-            service = self.create_service(kind, name, partial(self._serve, answer))
-            self._closers.append(partial(self.destroy_service, service))
+        answers += [(SetBool, service, partial(self._switch, channel)) for channel, service in CHANNEL_JAMS.items()]
+        for kind, service, answer in answers:
+            server = self.create_service(kind, service.name, partial(self._serve, answer))
+            self._closers.append(partial(self.destroy_service, server))
 
     def _switch(self, channel: str, request: SetBool.Request) -> str:
-        asked_by = f"~/{channel}/jam"
+        asked_by = CHANNEL_JAMS[channel].name
         if request.data:
             return self._driver.jam((channel,), 0.0, asked_by)
         return self._driver.unjam((channel,), asked_by)

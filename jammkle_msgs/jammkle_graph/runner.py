@@ -68,7 +68,7 @@ def run(
         make_node: Makes the node.
         arguments: Command line (with `--ros-args`); None takes the process's own.
         loop: What to do until the flag is set: `loop(node, executor, stop)`.
-        shut_down: Called with the node before it is destroyed.
+        shut_down: Called with the node before it is destroyed, also when the loop ended by an exception.
 
     Returns:
         The exit code: 0 after a signal, 2 after bad input, which was explained in one line on stderr.
@@ -77,7 +77,12 @@ def run(
     stop = StopFlag()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop.stop)
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        # rclpy's only class for a bad --ros-args or a parameter file that cannot be read is private.
+        sys.stderr.write(f"{error}\n")
+        return EXIT_BAD_INPUT
     try:
         try:
             node = make_node()
@@ -86,9 +91,12 @@ def run(
             return EXIT_BAD_INPUT
         executor = EventsExecutor()
         executor.add_node(node)
-        loop(node, executor, stop)
-        if shut_down is not None:
-            shut_down(node)
+        try:
+            loop(node, executor, stop)
+        finally:
+            # A defect that ends the loop must not leave a pump running and solenoids energised.
+            if shut_down is not None:
+                shut_down(node)
         executor.remove_node(node)
         node.destroy_node()
         return 0
