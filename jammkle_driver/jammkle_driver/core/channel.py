@@ -152,6 +152,9 @@ class Channel:
         self._smoothed_pa += weight * (vacuum_pa - self._smoothed_pa)
         self._vacuum_pa = vacuum_pa
         self._in_state_s += elapsed_s
+        if self._is_switched and vacuum_pa >= self._set_point_pa:
+            # It can be reached; that the mean is lower is the price of switching and no fault.
+            self._in_state_s = 0.0
         self._follow()
         self._check_time()
 

@@ -1,0 +1,244 @@
+"""Vacuum is held at the set point, on a pneumatic plant of pump, manifold, solenoids and three channels."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.hardware import MANIFOLD, PressureSample
+from jammkle_driver.core.regulator import PumpRegulator
+from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.parameters import DriverParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from jammkle_driver.core.hardware import ActuatorCommand
+
+AMBIENT_PA = 101325.0
+VOLUMES_M3 = {"left": 6e-6, "right": 6e-6, "achilles": 12e-6}
+MANIFOLD_M3 = 15e-6
+FREE_FLOW_M3_S = 1e-4
+ULTIMATE_PA = 80e3
+SAMPLE_S = 0.01
+STEP_S = 0.0005
+
+
+def orifice(upstream_pa: float, downstream_pa: float, conductance: float = 1e-9) -> float:
+    """Flow by ISO 6358 with b = 0.5, Pa m^3/s at 100 kPa."""
+    if downstream_pa > upstream_pa:
+        return -orifice(downstream_pa, upstream_pa, conductance)
+    ratio = downstream_pa / upstream_pa
+    choke = 1.0 if ratio <= 0.5 else (1.0 - ((ratio - 0.5) / 0.5) ** 2) ** 0.5
+    return 1e5 * conductance * upstream_pa * choke
+
+
+class Plant:
+    """Isothermal volumes behind valves with dead time, and a pump with a linear curve."""
+
+    def __init__(self, dead_time_s: float = 0.01, leak: float = 2e-12) -> None:
+        self.time_s = 0.0
+        self.manifold_pa = AMBIENT_PA
+        self.channels_pa = dict.fromkeys(VOLUMES_M3, AMBIENT_PA)
+        self.leak = dict.fromkeys(VOLUMES_M3, leak)
+        self._open = dict.fromkeys(VOLUMES_M3, False)
+        self._pending: list[tuple[float, str, bool]] = []
+        self._dead_time_s = dead_time_s
+        self._duty = 0.0
+        self._noise = random.Random(1)  # noqa: S311, sensor noise and not a secret
+
+    def apply(self, command: ActuatorCommand) -> None:
+        self._pending += [(self.time_s + self._dead_time_s, name, on) for name, on in command.solenoids.items()]
+        self._duty = command.pump_duty
+
+    def advance(self) -> None:
+        for _ in range(round(SAMPLE_S / STEP_S)):
+            self.time_s += STEP_S
+            while self._pending and self._pending[0][0] <= self.time_s:
+                _, name, energised = self._pending.pop(0)
+                self._open[name] = energised
+            self._step()
+
+    def samples(self) -> list[PressureSample]:
+        places = {**self.channels_pa, MANIFOLD: self.manifold_pa}
+        return [
+            PressureSample(place, AMBIENT_PA - pressure_pa + self._noise.gauss(0.0, 100.0), self.time_s)
+            for place, pressure_pa in places.items()
+        ]
+
+    def _step(self) -> None:
+        speed = self._duty * FREE_FLOW_M3_S * max(0.0, 1.0 - (AMBIENT_PA - self.manifold_pa) / ULTIMATE_PA)
+        into_manifold = -self.manifold_pa * speed
+        for name, volume_m3 in VOLUMES_M3.items():
+            source_pa = self.manifold_pa if self._open[name] else AMBIENT_PA
+            flow = orifice(source_pa, self.channels_pa[name])
+            into_manifold -= flow if self._open[name] else 0.0
+            leak = orifice(AMBIENT_PA, self.channels_pa[name], self.leak[name])
+            self.channels_pa[name] += STEP_S * (flow + leak) / volume_m3
+        self.manifold_pa += STEP_S * into_manifold / MANIFOLD_M3
+
+
+class Bench:
+    """A driver on a plant, sampled at 100 Hz."""
+
+    def __init__(self, plant: Plant | None = None, **parameters: float) -> None:
+        self.plant = plant or Plant()
+        self.driver = Driver(tuple(VOLUMES_M3), DriverParameters(**parameters).settings())
+        self.driver.activate(Instant(0.0, 0.0))
+        self.run(0.05)
+
+    def run(self, duration_s: float, watch: Callable[[], None] = lambda: None) -> None:
+        for _ in range(round(duration_s / SAMPLE_S)):
+            now = Instant(self.plant.time_s, self.plant.time_s)
+            for sample in self.plant.samples():
+                self.driver.measure(sample, now)
+            self.driver.tick(now)
+            assert 0.0 <= self.driver.command.pump_duty <= 1.0
+            self.plant.apply(self.driver.command)
+            self.plant.advance()
+            watch()
+
+    def vacuum_pa(self, channel: str) -> float:
+        return AMBIENT_PA - self.plant.channels_pa[channel]
+
+    def states(self) -> dict[str, ChannelState]:
+        return {channel.name: channel.state for channel in self.driver.status.channels}
+
+
+any_channels = st.sets(st.sampled_from(sorted(VOLUMES_M3)), min_size=1)
+
+
+@settings(max_examples=15, deadline=None)
+@given(vacuum_pa=st.floats(5e3, 65e3), channels=any_channels, dead_time_s=st.floats(0.005, 0.02))
+def test_every_set_point_is_reached_and_held(vacuum_pa: float, channels: set[str], dead_time_s: float) -> None:
+    """Any set point on any channels settles within 1 kPa, overshoots by less than 2 kPa and stays JAMMED."""
+    bench = Bench(Plant(dead_time_s))
+    bench.driver.jam(sorted(channels), vacuum_pa, "test")
+    peaks_pa = []
+    bench.run(2.5, lambda: peaks_pa.append(max(bench.vacuum_pa(channel) for channel in channels)))
+
+    def holds() -> None:
+        for channel in channels:
+            assert bench.vacuum_pa(channel) == pytest.approx(vacuum_pa, abs=1000.0)
+            assert bench.states()[channel] is ChannelState.JAMMED
+
+    bench.run(0.5, holds)
+    assert max(peaks_pa) < vacuum_pa + 2000.0
+    for channel in VOLUMES_M3.keys() - channels:
+        assert bench.states()[channel] is ChannelState.UNJAMMED
+        assert bench.vacuum_pa(channel) < 1.0
+
+
+def test_all_channels_jam_and_vent_in_good_time() -> None:
+    """All channels reach -50 kPa in less than 0.6 s, and vent in less than 0.2 s."""
+    bench = Bench()
+    bench.driver.jam((), 50e3, "test")
+    bench.run(0.6)
+    assert set(bench.states().values()) == {ChannelState.JAMMED}
+    bench.driver.unjam((), "test")
+    bench.run(0.2)
+    assert set(bench.states().values()) == {ChannelState.UNJAMMED}
+    assert bench.driver.command.pump_duty == 0.0
+
+
+@settings(max_examples=10, deadline=None)
+@given(low_pa=st.floats(5e3, 49.9e3), channels=any_channels)
+def test_a_lower_set_point_is_reached_by_venting(low_pa: float, channels: set[str]) -> None:
+    """A channel that holds too much for its new set point gives it back, and does not count as failed."""
+    bench = Bench()
+    bench.driver.jam(sorted(channels), 50e3, "test")
+    bench.run(1.0)
+    bench.driver.jam(sorted(channels), low_pa, "test")
+    bench.run(1.5)
+    for channel in channels:
+        assert bench.vacuum_pa(channel) == pytest.approx(low_pa, abs=2500.0)
+        assert bench.states()[channel] is ChannelState.JAMMED
+
+
+@settings(max_examples=8, deadline=None)
+@given(low_pa=st.floats(5e3, 45e3))
+def test_a_shallow_channel_never_costs_the_deep_one_its_grip(low_pa: float) -> None:
+    """A channel asked for less is switched only while the pump can spare it: the deep one keeps 80 % throughout."""
+    bench = Bench()
+    bench.driver.jam(["left", "achilles"], 50e3, "test")
+    bench.run(1.0)
+    bench.driver.jam(["right"], low_pa, "test")
+
+    def deep_holds() -> None:
+        assert bench.vacuum_pa("left") > 0.8 * 50e3
+        assert ChannelState.FAULT not in bench.states().values()
+
+    bench.run(3.0, deep_holds)
+
+
+def test_a_shallow_channel_swings_around_its_set_point() -> None:
+    """Where the pump can spare the air, the mean of a switched channel is its set point within 5 kPa."""
+    bench = Bench()
+    bench.driver.jam(["left"], 25e3, "test")
+    bench.driver.jam(["right"], 15e3, "test")
+    bench.run(1.0)
+    seen_pa: list[float] = []
+    bench.run(2.0, lambda: seen_pa.append(bench.vacuum_pa("right")))
+    assert sum(seen_pa) / len(seen_pa) == pytest.approx(15e3, abs=5e3)
+
+
+def test_a_leaking_tendon_faults_and_lets_the_others_jam() -> None:
+    """A channel that cannot reach its set point in jam_timeout_s is released with a reason; the others then hold."""
+    bench = Bench(jam_timeout_s=1.0)
+    bench.plant.leak["right"] = 1e-9
+    bench.driver.jam(["right"], 50e3, "test")
+    bench.run(0.9)
+    assert bench.states()["right"] is ChannelState.JAMMING
+    bench.run(0.3)
+    right = bench.driver.status.channels[1]
+    assert right.state is ChannelState.FAULT
+    assert "jam_timeout_s" in right.reason
+    assert not bench.driver.command.solenoids["right"]
+    bench.driver.jam(["left", "achilles"], 50e3, "test")
+    bench.run(1.0)
+    assert bench.states()["left"] is bench.states()["achilles"] is ChannelState.JAMMED
+
+
+def test_a_valve_that_does_not_vent_is_a_fault() -> None:
+    """A channel still under vacuum after vent_timeout_s of venting is in FAULT and says so."""
+    bench = Bench(vent_timeout_s=0.2)
+    bench.driver.jam(["left"], 50e3, "test")
+    bench.run(1.0)
+    stuck_pa = bench.plant.channels_pa["left"]
+    bench.driver.unjam(["left"], "test")
+    bench.run(0.5, lambda: bench.plant.channels_pa.update(left=stuck_pa))
+    assert bench.states()["left"] is ChannelState.FAULT
+    assert "vent_timeout_s" in bench.driver.status.channels[0].reason
+
+
+def test_without_a_manifold_sensor_the_set_point_is_held_all_the_same() -> None:
+    """The channels alone are enough to regulate, if with more overshoot."""
+    bench = Bench()
+    bench.plant.samples = lambda samples=bench.plant.samples: [s for s in samples() if s.place != MANIFOLD]
+    bench.run(0.6)
+    assert bench.driver.status.manifold_vacuum_pa is None
+    bench.driver.jam(["achilles"], 40e3, "test")
+    bench.run(1.0)
+    assert bench.vacuum_pa("achilles") == pytest.approx(40e3, abs=2000.0)
+
+
+@given(
+    readings=st.lists(
+        st.tuples(st.floats(-2e5, 2e5), st.one_of(st.none(), st.floats(-2e5, 2e5)), st.floats(0.0, 10.0)), min_size=1
+    ),
+    set_point_pa=st.floats(0.0, 8e4),
+)
+def test_duty_is_bounded_and_does_not_wind_up(
+    readings: list[tuple[float, float | None, float]], set_point_pa: float
+) -> None:
+    """Whatever is measured, duty stays in 0 to 1, and falls to 0 at once when there is 10 kPa too much."""
+    regulator = PumpRegulator(DriverParameters().settings().regulator)
+    for channel_pa, manifold_pa, elapsed_s in readings:
+        assert 0.0 <= regulator.update(set_point_pa, channel_pa, manifold_pa, elapsed_s) <= 1.0
+    assert regulator.update(set_point_pa, set_point_pa + 10e3, None, SAMPLE_S) == 0.0
