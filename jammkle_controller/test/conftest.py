@@ -9,12 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    from jammkle_controller.core.events import ContactEvent, ContactKind
 
 FINE_HZ = 10_000
 GRAVITY_M_S2 = 9.80665
@@ -82,6 +86,13 @@ class Streams:
         """Return the times of a true stream."""
         return np.arange(len(force)) / FINE_HZ
 
+    def kick(self, at_s: float, peak_m_s2: float, lasts_s: float) -> NDArray[np.float64]:
+        """Stand for a second and get a half-sine push from below."""
+        force = self.rest(1.0)
+        phase = (self.time_s(force) - at_s) / lasts_s
+        force[:, 2] += np.where((phase > 0.0) & (phase < 1.0), peak_m_s2 * np.sin(math.pi * phase), 0.0)
+        return force
+
     @functools.cache  # noqa: B019  one instance lives as long as the session
     def drop(self, natural_rad_s: float, damping: float, height_m: float = 0.05) -> tuple[NDArray[np.float64], float]:
         """Hold 1.8 kg for 0.3 s, drop it on a spring and damper, watch until 1.5 s.
@@ -103,6 +114,34 @@ class Streams:
             speed += (push - GRAVITY_M_S2) / FINE_HZ
             height += speed / FINE_HZ
         return self.upright(magnitude), contact_s
+
+    @staticmethod
+    def any_rotation(seed: int) -> NDArray[np.float64]:
+        """Return a rotation matrix, uniform over all rotations (QR of a Gaussian matrix)."""
+        turn, upper = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+        turn = turn * np.sign(np.diag(upper))
+        return np.asarray(turn * np.linalg.det(turn))
+
+    @staticmethod
+    def any_direction(seed: int) -> NDArray[np.float64]:
+        """Return a unit vector, uniform over the sphere."""
+        direction = np.random.default_rng(seed).normal(size=3)
+        return np.asarray(direction / np.linalg.norm(direction))
+
+    @staticmethod
+    def new_controller() -> AnkleController:
+        """Return a controller with default parameters."""
+        values = ControllerParameters()
+        return AnkleController(detector_settings(values), policy_settings(values))
+
+    def events_of(self, samples: list[ImuSample], controller: AnkleController | None = None) -> list[ContactEvent]:
+        """Return what a controller, a new one if none is given, tells of these samples."""
+        controller = controller or self.new_controller()
+        return [event for sample in samples for event in controller.update(sample).events]
+
+    def kinds_of(self, samples: list[ImuSample]) -> list[ContactKind]:
+        """Return the kinds of what a new controller tells of these samples."""
+        return [event.kind for event in self.events_of(samples)]
 
 
 @pytest.fixture(scope="session")

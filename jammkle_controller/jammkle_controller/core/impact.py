@@ -38,6 +38,7 @@ class ImpactDetector:
         """Make a detector that has seen nothing."""
         self.settings = settings
         self._level = 0.0
+        self._rise = 0.0
         self._level_before = 0.0
         self._onset_ns: int | None = None
         self._last_impact_ns: int | None = None
@@ -45,6 +46,7 @@ class ImpactDetector:
     def restart(self, force_m_s2: float) -> None:
         """Forget the level: the next rise is measured from `force_m_s2`."""
         self._level = force_m_s2
+        self._rise = 0.0
         self._onset_ns = None
 
     def forget_impacts(self) -> None:
@@ -56,9 +58,10 @@ class ImpactDetector:
         level = self._level
         if force_m_s2 <= level:
             self._level = force_m_s2
+            self._rise = 0.0
             self._onset_ns = None
             return
-        rise = force_m_s2 - level
+        self._rise = rise = force_m_s2 - level
         if rise > ONSET_M_S2:
             if self._onset_ns is None:
                 self._onset_ns = time_ns
@@ -76,7 +79,7 @@ class ImpactDetector:
 
     def on_ground(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
         """Return an impact if the force jumped by more than `impact_jump_m_s2`, unless one was just reported."""
-        if self._onset_ns is None or force_m_s2 - self._level_before <= self.settings.impact_jump_m_s2:
+        if self._rise <= self.settings.impact_jump_m_s2:
             return None
         last_ns = self._last_impact_ns
         if last_ns is not None and (time_ns - last_ns) * _NS < self.settings.refractory_s:
