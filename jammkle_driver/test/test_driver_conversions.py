@@ -1,0 +1,70 @@
+"""Units, signs and messages of the driver, and its parameter table."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from builtin_interfaces.msg import Time
+from hypothesis import given
+from hypothesis import strategies as st
+from sensor_msgs.msg import FluidPressure
+
+from jammkle_driver import conversions
+from jammkle_driver.core.channel import ChannelState, ChannelStatus
+from jammkle_driver.core.driver import DriverStatus
+from jammkle_driver.health import health_lines
+from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.diagnostics import Level
+from jammkle_graph.parameters import ParameterError, from_mapping
+from jammkle_msgs.msg import ChannelJamState
+
+
+def status(state: ChannelState, vacuum_pa: float | None, reason: str = "") -> DriverStatus:
+    return DriverStatus(True, "", vacuum_pa, (ChannelStatus("achilles", state, 50e3, vacuum_pa, reason),))  # noqa: FBT003, a plain record
+
+
+@given(absolute_pa=st.floats(0.0, 2e5), ambient_pa=st.floats(5e4, 1.1e5))
+def test_vacuum_is_counted_down_from_ambient(absolute_pa: float, ambient_pa: float) -> None:
+    """Vacuum is positive exactly below ambient, and converts back to the same absolute pressure."""
+    vacuum_pa = conversions.vacuum_from_pressure(absolute_pa, ambient_pa)
+    assert (vacuum_pa > 0.0) == (absolute_pa < ambient_pa)
+    assert conversions.pressure_from_vacuum(vacuum_pa, ambient_pa) == pytest.approx(absolute_pa, abs=1e-6)
+
+
+def test_a_pressure_keeps_the_stamp_of_its_measurement() -> None:
+    """A stamped message gives its own time, one without a stamp the time of arrival."""
+    message = FluidPressure(fluid_pressure=51325.0)
+    assert conversions.pressure_sample("achilles", message, 101325.0, 7.0).stamp_s == 7.0
+    message.header.stamp = Time(sec=3, nanosec=500_000_000)
+    sample = conversions.pressure_sample("achilles", message, 101325.0, 7.0)
+    assert (sample.stamp_s, sample.vacuum_pa) == (3.5, 50e3)
+
+
+def test_states_have_the_values_of_the_message() -> None:
+    """The core's states and the message's constants are the same numbers under the same names."""
+    for state in ChannelState:
+        assert getattr(ChannelJamState, state.name) == state.value
+
+
+def test_what_is_not_measured_is_not_a_number() -> None:
+    """An unmeasured vacuum is NaN in jam_state, never 0, which would read as vented."""
+    message = conversions.jam_state_message(status(ChannelState.UNKNOWN, None), Time(sec=1))
+    assert math.isnan(message.manifold_vacuum_pa)
+    assert math.isnan(message.channels[0].measured_vacuum_pa)
+
+
+def test_a_fault_is_an_error_on_diagnostics() -> None:
+    """A channel in FAULT is an ERROR with its reason; a refused jam_command a WARN with what was refused."""
+    lines = {line.about: line for line in health_lines(status(ChannelState.FAULT, 0.0, "a leak"), "active", "bad knee")}
+    assert lines["achilles"].level is Level.ERROR
+    assert "a leak" in lines["achilles"].message
+    assert lines["jam_command"].level is Level.WARN
+    assert "bad knee" in lines["jam_command"].message
+    assert lines["driver"].level is Level.OK
+
+
+def test_limits_of_vacuum_must_fit_together() -> None:
+    """A default vacuum outside of its own limits is refused in one line that names all three."""
+    with pytest.raises(ParameterError, match=r"default_vacuum_pa.*min_vacuum_pa.*max_vacuum_pa"):
+        from_mapping(DriverParameters, {"max_vacuum_pa": 40e3})
