@@ -1,102 +1,18 @@
 """The laws that are evaluated every step, compiled together: tendon, pneumatics, IMU filter, and the step itself.
 
-They stand in one module because numba's cache knows only the file that holds a function, not those it calls. Layouts of
-the records are here too; `tendon`, `pneumatics` and `sensors` fill them and explain the numbers.
+They stand in one module because numba's cache knows only the file that holds a function, not those it calls.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from jammkle_sim.physics.compiled import call_with_two_pointers, compiled
+from jammkle_sim.physics.records import BRANCHES, ELEMENTS, IMU_AXES, TABLE_POINTS, VALVES, VOLUMES
 
-BRANCHES = 4
-"""Maxwell branches of a tendon."""
-ELEMENTS = 2
-"""Elastic-Coulomb elements of a tendon."""
-TABLE_POINTS = 1111
-"""Points of the static force curve: every 50 um up to just beyond the break extension."""
-
-TENDON_LAW = np.dtype(
-    [
-        ("static_force_n", np.float64, TABLE_POINTS),
-        ("table_step_m", np.float64),
-        ("decay", np.float64, BRANCHES),
-        ("gain", np.float64, BRANCHES),
-        ("friction_stiffness_n_m", np.float64, ELEMENTS),
-        ("friction_yield_n_per_pa", np.float64, ELEMENTS),
-        ("friction_onset_pa", np.float64),
-        ("stiffening_per_pa", np.float64),
-        ("grip_n_per_pa", np.float64),
-        ("grip_saturation_m", np.float64),
-        ("break_extension_m", np.float64),
-        ("free_length_m", np.float64),
-        ("channel", np.int64),
-    ],
-)
-"""Constants of one tendon, for one time step."""
-
-TENDON_STATE = np.dtype(
-    [
-        ("branch_n", np.float64, BRANCHES),
-        ("slider_m", np.float64, ELEMENTS),
-        ("static_n", np.float64),
-        ("extension_m", np.float64),
-        ("rate_m_s", np.float64),
-        ("tension_n", np.float64),
-        ("broken", np.float64),
-    ],
-)
-"""Memory and latest output of one tendon."""
-
-VOLUMES = 4
-"""Manifold and three channels, in this order."""
-VALVES = 3
-"""Solenoids, one per channel."""
-
-PNEUMATIC_LAW = np.dtype(
-    [
-        ("ambient_pa", np.float64),
-        ("specific_energy_j_kg", np.float64),
-        ("volume_m3", np.float64, VOLUMES),
-        ("valve_kg_s_pa", np.float64, VALVES),
-        ("leak_kg_s_pa", np.float64, VOLUMES),
-        ("critical_ratio", np.float64),
-        ("linear_ratio", np.float64),
-        ("pump_free_flow_m3_s", np.float64),
-        ("pump_ultimate_vacuum_pa", np.float64),
-        ("valve_dead_time_s", np.float64, VALVES),
-        ("step_s", np.float64),
-        ("substeps", np.int64),
-    ],
-)
-"""Constants of the pneumatics."""
-
-PNEUMATIC_STATE = np.dtype(
-    [
-        ("mass_kg", np.float64, VOLUMES),
-        ("pressure_pa", np.float64, VOLUMES),
-        ("pumped_kg", np.float64),
-        ("admitted_kg", np.float64),
-        ("duty", np.float64),
-        ("command", np.float64, VALVES),
-        ("position", np.float64, VALVES),
-        ("waiting_s", np.float64, VALVES),
-    ],
-)
-"""Air in each volume, the ledger of what pump and atmosphere exchanged, the commands, and the valves."""
-
-IMU_AXES = 6
-"""Three of specific force, then three of angular velocity."""
-
-IMU_LAW = np.dtype([("smoothing", np.float64), ("noise", np.float64, IMU_AXES), ("limit", np.float64, IMU_AXES)])
-"""Share of the way that each pole goes in a step, noise per step, and range, per axis."""
-
-IMU_STATE = np.dtype([("first", np.float64, IMU_AXES), ("second", np.float64, IMU_AXES)])
-"""The two poles of the filter; the second is the output."""
+if TYPE_CHECKING:
+    from jammkle_sim.physics.records import Body, Laws, States
 
 LARGEST_SPEED = 1.0e3
 """Joint speed, m/s or rad/s, beyond which a simulation counts as unstable. Assumed: no rig comes near it."""
@@ -142,7 +58,9 @@ def tendon_tension_n(law: Any, state: Any, extension_m: float, vacuum_pa: float)
     if extension_m <= 0.0:
         return 0.0
     grip_n = law.grip_n_per_pa * vacuum_pa * min(stretched_m / law.grip_saturation_m, 1.0)
-    return max((1.0 + law.stiffening_per_pa * vacuum_pa) * viscoelastic_n + friction_n + grip_n, 0.0)
+    stiffened = 1.0 + law.stiffening_per_pa * vacuum_pa
+    tension_n: float = max(stiffened * viscoelastic_n + friction_n + grip_n, 0.0)
+    return tension_n
 
 
 @compiled
@@ -269,86 +187,51 @@ def filter_imu(law: Any, state: Any, raw: Any, white: Any) -> None:
 
 
 @compiled
-def act(
-    pneumatic_law: Any, pneumatics: Any, tendon_laws: Any, tendons: Any, length_m: Any, rate_m_s: Any, pull_n: Any
-) -> None:
-    """Advance pneumatics and tendons by one step, to the lengths given, and write the pull of each tendon.
-
-    Args:
-        pneumatic_law: Array of one PNEUMATIC_LAW record.
-        pneumatics: Array of one PNEUMATIC_STATE record.
-        tendon_laws: TENDON_LAW records, shape (n,).
-        tendons: TENDON_STATE records, shape (n,).
-        length_m: Shape (n,), m.
-        rate_m_s: Shape (n,), m/s.
-        pull_n: Shape (n,), N, written.
-
-    """
-    air = pneumatics[0]
-    advance_pneumatics(pneumatic_law[0], air)
-    for i in range(tendons.shape[0]):
-        law = tendon_laws[i]
-        state = tendons[i]
-        vacuum_pa = max(pneumatic_law[0].ambient_pa - air.pressure_pa[law.channel + 1], 0.0)
-        state.extension_m = length_m[i] - law.free_length_m
-        state.rate_m_s = rate_m_s[i]
+def act(laws: Laws, states: States, body: Body) -> None:
+    """Advance pneumatics and tendons by one step, to the lengths that MuJoCo has now, and pull."""
+    air = states.pneumatics[0]
+    advance_pneumatics(laws.pneumatics[0], air)
+    for i in range(states.tendons.shape[0]):
+        law = laws.tendons[i]
+        state = states.tendons[i]
+        vacuum_pa = max(laws.pneumatics[0].ambient_pa - air.pressure_pa[law.channel + 1], 0.0)
+        state.extension_m = body.length_m[i] - law.free_length_m
+        state.rate_m_s = body.rate_m_s[i]
         state.tension_n = tendon_tension_n(law, state, state.extension_m, vacuum_pa)
-        pull_n[i] = state.tension_n
+        body.pull_n[i] = state.tension_n
 
 
 @compiled
-def is_unstable(speed: Any) -> bool:
-    """True if any joint speed is beyond LARGEST_SPEED or not a number."""
+def is_stable(speed: Any) -> bool:
+    """True if every joint speed is a number and below LARGEST_SPEED."""
+    stable = True
     for i in range(speed.shape[0]):
-        if not abs(speed[i]) < LARGEST_SPEED:
-            return True
-    return False
+        stable = stable and abs(speed[i]) < LARGEST_SPEED
+    return stable
 
 
 @compiled
-def advance_ankle(
-    addresses: Any,
-    pneumatic_law: Any,
-    pneumatics: Any,
-    tendon_laws: Any,
-    tendons: Any,
-    imu_law: Any,
-    imu: Any,
-    length_m: Any,
-    rate_m_s: Any,
-    pull_n: Any,
-    speed: Any,
-    raw_imu: Any,
-    white: Any,
-) -> int:
+def advance_ankle(laws: Laws, states: States, body: Body, white: Any) -> int:
     """Advance everything by one step per row of `white`, calling MuJoCo from compiled code.
 
     The laws stand between mj_step1 and mj_step2, so that they see lengths of the same instant.
 
     Args:
-        addresses: Shape (4,), integers: mj_step1, mj_step2, model, data.
-        pneumatic_law: Array of one PNEUMATIC_LAW record.
-        pneumatics: Array of one PNEUMATIC_STATE record.
-        tendon_laws: TENDON_LAW records, shape (n,).
-        tendons: TENDON_STATE records, shape (n,).
-        imu_law: Array of one IMU_LAW record.
-        imu: Array of one IMU_STATE record.
-        length_m: MuJoCo's tendon lengths, shape (n,), m.
-        rate_m_s: MuJoCo's tendon rates, shape (n,), m/s.
-        pull_n: MuJoCo's controls, shape (n,), N.
-        speed: MuJoCo's joint speeds, shape (nv,).
-        raw_imu: MuJoCo's accelerometer and gyro, shape (6,).
-        white: Standard normal numbers, shape (steps, 6).
+        laws: Constants.
+        states: Memory, changed in place.
+        body: MuJoCo's side.
+        white: Standard normal numbers for the IMU, shape (steps, 6).
 
     Returns:
         Steps taken; fewer than asked if the simulation became unstable.
 
     """
+    step_1, step_2, model, data = body.addresses
     for step in range(white.shape[0]):
-        if is_unstable(speed):
+        if not is_stable(body.speed):
             return step
-        call_with_two_pointers(addresses[0], addresses[2], addresses[3])
-        act(pneumatic_law, pneumatics, tendon_laws, tendons, length_m, rate_m_s, pull_n)
-        call_with_two_pointers(addresses[1], addresses[2], addresses[3])
-        filter_imu(imu_law[0], imu[0], raw_imu, white[step])
-    return -1 if is_unstable(speed) else white.shape[0]
+        call_with_two_pointers(step_1, model, data)
+        act(laws, states, body)
+        call_with_two_pointers(step_2, model, data)
+        filter_imu(laws.imu[0], states.imu[0], body.raw_imu, white[step])
+    return white.shape[0] if is_stable(body.speed) else white.shape[0] - 1

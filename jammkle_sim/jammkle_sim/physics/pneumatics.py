@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
-from jammkle_sim.physics import kernels
+from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.constants import AMBIENT_PA
 
 if TYPE_CHECKING:
@@ -60,14 +60,14 @@ class PneumaticParameters:
 
 def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray[Any]:
     """Constants for one time step, shape (1,) of PNEUMATIC_LAW, with as many substeps as the smallest volume needs."""
-    law = np.zeros(1, dtype=kernels.PNEUMATIC_LAW)
+    law = np.zeros(1, dtype=records.PNEUMATIC_LAW)
     record = law[0]
     energy_j_kg = _GAS_CONSTANT_J_KG_K * parameters.temperature_k
     tendons = [len(TENDONS_OF_CHANNEL[channel]) for channel in CHANNELS]
     volumes_m3 = np.array([parameters.manifold_volume_m3, *(parameters.tendon_volume_m3 * count for count in tendons)])
     to_mass_flow = _CONDUCTANCE_UNIT * _REFERENCE_DENSITY_KG_M3
-    valve_kg_s_pa = np.full(kernels.VALVES, parameters.valve_conductance_dm3_s_bar * to_mass_flow)
-    leak_kg_s_pa = np.full(kernels.VOLUMES, parameters.leak_conductance_dm3_s_bar * to_mass_flow)
+    valve_kg_s_pa = np.full(records.VALVES, parameters.valve_conductance_dm3_s_bar * to_mass_flow)
+    leak_kg_s_pa = np.full(records.VOLUMES, parameters.leak_conductance_dm3_s_bar * to_mass_flow)
     free_flow_m3_s = parameters.pump_free_flow_l_min * 1e-3 / 60.0
     record["ambient_pa"] = parameters.ambient_pa
     record["specific_energy_j_kg"] = energy_j_kg
@@ -96,7 +96,7 @@ def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray
 
 def vented_state(law: NDArray[Any]) -> NDArray[Any]:
     """Everything at ambient pressure, pump off, solenoids released; shape (1,) of PNEUMATIC_STATE."""
-    state = np.zeros(1, dtype=kernels.PNEUMATIC_STATE)
+    state = np.zeros(1, dtype=records.PNEUMATIC_STATE)
     state["pressure_pa"] = law["ambient_pa"][:, np.newaxis]
     state["mass_kg"] = state["pressure_pa"] * law["volume_m3"] / law["specific_energy_j_kg"][:, np.newaxis]
     return state
@@ -123,7 +123,7 @@ class Pneumatics:
 
     def advance(self, steps: int) -> NDArray[np.float64]:
         """Advance and return absolute pressures after each step, Pa, shape (steps, 4): manifold, then channels."""
-        pressure_pa = np.zeros((steps, kernels.VOLUMES))
+        pressure_pa = np.zeros((steps, records.VOLUMES))
         kernels.pneumatic_history(self._law, self._state, steps, pressure_pa)
         return pressure_pa
 

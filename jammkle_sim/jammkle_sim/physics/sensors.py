@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_sim.physics import kernels
+from jammkle_sim.physics import records
 from jammkle_sim.physics.constants import GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class SensorParameters:
 
 def imu_law(parameters: SensorParameters, timestep_s: float) -> NDArray[Any]:
     """Constants of the IMU filter for one time step, shape (1,) of IMU_LAW."""
-    law = np.zeros(1, dtype=kernels.IMU_LAW)
+    law = np.zeros(1, dtype=records.IMU_LAW)
     pole_rad_s = 2.0 * math.pi * parameters.imu_bandwidth_hz / _TWO_POLE_FACTOR
     law["smoothing"] = 1.0 - math.exp(-pole_rad_s * timestep_s)
     to_step = math.sqrt(0.5 / timestep_s)  # white noise up to half the step rate
@@ -70,7 +70,7 @@ class Noise:
         """Start all streams from the seed of the parameters."""
         self._parameters = parameters
         self._imu = self._stream(self._IMU, 0)
-        offsets = self._stream(self._OFFSET, 0).standard_normal(kernels.VOLUMES)
+        offsets = self._stream(self._OFFSET, 0).standard_normal(records.VOLUMES)
         self._pressure_offset_pa = parameters.pressure_offset_pa * offsets
 
     def reset(self) -> None:
@@ -79,11 +79,11 @@ class Noise:
 
     def imu_white(self, steps: int) -> NDArray[np.float64]:
         """Next standard normal numbers of the IMU, shape (steps, 6)."""
-        return self._imu.standard_normal((steps, kernels.IMU_AXES))
+        return self._imu.standard_normal((steps, records.IMU_AXES))
 
     def pressure_pa(self, step: int) -> NDArray[np.float64]:
         """Error of manifold and channel pressure at a step, Pa, shape (4,)."""
-        white = self._stream(self._PRESSURE, step).standard_normal(kernels.VOLUMES)
+        white = self._stream(self._PRESSURE, step).standard_normal(records.VOLUMES)
         return self._pressure_offset_pa + self._parameters.pressure_noise_pa * white
 
     def load_cell_n(self, step: int) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_sim.physics import kernels
+from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.materials.elastic import force_table_n
 
 if TYPE_CHECKING:
@@ -36,13 +36,13 @@ def tendon_law(
         channel: Index of the pneumatic channel that evacuates it.
 
     """
-    law = np.zeros(1, dtype=kernels.TENDON_LAW)
+    law = np.zeros(1, dtype=records.TENDON_LAW)
     record = law[0]
     times_s = np.array(parameters.relaxation_times_s)
     decay = np.exp(-timestep_s / times_s)
-    step_m = parameters.break_extension_m / (kernels.TABLE_POINTS - 2)
+    step_m = parameters.break_extension_m / (records.TABLE_POINTS - 2)
     record["table_step_m"] = step_m
-    record["static_force_n"] = force_table_n(parameters.fibres, step_m, kernels.TABLE_POINTS)
+    record["static_force_n"] = force_table_n(parameters.fibres, step_m, records.TABLE_POINTS)
     record["decay"] = decay
     record["gain"] = np.array(parameters.relaxation_gains) * times_s / timestep_s * (1.0 - decay)
     record["friction_stiffness_n_m"] = parameters.friction_stiffness_n_m
@@ -57,6 +57,24 @@ def tendon_law(
     return law
 
 
+def relaxed_state(law: NDArray[Any], extension_m: float) -> NDArray[Any]:
+    """State, shape (1,) of TENDON_STATE, of a tendon held at an extension, without vacuum, until it has relaxed.
+
+    Args:
+        law: Its constants, shape (1,) of TENDON_LAW.
+        extension_m: Length beyond the free length, m.
+
+    """
+    state = np.zeros(1, dtype=records.TENDON_STATE)
+    stretched_m = max(extension_m, 0.0)
+    places_m = np.arange(records.TABLE_POINTS) * law["table_step_m"][0]
+    state["extension_m"] = extension_m
+    state["static_n"] = np.interp(stretched_m, places_m, law["static_force_n"][0])
+    state["tension_n"] = state["static_n"]
+    state["slider_m"] = stretched_m
+    return state
+
+
 class Tendon:
     """A tendon between two clamps, moved as one likes: what a tensile test does to it."""
 
@@ -69,7 +87,7 @@ class Tendon:
 
         """
         self._law = tendon_law(parameters, timestep_s)
-        self._state = np.zeros(1, dtype=kernels.TENDON_STATE)
+        self._state = relaxed_state(self._law, 0.0)
 
     @property
     def broken(self) -> bool:

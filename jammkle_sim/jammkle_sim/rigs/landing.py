@@ -126,6 +126,7 @@ def _model(options: LandingOptions, ankle: AnkleParameters, sensors: SensorParam
     spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0  # less creep of a foot that sticks; 100 changes nothing more
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     slope = math.radians(options.slope_deg)
     spec.worldbody.add_geom(
@@ -150,6 +151,7 @@ def _model(options: LandingOptions, ankle: AnkleParameters, sensors: SensorParam
     hold.name1 = CARRIAGE_JOINT
     hold.data[:5] = 0.0
     hold.solref = (ankle.contact_time_s, 1.0)
+    hold.solimp[:2] = 0.9999  # MuJoCo's hardest, so that the carriage does not sag when the rig starts
     site = mujoco.mjtObj.mjOBJ_SITE
     sensor = mujoco.mjtSensor
     spec.add_sensor(

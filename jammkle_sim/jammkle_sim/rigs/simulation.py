@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_graph.names import ANKLE_JOINTS, CARRIAGE_JOINT, CHANNELS, TENDONS
-from jammkle_sim.physics import kernels
+from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.engine import address_of_function, mujoco
 from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
 from jammkle_sim.physics.sensors import Noise, SensorParameters, imu_law
+from jammkle_sim.physics.tendon import relaxed_state
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,30 +91,17 @@ class Simulation:
         self.timestep_s = float(self._model.opt.timestep)
         """Time step, s."""
         self._data = mujoco.MjData(self._model)
-        self._pneumatic_law = pneumatic_law(rig.pneumatics, self.timestep_s)
-        self._vented = vented_state(self._pneumatic_law)
-        self._pneumatics = self._vented.copy()
-        self._tendons = np.zeros(len(TENDONS), dtype=kernels.TENDON_STATE)
-        self._imu_law = imu_law(rig.sensors, self.timestep_s)
-        self._imu = np.zeros(1, dtype=kernels.IMU_STATE)
-        self._noise = Noise(rig.sensors)
-        raw = self._data.sensordata
-        start = int(self._model.sensor(ACCELEROMETER).adr[0])
-        self._raw_imu = raw[start : start + kernels.IMU_AXES]
+        mujoco.mj_forward(self._model, self._data)
+        pneumatics = pneumatic_law(rig.pneumatics, self.timestep_s)
+        self._laws = records.Laws(pneumatics, rig.tendon_laws, imu_law(rig.sensors, self.timestep_s))
+        self._body = self._body_of(self._model, self._data)
         self._load_cell = self._data.sensor(LOAD_CELL).data
         self._joints = {name: self._data.joint(name) for name in (*ANKLE_JOINTS, CARRIAGE_JOINT)}
-        self._addresses = np.array(
-            [
-                address_of_function("mj_step1"),
-                address_of_function("mj_step2"),
-                self._model._address,  # noqa: SLF001  # the bindings' own way to hand a model to C
-                self._data._address,  # noqa: SLF001  # as above
-            ],
-            dtype=np.intp,
-        )
+        self._noise = Noise(rig.sensors)
+        self._start = self._start_states()
+        self._states = records.States(*(part.copy() for part in self._start))
         self._total_steps = 0
         self._rig_steps = 0
-        self._stand()
 
     @property
     def time_s(self) -> float:
@@ -130,7 +118,7 @@ class Simulation:
         if not 0.0 <= duty <= 1.0:
             msg = f"pump duty is {duty}; it must be 0 to 1"
             raise ValueError(msg)
-        self._pneumatics["duty"] = duty
+        self._states.pneumatics["duty"] = duty
 
     def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001  # the state of a coil, as Bool is
         """Energise or release a channel's solenoid.
@@ -142,15 +130,19 @@ class Simulation:
         if channel not in CHANNELS:
             msg = f"channel '{channel}' does not exist; known are: {', '.join(CHANNELS)}"
             raise ValueError(msg)
-        self._pneumatics["command"][0, CHANNELS.index(channel)] = energised
+        self._states.pneumatics["command"][0, CHANNELS.index(channel)] = energised
 
     def advance(self, steps: int) -> None:
         """Take `steps` time steps.
 
         Raises:
-            UnstableSimulationError: the state grew beyond all bounds.
+            ValueError: a negative number of steps.
+            UnstableSimulationError: the state grew beyond all bounds; only a reset helps.
 
         """
+        if steps < 0:
+            msg = f"steps is {steps}; it must be 0 or more"
+            raise ValueError(msg)
         end = self._rig_steps + steps
         for event in self._rig.events:
             if self._rig_steps <= event.step < end:
@@ -161,15 +153,15 @@ class Simulation:
     def reset(self) -> None:
         """Start the rig again, with the same noise; the time goes on."""
         mujoco.mj_resetData(self._model, self._data)
-        self._pneumatics[:] = self._vented
-        self._tendons[:] = np.zeros_like(self._tendons)
+        mujoco.mj_forward(self._model, self._data)
+        for part, start in zip(self._states, self._start, strict=True):
+            part[:] = start
         self._noise.reset()
         self._rig_steps = 0
-        self._stand()
 
     def imu(self) -> ImuSample:
         """Latest output of the IMU, noise, range and filter included."""
-        x, y, z, roll, pitch, yaw = self._imu["second"][0].tolist()
+        x, y, z, roll, pitch, yaw = self._states.imu["second"][0].tolist()
         return ImuSample((x, y, z), (roll, pitch, yaw))
 
     def channel_pressures_pa(self) -> dict[str, float]:
@@ -198,7 +190,7 @@ class Simulation:
                 float(state["tension_n"]),
                 bool(state["broken"] > 0.0),
             )
-            for name, state in zip(TENDONS, self._tendons, strict=True)
+            for name, state in zip(TENDONS, self._states.tendons, strict=True)
         )
 
     def load_cell_force_n(self) -> tuple[float, float, float]:
@@ -211,39 +203,63 @@ class Simulation:
         return {"rig": self._rig.name, "timestep_s": self.timestep_s, **self._rig.description}
 
     def _measured_pressures_pa(self) -> list[float]:
-        measured: list[float] = (self._pneumatics["pressure_pa"][0] + self._noise.pressure_pa(self._rig_steps)).tolist()
+        measured: list[float] = (
+            self._states.pneumatics["pressure_pa"][0] + self._noise.pressure_pa(self._rig_steps)
+        ).tolist()
         return measured
 
-    def _stand(self) -> None:
-        """Let the sensors show the pose that the rig starts in, as if it had been there for long."""
-        mujoco.mj_forward(self._model, self._data)
-        self._imu["first"] = self._raw_imu
-        self._imu["second"] = self._raw_imu
+    def _start_states(self) -> records.States:
+        """Vented, pump off, at rest in the pose of the model as if it had been there for long."""
+        extensions_m = self._body.length_m - self._laws.tendons["free_length_m"]
+        laws = np.split(self._laws.tendons, len(TENDONS))
+        tendons = [relaxed_state(law, float(x)) for law, x in zip(laws, extensions_m, strict=True)]
+        imu = np.zeros(1, dtype=records.IMU_STATE)
+        imu["first"] = imu["second"] = self._body.raw_imu
+        return records.States(vented_state(self._laws.pneumatics), np.concatenate(tendons), imu)
+
+    def _body_of(self, model: Any, data: Any) -> records.Body:
+        imu = int(model.sensor(ACCELEROMETER).adr[0])
+        addresses = [
+            address_of_function("mj_step1"),
+            address_of_function("mj_step2"),
+            model._address,  # noqa: SLF001  # the bindings' own way to hand a model to C
+            data._address,  # noqa: SLF001  # as above
+        ]
+        return records.Body(
+            addresses=np.array(addresses, dtype=np.intp),
+            length_m=data.ten_length,
+            rate_m_s=data.ten_velocity,
+            pull_n=data.ctrl,
+            speed=data.qvel,
+            raw_imu=data.sensordata[imu : imu + records.IMU_AXES],
+        )
 
     def _run(self, steps: int) -> None:
-        if steps <= 0:
-            return
-        taken = kernels.advance_ankle(
-            self._addresses,
-            self._pneumatic_law,
-            self._pneumatics,
-            self._rig.tendon_laws,
-            self._tendons,
-            self._imu_law,
-            self._imu,
-            self._data.ten_length,
-            self._data.ten_velocity,
-            self._data.ctrl,
-            self._data.qvel,
-            self._raw_imu,
-            self._noise.imu_white(steps),
-        )
+        white = self._noise.imu_white(steps)
+        if self._body.addresses.all():
+            taken = kernels.advance_ankle(self._laws, self._states, self._body, white)
+        else:
+            taken = self._advance_from_python(white)
+        self._total_steps += taken
+        self._rig_steps += taken
         if taken != steps:
-            time_s = self._rig_steps * self.timestep_s
-            msg = (
-                f"simulation of rig '{self._rig.name}' became unstable within {steps} steps after {time_s:g} s; "
-                f"options: {self._rig.description}; a smaller timestep_s or milder parameters help"
-            )
-            raise UnstableSimulationError(msg)
-        self._total_steps += steps
-        self._rig_steps += steps
+            raise UnstableSimulationError(self._unstable_text())
+
+    def _advance_from_python(self, white: NDArray[np.float64]) -> int:
+        """Do what `kernels.advance_ankle` does, more slowly, where MuJoCo's library cannot be called directly."""
+        for step, row in enumerate(white):
+            if not kernels.is_stable(self._body.speed):
+                return step
+            mujoco.mj_step1(self._model, self._data)
+            kernels.act(self._laws, self._states, self._body)
+            mujoco.mj_step2(self._model, self._data)
+            kernels.filter_imu(self._laws.imu[0], self._states.imu[0], self._body.raw_imu, row)
+        return len(white) if kernels.is_stable(self._body.speed) else len(white) - 1
+
+    def _unstable_text(self) -> str:
+        speed = float(np.abs(self._body.speed).max())
+        return (
+            f"simulation of rig '{self._rig.name}' became unstable {self._rig_steps * self.timestep_s:g} s after its "
+            f"start: a joint moves at {speed:g}, the limit is {kernels.LARGEST_SPEED:g}; try a smaller timestep_s or "
+            f"milder parameters; it was: {self._rig.description}"
+        )

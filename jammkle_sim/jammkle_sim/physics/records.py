@@ -1,0 +1,137 @@
+"""Layouts of what the compiled laws read and write: one record of constants and one of memory per part.
+
+`tendon`, `pneumatics` and `sensors` fill the records and explain the numbers; `kernels` holds the laws.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+BRANCHES = 4
+"""Maxwell branches of a tendon."""
+ELEMENTS = 2
+"""Elastic-Coulomb elements of a tendon."""
+TABLE_POINTS = 1111
+"""Points of the static force curve: every 50 um up to just beyond the break extension."""
+
+TENDON_LAW = np.dtype(
+    [
+        ("static_force_n", np.float64, TABLE_POINTS),
+        ("table_step_m", np.float64),
+        ("decay", np.float64, BRANCHES),
+        ("gain", np.float64, BRANCHES),
+        ("friction_stiffness_n_m", np.float64, ELEMENTS),
+        ("friction_yield_n_per_pa", np.float64, ELEMENTS),
+        ("friction_onset_pa", np.float64),
+        ("stiffening_per_pa", np.float64),
+        ("grip_n_per_pa", np.float64),
+        ("grip_saturation_m", np.float64),
+        ("break_extension_m", np.float64),
+        ("free_length_m", np.float64),
+        ("channel", np.int64),
+    ],
+)
+"""Constants of one tendon, for one time step."""
+
+TENDON_STATE = np.dtype(
+    [
+        ("branch_n", np.float64, BRANCHES),
+        ("slider_m", np.float64, ELEMENTS),
+        ("static_n", np.float64),
+        ("extension_m", np.float64),
+        ("rate_m_s", np.float64),
+        ("tension_n", np.float64),
+        ("broken", np.float64),
+    ],
+)
+"""Memory and latest output of one tendon."""
+
+VOLUMES = 4
+"""Manifold and three channels, in this order."""
+VALVES = 3
+"""Solenoids, one per channel."""
+
+PNEUMATIC_LAW = np.dtype(
+    [
+        ("ambient_pa", np.float64),
+        ("specific_energy_j_kg", np.float64),
+        ("volume_m3", np.float64, VOLUMES),
+        ("valve_kg_s_pa", np.float64, VALVES),
+        ("leak_kg_s_pa", np.float64, VOLUMES),
+        ("critical_ratio", np.float64),
+        ("linear_ratio", np.float64),
+        ("pump_free_flow_m3_s", np.float64),
+        ("pump_ultimate_vacuum_pa", np.float64),
+        ("valve_dead_time_s", np.float64, VALVES),
+        ("step_s", np.float64),
+        ("substeps", np.int64),
+    ],
+)
+"""Constants of the pneumatics."""
+
+PNEUMATIC_STATE = np.dtype(
+    [
+        ("mass_kg", np.float64, VOLUMES),
+        ("pressure_pa", np.float64, VOLUMES),
+        ("pumped_kg", np.float64),
+        ("admitted_kg", np.float64),
+        ("duty", np.float64),
+        ("command", np.float64, VALVES),
+        ("position", np.float64, VALVES),
+        ("waiting_s", np.float64, VALVES),
+    ],
+)
+"""Air in each volume, the ledger of what pump and atmosphere exchanged, the commands, and the valves."""
+
+IMU_AXES = 6
+"""Three of specific force, then three of angular velocity."""
+
+IMU_LAW = np.dtype([("smoothing", np.float64), ("noise", np.float64, IMU_AXES), ("limit", np.float64, IMU_AXES)])
+"""Share of the way that each pole goes in a step, noise per step, and range, per axis."""
+
+IMU_STATE = np.dtype([("first", np.float64, IMU_AXES), ("second", np.float64, IMU_AXES)])
+"""The two poles of the filter; the second is the output."""
+
+
+class Laws(NamedTuple):
+    """Constants of everything that is advanced together."""
+
+    pneumatics: NDArray[Any]
+    """Shape (1,) of PNEUMATIC_LAW."""
+    tendons: NDArray[Any]
+    """Shape (n,) of TENDON_LAW."""
+    imu: NDArray[Any]
+    """Shape (1,) of IMU_LAW."""
+
+
+class States(NamedTuple):
+    """Memory of everything that is advanced together."""
+
+    pneumatics: NDArray[Any]
+    """Shape (1,) of PNEUMATIC_STATE."""
+    tendons: NDArray[Any]
+    """Shape (n,) of TENDON_STATE."""
+    imu: NDArray[Any]
+    """Shape (1,) of IMU_STATE."""
+
+
+class Body(NamedTuple):
+    """Where MuJoCo keeps what the laws read and write: views of its own arrays."""
+
+    addresses: NDArray[np.intp]
+    """mj_step1, mj_step2, model, data."""
+    length_m: NDArray[np.float64]
+    """Tendon lengths, shape (n,)."""
+    rate_m_s: NDArray[np.float64]
+    """Tendon rates, shape (n,)."""
+    pull_n: NDArray[np.float64]
+    """Controls of the tendons' actuators, shape (n,)."""
+    speed: NDArray[np.float64]
+    """Joint speeds."""
+    raw_imu: NDArray[np.float64]
+    """Accelerometer and gyro, shape (6,)."""
