@@ -24,9 +24,9 @@ GOOD_VACUUM_PA = 50e3
 
 
 @pytest.fixture
-def graph(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> tuple[Up, Probe]:
+def graph(start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]) -> tuple[Up, Probe]:
     """Bring up one ankle that the controller leaves alone, with a node that looks on."""
-    up = start("up")
+    up = start("up", *left_alone)
     probe = make_probe()
     probe.listen(JAM_STATE, PUMP_DUTY, *SOLENOIDS.values())
     probe.wait_until_up()

@@ -33,9 +33,9 @@ ROS_OWN_SERVICES = ("rcl_interfaces/", "type_description_interfaces/", "lifecycl
 
 
 @pytest.fixture
-def probe(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> Probe:
+def probe(start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]) -> Probe:
     """Bring up one ankle and look on until the driver knows every channel."""
-    start("up")
+    start("up", *left_alone)
     looking_on = make_probe()
     looking_on.listen(JAM_STATE)
     looking_on.wait_until_up()
@@ -103,11 +103,13 @@ def test_a_stop_that_came_before_the_driver_is_heeded(
     )
 
 
-def test_two_ankles_live_side_by_side(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+def test_two_ankles_live_side_by_side(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
+) -> None:
     """Two namespaces share a domain; jamming one ankle leaves the other soft."""
     left, right = make_probe("/lf_ankle"), make_probe("/rf_ankle")
     for probe in (left, right):
-        start("up", "--namespace", probe.node.get_namespace())
+        start("up", "--namespace", probe.node.get_namespace(), *left_alone)
         probe.listen(JAM_STATE)
         probe.wait_until_up()
     start("jam", "--namespace", "/lf_ankle").wait()
