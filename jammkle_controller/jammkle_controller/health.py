@@ -57,6 +57,8 @@ def imu_health(controller: AnkleController, freshness: Freshness, topic: str, *,
     if freshness.paused:
         level = Level.OK if counts.usable else Level.WARN
         return Health("imu", level, "no samples, and the graph's clock stands still: paused", values)
+    if not counts.usable:
+        return Health("imu", Level.OK, f"waiting for the first sample on {topic}", values)
     if trouble:
         return Health("imu", Level.WARN, f"irregular samples: {seen}", values)
     return Health("imu", Level.OK, "samples come in", values)

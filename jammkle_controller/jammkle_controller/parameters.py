@@ -39,7 +39,7 @@ class ControllerParameters:
     )
     jam_delay_s: float = parameter(
         0.02,
-        "Time from the impact to jamming, by the stamps of the IMU; the shock shall find a soft ankle",
+        "Time from IMPACT to jamming, by the stamps of the IMU; longer than the shock, which takes about 10 ms",
         "s",
         0.0,
         1.0,
@@ -65,8 +65,8 @@ class ControllerParameters:
         dynamic=True,
     )
     flight_confirm_s: float = parameter(
-        0.02,
-        "Time of free fall after which LIFTOFF is reported: a hop of 0.5 mm lasts as long",
+        0.03,
+        "Time of free fall after which LIFTOFF is reported: a hop of 1 mm lasts as long, and is no reason to vent",
         "s",
         0.005,
         0.2,

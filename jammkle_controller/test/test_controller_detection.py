@@ -62,6 +62,15 @@ def test_kick_on_the_ground_is_one_impact(streams: Any, peak_m_s2: float, turn: 
     assert 12.0 < events[0].magnitude < peak_m_s2 + 1.0
 
 
+def test_strike_after_a_dip_is_measured_from_the_dip(streams: Any) -> None:
+    """A foot that is unloaded for 8 ms, too short for a flight, and then carries 15 m/s^2 has been hit."""
+    force = streams.rest(1.0)
+    time_s = streams.time_s(force)
+    force[(time_s > 0.5) & (time_s < 0.508), 2] = 1.0
+    force[(time_s > 0.508) & (time_s < 0.518), 2] = 15.0
+    assert streams.kinds_of(streams.sense(force)) == [ContactKind.IMPACT, ContactKind.SETTLED]
+
+
 def test_slow_heave_is_no_impact(streams: Any) -> None:
     """A body pushed up by 18 m/s^2 over half a second is not hit: the level follows."""
     assert ContactKind.IMPACT not in streams.kinds_of(streams.sense(streams.kick(0.4, 18.0, 0.5)))

@@ -102,6 +102,17 @@ def test_silence_counts_only_when_both_clocks_run() -> None:
     assert (freshness.stale, freshness.paused) == (False, False)
 
 
+def test_first_reading_of_a_simulated_clock_is_no_silence() -> None:
+    """A clock that jumps from zero to its first value has not run, so nothing is stale yet; later it is."""
+    freshness = Freshness(0.2, steady_s=100.0, graph_s=0.0)
+    freshness.observe(0, 105.0, 0.0)
+    assert (freshness.stale, freshness.paused) == (False, True)
+    freshness.observe(0, 105.1, 42.0)
+    assert not freshness.stale
+    freshness.observe(0, 105.5, 42.4)
+    assert freshness.stale
+
+
 def test_parameters_have_units_and_cannot_contradict() -> None:
     """Every number has a unit and a range with its default inside, and no flight threshold exceeds a touchdown one."""
     table = {row.name: row for row in rows(ControllerParameters)}

@@ -26,7 +26,9 @@ class Freshness:
 
     def observe(self, count: int, steady_s: float, graph_s: float) -> None:
         """Take the number of samples received so far and the time of both clocks, s."""
-        if count != self._count or graph_s < self._graph_s:
+        # A simulated clock reads zero until it is first heard: its first value is no lapse of time.
+        clock_starts = self._graph_s == 0.0 and graph_s > 0.0
+        if count != self._count or graph_s < self._graph_s or clock_starts:
             self._count = count
             self._since_steady_s = steady_s
             self._since_graph_s = graph_s

@@ -35,7 +35,12 @@ class PolicySettings:
 class JammingPolicy:
     """Decides on one vacuum for all channels from contact events and the stamps of IMU samples.
 
-    A landing loads all four tendons of the ankle, so the channels are jammed together. Time is that of the samples:
+    A landing loads all four tendons of the ankle, so the channels are jammed together. The shock of 1.8 kg dropped
+    by 50 mm on a 40 deg slope peaks 0 to 10 ms after contact in simulation, whatever the delay: the fibres begin to
+    grip (8.5 kPa) only 36 to 44 ms after the command. A delay of 20 ms leaves a faster pump and a slower shock room,
+    and costs a twentieth of the time to full vacuum.
+
+    Time is that of the samples:
     it stands still while a simulation is paused, and runs as fast as the simulation does.
     """
 
