@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import domain_coordinator
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock
@@ -203,6 +204,19 @@ def test_a_late_joiner_gets_the_latest_states(graph: Graph) -> None:
         JamState, f"/{names.JAM_STATE.name}", late.states.append, subscriber_qos(names.JAM_STATE)
     )
     graph.spin_until(lambda: late.all_in(ChannelJamState.JAMMED))
+
+
+def test_signs_of_life_go_on_while_nothing_changes(graph: Graph) -> None:
+    """Commands, jam_state and diagnostics are repeated without any cause, for watchdogs and plain subscribers."""
+    graph.jammable_driver()
+    diagnostics: list[DiagnosticArray] = []
+    topic = names.DIAGNOSTICS
+    graph.node.create_subscription(DiagnosticArray, topic.name, diagnostics.append, subscriber_qos(topic))
+    graph.ankle.heard.clear()
+    states = len(graph.ankle.states)
+    graph.spin_until(lambda: all(graph.ankle.heard.count(channel) > 10 for channel in names.CHANNELS))
+    graph.spin_until(lambda: len(graph.ankle.states) > states + 1 and len(diagnostics) > 1)
+    assert graph.ankle.all_in(ChannelJamState.UNJAMMED)
 
 
 def test_lifecycle_rounds_release_and_answer(graph: Graph) -> None:
