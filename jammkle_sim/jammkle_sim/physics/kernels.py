@@ -234,4 +234,5 @@ def advance_ankle(laws: Laws, states: States, body: Body, white: Any) -> int:
         act(laws, states, body)
         call_with_two_pointers(step_2, model, data)
         filter_imu(laws.imu[0], states.imu[0], body.raw_imu, white[step])
-    return white.shape[0] if is_stable(body.speed) else white.shape[0] - 1
+    taken: int = white.shape[0] if is_stable(body.speed) else white.shape[0] - 1
+    return taken

@@ -65,6 +65,9 @@ class LandingOptions:
             if not low <= value <= high:
                 msg = f"{name} is {value}; it must be {low:g} to {high:g}"
                 raise ValueError(msg)
+        if not isinstance(self.seed, int):
+            msg = f"seed is {self.seed}; it must be a whole number"
+            raise ValueError(msg)  # noqa: TRY004  # one kind of error for all options
         if self.parameter_set not in TENDON_SETS:
             msg = f"parameter_set is '{self.parameter_set}'; it must be one of: {', '.join(TENDON_SETS)}"
             raise ValueError(msg)

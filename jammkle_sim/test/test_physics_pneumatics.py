@@ -1,0 +1,127 @@
+"""Pump, manifold, solenoids: times, bounds, and the books of the air."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jammkle_sim.physics.kernels import orifice_flow_kg_s
+from jammkle_sim.physics.pneumatics import PneumaticParameters, Pneumatics
+
+DT_S = 0.0005
+ALL, NONE = (True, True, True), (False, False, False)
+AMBIENT_PA = PneumaticParameters().ambient_pa
+
+commands = st.lists(
+    st.tuples(st.floats(0.0, 1.0), st.tuples(st.booleans(), st.booleans(), st.booleans()), st.integers(1, 400)),
+    min_size=1,
+    max_size=8,
+)
+
+
+def first_below(pressure_pa: np.ndarray, limit_pa: float) -> float:
+    """Time at which a pressure first goes below a limit, s."""
+    assert (pressure_pa < limit_pa).any()
+    return float(np.argmax(pressure_pa < limit_pa)) * DT_S
+
+
+def test_all_tendons_jam_in_half_a_second_and_vent_in_a_fifth() -> None:
+    """-50 kPa on all channels in under 0.5 s; back to -5 kPa in under 0.2 s."""
+    air = Pneumatics(PneumaticParameters(), DT_S)
+    air.command(1.0, ALL)
+    pressure_pa = air.advance(1000)
+    assert max(first_below(pressure_pa[:, i], AMBIENT_PA - 50e3) for i in (1, 2, 3)) < 0.5
+    air.command(0.0, NONE)
+    assert (air.advance(400)[-1, 1:] > AMBIENT_PA - 5e3).all()
+
+
+def test_fewer_tendons_jam_faster() -> None:
+    """One tendon alone takes less time than all four, and more than none."""
+    times_s = []
+    for energised in ((True, False, False), ALL):
+        air = Pneumatics(PneumaticParameters(), DT_S)
+        air.command(1.0, energised)
+        times_s.append(first_below(air.advance(1000)[:, 1], AMBIENT_PA - 50e3))
+    assert 0.05 < times_s[0] < times_s[1]
+
+
+def test_without_power_everything_vents() -> None:
+    """Solenoids released and pump off: every channel ends at ambient, whatever it was at."""
+    air = Pneumatics(PneumaticParameters(), DT_S)
+    air.command(1.0, ALL)
+    air.advance(800)
+    air.command(0.0, NONE)
+    assert air.advance(2000)[-1, 1:] == pytest.approx(AMBIENT_PA, abs=1.0)
+
+
+def test_solenoid_waits_its_dead_time() -> None:
+    """A channel keeps its pressure for the dead time, and a pulse shorter than that does nothing."""
+    parameters = PneumaticParameters(leak_conductance_dm3_s_bar=0.0, valve_dead_time_s=0.010)
+    air = Pneumatics(parameters, DT_S)
+    air.command(1.0, NONE)
+    air.advance(500)
+    air.command(1.0, ALL)
+    pressure_pa = air.advance(40)
+    moved = np.argmax(pressure_pa[:, 1] < AMBIENT_PA - 1.0)
+    assert moved * DT_S == pytest.approx(0.010, abs=2 * DT_S)
+    pulsed = Pneumatics(parameters, DT_S)
+    pulsed.command(1.0, NONE)
+    pulsed.advance(500)
+    pulsed.command(1.0, ALL)
+    pulsed.advance(15)
+    pulsed.command(1.0, NONE)
+    assert pulsed.advance(100)[:, 1:] == pytest.approx(AMBIENT_PA, abs=1e-6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(program=commands)
+def test_air_is_conserved(program: list[tuple[float, tuple[bool, bool, bool], int]]) -> None:
+    """The air inside changes by what the books say came in and went out, to 1e-9 of it."""
+    air = Pneumatics(PneumaticParameters(), DT_S)
+    start_kg = air.mass_kg
+    for duty, energised, steps in program:
+        air.command(duty, energised)
+        air.advance(steps)
+    assert abs(air.mass_kg - start_kg - air.exchanged_kg) <= 1e-9 * start_kg
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    program=commands,
+    tendon_ml=st.floats(0.2, 50.0),
+    manifold_ml=st.floats(0.5, 100.0),
+    conductance=st.floats(0.001, 1.0),
+)
+def test_pressures_stay_between_pump_and_atmosphere(
+    program: list[tuple[float, tuple[bool, bool, bool], int]], tendon_ml: float, manifold_ml: float, conductance: float
+) -> None:
+    """However small the volumes and wide the valves, no pressure overshoots ambient or the pump's ultimate vacuum."""
+    parameters = PneumaticParameters(
+        tendon_volume_m3=tendon_ml * 1e-6,
+        manifold_volume_m3=manifold_ml * 1e-6,
+        valve_conductance_dm3_s_bar=conductance,
+    )
+    air = Pneumatics(parameters, DT_S)
+    for duty, energised, steps in program:
+        air.command(duty, energised)
+        pressure_pa = air.advance(steps)
+        assert pressure_pa.max() <= AMBIENT_PA * (1.0 + 1e-9)
+        assert pressure_pa.min() >= AMBIENT_PA - parameters.pump_ultimate_vacuum_pa - 1e-6
+
+
+@given(one_pa=st.floats(1e3, 2e5), other_pa=st.floats(1e3, 2e5))
+def test_flow_runs_downhill_and_is_odd(one_pa: float, other_pa: float) -> None:
+    """Flow has the sign of the pressure difference, changes sign with it, and never exceeds the choked flow."""
+    flow = orifice_flow_kg_s(one_pa, other_pa, 1e-9, 0.5, 0.99)
+    assert flow == -orifice_flow_kg_s(other_pa, one_pa, 1e-9, 0.5, 0.99)
+    assert flow * (one_pa - other_pa) >= 0.0
+    assert abs(flow) <= 1e-9 * max(one_pa, other_pa)
+
+
+def test_orifice_chokes_below_the_critical_ratio() -> None:
+    """Below half the upstream pressure the flow does not grow any more: C rho p, by ISO 6358."""
+    assert orifice_flow_kg_s(1e5, 4e4, 1e-9, 0.5, 0.99) == pytest.approx(1e-4)
+    assert orifice_flow_kg_s(1e5, 1e3, 1e-9, 0.5, 0.99) == pytest.approx(1e-4)
+    assert orifice_flow_kg_s(1e5, 7.5e4, 1e-9, 0.5, 0.99) == pytest.approx(1e-4 * np.sqrt(0.75))
