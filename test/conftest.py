@@ -61,7 +61,7 @@ def left_alone(tmp_path: Path) -> tuple[str, str]:
     """Options of `jammkle up` for an ankle that hangs in its rig while the controller decides nothing."""
     path = tmp_path / "left_alone.yaml"
     path.write_text(
-        "sim:\n  ros__parameters:\n    release_time_s: 3600.0\n"
-        "controller:\n  ros__parameters:\n    auto_at_start: false\n"
+        "/**/sim:\n  ros__parameters:\n    release_time_s: 3600.0\n"
+        "/**/controller:\n  ros__parameters:\n    auto_at_start: false\n"
     )
     return ("--params", str(path))

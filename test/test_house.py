@@ -112,3 +112,26 @@ def test_no_name_on_the_graph_is_written_twice() -> None:
                 if isinstance(node, ast.Constant) and isinstance(node.value, str)
             }
             assert not constants & names, f"{path.relative_to(ROOT)} writes {constants & names} itself"
+
+
+@pytest.mark.parametrize("package", PACKAGES[:3])
+def test_a_node_writes_over_nothing_of_rclpy(package: str) -> None:
+    """No attribute of a node hides one that rclpy's own node classes keep for themselves."""
+    script = """
+import rclpy
+from rclpy.lifecycle import LifecycleNode
+
+rclpy.init()
+print(sorted({*vars(LifecycleNode("bare")), *dir(LifecycleNode)}))
+"""
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd="/")
+    taken = set(ast.literal_eval(result.stdout))
+    tree = ast.parse((ROOT / package / package / "node.py").read_text())
+    assigned = {
+        target.attr
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.Assign, ast.AnnAssign))
+        for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+        if isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name) and target.value.id == "self"
+    }
+    assert not assigned & taken

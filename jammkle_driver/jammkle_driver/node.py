@@ -70,20 +70,20 @@ class DriverNode(LifecycleNode):
         """
         super().__init__(DRIVER_NODE, **node_options)
         self._refuse_bad_transitions()
-        self._parameters = declare(self, DriverParameters)
+        self._values = declare(self, DriverParameters)
         on_change(self, DriverParameters, self._take_parameters)
-        self._driver = Driver(CHANNELS, self._parameters.settings())
+        self._driver = Driver(CHANNELS, self._values.settings())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
         self._faults: tuple[str, ...] = ()
-        self._diagnostics = DiagnosticsPublisher(self, self._parameters.hardware, self._health)
+        self._diagnostics = DiagnosticsPublisher(self, self._values.hardware, self._health)
 
     def start(self) -> None:
         """Configure and activate, where the parameter `autostart` says so."""
-        if self._parameters.autostart and self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+        if self._values.autostart and self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
             self.trigger_activate()
 
     def shut_down(self) -> None:
@@ -200,7 +200,7 @@ class DriverNode(LifecycleNode):
 
     def _on_pressure(self, place: str, message: FluidPressure) -> None:
         now = self._now()
-        self._driver.measure(pressure_sample(place, message, self._parameters.ambient_pressure_pa, now.graph_s), now)
+        self._driver.measure(pressure_sample(place, message, self._values.ambient_pressure_pa, now.graph_s), now)
         self._settle()
 
     def _on_jam_command(self, message: JamCommand) -> None:
@@ -248,7 +248,7 @@ class DriverNode(LifecycleNode):
             self._faults = faults
 
     def _take_parameters(self, parameters: DriverParameters) -> None:
-        self._parameters = parameters
+        self._values = parameters
         self._driver.limit(parameters.limits())
 
     def _health(self) -> tuple[Health, ...]:

@@ -33,7 +33,7 @@ def measure_load(domain_id: int, imu_rate_hz: int) -> list[Load]:
     """Bring up one ankle at this IMU rate and watch its processes for ten seconds."""
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "rate.yaml"
-        parameters.write_text(f"sim:\n  ros__parameters:\n    imu_rate_hz: {imu_rate_hz}\n")
+        parameters.write_text(f"/**/sim:\n  ros__parameters:\n    imu_rate_hz: {imu_rate_hz}\n")
         up = Up(domain_id, Path(folder), "up", "--params", str(parameters))
         echo = subprocess.Popen([sys.executable, str(Path(__file__).with_name("echo.py"))], env=environment(domain_id))
         probe = Probe(domain_id)
