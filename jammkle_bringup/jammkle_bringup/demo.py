@@ -19,7 +19,7 @@ from jammkle_bringup.core.run_series import read_run
 from jammkle_bringup.core.run_summary import summary_of
 from jammkle_bringup.core.supervisor import Supervisor
 from jammkle_bringup.graph_client import GraphClient
-from jammkle_bringup.up import RECORDER, GraphOptions, check_graph_is_free, child_specs, say, say_how_it_ended
+from jammkle_bringup.up import RECORDER, GraphOptions, beside_others, child_specs, say, say_how_it_ended
 from jammkle_graph.names import (
     CHANNELS,
     CONTACT_EVENTS,
@@ -89,7 +89,7 @@ def demo(folder: Path, namespace: str, asked_to_stop: Callable[[], bool]) -> Dem
     values = {SIM_NODE: {"start_paused": True}}
     options = GraphOptions(namespace=namespace, bag=bag, values=values)
     with NamespaceLock(namespace, ros_domain(), default_folder()):
-        check_graph_is_free(options, asked_to_stop)
+        options = beside_others(options, asked_to_stop)
         with (folder / "graph.log").open("w", encoding="utf-8") as log:
             bad = _land(options, log, asked_to_stop)
     if say_how_it_ended(None, bad):

@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.run_summary import RunSummary
 
 _PA_PER_KPA = 1e3
+_PIPE_WIDTH = 160
 _STATE_STYLES = {"JAMMED": "green", "JAMMING": "yellow", "VENTING": "yellow", "FAULT": "bold red", "UNKNOWN": "dim"}
 _LEVEL_STYLES = {"OK": "green", "WARN": "yellow", "ERROR": "bold red", "STALE": "dim"}
 
 
 def console() -> Console:
     """Return where results go; pipes get plain text that is not cut."""
-    return Console(soft_wrap=not sys.stdout.isatty(), highlight=False)
+    return Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=_PIPE_WIDTH)
 
 
 def write_json(path: Path | None, content: dict[str, Any]) -> None:
@@ -77,7 +78,7 @@ def status_tables(status: JamStatus, health: Sequence[HealthStatus]) -> list[Tab
     channels.add_row("manifold", "", "", _kpa(status.manifold_vacuum_kpa), "")
     lines = Table(title="Health", title_justify="left")
     for heading in ("node: what", "level", "message", "values"):
-        lines.add_column(heading)
+        lines.add_column(heading, overflow="fold")
     for line in health:
         values = ", ".join(f"{key}: {value}" for key, value in line.values.items())
         lines.add_row(line.name, _styled(line.level, _LEVEL_STYLES), line.message, values)
@@ -89,12 +90,13 @@ def info_tables(info: BagInfo) -> list[Table]:
     title = f"{info.bag}: {info.messages} messages in {info.duration_s:.3f} s from ROS time {info.start_s:.3f} s"
     topics = Table(title=title, title_justify="left")
     for heading in ("topic", "type"):
-        topics.add_column(heading)
+        topics.add_column(heading, overflow="fold")
     for heading in ("count", "rate [Hz]"):
         topics.add_column(heading, justify="right")
     topics.add_column("offered as")
     for topic in info.topics:
-        offered = ", ".join(part for part in (topic.reliability, topic.durability) if part)
+        durability = topic.durability.replace("transient_local", "latched")
+        offered = ", ".join(part for part in (topic.reliability, durability) if part)
         topics.add_row(topic.name, topic.message_type, str(topic.count), f"{topic.rate_hz:.1f}", offered)
     return [topics]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.bag_log import check_free
@@ -11,7 +11,7 @@ from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.namespace import resolved
 from jammkle_bringup.core.namespace_lock import NamespaceLock, already_up, default_folder, ros_domain
 from jammkle_bringup.core.node_table import NODES, Hardware, Robot, check_built, command_of, nodes_for, simulated_time
-from jammkle_bringup.core.parameter_file import check_parameter_file, values_for
+from jammkle_bringup.core.parameter_file import check_parameter_file
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_graph.names import CLOCK, SIM_NODE
@@ -78,27 +78,30 @@ def check_speed(speed: float, hardware: Hardware) -> float:
         raise InputError(msg) from error
 
 
-def check_graph_is_free(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> None:
+def beside_others(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> GraphOptions:
     """Look at the ROS graph, since a lock file does not know of other users and machines.
 
+    Returns:
+        The options, without a /clock of its own where simulated time already comes from another ankle.
+
     Raises:
-        InputError: a node of the same name is there, or simulated time already comes from elsewhere.
+        InputError: a node of the same name is there.
 
     """
     names = {resolved(options.namespace, entry.name) for entry in options.nodes}
     with GraphClient(options.namespace, asked_to_stop) as client:
         client.wait_until(lambda: bool(names & client.nodes()), _DISCOVERY_S)
         there = sorted(names & client.nodes())
-        clocks = [resolved(info.node_namespace, info.node_name) for info in _clock_publishers(client)]
+        clocks = client.node.get_publishers_info_by_topic(CLOCK.name)
     if there:
         msg = already_up(options.namespace, ros_domain(), f"node {', '.join(there)}")
         raise InputError(msg)
-    if clocks and _publishes_clock(options):
-        msg = (
-            f"{CLOCK.name} already comes from {clocks[0]}, and two clocks would fight: choose another ROS_DOMAIN_ID, "
-            f"or give --params with '/**/{SIM_NODE}: {{ros__parameters: {{publish_clock: false}}}}'"
-        )
-        raise InputError(msg)
+    if not clocks or options.hardware is not Hardware.SIM:
+        return options
+    owner = resolved(clocks[0].node_namespace, clocks[0].node_name)
+    say(f"{CLOCK.name} comes from {owner} already, so this simulation publishes none")
+    of_sim = {**options.values.get(SIM_NODE, {}), "publish_clock": False}
+    return replace(options, values={**options.values, SIM_NODE: of_sim})
 
 
 def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
@@ -129,7 +132,7 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
     """
     check(options)
     with NamespaceLock(options.namespace, ros_domain(), default_folder()):
-        check_graph_is_free(options, asked_to_stop)
+        options = beside_others(options, asked_to_stop)
         specs = child_specs(options)
         names = ", ".join(spec.name for spec in specs)
         say(f"starting {names} in namespace {options.namespace}, ROS domain {ros_domain()}; Ctrl-C stops")
@@ -166,14 +169,3 @@ def say_death(death: Death) -> None:
 def pass_on(name: str, line: str) -> None:
     """Pass on what a node says."""
     sys.stderr.write(f"[{name}] {line}\n")
-
-
-def _clock_publishers(client: GraphClient) -> Sequence[object]:
-    publishers: Sequence[object] = client.node.get_publishers_info_by_topic(CLOCK.name)
-    return publishers
-
-
-def _publishes_clock(options: GraphOptions) -> bool:
-    sims = [entry for entry in options.nodes if entry.name == SIM_NODE]
-    set_ = [values_for(options.parameter_files, options.namespace, entry) for entry in sims]
-    return any(values.get("publish_clock", True) for values in set_)

@@ -62,21 +62,6 @@ def check_parameter_file(path: Path, namespace: str, nodes: Sequence[NodeEntry])
         raise InputError(msg)
 
 
-def values_for(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> dict[str, object]:
-    """Return what checked files set on one node; the last file and section win.
-
-    Raises:
-        InputError: a file cannot be read.
-
-    """
-    found: dict[str, object] = {}
-    for path in paths:
-        for pattern, values in _sections(_read(path), path):
-            if _matches(pattern, resolved(namespace, entry.name)):
-                found.update(values)
-    return found
-
-
 def parameter_file_text(nodes: Sequence[NodeEntry]) -> str:
     """Return a parameter file that holds every parameter of the nodes with its default, described."""
     lines = [

@@ -106,7 +106,8 @@ def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
         vacuum = vacuum_pa(run, channel.channel)
         colour = f"C{index}"
         if vacuum is not None:
-            axes.plot(run.pressures[channel.channel].time_s, vacuum / _PA_PER_KPA, color=colour, label=channel.channel)
+            times_s = run.pressures[channel.channel].time_s
+            axes.plot(times_s, vacuum / _PA_PER_KPA, color=colour, label=channel.channel, linewidth=_width(index))
         commanded = run.commanded_vacuum.get(channel.channel)
         if commanded is not None:
             _steps(axes, commanded, run.duration_s, 1 / _PA_PER_KPA, colour)
@@ -138,8 +139,13 @@ def _solenoids(axes: Axes, run: RunSeries) -> None:
     axes.set_ylabel("solenoid\nenergised")
 
 
+def _width(index: int) -> float:
+    """Return a line width that lets equal curves show from under each other: left and right often are equal."""
+    return max(0.8, 3.2 - 0.8 * index)
+
+
 def _tension(axes: Axes, run: RunSeries) -> None:
     for index, (tendon, series) in enumerate(run.tensions.items()):
-        axes.plot(series.time_s, series.values, color=f"C{index}", linewidth=0.9, label=tendon)
+        axes.plot(series.time_s, series.values, color=f"C{index}", linewidth=_width(index), label=tendon)
     axes.set_ylabel("tension [N]")
     axes.legend(loc="upper right", fontsize="small", ncols=2)

@@ -58,7 +58,7 @@ class RunSummary:
         bag: Path of the bag.
         namespace: Where its ankle stood.
         duration_s: Length of the bag.
-        touch_down_s: First push on the load cell beyond 2 N.
+        touch_down_s: First push on the load cell beyond 2 N after it did not push.
         detected_s: Stamp of the IMU sample with which the controller detected the impact.
         detection_delay_s: Between the first sample of the impact and that one, as the controller says.
         peak_deceleration_m_s2: See PEAK_DEFINITION.
@@ -99,7 +99,8 @@ def summary_of(run: RunSeries, bag: str) -> RunSummary:
     if run.load_cell_z is None:
         missing.append(f"{LOAD_CELL.name}: no touch-down")
     else:
-        touch_down_s = _first_time(run.load_cell_z, run.load_cell_z.values < -TOUCH_DOWN_FORCE_N)
+        pushes = run.load_cell_z.values < -TOUCH_DOWN_FORCE_N
+        touch_down_s = _first_time(run.load_cell_z, pushes & np.maximum.accumulate(~pushes))
     impact = next((event for event in run.events if event.name == "IMPACT"), None)
     if not run.events:
         missing.append(f"{CONTACT_EVENTS.name}: no detection")

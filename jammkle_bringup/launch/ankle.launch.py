@@ -1,0 +1,55 @@
+"""One ankle: driver, controller and simulation, as `jammkle up` starts them.
+
+ros2 launch jammkle_bringup ankle.launch.py namespace:=lf_ankle speed:=0.5
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from jammkle_bringup.core.namespace import normalised
+from jammkle_bringup.core.node_table import Hardware, Robot, check_built, nodes_for, simulated_time
+from jammkle_graph.names import SIM_NODE
+
+ARGUMENTS = {
+    "robot": (Robot.ANKLE.value, "What to bring up."),
+    "hardware": (Hardware.SIM.value, "What stands behind the driver."),
+    "namespace": ("/", "ROS namespace of the ankle."),
+    "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
+    "params": ("", "ROS parameter file (YAML); config/ankle.yaml is one to start from."),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, (default, description) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    robot, hardware = Robot(given["robot"]), Hardware(given["hardware"])
+    check_built(robot, hardware)
+    actions = []
+    for entry in nodes_for(robot, hardware):
+        values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
+        if entry.name == SIM_NODE:
+            values["speed"] = float(given["speed"])
+        files = [given["params"]] if given["params"] else []
+        actions.append(
+            Node(
+                package=entry.package,
+                executable=entry.executable,
+                name=entry.name,
+                namespace=normalised(given["namespace"]),
+                parameters=[*files, values],
+                output="screen",
+                # a graph without one of its nodes is worse than none: the rest is stopped, solenoids released
+                on_exit=EmitEvent(event=Shutdown(reason=f"{entry.name} ended")),
+            )
+        )
+    return actions
