@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from jammkle_graph.names import CHANNELS, JAM_STATE, Service, Topic
-from jammkle_graph.qos import live_qos, publisher_qos, subscriber_qos
+from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
@@ -59,14 +59,14 @@ class Probe:
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
-    def listen(self, *topics: Topic, live: bool = False) -> None:
+    def listen(self, *topics: Topic) -> None:
         """Keep every message of these topics in `heard`, by topic name."""
         for topic in topics:
             self.node.create_subscription(
                 interface(topic.message_type),
                 topic.name,
                 self.heard[topic.name].append,
-                live_qos(topic) if live else subscriber_qos(topic),
+                subscriber_qos(topic),
             )
 
     def publisher(self, topic: Topic) -> Any:

@@ -164,7 +164,7 @@ class DriverNode(LifecycleNode):
         for kind, topic, callback, qos in (
             (JamCommand, JAM_COMMAND, self._on_jam_command, subscriber_qos(JAM_COMMAND)),
             (Bool, EMERGENCY_STOP, self._on_emergency_stop, subscriber_qos(EMERGENCY_STOP)),
-            (Bool, EMERGENCY_STOP, self._on_emergency_stop, live_qos(EMERGENCY_STOP)),
+            (Bool, EMERGENCY_STOP, self._on_emergency_stop, live_qos()),
         ):
             subscription = self.create_subscription(kind, topic.name, callback, qos)
             self._closers.append(partial(self.destroy_subscription, subscription))

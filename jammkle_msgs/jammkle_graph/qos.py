@@ -8,6 +8,8 @@ from jammkle_graph.names import Topic, TopicKind
 
 _SENSOR_DEPTH = 100
 _EVENT_DEPTH = 100
+_LIVE_DEPTH = 10
+"""So that a stop which is taken back at once is still seen."""
 
 _LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -37,10 +39,10 @@ def subscriber_qos(topic: Topic) -> QoSProfile:
     return _SUBSCRIBER[topic.kind]
 
 
-def live_qos(topic: Topic) -> QoSProfile:
+def live_qos() -> QoSProfile:
     """Volatile profile that also matches publishers that do not latch (`ros2 topic pub` by default does not).
 
     A latched subscription never sees such a publisher. Where missing one is dangerous (the emergency stop),
     subscribe twice: with `subscriber_qos` for late joining, and with this.
     """
-    return QoSProfile(depth=subscriber_qos(topic).depth, reliability=ReliabilityPolicy.RELIABLE)
+    return QoSProfile(depth=_LIVE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
