@@ -33,7 +33,8 @@ class LandingOptions:
     """All that falls, ankle included, kg. Paper."""
     friction: float = 0.55
     """Coefficient of sliding friction between foot and slope. Assumed, as in the slip rig. It matters: near 0.55 the
-    toe almost locks at first touch, which gives the first peak; at 0.3 and below the heel strikes the slope in the end."""
+    toe almost locks at first touch, which gives the first peak; at 0.3 and below
+    the heel strikes the slope in the end."""
     release_time_s: float = 1.0
     """Time after each start at which the carriage is let go, s."""
     seed: int = 0
