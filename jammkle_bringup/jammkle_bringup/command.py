@@ -188,14 +188,13 @@ def demo(
     from jammkle_bringup.demo import demo as land
 
     report.check_writable(json)
-    checked = normalised(namespace)
-    folder = fresh_folder(output, dt.datetime.now(tz=dt.timezone.utc).astimezone().date())
-    result = land(folder, checked, StopRequest())
+    today = dt.datetime.now(tz=dt.timezone.utc).astimezone().date()
+    result = land(lambda: fresh_folder(output, today), normalised(namespace), StopRequest())
     console = report.console()
     console.print(report.summary_table(result.summary))
     for line in result.summary.missing:
-        console.print(f"not in the bag: {line}")
-    console.print(f"picture: {result.picture}")
+        console.print(f"not in the bag: {line}", markup=False)
+    console.print(f"picture: {result.picture}", markup=False)
     report.write_json(json, {**result.summary.as_json(), "picture": str(result.picture)})
     return result.exit_code
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from lifecycle_msgs.msg import State
@@ -11,7 +11,6 @@ from lifecycle_msgs.srv import GetState
 from rich.console import Console
 from std_srvs.srv import SetBool
 
-from jammkle_bringup.core.bag_log import check_free
 from jammkle_bringup.core.errors import GraphError
 from jammkle_bringup.core.namespace import resolved
 from jammkle_bringup.core.namespace_lock import NamespaceLock, default_folder, ros_domain
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import TextIO
 
+    from jammkle_bringup.core.node_table import ParameterValue
     from jammkle_bringup.core.run_summary import RunSummary
     from jammkle_bringup.core.supervisor import Death
 
@@ -75,23 +75,27 @@ class _Heard:
         self.jammed = frozenset(each.channel for each in state.channels if each.state == ChannelJamState.JAMMED)
 
 
-def demo(folder: Path, namespace: str, asked_to_stop: Callable[[], bool]) -> DemoResult:
-    """Run the demo into a fresh folder.
+def demo(make_folder: Callable[[], Path], namespace: str, asked_to_stop: Callable[[], bool]) -> DemoResult:
+    """Run the demo.
+
+    Args:
+        make_folder: Makes the run's folder; called once it is known that the demo can start.
+        namespace: Normalised namespace.
+        asked_to_stop: Ends the demo early once it returns True.
 
     Raises:
-        InputError: a graph is already up in the namespace.
+        InputError: a graph is already up in the namespace, or the folder cannot be made.
         GraphError: the graph did not start, or a node died.
         Interrupted: the command was asked to stop; everything was stopped in order.
 
     """
-    bag = folder / "bag"
-    check_free(bag)
-    values = {SIM_NODE: {"start_paused": True}}
-    options = GraphOptions(namespace=namespace, bag=bag, values=values)
+    values: dict[str, dict[str, ParameterValue]] = {SIM_NODE: {"start_paused": True}}
     with NamespaceLock(namespace, ros_domain(), default_folder()):
-        options = beside_others(options, asked_to_stop)
+        options = beside_others(GraphOptions(namespace, values=values), asked_to_stop)
+        folder = make_folder()
+        bag = folder / "bag"
         with (folder / "graph.log").open("w", encoding="utf-8") as log:
-            bad = _land(options, log, asked_to_stop)
+            bad = _land(replace(options, bag=bag), log, asked_to_stop)
     if say_how_it_ended(None, bad):
         msg = f"the graph did not stop well; its output is in {folder / 'graph.log'}"
         raise GraphError(msg)

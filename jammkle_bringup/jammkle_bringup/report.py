@@ -7,6 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from jammkle_bringup.core.errors import InputError
@@ -64,7 +65,7 @@ def status_tables(status: JamStatus, health: Sequence[HealthStatus]) -> list[Tab
     channels = Table(title="Channels", title_justify="left")
     for heading in ("channel", "state"):
         channels.add_column(heading)
-    for heading in ("commanded [kPa]", "measured [kPa]"):
+    for heading in ("commanded, kPa", "measured, kPa"):
         channels.add_column(heading, justify="right")
     channels.add_column("reason")
     for channel in status.channels:
@@ -73,7 +74,7 @@ def status_tables(status: JamStatus, health: Sequence[HealthStatus]) -> list[Tab
             _styled(channel.state, _STATE_STYLES),
             f"{channel.commanded_vacuum_kpa:.1f}",
             _kpa(channel.measured_vacuum_kpa),
-            channel.reason,
+            escape(channel.reason),
         )
     channels.add_row("manifold", "", "", _kpa(status.manifold_vacuum_kpa), "")
     lines = Table(title="Health", title_justify="left")
@@ -81,17 +82,19 @@ def status_tables(status: JamStatus, health: Sequence[HealthStatus]) -> list[Tab
         lines.add_column(heading, overflow="fold")
     for line in health:
         values = ", ".join(f"{key}: {value}" for key, value in line.values.items())
-        lines.add_row(line.name, _styled(line.level, _LEVEL_STYLES), line.message, values)
+        lines.add_row(escape(line.name), _styled(line.level, _LEVEL_STYLES), escape(line.message), escape(values))
     return [channels, lines] if health else [channels]
 
 
 def info_tables(info: BagInfo) -> list[Table]:
     """Return the table of `jammkle info`."""
-    title = f"{info.bag}: {info.messages} messages in {info.duration_s:.3f} s from ROS time {info.start_s:.3f} s"
+    title = (
+        f"{escape(info.bag)}: {info.messages} messages in {info.duration_s:.3f} s from ROS time {info.start_s:.3f} s"
+    )
     topics = Table(title=title, title_justify="left")
     for heading in ("topic", "type"):
         topics.add_column(heading, overflow="fold")
-    for heading in ("count", "rate [Hz]"):
+    for heading in ("count", "rate, Hz"):
         topics.add_column(heading, justify="right")
     topics.add_column("offered as")
     for topic in info.topics:
@@ -117,7 +120,7 @@ def summary_table(summary: RunSummary) -> Table:
         table.add_row(channel.channel, f"{reached}{_after(channel.reached_s, summary)}")
     peak = summary.peak_deceleration_m_s2
     table.add_row("peak deceleration", "not known" if peak is None else f"{peak:.2f} m/s² (IMU z minus g)")
-    table.add_row("bag", summary.bag)
+    table.add_row("bag", escape(summary.bag))
     return table
 
 

@@ -1,0 +1,74 @@
+"""Fixtures of the bringup tests: ROS domains of their own, and bags made of known messages."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from domain_coordinator import domain_id as reserve_domain_id
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from jammkle_bringup.core.message_definitions import MessageDefinitions, share_folders
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rosbags.interfaces import Connection
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Reserve a ROS domain on this machine for one test and the processes it starts."""
+    with reserve_domain_id() as number:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield number
+
+
+class BagMaker:
+    """Writes messages, given as nested values, into a bag."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._definitions = MessageDefinitions(share_folders())
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer.open()
+        self._connections: dict[str, Connection] = {}
+
+    def make(self, message_type: str, *values: Any) -> Any:
+        """Make a message of a type from the values of its fields, in their order."""
+        definition = self._definitions.find(message_type)
+        if message_type not in self._store.types:
+            new = get_types_from_msg(definition.text, message_type)
+            self._store.register({name: fields for name, fields in new.items() if name not in self._store.types})
+        return self._store.types[message_type](*values)
+
+    def header(self, time_s: float) -> Any:
+        """Make a header with a stamp."""
+        seconds, nanoseconds = divmod(round(time_s * 1e9), 10**9)
+        return self.make("std_msgs/msg/Header", self.make("builtin_interfaces/msg/Time", seconds, nanoseconds), "")
+
+    def write(self, topic: str, time_s: float, message: Any) -> None:
+        """Write a message at a log time."""
+        if topic not in self._connections:
+            kind = message.__msgtype__
+            definition = self._definitions.find(kind)
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, msgdef=definition.text, rihs01=definition.type_hash
+            )
+        data = self._store.serialize_cdr(message, message.__msgtype__)
+        self._writer.write(self._connections[topic], round(time_s * 1e9), data)
+
+    def close(self) -> Path:
+        """Complete the bag and return its path."""
+        self._writer.close()
+        return self.path
+
+
+@pytest.fixture
+def bag_maker(tmp_path: Path) -> Callable[[str], BagMaker]:
+    """Return a function that begins a bag of a given name."""
+    return lambda name: BagMaker(tmp_path / name)

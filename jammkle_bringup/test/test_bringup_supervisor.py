@@ -1,0 +1,200 @@
+"""The supervisor, with toy processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+TIMEOUT_S = 30.0
+
+OBEDIENT = """
+import signal, sys, time
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+print("ready", flush=True)
+while True:
+    time.sleep(0.05)
+"""
+STUBBORN = """
+import signal, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print("ready", flush=True)
+while True:
+    time.sleep(0.05)
+"""
+DYING = """
+import sys
+sys.stderr.write("the pump is on fire\\n")
+sys.exit(3)
+"""
+
+
+def spec(name: str, code: str) -> ChildSpec:
+    return ChildSpec(name, (sys.executable, "-c", code))
+
+
+def wait_until(predicate: Callable[[], bool], what: str) -> None:
+    end_s = time.monotonic() + TIMEOUT_S
+    while not predicate():
+        assert time.monotonic() < end_s, f"not within {TIMEOUT_S} s: {what}"
+        time.sleep(0.01)
+
+
+def runs(process_id: int) -> bool:
+    """Return True while a process runs; one that ended and is not collected yet does not."""
+    try:
+        with open(f"/proc/{process_id}/stat", encoding="ascii") as file:  # noqa: PTH123 - may vanish any time
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+class Lines:
+    """Collects what processes say."""
+
+    def __init__(self) -> None:
+        self.all: list[tuple[str, str]] = []
+
+    def take(self, name: str, line: str) -> None:
+        self.all.append((name, line))
+
+    def ready(self, *names: str) -> bool:
+        return all((name, "ready") in self.all for name in names)
+
+
+def test_a_process_that_dies_is_named_with_its_exit_code_and_last_words() -> None:
+    """The first death carries name, exit code and the end of the output, and the others can still be stopped."""
+    lines = Lines()
+    with Supervisor([spec("sim", OBEDIENT), spec("driver", DYING)], lines.take) as supervisor:
+        end_s = time.monotonic() + TIMEOUT_S
+        death = supervisor.watch(lambda: time.monotonic() > end_s)
+        wait_until(lambda: lines.ready("sim"), "sim is ready")
+        others = [bad for bad in supervisor.stop() if bad.name != "driver"]
+    assert death is not None
+    assert (death.name, death.exit_code) == ("driver", 3)
+    assert death.text() == "driver died with exit code 3; it said: the pump is on fire"
+    assert others == []
+
+
+def test_a_killed_process_is_named_with_its_signal() -> None:
+    """A death by signal is told by the signal's name."""
+    lines = Lines()
+    with Supervisor([spec("sim", OBEDIENT)], lines.take) as supervisor:
+        wait_until(lambda: lines.ready("sim"), "sim is ready")
+        os.kill(supervisor.process_ids()["sim"], signal.SIGKILL)
+        wait_until(lambda: supervisor.first_death() is not None, "the death is seen")
+        death = supervisor.first_death()
+    assert death is not None
+    assert "SIGKILL" in death.text()
+
+
+def test_processes_stop_one_after_the_other_in_reverse_order() -> None:
+    """What starts first ends last, so that a recorder sees how the others end."""
+    leaving = OBEDIENT.replace("sys.exit(0)", "(print('leaving', flush=True), sys.exit(0))")
+    lines = Lines()
+    names = ("recorder", "sim", "driver")
+    with Supervisor([spec(name, leaving) for name in names], lines.take) as supervisor:
+        wait_until(lambda: lines.ready(*names), "all are ready")
+        assert supervisor.stop() == ()
+    assert [name for name, line in lines.all if line == "leaving"] == ["driver", "sim", "recorder"]
+
+
+def test_a_stubborn_process_is_killed_and_named() -> None:
+    """A process that ignores SIGTERM is killed after the timeout and counts as a bad end."""
+    lines = Lines()
+    with Supervisor([spec("stubborn", STUBBORN)], lines.take, stop_timeout_s=0.2) as supervisor:
+        wait_until(lambda: lines.ready("stubborn"), "it is ready")
+        process_id = supervisor.process_ids()["stubborn"]
+        (bad,) = supervisor.stop()
+    assert (bad.name, bad.exit_code) == ("stubborn", -signal.SIGKILL)
+    assert not runs(process_id)
+
+
+def test_an_exception_stops_everything() -> None:
+    """Leaving the context by an exception leaves no process."""
+    lines = Lines()
+    process_ids: list[int] = []
+
+    def fail() -> None:
+        with Supervisor([spec("a", OBEDIENT), spec("b", OBEDIENT)], lines.take) as supervisor:
+            wait_until(lambda: lines.ready("a", "b"), "both are ready")
+            process_ids.extend(supervisor.process_ids().values())
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert len(process_ids) == 2
+    assert not any(runs(process_id) for process_id in process_ids)
+
+
+PARENT = textwrap.dedent(
+    """
+    import sys
+    from jammkle_bringup.core.signals import StopRequest
+    from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
+
+    stop = StopRequest()
+    specs = [ChildSpec(name, (sys.executable, "-c", sys.argv[1])) for name in ("a", "b")]
+
+    def say(name, line):
+        print(name, line, flush=True)
+
+    with Supervisor(specs, say) as supervisor:
+        print("children", *supervisor.process_ids().values(), flush=True)
+        death = supervisor.watch(stop)
+        bad = supervisor.stop()
+    sys.exit(1 if death or bad else 0)
+    """
+)
+
+
+def start_parent(tmp_path: Path) -> tuple[subprocess.Popen[str], list[int]]:
+    """Start a process that supervises two others; return it and their process ids once they are ready."""
+    output = tmp_path / "parent.txt"
+    with output.open("w") as file:
+        parent = subprocess.Popen([sys.executable, "-c", PARENT, OBEDIENT], stdout=file, stderr=file, text=True)
+    wait_until(lambda: output.read_text().count("ready") == 2, "both children are ready")
+    line = next(line for line in output.read_text().splitlines() if line.startswith("children"))
+    return parent, [int(part) for part in line.split()[1:]]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_parent_and_children_well(tmp_path: Path, number: signal.Signals) -> None:
+    """On SIGINT, SIGTERM and SIGHUP the parent stops its children, exits 0 and prints no traceback."""
+    parent, children = start_parent(tmp_path)
+    parent.send_signal(number)
+    assert parent.wait(TIMEOUT_S) == 0
+    assert not any(runs(child) for child in children)
+    assert "Traceback" not in (tmp_path / "parent.txt").read_text()
+
+
+def test_no_child_outlives_a_killed_parent(tmp_path: Path) -> None:
+    """When the parent is killed, which it cannot notice, its children end too."""
+    parent, children = start_parent(tmp_path)
+    assert all(runs(child) for child in children)
+    parent.kill()
+    parent.wait(TIMEOUT_S)
+    wait_until(lambda: not any(runs(child) for child in children), "the children have ended")
+
+
+def test_a_child_has_a_session_of_its_own(tmp_path: Path) -> None:
+    """Ctrl-C in a terminal reaches the foreground process group; the children are not in it."""
+    parent, children = start_parent(tmp_path)
+    try:
+        assert all(os.getsid(child) == child for child in children)
+        assert os.getsid(parent.pid) not in children
+    finally:
+        parent.terminate()
+        parent.wait(TIMEOUT_S)
