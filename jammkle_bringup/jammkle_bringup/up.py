@@ -94,7 +94,9 @@ def beside_others(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> G
         there = sorted(names & client.nodes())
         clocks = client.node.get_publishers_info_by_topic(CLOCK.name)
     if there:
-        msg = already_up(options.namespace, ros_domain(), f"node {', '.join(there)}")
+        msg = already_up(
+            options.namespace, ros_domain(), f"node {', '.join(there)}; one that was killed is seen for 20 s more"
+        )
         raise InputError(msg)
     if not clocks or options.hardware is not Hardware.SIM:
         return options
