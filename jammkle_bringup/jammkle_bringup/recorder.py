@@ -19,7 +19,7 @@ from jammkle_bringup.conversions import bag_qos, clock_ns, message_class
 from jammkle_bringup.core.bag_log import BagLog, TimeSource
 from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.namespace import relative, resolved
-from jammkle_graph.names import CLOCK, SIM_PARAMETERS, TOPICS
+from jammkle_graph.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS
 from jammkle_graph.qos import publisher_qos
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ QUEUE_DEPTH = 2000
 
 _DISCOVERY_PERIOD_S = 0.2
 _UNDECIDED_S = 1.0
-_OUTSIDE = ("/clock", "/diagnostics", "/tf", "/tf_static")
+_OUTSIDE = (CLOCK.name, DIAGNOSTICS.name, "/tf", "/tf_static")
 _LEFT_OUT = ("/rosout", "/parameter_events")
 _SPIN_TIMEOUT_S = 0.1
 _DRAIN_S = 1.0  # a graph that goes on publishes without end
