@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 RECORDER = "recorder"
 _DISCOVERY_S = 0.8
+_RECORDER_STOP_TIMEOUT_S = 30.0  # a killed recorder leaves a bag without its end
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,8 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
     if options.bag is not None:
         source = "sim" if options.hardware is Hardware.SIM else "system"
         command = (sys.executable, "-m", "jammkle_bringup", "record", "-o", str(options.bag))
-        specs.append(ChildSpec(RECORDER, (*command, "--namespace", options.namespace, "--clock", source)))
+        command = (*command, "--namespace", options.namespace, "--clock", source)
+        specs.append(ChildSpec(RECORDER, command, _RECORDER_STOP_TIMEOUT_S))
     files = tuple(str(file.absolute()) for file in options.parameter_files)
     for entry in options.nodes:
         values = dict(options.values.get(entry.name, {}))
