@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass
 
 import mujoco
+
 from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
 
 ROUNDS = 15
