@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
-from domain_coordinator import domain_id as reserve_domain_id
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 
 from jammkle_graph import names
+from jammkle_graph.testing import own_domain
 from jammkle_msgs.srv import Step
 from jammkle_sim.landing import make_simulation
 from jammkle_sim.node import SimNode
@@ -187,7 +187,7 @@ class Graph:
 def sim_domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Reserve a ROS domain on this machine for one test."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with reserve_domain_id() as number:
+    with own_domain() as number:
         yield number
 
 
