@@ -23,8 +23,8 @@ NODES: dict[str, type[ParameterClass]] = {
 
 
 def table(head: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
-    """Markdown table without repeated lines."""
-    unique = list(dict.fromkeys(lines))
+    """Markdown table without repeated lines; a bar inside a cell would end the cell, so it is escaped."""
+    unique = list(dict.fromkeys(tuple(cell.replace("|", "\\|") for cell in line) for line in lines))
     return "\n".join(
         [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}", *(f"| {' | '.join(line)} |" for line in unique)]
     )

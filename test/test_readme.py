@@ -18,6 +18,15 @@ def test_the_tables_are_those_of_the_code() -> None:
     assert text == filled(text)
 
 
+def test_every_row_has_the_cells_of_its_head() -> None:
+    """No stray bar breaks a table where the README is shown."""
+    width = 0
+    for line in README.read_text().splitlines():
+        cells = len(re.findall(r"(?<!\\)\|", line)) if line.startswith("|") else 0
+        assert not (cells and width) or cells == width, line
+        width = cells
+
+
 def test_every_subcommand_that_is_shown_exists() -> None:
     """Each `jammkle NAME` of the README's code blocks answers `--help`."""
     blocks = re.findall(r"```bash\n(.*?)```", README.read_text(), re.DOTALL)
