@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from typing import TYPE_CHECKING
 
 import psutil
@@ -11,8 +12,9 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
-from jammkle_graph.names import CHANNELS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
-from jammkle_msgs.msg import ChannelJamState
+from graph import TIMEOUT_S
+from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
+from jammkle_msgs.msg import ChannelJamState, ContactEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,6 +61,63 @@ def test_up_says_which_node_died(graph: tuple[Up, Probe], package: str) -> None:
     assert "SIGKILL" in up.text()
     assert "Traceback" not in up.text()
     assert not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
+
+
+def test_up_detects_its_landing(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+    """The ankle falls only once the graph is connected: the controller feels the impact and everything gets jammed."""
+    up = start("up")
+    probe = make_probe()
+    probe.listen(JAM_STATE, CONTACT_EVENTS)
+    probe.spin_until(
+        lambda: any(event.type == ContactEvent.IMPACT for event in probe.heard[CONTACT_EVENTS.name]), "the impact"
+    )
+    probe.wait_for_channels(ChannelJamState.JAMMED)
+    assert "jammkle: up\n" in up.text()
+
+
+def test_up_stays_paused_if_a_file_says_so(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """A user's own start_paused wins: simulated time stands until ~/step or ~/set_paused, and `up` says so."""
+    path = tmp_path / "paused.yaml"
+    path.write_text("/**/sim:\n  ros__parameters:\n    start_paused: true\n")
+    up = start("up", "--params", str(path))
+    probe = make_probe()
+    probe.spin_until(lambda: "jammkle: up; paused" in up.text(), "it is up")
+    answer = probe.call(STEP, steps=10)
+    assert answer.success, answer.message
+    assert answer.simulated_time_s == pytest.approx(10 * 0.0005)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_up_can_be_stopped_while_it_waits(start: Callable[..., Up], number: signal.Signals) -> None:
+    """A signal before the graph is connected: exit code 0, no traceback, no process left."""
+    up = start("up")
+    wait_for_children(up)
+    children = up.children()
+    assert up.stop(number) == 0, up.text()
+    assert "jammkle: up" not in up.text()
+    assert "Traceback" not in up.text()
+    assert not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
+
+
+def test_a_node_that_dies_while_up_waits_is_named(start: Callable[..., Up]) -> None:
+    """Before the graph is connected, a death ends it as later."""
+    up = start("up")
+    wait_for_children(up)
+    os.kill(up.child("jammkle_sim").pid, signal.SIGKILL)
+    assert up.wait() == 1
+    assert up.text().count("sim died with signal SIGKILL") == 1
+    assert "Traceback" not in up.text()
+
+
+def wait_for_children(up: Up) -> None:
+    """Wait until `up` has started the last of its processes."""
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while not any("jammkle_driver" in child.cmdline() for child in up.children()):
+        assert time.monotonic() < deadline_s, up.text()
+        assert up.process.poll() is None, up.text()
+        time.sleep(0.02)
 
 
 def test_a_killed_up_leaves_no_process(graph: tuple[Up, Probe]) -> None:

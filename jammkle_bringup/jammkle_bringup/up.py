@@ -7,14 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.bag_log import check_free
-from jammkle_bringup.core.errors import InputError
+from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.namespace import resolved
 from jammkle_bringup.core.namespace_lock import NamespaceLock, already_up, default_folder, ros_domain
 from jammkle_bringup.core.node_table import NODES, Hardware, Robot, check_built, command_of, nodes_for, simulated_time
-from jammkle_bringup.core.parameter_file import check_parameter_file
+from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values
+from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import GraphClient
-from jammkle_graph.names import CLOCK, SIM_NODE
+from jammkle_bringup.readiness import RECORDER, Startup
+from jammkle_graph.names import CLOCK, DRIVER_NODE, SIM_NODE
 from jammkle_graph.parameters import ParameterError, rows
 
 if TYPE_CHECKING:
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.node_table import NodeEntry, ParameterValue
     from jammkle_bringup.core.supervisor import Death
 
-RECORDER = "recorder"
 _DISCOVERY_S = 0.8
 _RECORDER_STOP_TIMEOUT_S = 30.0  # a killed recorder leaves a bag without its end
 
@@ -54,8 +55,7 @@ def check(options: GraphOptions) -> None:
 
     """
     check_built(options.robot, options.hardware)
-    for file in options.parameter_files:
-        check_parameter_file(file, options.namespace, options.nodes)
+    check_parameter_files(options.parameter_files, options.namespace, options.nodes, options.values)
     if options.bag is not None:
         check_free(options.bag)
 
@@ -103,8 +103,7 @@ def beside_others(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> G
         return options
     owner = resolved(clocks[0].node_namespace, clocks[0].node_name)
     say(f"{CLOCK.name} comes from {owner} already, so this simulation publishes none")
-    of_sim = {**options.values.get(SIM_NODE, {}), "publish_clock": False}
-    return replace(options, values={**options.values, SIM_NODE: of_sim})
+    return with_value(options, SIM_NODE, "publish_clock", value=False)
 
 
 def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
@@ -127,8 +126,11 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
 def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
     """Run a graph until asked to stop or until a node dies.
 
+    A simulation starts paused and is let go once all nodes are connected, unless a file asks for `start_paused`.
+
     Returns:
-        The exit code: 0 when asked to stop and all ended well, 1 when a process died or had to be killed.
+        The exit code: 0 when asked to stop and all ended well, 1 when a process died or had to be killed, or when
+        the graph was not ready in time.
 
     Raises:
         InputError: something was wrong before the start; nothing was started.
@@ -137,15 +139,67 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
     check(options)
     with NamespaceLock(options.namespace, ros_domain(), default_folder()):
         options = beside_others(options, asked_to_stop)
-        specs = child_specs(options)
+        stay_paused = bool(given_value(options, SIM_NODE, "start_paused"))
+        specs = child_specs(with_value(options, SIM_NODE, "start_paused", value=True))
         names = ", ".join(spec.name for spec in specs)
         say(f"starting {names} in namespace {options.namespace}, ROS domain {ros_domain()}; Ctrl-C stops")
         with Supervisor(specs, pass_on) as supervisor:
-            death = supervisor.watch(asked_to_stop)
-            if death is not None:
+            death = None
+            failed = False
+            try:
+                begin(options, supervisor, asked_to_stop, stay_paused=stay_paused)
+                death = supervisor.watch(asked_to_stop)
+            except GraphError as error:
+                say(str(error))
+                failed, death = True, supervisor.first_death()
+            except Interrupted:  # before it was up; it stops as it does later
+                pass
+            if death is not None and not failed:
                 say_death(death)
             bad = supervisor.stop()
-    return say_how_it_ended(death, bad)
+    return say_how_it_ended(death, bad) or int(failed)
+
+
+def begin(
+    options: GraphOptions, supervisor: Supervisor, asked_to_stop: Callable[[], bool], *, stay_paused: bool
+) -> None:
+    """Wait until the nodes are connected and the driver is active, then let simulated time run.
+
+    Raises:
+        GraphError: a process died, the time is up, or the simulation refuses.
+        Interrupted: the command was asked to stop.
+
+    """
+    members = set(supervisor.process_ids())
+    by_itself = given_value(options, DRIVER_NODE, "autostart") is not False
+    with GraphClient(options.namespace, asked_to_stop) as client:
+        startup = Startup(client, supervisor)
+        # a driver that waits to be configured has no topics yet
+        startup.wait_until_connected(members if by_itself else members - {DRIVER_NODE})
+        if by_itself:
+            startup.wait_until_active()
+        supervisor.loaded()
+        if stay_paused:
+            say("up; paused, as start_paused says: the service sim/set_paused lets it go")
+            return
+        if SIM_NODE in members:
+            startup.let_go()
+        say("up")
+
+
+def given_value(options: GraphOptions, node: str, name: str) -> object:
+    """Return what was given for a parameter of a node, or None; what `values` holds wins over the files."""
+    found: object = None
+    for entry in options.nodes:
+        if entry.name == node:
+            found = merged_values(options.parameter_files, options.namespace, entry).get(name)
+    return options.values.get(node, {}).get(name, found)
+
+
+def with_value(options: GraphOptions, node: str, name: str, *, value: ParameterValue) -> GraphOptions:
+    """Return the options with a parameter that wins over the files."""
+    of_node = {**options.values.get(node, {}), name: value}
+    return replace(options, values={**options.values, node: of_node})
 
 
 def say_how_it_ended(death: Death | None, bad: Sequence[Death]) -> int:

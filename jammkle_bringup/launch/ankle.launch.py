@@ -18,6 +18,10 @@ ARGUMENTS = {
     "hardware": (Hardware.SIM.value, "What stands behind the driver."),
     "namespace": ("/", "ROS namespace of the ankle."),
     "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
+    # Launch has nothing that waits until the nodes have found each other, as `jammkle up` does. Discovery may take 2 s,
+    # and an ankle that falls before its controller hears the IMU lands unnoticed; so it hangs for longer.
+    "release_time_s": ("5.0", "Simulated time after which the carriage is released; discovery must be over by then."),
+    "publish_clock": ("true", "Whether this simulation makes /clock; false for all but one of several ankles."),
     "params": ("", "ROS parameter file (YAML); config/ankle.yaml is one to start from."),
 }
 
@@ -39,6 +43,8 @@ def nodes(context: LaunchContext) -> list[Node]:
         values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
         if entry.name == SIM_NODE:
             values["speed"] = float(given["speed"])
+            values["release_time_s"] = float(given["release_time_s"])
+            values["publish_clock"] = given["publish_clock"].lower() == "true"
         files = [given["params"]] if given["params"] else []
         actions.append(
             Node(

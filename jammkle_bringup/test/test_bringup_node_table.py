@@ -13,7 +13,7 @@ import yaml
 
 from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.node_table import NODES, Hardware, Robot, command_of, nodes_for, simulated_time
-from jammkle_bringup.core.parameter_file import check_parameter_file, parameter_file_text
+from jammkle_bringup.core.parameter_file import check_parameter_files, parameter_file_text
 from jammkle_bringup.up import GraphOptions, child_specs
 from jammkle_graph.parameters import from_mapping
 
@@ -62,7 +62,7 @@ def test_the_parameter_file_is_made_from_the_tables() -> None:
         table = entry.parameters()
         assert from_mapping(table, content[f"/**/{entry.name}"]["ros__parameters"]) == table()
     for namespace in ("/", "/lf_ankle", "/robot/lf_ankle"):
-        check_parameter_file(path, namespace, NODES)
+        check_parameter_files([path], namespace, NODES)
 
 
 @pytest.mark.parametrize(
@@ -83,10 +83,10 @@ def test_sections_fit_nodes_as_ros_reads_them(tmp_path: Path, section: str, name
     path = tmp_path / "parameters.yaml"
     path.write_text(f"{section}:\n  ros__parameters:\n    max_vacuum_pa: 50000.0\n    use_sim_time: true\n")
     if fits:
-        check_parameter_file(path, namespace, NODES)
+        check_parameter_files([path], namespace, NODES)
     else:
         with pytest.raises(InputError, match="no section fits"):
-            check_parameter_file(path, namespace, NODES)
+            check_parameter_files([path], namespace, NODES)
 
 
 class Recorded:
@@ -144,6 +144,20 @@ def test_the_launch_file_starts_what_the_command_starts(launch_file: Any) -> Non
         (values,) = given["parameters"]
         assert ("use_sim_time:=true" in command) == values.get("use_sim_time", False)
         assert ("speed:=2.0" in command) == (values.get("speed") == 2.0)
+
+
+def test_the_launch_file_leaves_time_for_discovery(launch_file: Any) -> None:
+    """Nothing waits for the nodes there, so by default the ankle hangs for longer; both arguments reach the sim only."""
+    defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
+    for given, release_time_s, publish_clock in (
+        ({}, 5.0, True),
+        ({"release_time_s": "2", "publish_clock": "false"}, 2.0, False),
+    ):
+        sim, *others = launch_file.nodes({**defaults, **given})
+        (values,) = sim.named["parameters"]
+        assert values["release_time_s"] == release_time_s
+        assert values["publish_clock"] is publish_clock
+        assert not any("release_time_s" in node.named["parameters"][0] for node in others)
 
 
 def test_the_launch_file_declares_its_arguments(launch_file: Any) -> None:

@@ -132,6 +132,17 @@ def test_a_process_that_still_loads_may_end_by_the_signal() -> None:
         assert supervisor.stop() == ()
 
 
+def test_a_process_that_has_loaded_may_not_end_by_the_signal() -> None:
+    """Once all is up, a process that the signal itself ended has not done its last duty, such as a release."""
+    lines = Lines()
+    careless = "import time\nprint('ready', flush=True)\ntime.sleep(600)"
+    with Supervisor([spec("driver", careless)], lines.take) as supervisor:
+        wait_until(lambda: lines.ready("driver"), "it runs")
+        supervisor.loaded()
+        (bad,) = supervisor.stop()
+    assert (bad.name, bad.exit_code) == ("driver", -signal.SIGTERM)
+
+
 def test_an_exception_stops_everything() -> None:
     """Leaving the context by an exception leaves no process."""
     lines = Lines()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 
-from jammkle_graph.parameters import ParameterClass, ParameterError, ParameterRow, from_mapping, rows
+from jammkle_graph.parameters import ParameterClass, ParameterError, ParameterRow, from_mapping, of_table, rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter
 
 P = TypeVar("P", bound=ParameterClass)
-
-_RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service")
-_RCLPY_PREFIX = "qos_overrides."
 
 
 def declare(node: Node, table: type[P]) -> P:
@@ -35,13 +32,8 @@ def declare(node: Node, table: type[P]) -> P:
     # rclpy drops what nobody declares without a word, and a typing error in a YAML file would go unseen.
     # Its public interface does not tell what was given.
     given = {name: value.value for name, value in node._parameter_overrides.items()}  # noqa: SLF001
-    given = {
-        name: value
-        for name, value in given.items()
-        if name not in _RCLPY_PARAMETERS and not name.startswith(_RCLPY_PREFIX)
-    }
     try:
-        values = from_mapping(table, given)
+        values = from_mapping(table, of_table(given))
     except ParameterError as error:
         msg = f"{node.get_fully_qualified_name()}: {error}"
         raise ParameterError(msg) from error

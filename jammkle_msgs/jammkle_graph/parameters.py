@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Value = bool | int | float | str
 _METADATA_KEY = "jammkle_parameter"
+_RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service")
+_RCLPY_PREFIX = "qos_overrides."
 _TYPE_TEXT: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
@@ -117,6 +119,15 @@ def rows(table: type[ParameterClass]) -> tuple[ParameterRow, ...]:
     """All parameters of a table, in the order in which they stand in it."""
     fields = table.__dataclass_fields__.values()
     return tuple(dataclasses.replace(field.metadata[_METADATA_KEY], name=field.name) for field in fields)
+
+
+def of_table(values: Mapping[str, object]) -> dict[str, object]:
+    """Return the values without those of parameters that rclpy gives every node, and that no table lists."""
+    return {
+        name: value
+        for name, value in values.items()
+        if name not in _RCLPY_PARAMETERS and not name.startswith(_RCLPY_PREFIX)
+    }
 
 
 def from_mapping(table: type[P], values: Mapping[str, object]) -> P:

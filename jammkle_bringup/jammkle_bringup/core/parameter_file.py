@@ -13,7 +13,7 @@ import yaml
 
 from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.namespace import resolved
-from jammkle_graph.parameters import ParameterError, from_mapping, rows
+from jammkle_graph.parameters import ParameterError, from_mapping, of_table, rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -24,42 +24,65 @@ if TYPE_CHECKING:
 _PARAMETERS_KEY = "ros__parameters"
 _WILDCARDS = ("*", "**")
 _WIDTH = 118
-# Every ROS node has these; no table lists them.
-_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 
 
-def check_parameter_file(path: Path, namespace: str, nodes: Sequence[NodeEntry]) -> None:
-    """Check a ROS parameter file against the nodes it is for.
+class _RosLoader(yaml.SafeLoader):
+    """Reads numbers as ROS does: YAML 1.2 needs no point in `2e-4`, which PyYAML, at 1.1, takes for text."""
+
+
+_RosLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:\.\d+|\d+(?:\.\d*)?)[eE][-+]?\d+"), list("-+.0123456789")
+)
+
+
+def check_parameter_files(
+    paths: Sequence[Path],
+    namespace: str,
+    nodes: Sequence[NodeEntry],
+    values: Mapping[str, Mapping[str, object]] | None = None,
+) -> None:
+    """Check ROS parameter files against the nodes they are for.
 
     Args:
-        path: The file.
+        paths: The files; the last one wins.
         namespace: Normalised namespace in which the nodes will run.
         nodes: The nodes that will be started.
+        values: Parameters by node name that win over the files.
 
     Raises:
-        InputError: the file cannot be read, names a node that is not there, or holds an unknown or bad parameter.
+        InputError: a file cannot be read or names a node that is not there, or a node's parameters hold an unknown
+            or bad one, or do not go together.
 
     """
-    sections = dict(_sections(_read(path), path))
-    names = {entry.name for entry in nodes}
-    for pattern in sections:
-        node = pattern.rpartition("/")[2]
-        if node not in names and node not in _WILDCARDS:
-            msg = f"{path}: no node '{node}' in this graph (section '{pattern}'); known are: {', '.join(sorted(names))}"
-            raise InputError(msg)
-    used = False
+    for path in paths:
+        _check_sections(path, namespace, nodes)
     for entry in nodes:
-        full_name = resolved(namespace, entry.name)
-        for pattern, values in sections.items():
+        merged = {**merged_values(paths, namespace, entry), **(values or {}).get(entry.name, {})}
+        try:
+            from_mapping(entry.parameters(), of_table(merged))
+        except ParameterError as error:
+            full_name = resolved(namespace, entry.name)
+            sources = [
+                str(path) for path in paths if any(_matches(each, full_name) for each, _ in _read_sections(path))
+            ]
+            msg = f"{', '.join(sources) or 'given'}: {entry.name}: {error}"
+            raise InputError(msg) from error
+
+
+def merged_values(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> dict[str, object]:
+    """Return what files say of a node, by parameter; the last section that fits wins.
+
+    Raises:
+        InputError: a file cannot be read.
+
+    """
+    full_name = resolved(namespace, entry.name)
+    merged: dict[str, object] = {}
+    for path in paths:
+        for pattern, values in _read_sections(path):
             if _matches(pattern, full_name):
-                used = True
-                _check_values(path, entry, values)
-    if sections and not used:
-        msg = (
-            f"{path}: no section fits namespace {namespace} (sections: {', '.join(sections)}); "
-            "'/**/driver' fits the driver of every namespace"
-        )
-        raise InputError(msg)
+                merged.update(values)
+    return merged
 
 
 def parameter_file_text(nodes: Sequence[NodeEntry]) -> str:
@@ -91,9 +114,13 @@ def _wrapped(text: str) -> list[str]:
     return lines
 
 
+def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:
+    return list(_sections(_read(path), path))
+
+
 def _read(path: Path) -> Mapping[str, object]:
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        document = yaml.load(path.read_text(encoding="utf-8"), _RosLoader)  # noqa: S506 - a safe loader's subclass
     except OSError as error:
         msg = f"{path}: cannot be read: {error.strerror}"
         raise InputError(msg) from error
@@ -114,7 +141,11 @@ def _sections(document: Mapping[str, object], path: Path, prefix: str = "") -> I
             msg = f"{path}: section '{key}' holds no '{_PARAMETERS_KEY}'"
             raise InputError(msg)
         if _PARAMETERS_KEY in value:
-            yield pattern, dict(_flat(value[_PARAMETERS_KEY] or {}))
+            values = value[_PARAMETERS_KEY] or {}
+            if not isinstance(values, dict):
+                msg = f"{path}: '{_PARAMETERS_KEY}' of '{key}' is {values!r}, and must be names with values"
+                raise InputError(msg)
+            yield pattern, dict(_flat(values))
         else:
             yield from _sections(value, path, pattern)
 
@@ -135,14 +166,19 @@ def _matches(pattern: str, full_name: str) -> bool:
     return re.fullmatch(parts, full_name) is not None
 
 
-def _check_values(path: Path, entry: NodeEntry, values: Mapping[str, object]) -> None:
-    of_node = {
-        name: value
-        for name, value in values.items()
-        if name not in _OF_EVERY_NODE and not name.startswith("qos_overrides.")
-    }
-    try:
-        from_mapping(entry.parameters(), of_node)
-    except ParameterError as error:
-        msg = f"{path}: {entry.name}: {error}"
-        raise InputError(msg) from error
+def _check_sections(path: Path, namespace: str, nodes: Sequence[NodeEntry]) -> None:
+    patterns = [pattern for pattern, _ in _read_sections(path)]
+    names = {entry.name for entry in nodes}
+    for pattern in patterns:
+        node = pattern.rpartition("/")[2]
+        if node not in names and node not in _WILDCARDS:
+            msg = f"{path}: no node '{node}' in this graph (section '{pattern}'); known are: {', '.join(sorted(names))}"
+            raise InputError(msg)
+    if patterns and not any(
+        _matches(pattern, resolved(namespace, entry.name)) for pattern in patterns for entry in nodes
+    ):
+        msg = (
+            f"{path}: no section fits namespace {namespace} (sections: {', '.join(patterns)}); "
+            "'/**/driver' fits the driver of every namespace"
+        )
+        raise InputError(msg)

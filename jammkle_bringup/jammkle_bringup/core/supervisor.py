@@ -131,6 +131,7 @@ class Supervisor:
         self._specs = tuple(specs)
         self._on_line = on_line
         self._children: list[_Child] = []
+        self._loading = True
 
     def __enter__(self) -> Self:
         """Start all processes."""
@@ -147,6 +148,10 @@ class Supervisor:
     ) -> None:
         """Stop what still runs."""
         self.stop()
+
+    def loaded(self) -> None:
+        """Note that every process runs: from now on one that ends by the signal itself has not done its last duty."""
+        self._loading = False
 
     def process_ids(self) -> dict[str, int]:
         """Return the process id of everything that was started and not stopped, by name."""
@@ -171,12 +176,14 @@ class Supervisor:
     def stop(self) -> tuple[Death, ...]:
         """Stop everything in reverse order and return those that ended badly. Safe to call twice.
 
-        Ending by the SIGTERM that was sent is no bad end: a process that is still loading has no handler yet.
+        Before `loaded` was called, ending by the SIGTERM that was sent is no bad end: a process that is still loading
+        has no handler yet. Later it is: a driver that ends so has not released its solenoids.
         """
         bad: list[Death] = []
+        well = {0, -signal.SIGTERM} if self._loading else {0}
         while self._children:
             child = self._children.pop()
             child.stop()
-            if child.process.returncode not in {0, -signal.SIGTERM}:
+            if child.process.returncode not in well:
                 bad.append(child.death())
         return tuple(bad)

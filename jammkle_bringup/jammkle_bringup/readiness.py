@@ -1,0 +1,169 @@
+"""Wait until the nodes of a graph that was just started have found each other, then let simulated time run.
+
+Discovery over DDS takes up to some seconds, and a simulated ankle falls after one: a simulation that runs at once
+lands before its controller hears the IMU. So it starts paused, and goes on when everything is connected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
+from std_srvs.srv import SetBool
+
+from jammkle_bringup.core.errors import GraphError
+from jammkle_bringup.core.namespace import resolved
+from jammkle_graph.names import (
+    CHANNELS,
+    CONTACT_EVENTS,
+    CONTROLLER_NODE,
+    DRIVER_NODE,
+    IMU,
+    JAM_COMMAND,
+    PRESSURES,
+    PUMP_DUTY,
+    SET_PAUSED,
+    SIM_NODE,
+    SOLENOIDS,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+
+    from jammkle_bringup.core.supervisor import Death, Supervisor
+    from jammkle_bringup.graph_client import GraphClient
+
+RECORDER = "recorder"
+
+READY_TIMEOUT_S = 30.0
+"""Until all nodes are there. Assumed; a first start compiles the simulation's laws, which takes some seconds."""
+
+_STATE_TIMEOUT_S = 2.0
+
+_CONNECTIONS = (
+    (IMU.name, SIM_NODE, (CONTROLLER_NODE, RECORDER)),
+    (CONTACT_EVENTS.name, CONTROLLER_NODE, (RECORDER,)),
+    (JAM_COMMAND.name, CONTROLLER_NODE, (DRIVER_NODE, RECORDER)),
+    (PUMP_DUTY.name, DRIVER_NODE, (SIM_NODE, RECORDER)),
+    *((SOLENOIDS[channel].name, DRIVER_NODE, (SIM_NODE, RECORDER)) for channel in CHANNELS),
+    *((PRESSURES[channel].name, SIM_NODE, (DRIVER_NODE, RECORDER)) for channel in CHANNELS),
+)
+"""What a landing needs: topic, who publishes it, who listens to it."""
+
+
+@dataclass(frozen=True)
+class Startup:
+    """A graph that is starting or running, seen from a client's node, with the processes behind it.
+
+    Attributes:
+        client: Node in the graph's namespace.
+        supervisor: The processes.
+        hint: Where to read on when something fails, to end a line with; may be empty.
+
+    """
+
+    client: GraphClient
+    supervisor: Supervisor
+    hint: str = ""
+
+    def wait(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for something on the graph; True once it holds, False when the time is up.
+
+        Raises:
+            GraphError: a process died meanwhile.
+            Interrupted: the command was asked to stop.
+
+        """
+        deaths: list[Death] = []
+
+        def done() -> bool:
+            death = self.supervisor.first_death()
+            if death is not None:
+                deaths.append(death)
+            return bool(deaths) or predicate()
+
+        held = self.client.wait_until(done, timeout_s)
+        if deaths:
+            msg = f"{deaths[0].text()}{self.hint}"
+            raise GraphError(msg)
+        return held
+
+    def wait_until_connected(self, members: Collection[str]) -> None:
+        """Wait until these nodes are connected to each other.
+
+        Raises:
+            GraphError: a process died, or the time is up.
+            Interrupted: the command was asked to stop.
+
+        """
+        if not self.wait(lambda: not _missing(self.client, members), READY_TIMEOUT_S):
+            missing = ", ".join(_missing(self.client, members))
+            msg = f"not ready after {READY_TIMEOUT_S:g} s, missing: {missing}{self.hint}"
+            raise GraphError(msg)
+
+    def wait_until_active(self) -> None:
+        """Wait until the driver is active.
+
+        Raises:
+            GraphError: a process died, or the time is up.
+            Interrupted: the command was asked to stop.
+
+        """
+        state = State.PRIMARY_STATE_UNKNOWN
+
+        def active() -> bool:
+            nonlocal state
+            try:
+                answer = self.client.call_path(
+                    f"{DRIVER_NODE}/get_state", GetState, GetState.Request(), _STATE_TIMEOUT_S
+                )
+            except GraphError:  # not yet; a driver that died is noticed by `wait`
+                return False
+            state = answer.current_state.id
+            return bool(state == State.PRIMARY_STATE_ACTIVE)
+
+        if not self.wait(active, READY_TIMEOUT_S):
+            msg = f"the driver is not active after {READY_TIMEOUT_S:g} s (lifecycle state {state}){self.hint}"
+            raise GraphError(msg)
+
+    def let_go(self) -> None:
+        """Let the simulated time run.
+
+        Raises:
+            GraphError: the simulation does not answer, or refuses.
+            Interrupted: the command was asked to stop.
+
+        """
+        answer = self.client.call(SET_PAUSED, SetBool, SetBool.Request(data=False))
+        if not answer.success:
+            msg = f"the simulation did not start: {answer.message}{self.hint}"
+            raise GraphError(msg)
+
+
+def _missing(client: GraphClient, members: Collection[str]) -> list[str]:
+    """Return which ends of a topic between these nodes are not there yet."""
+    missing = []
+    for topic, publisher, subscribers in _CONNECTIONS:
+        if publisher not in members:
+            continue
+        name = resolved(client.namespace, topic)
+        publishing = {
+            info.node_name
+            for info in client.node.get_publishers_info_by_topic(name)
+            if info.node_namespace == client.namespace
+        }
+        listening = {
+            info.node_name
+            for info in client.node.get_subscriptions_info_by_topic(name)
+            if info.node_namespace == client.namespace
+        }
+        if publisher not in publishing:
+            missing.append(f"{publisher} ({topic})")
+        missing += [
+            f"{subscriber} ({topic})"
+            for subscriber in subscribers
+            if subscriber in members and subscriber not in listening
+        ]
+    return missing

@@ -1,0 +1,58 @@
+"""Waiting for a graph that starts: what is missing is named, a death ends the wait, and so does a request to stop."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from jammkle_bringup import readiness
+from jammkle_bringup.core.errors import GraphError
+from jammkle_bringup.core.signals import Interrupted
+from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
+from jammkle_bringup.graph_client import GraphClient
+from jammkle_bringup.readiness import Startup
+from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, IMU, SIM_NODE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SLEEPING = ChildSpec("sim", (sys.executable, "-c", "import time; time.sleep(600)"))
+DYING = ChildSpec("sim", (sys.executable, "-c", "import sys; sys.exit('no more air')"))
+
+
+def wait(spec: ChildSpec, asked_to_stop: Callable[[], bool] = lambda: False) -> None:
+    """Wait for a graph whose only process is not a node at all."""
+    with (
+        Supervisor([spec], lambda *_: None) as supervisor,
+        GraphClient("/", asked_to_stop) as client,
+    ):
+        Startup(client, supervisor, "; see the log").wait_until_connected({SIM_NODE, CONTROLLER_NODE})
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_what_is_missing_is_named_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The line names nodes, topics and the time, speaks only of nodes that were started, and ends with the hint."""
+    monkeypatch.setattr(readiness, "READY_TIMEOUT_S", 0.3)
+    with pytest.raises(GraphError, match=r"not ready after 0\.3 s, missing: .*; see the log$") as caught:
+        wait(SLEEPING)
+    assert f"{SIM_NODE} ({IMU.name})" in str(caught.value)
+    assert f"{CONTROLLER_NODE} ({IMU.name})" in str(caught.value)
+    assert DRIVER_NODE not in str(caught.value)
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_death_ends_the_wait() -> None:
+    """Who died is said, long before the time is up."""
+    with pytest.raises(GraphError, match="sim died with exit code 1; it said: no more air; see the log"):
+        wait(DYING)
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_request_to_stop_ends_the_wait() -> None:
+    """Ctrl-C need not wait for nodes that never come."""
+    end_s = time.monotonic() + 0.3
+    with pytest.raises(Interrupted):
+        wait(SLEEPING, lambda: time.monotonic() > end_s)
