@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from sensor_msgs.msg import FluidPressure
 
-    from jammkle_driver.core.driver import DriverStatus
+    from jammkle_driver.core.status import DriverStatus
 
 _NS_PER_S = 1_000_000_000
 

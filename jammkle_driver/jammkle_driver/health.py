@@ -9,7 +9,7 @@ from jammkle_graph.diagnostics import Health, Level
 
 if TYPE_CHECKING:
     from jammkle_driver.core.channel import ChannelStatus
-    from jammkle_driver.core.driver import DriverStatus
+    from jammkle_driver.core.status import DriverStatus
 
 _LEVELS = {ChannelState.UNKNOWN: Level.WARN, ChannelState.FAULT: Level.ERROR}
 

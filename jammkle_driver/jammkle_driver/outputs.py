@@ -17,8 +17,8 @@ from jammkle_msgs.msg import JamState
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from jammkle_driver.core.driver import DriverStatus
     from jammkle_driver.core.hardware import ActuatorCommand
+    from jammkle_driver.core.status import DriverStatus
 
 _DELIVERY_TIMEOUT_S = 0.5
 

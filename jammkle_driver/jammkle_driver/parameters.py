@@ -31,11 +31,15 @@ class DriverParameters:
     min_vacuum_pa: float = parameter(5e3, "Least vacuum that may be asked for", "Pa", 1e3, 100e3)
     max_vacuum_pa: float = parameter(70e3, "Most vacuum that may be asked for", "Pa", 1e3, 100e3)
     tolerance_pa: float = parameter(
-        2e3, "Distance from the set point within which a channel is JAMMED", "Pa", 100.0, 20e3
+        2e3, "Distance from the set point, on both sides, within which a channel is JAMMED", "Pa", 100.0, 20e3
     )
-    hysteresis_pa: float = parameter(4e3, "How much further it must go to leave JAMMED or UNJAMMED", "Pa", 0.0, 20e3)
+    hysteresis_pa: float = parameter(
+        4e3, "How far above vented_vacuum_pa it must go to leave UNJAMMED", "Pa", 0.0, 20e3
+    )
     vented_vacuum_pa: float = parameter(5e3, "Vacuum below which a channel is UNJAMMED", "Pa", 100.0, 20e3)
-    jam_timeout_s: float = parameter(3.0, "Longest time in JAMMING before FAULT", "s", 0.05, 60.0)
+    jam_timeout_s: float = parameter(
+        3.0, "Longest time that a channel asked to jam may not be JAMMED before FAULT", "s", 0.05, 60.0
+    )
     vent_timeout_s: float = parameter(1.0, "Longest time in VENTING before FAULT", "s", 0.05, 60.0)
     command_timeout_s: float = parameter(
         0.5, "Silence of jam_command after which what it jammed is vented", "s", 0.05, 60.0

@@ -77,10 +77,12 @@ class AnythingGoes(RuleBasedStateMachine):
 
     @rule(names=st.lists(channel_names, unique=True), vacuum_pa=vacuums)
     def jam(self, names: list[str], vacuum_pa: float) -> None:
+        others = {pa for name, pa in self.wanted.items() if names and name not in names} - {0.0, vacuum_pa}
         try:
             self.rig.driver.jam(names, vacuum_pa, "test")
         except RequestError:
             return
+        assert not others
         self.wanted.update(dict.fromkeys(names or CHANNELS, vacuum_pa))
 
     @rule(names=st.lists(channel_names, unique=True))
@@ -103,6 +105,30 @@ class AnythingGoes(RuleBasedStateMachine):
         with pytest.raises(RequestError):
             self.rig.driver.jam(names, vacuum_pa, "test")
         assert (self.rig.driver.status, self.rig.driver.command) == before
+
+    @rule(vacuums_pa=st.dictionaries(channel_names, st.one_of(st.just(0.0), vacuums)))
+    def follow(self, vacuums_pa: dict[str, float]) -> None:
+        before = (self.rig.driver.status, self.rig.driver.command)
+        try:
+            self.rig.follow(**vacuums_pa)
+        except RequestError:
+            assert (self.rig.driver.status, self.rig.driver.command) == before
+            return
+        self._accept_stream(vacuums_pa)
+
+    @rule(vacuum_pa=st.one_of(st.just(0.0), vacuums))
+    def follow_one_vacuum(self, vacuum_pa: float) -> None:
+        vacuums_pa = dict.fromkeys(CHANNELS, vacuum_pa)
+        if self.rig.driver.status.active:
+            self.rig.follow(**vacuums_pa)
+            self._accept_stream(vacuums_pa)
+
+    def _accept_stream(self, vacuums_pa: dict[str, float]) -> None:
+        """Every channel has what it had before or what the stream says, the latter only where it is named."""
+        for channel in self.rig.driver.status.channels:
+            commanded_pa = channel.commanded_vacuum_pa
+            assert commanded_pa in (self.wanted[channel.name], vacuums_pa.get(channel.name, self.wanted[channel.name]))
+            self.wanted[channel.name] = commanded_pa
 
     @rule()
     def tick(self) -> None:
@@ -133,7 +159,9 @@ class AnythingGoes(RuleBasedStateMachine):
         self.wanted = dict.fromkeys(CHANNELS, 0.0)
 
     def _forget_failed(self) -> None:
-        self.wanted.update({c.name: 0.0 for c in self.rig.driver.status.channels if c.state is ChannelState.FAULT})
+        for channel in self.rig.driver.status.channels:
+            if channel.state is ChannelState.FAULT or "command_timeout_s" in channel.reason:
+                self.wanted[channel.name] = 0.0
 
     @invariant()
     def is_safe(self) -> None:
@@ -146,6 +174,11 @@ class AnythingGoes(RuleBasedStateMachine):
                 assert not command.solenoids[channel.name]
         if not any(channel.commanded_vacuum_pa for channel in status.channels):
             assert command.pump_duty == 0.0
+
+    @invariant()
+    def jammed_channels_share_one_vacuum(self) -> None:
+        asked_pa = {channel.commanded_vacuum_pa for channel in self.rig.driver.status.channels}
+        assert len(asked_pa - {0.0}) <= 1
 
     @invariant()
     def latest_change_wins(self) -> None:
@@ -167,6 +200,10 @@ TestAnythingGoes = AnythingGoes.TestCase
         (lambda d: d.follow([Wish("left", 5e4), Wish("knee", 5e4)], Instant(0, 0), "t"), ["'knee'"]),
         (lambda d: d.follow([Wish("left", 5e4), Wish("right", math.nan)], Instant(0, 0), "t"), ["'right'", "nan"]),
         (lambda d: d.follow([Wish("left", 5e4), Wish("left", 3e4)], Instant(0, 0), "t"), ["'left'", "twice"]),
+        (
+            lambda d: d.follow([Wish("left", 5e4), Wish("right", 3e4)], Instant(0, 0), "t"),
+            ["50000", "30000", "one vac"],
+        ),
     ],
 )
 def test_a_bad_request_changes_nothing_and_says_why(request_of: Callable[[Driver], object], words: list[str]) -> None:
@@ -218,6 +255,65 @@ def test_repeating_is_not_changing() -> None:
     assert rig.wanted_pa("left") == 30e3
 
 
+def test_a_second_vacuum_is_refused_until_the_way_out_is_taken() -> None:
+    """The refusal names both vacuums, who has them and the way out; jamming all, or unjamming first, is taken."""
+    rig = Rig().active()
+    rig.driver.jam(["left", "right"], 50e3, "t")
+    said = (
+        "vacuum_pa is 40000 for achilles, but left and right hold 50000 Pa: channels share one manifold, "
+        "so jam all of them to one vacuum or unjam those first"
+    )
+    before = (rig.driver.status, rig.driver.command)
+    for request in (lambda: rig.driver.jam(["achilles"], 40e3, "t"), lambda: rig.follow(achilles=40e3)):
+        with pytest.raises(RequestError) as caught:
+            request()
+        assert str(caught.value) == said
+        assert (rig.driver.status, rig.driver.command) == before
+    rig.driver.jam([], 40e3, "t")
+    assert {rig.wanted_pa(name) for name in CHANNELS} == {40e3}
+    rig.driver.unjam(["left", "right"], "t")
+    rig.driver.jam(["achilles"], 30e3, "t")
+    assert [rig.wanted_pa(name) for name in CHANNELS] == [0.0, 0.0, 30e3]
+
+
+def test_a_refused_command_is_taken_when_it_fits() -> None:
+    """A jam_command that was refused is not spent: repeated after the way is free, it jams."""
+    rig = Rig().active()
+    rig.driver.jam(["left"], 50e3, "t")
+    with pytest.raises(RequestError):
+        rig.follow(achilles=40e3)
+    rig.driver.unjam(["left"], "t")
+    rig.follow(achilles=40e3)
+    assert rig.wanted_pa("achilles") == 40e3
+
+
+def test_one_vacuum_for_all_is_always_taken() -> None:
+    """A stream that names all channels with one value passes though only some of it is new; what is soft stays soft."""
+    rig = Rig().active()
+    rig.follow(left=50e3, right=50e3)
+    rig.driver.jam(["left"], 50e3, "t")
+    rig.driver.unjam(["right"], "t")
+    rig.driver.jam(["left"], 30e3, "t")
+    rig.follow(left=50e3, right=50e3, achilles=50e3)
+    assert [rig.wanted_pa(name) for name in CHANNELS] == [50e3, 0.0, 50e3]
+
+
+def test_reasons_say_who_asked_and_who_cleared() -> None:
+    """jam_state's reason is a plain line for a service, for the stream, and after a stop that was cleared."""
+    rig = Rig().active()
+    rig.driver.jam(["left"], 50e3, "~/jam")
+    rig.follow(right=50e3)
+    assert rig.channel("left").reason == "asked by ~/jam"
+    assert rig.channel("right").reason == "asked by jam_command"
+    rig.driver.clear_fault(rig.now)
+    assert rig.channel("left").reason == "asked by ~/jam"
+    rig.driver.emergency_stop(stop=True, now=rig.now)
+    assert "emergency stop" in rig.channel("left").reason
+    rig.driver.emergency_stop(stop=False, now=rig.now)
+    rig.driver.clear_fault(rig.now)
+    assert {rig.channel(name).reason for name in CHANNELS} == {"cleared by ~/clear_fault"}
+
+
 def test_a_stream_that_begins_with_nothing_takes_nothing_away() -> None:
     """A first jam_command of 0 leaves a channel that a service jammed as it is."""
     rig = Rig().active()
@@ -230,7 +326,7 @@ def test_a_silent_stream_is_taken_back() -> None:
     """What jam_command jammed is vented after command_timeout_s, with a reason; what a service jammed stays."""
     rig = Rig(pressure_timeout_s=60.0).active()
     rig.follow(left=50e3, right=50e3)
-    rig.driver.jam(["right"], 40e3, "t")
+    rig.driver.jam(["right"], 50e3, "t")
     rig.wait(0.4)
     rig.follow(left=50e3)
     rig.wait(0.4)
@@ -240,7 +336,7 @@ def test_a_silent_stream_is_taken_back() -> None:
     rig.driver.tick(rig.now)
     assert rig.wanted_pa("left") == 0.0
     assert "command_timeout_s" in rig.channel("left").reason
-    assert rig.wanted_pa("right") == 40e3
+    assert rig.wanted_pa("right") == 50e3
 
 
 @pytest.mark.parametrize(("steady_s", "graph_s"), [(100.0, 0.0), (0.0, 100.0)])

@@ -280,6 +280,9 @@ def test_jam_commands_are_followed_until_they_go_stale(graph: Graph) -> None:
     timer = graph.node.create_timer(0.05, lambda: publisher.publish(wish))
     graph.call(Jam, names.JAM.path, channels=["peroneal_left"], vacuum_pa=40e3)
     graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.JAMMED)
+    refused = graph.call(Jam, names.JAM.path, channels=["peroneal_left"], vacuum_pa=60e3)
+    assert not refused.success
+    assert "achilles holds 40000 Pa" in refused.message
     graph.node.destroy_timer(timer)
     graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.UNJAMMED)
     assert "command_timeout_s" in graph.ankle.state_of("achilles").reason

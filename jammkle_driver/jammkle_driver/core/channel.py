@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 from jammkle_driver.core.regulator import draws
 
-_SMOOTHING_TIME_S = 0.2
-"""Time over which a switched channel's vacuum is averaged, s: several switches at 20 to 40 per second. Assumed."""
-
 
 class ChannelState(enum.Enum):
     """What a channel is doing; values as in jammkle_msgs/ChannelJamState."""
@@ -21,7 +18,7 @@ class ChannelState(enum.Enum):
     JAMMING = 2
     """Evacuating towards the set point."""
     JAMMED = 3
-    """At the set point, within tolerance."""
+    """At the set point, within tolerance on both sides."""
     VENTING = 4
     """Solenoid released, vacuum still above what was asked for."""
     FAULT = 5
@@ -33,11 +30,11 @@ class ChannelSettings:
     """When a channel counts as jammed, vented or failed.
 
     Attributes:
-        tolerance_pa: Distance from the set point within which a channel becomes JAMMED, and above which its
-            solenoid is released, Pa.
-        hysteresis_pa: How much further it must go to leave JAMMED or UNJAMMED again, Pa.
+        tolerance_pa: Distance from the set point within which a channel is JAMMED, and above which its solenoid is
+            released, Pa.
+        hysteresis_pa: How far above `vented_vacuum_pa` it must go to leave UNJAMMED again, Pa.
         vented_vacuum_pa: Vacuum below which a channel counts as vented, Pa.
-        jam_timeout_s: Longest time in JAMMING, s.
+        jam_timeout_s: Longest time that a channel with a set point may be anything but JAMMED, s.
         vent_timeout_s: Longest time in VENTING, s.
 
     """
@@ -82,10 +79,8 @@ class Channel:
         self._vacuum_pa: float | None = None
         self._reason = "driver is not active"
         self._in_state_s = 0.0
+        self._missed_s = 0.0
         self._energised = False
-        self._smoothed_pa = 0.0
-        self._deepest_pa = 0.0
-        self._may_vent = True
 
     @property
     def name(self) -> str:
@@ -115,10 +110,7 @@ class Channel:
     @property
     def status(self) -> ChannelStatus:
         """Everything known of the channel."""
-        reason = self._reason
-        if self._is_switched and self._state is not ChannelState.FAULT:
-            reason = f"{reason}; switched, since the manifold holds {self._deepest_pa:.0f} Pa for others"
-        return ChannelStatus(self._name, self._state, self._set_point_pa, self._vacuum_pa, reason)
+        return ChannelStatus(self._name, self._state, self._set_point_pa, self._vacuum_pa, self._reason)
 
     def enable(self) -> None:
         """Start to follow; nothing is wanted yet."""
@@ -140,6 +132,8 @@ class Channel:
         """Take a new wish: `vacuum_pa` Pa, 0 to vent. A channel that is disabled or in FAULT stays as it is."""
         if not self._enabled or self._state is ChannelState.FAULT:
             return
+        if vacuum_pa != self._set_point_pa:
+            self._missed_s = 0.0
         self._set_point_pa = vacuum_pa
         self._reason = reason
         self._follow()
@@ -148,21 +142,13 @@ class Channel:
         """Take a measurement of `vacuum_pa` Pa, `elapsed_s` s after the one before (0 for the first)."""
         if self._vacuum_pa is None and self._state is ChannelState.UNKNOWN and self._enabled:
             self._reason = ""
-        weight = 1.0 if self._vacuum_pa is None else elapsed_s / (elapsed_s + _SMOOTHING_TIME_S)
-        self._smoothed_pa += weight * (vacuum_pa - self._smoothed_pa)
         self._vacuum_pa = vacuum_pa
         self._in_state_s += elapsed_s
-        if self._is_switched and vacuum_pa >= self._set_point_pa:
-            # It can be reached; that the mean is lower is the price of switching and no fault.
-            self._in_state_s = 0.0
+        self._missed_s += elapsed_s
         self._follow()
+        if self._set_point_pa == 0.0 or self._state is ChannelState.JAMMED:
+            self._missed_s = 0.0
         self._check_time()
-
-    def share(self, deepest_pa: float, *, may_vent: bool) -> None:
-        """Take note of the manifold: the deepest set point of all, Pa, and whether the pump can spare a refill."""
-        self._deepest_pa = deepest_pa
-        self._may_vent = may_vent
-        self._follow()
 
     def forget_pressure(self) -> None:
         """Treat the pressure as not measured."""
@@ -177,17 +163,12 @@ class Channel:
         self._energised = False
 
     def clear(self) -> None:
-        """Leave FAULT, vented; nothing is wanted."""
-        if self._state is not ChannelState.FAULT:
-            return
+        """Leave FAULT, or forget an emergency stop: vented, nothing is wanted."""
         self._set_point_pa = 0.0
-        self._reason = "fault cleared" if self._enabled else "driver is not active"
-        self._enter(ChannelState.UNKNOWN)
+        self._reason = "cleared by ~/clear_fault" if self._enabled else "driver is not active"
+        if self._state is ChannelState.FAULT:
+            self._enter(ChannelState.UNKNOWN)
         self._follow()
-
-    @property
-    def _is_switched(self) -> bool:
-        return 0.0 < self._set_point_pa < self._deepest_pa
 
     def _follow(self) -> None:
         if self._state is not ChannelState.FAULT:
@@ -200,7 +181,6 @@ class Channel:
             set_point_pa=self._set_point_pa,
             vacuum_pa=self._vacuum_pa,
             band_pa=self._settings.tolerance_pa,
-            may_vent=self._may_vent or not self._is_switched,
         )
 
     def _observed(self) -> ChannelState:
@@ -211,13 +191,8 @@ class Channel:
             slack_pa = settings.hysteresis_pa if self._state is ChannelState.UNJAMMED else 0.0
             vented = self._vacuum_pa <= settings.vented_vacuum_pa + slack_pa
             return ChannelState.UNJAMMED if vented else ChannelState.VENTING
-        slack_pa = settings.hysteresis_pa if self._state is ChannelState.JAMMED else 0.0
-        if self._is_switched:
-            # The pressure swings around the set point by nature; its mean, and only from below, is what tells.
-            is_low = self._set_point_pa - self._smoothed_pa > settings.tolerance_pa + slack_pa
-            return ChannelState.JAMMING if is_low else ChannelState.JAMMED
         error_pa = self._vacuum_pa - self._set_point_pa
-        if abs(error_pa) <= settings.tolerance_pa + slack_pa:
+        if abs(error_pa) <= settings.tolerance_pa:
             return ChannelState.JAMMED
         return ChannelState.JAMMING if error_pa < 0.0 else ChannelState.VENTING
 
@@ -228,10 +203,10 @@ class Channel:
 
     def _check_time(self) -> None:
         settings = self._settings
-        if self._state is ChannelState.JAMMING and self._in_state_s > settings.jam_timeout_s:
+        if self._missed_s > settings.jam_timeout_s:
             self.fail(
-                f"reached {self._vacuum_pa:.0f} of {self._set_point_pa:.0f} Pa in {settings.jam_timeout_s:g} s "
-                "(jam_timeout_s): look for a leak or a weak pump, then call ~/clear_fault"
+                f"at {self._vacuum_pa:.0f} of {self._set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
+                "(jam_timeout_s): look for a leak, a weak pump or a bad valve, then call ~/clear_fault"
             )
         elif self._state is ChannelState.VENTING and self._in_state_s > settings.vent_timeout_s:
             self.fail(

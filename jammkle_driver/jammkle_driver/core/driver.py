@@ -6,17 +6,19 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState, ChannelStatus
+from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, PressureSample, released
 from jammkle_driver.core.regulator import PumpRegulator, RegulatorSettings
 from jammkle_driver.core.requests import (
     RequestError,
     VacuumLimits,
     Wish,
+    check_shared_vacuum,
     checked_channels,
     checked_vacuum,
     checked_wishes,
 )
+from jammkle_driver.core.status import DriverStatus
 from jammkle_driver.core.stream import WishStream
 from jammkle_driver.core.watchdog import Instant, Watchdog
 
@@ -48,29 +50,12 @@ class DriverSettings:
     emergency_stop_timeout_s: float
 
 
-@dataclass(frozen=True)
-class DriverStatus:
-    """What is known of the whole driver.
-
-    Attributes:
-        active: Whether it follows requests.
-        stop_reason: Why everything is stopped; empty where it is not.
-        manifold_vacuum_pa: Vacuum in the manifold, Pa; None where it is not measured.
-        channels: One status per channel, in the driver's order.
-
-    """
-
-    active: bool
-    stop_reason: str
-    manifold_vacuum_pa: float | None
-    channels: tuple[ChannelStatus, ...]
-
-
 class Driver:
     """Takes requests, measurements and the time; says what the actuators shall do and what is known.
 
     Requests are atomic: they raise `RequestError` and change nothing, or are taken whole and return one line that
-    says what was taken. Per channel the latest change wins, from wherever it came.
+    says what was taken. Per channel the latest change wins, from wherever it came. All jammed channels share one
+    vacuum, since they share one manifold.
     """
 
     def __init__(self, channels: Sequence[str], settings: DriverSettings) -> None:
@@ -143,7 +128,7 @@ class Driver:
 
         Raises:
             RequestError: unknown channel, vacuum out of range, driver inactive or stopped, channel in fault or
-                without a measured pressure. Nothing has changed.
+                without a measured pressure, another channel jammed to another vacuum. Nothing has changed.
 
         """
         names = checked_channels(channels, self._names)
@@ -157,9 +142,11 @@ class Driver:
             if status.state is ChannelState.UNKNOWN:
                 msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
                 raise RequestError(msg)
-        for name in names:
-            self._take(Wish(name, vacuum_pa), asked_by)
-            self._stream.release(name)
+        wishes = [Wish(name, vacuum_pa) for name in names]
+        check_shared_vacuum(wishes, self._set_points_pa)
+        for wish in wishes:
+            self._take(wish, f"asked by {asked_by}")
+            self._stream.release(wish.channel)
         self._regulate(0.0)
         return f"jamming {', '.join(names)} at {vacuum_pa:g} Pa below ambient"
 
@@ -175,7 +162,7 @@ class Driver:
             msg = f"{INACTIVE}: every channel is vented already; activate it to follow requests"
             raise RequestError(msg)
         for name in names:
-            self._take(Wish(name, 0.0), asked_by)
+            self._take(Wish(name, 0.0), f"asked by {asked_by}")
             self._stream.release(name)
         self._regulate(0.0)
         return f"unjamming {', '.join(names)}"
@@ -184,9 +171,11 @@ class Driver:
         """Take one message of a stream of wishes; only changes count, repeating keeps them alive.
 
         A channel in FAULT or stopped does not follow, and the change is spent: it does not jam by itself later.
+        A message that jams with a new vacuum takes the jammed channels that it names along to it.
 
         Raises:
-            RequestError: one of the wishes is bad, or the driver is inactive. Nothing has changed.
+            RequestError: one of the wishes is bad, a channel that is not named is jammed to another vacuum, or the
+                driver is inactive. Nothing has changed, and the message is no sign of life.
 
         """
         if not self._active:
@@ -195,10 +184,14 @@ class Driver:
         checked = checked_wishes(wishes, self._names, self.limits)
         # Before its first measurement a channel cannot follow; the wish counts as soon as it can.
         heard = [wish for wish in checked if self._channels[wish.channel].vacuum_pa is not None]
-        for wish in self._stream.changes(heard, now):
-            if self._stop_reason or self._channels[wish.channel].state is ChannelState.FAULT:
-                continue
-            self._take(wish, asked_by)
+        able = [wish for wish in heard if self._can_follow(wish.channel)]
+        new = self._stream.changes(able)
+        jams = any(wish.vacuum_pa > 0.0 for wish in new)
+        taken = [wish for wish in able if wish in new or (jams and self._holds_another(wish))]
+        check_shared_vacuum(taken, self._set_points_pa)
+        self._stream.hear(heard, now)
+        for wish in taken:
+            self._take(wish, f"asked by {asked_by}")
             self._stream.lead(wish.channel)
         self._regulate(0.0)
 
@@ -221,12 +214,13 @@ class Driver:
             raise RequestError(msg)
         faults = [channel.name for channel in self._channels.values() if channel.state is ChannelState.FAULT]
         cleared = (["emergency stop"] if self._stop_reason else []) + faults
-        self._stop_reason = ""
-        self._stop_silence.feed(now)
         for channel in self._channels.values():
             if channel.state is ChannelState.FAULT and self._silences[channel.name].expired(now):
                 channel.forget_pressure()
-            channel.clear()
+            if self._stop_reason or channel.state is ChannelState.FAULT:
+                channel.clear()
+        self._stop_reason = ""
+        self._stop_silence.feed(now)
         return f"cleared: {', '.join(cleared)}" if cleared else "nothing to clear"
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
@@ -260,7 +254,7 @@ class Driver:
         if self._silences[MANIFOLD].expired(now):
             self._manifold_vacuum_pa = None
         for name in self._stream.fall_silent(now):
-            reason = f"unjammed: no jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
+            reason = f"unjammed: no accepted jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
             self._take(Wish(name, 0.0), reason)
         if self._active and not self._stop_reason and self._stop_silence.expired(now):
             self._stop(f"no emergency_stop for {self._stop_silence.timeout_s:g} s (emergency_stop_timeout_s)")
@@ -274,6 +268,16 @@ class Driver:
             msg = f"emergency stop ({self._stop_reason}): cannot {verb}; release it, then call ~/clear_fault"
             raise RequestError(msg)
 
+    @property
+    def _set_points_pa(self) -> dict[str, float]:
+        return {name: channel.set_point_pa for name, channel in self._channels.items()}
+
+    def _can_follow(self, channel: str) -> bool:
+        return not self._stop_reason and self._channels[channel].state is not ChannelState.FAULT
+
+    def _holds_another(self, wish: Wish) -> bool:
+        return wish.vacuum_pa > 0.0 and self._channels[wish.channel].set_point_pa not in (0.0, wish.vacuum_pa)
+
     def _take(self, wish: Wish, reason: str) -> None:
         self._channels[wish.channel].ask(wish.vacuum_pa, reason)
 
@@ -285,15 +289,11 @@ class Driver:
         self._regulate(0.0)
 
     def _regulate(self, elapsed_s: float) -> None:
-        asking = [channel for channel in self._channels.values() if channel.set_point_pa > 0.0]
-        deepest_pa = max((channel.set_point_pa for channel in asking), default=0.0)
-        deepest = [channel for channel in asking if channel.set_point_pa == deepest_pa]
-        may_vent = all(channel.state is ChannelState.JAMMED for channel in deepest)
-        for channel in self._channels.values():
-            channel.share(deepest_pa, may_vent=may_vent)
-        measured = [channel.vacuum_pa for channel in deepest if channel.vacuum_pa is not None]
-        if not measured:
+        jammed = [channel for channel in self._channels.values() if channel.set_point_pa > 0.0]
+        measured_pa = [channel.vacuum_pa for channel in jammed if channel.vacuum_pa is not None]
+        if not measured_pa:
             self._regulator.reset()
             self._duty = 0.0
             return
-        self._duty = self._regulator.update(deepest_pa, min(measured), self._manifold_vacuum_pa, elapsed_s)
+        set_point_pa = jammed[0].set_point_pa
+        self._duty = self._regulator.update(set_point_pa, min(measured_pa), self._manifold_vacuum_pa, elapsed_s)

@@ -1,4 +1,4 @@
-"""Vacuum regulation from measured pressure: the pump for the deepest set point, the solenoids for the others."""
+"""Vacuum regulation from measured pressure: the pump raises the one vacuum of all jammed channels, valves lower it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class PumpRegulator:
 
         Args:
             set_point_pa: Vacuum wanted, Pa, >= 0.
-            channel_vacuum_pa: Lowest vacuum among the channels that want it, Pa.
+            channel_vacuum_pa: Lowest vacuum among the jammed channels, Pa.
             manifold_vacuum_pa: Vacuum in the manifold, Pa, or None where it is not measured.
             elapsed_s: Time since the last update, s, >= 0.
 
@@ -69,24 +69,20 @@ class PumpRegulator:
         return round(duty * _DUTY_STEPS) / _DUTY_STEPS
 
 
-def draws(*, drawing: bool, set_point_pa: float, vacuum_pa: float, band_pa: float, may_vent: bool) -> bool:
-    """Return whether a channel's solenoid shall be energised to hold its set point.
+def draws(*, drawing: bool, set_point_pa: float, vacuum_pa: float, band_pa: float) -> bool:
+    """Return whether a channel's solenoid shall be energised to reach its set point.
 
-    A 3/2 solenoid cannot hold: it either connects to the manifold or vents. A channel whose manifold is deeper than
-    its set point is therefore switched, with hysteresis: released above the band, energised again at the set point.
-    Each switch lets air into the manifold. With the assumed pump (6 L/min, -80 kPa) and valves of 0.1 dm^3/(s bar)
-    that is more than the pump takes away below about -35 kPa, hence `may_vent`.
+    A 3/2 solenoid cannot hold: it either connects to the manifold or vents. A channel that has too much, as after a
+    lower set point, is therefore released above the band, and energised again at the set point. Air that comes in
+    this way lowers the manifold too, until all is within the band and the channel stays connected.
 
     Args:
         drawing: Whether it is energised now.
         set_point_pa: Vacuum wanted, Pa; at 0 the answer is always no.
         vacuum_pa: Vacuum measured in the channel, Pa.
         band_pa: Width of the hysteresis above the set point, Pa.
-        may_vent: Whether the pump can spare what the next refill costs.
 
     """
     if set_point_pa <= 0.0:
         return False
-    if drawing:
-        return vacuum_pa <= set_point_pa + band_pa or not may_vent
-    return vacuum_pa < set_point_pa
+    return vacuum_pa <= set_point_pa + band_pa if drawing else vacuum_pa < set_point_pa

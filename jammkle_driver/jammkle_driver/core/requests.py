@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 
 class RequestError(ValueError):
@@ -80,7 +80,8 @@ def checked_wishes(wishes: Sequence[Wish], known: Sequence[str], limits: VacuumL
     """Return the wishes unchanged if every one of them can be taken.
 
     Raises:
-        RequestError: a channel is unknown or named twice, or a vacuum is neither 0 nor in range.
+        RequestError: a channel is unknown or named twice, a vacuum is neither 0 nor in range, or two vacuums to jam
+            with differ.
 
     """
     named: set[str] = set()
@@ -97,4 +98,42 @@ def checked_wishes(wishes: Sequence[Wish], known: Sequence[str], limits: VacuumL
                 f"it must be 0 to unjam, or {limits.minimum_pa:g} to {limits.maximum_pa:g} Pa below ambient"
             )
             raise RequestError(msg)
+    jams = [wish for wish in wishes if wish.vacuum_pa > 0.0]
+    for jam in jams:
+        if jam.vacuum_pa != jams[0].vacuum_pa:
+            msg = (
+                f"vacuum_pa is {jams[0].vacuum_pa:g} for {jams[0].channel}, but {jam.vacuum_pa:g} for {jam.channel}: "
+                "channels share one manifold, so name one vacuum for all that shall jam"
+            )
+            raise RequestError(msg)
     return tuple(wishes)
+
+
+def check_shared_vacuum(wishes: Sequence[Wish], held_pa: Mapping[str, float]) -> None:
+    """Check that all channels still share one vacuum once the wishes are taken.
+
+    One pump, one manifold and valves that only connect or vent cannot hold two vacuums at once.
+
+    Args:
+        wishes: What would be taken; its vacuums are 0 or one and the same.
+        held_pa: Vacuum asked for until now, per channel, Pa; 0 = unjam.
+
+    Raises:
+        RequestError: a channel that the wishes leave alone is jammed to another vacuum.
+
+    """
+    named = {wish.channel for wish in wishes}
+    for vacuum_pa in {wish.vacuum_pa for wish in wishes if wish.vacuum_pa > 0.0}:
+        others = {name: pa for name, pa in held_pa.items() if name not in named and pa not in (0.0, vacuum_pa)}
+        if others:
+            jams = [wish.channel for wish in wishes if wish.vacuum_pa == vacuum_pa]
+            msg = (
+                f"vacuum_pa is {vacuum_pa:g} for {_listed(jams)}, but {_listed(list(others))} "
+                f"{'hold' if len(others) > 1 else 'holds'} {max(others.values()):g} Pa: channels share one manifold, "
+                "so jam all of them to one vacuum or unjam those first"
+            )
+            raise RequestError(msg)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -30,12 +30,14 @@ class WishStream:
         """Silence allowed, s."""
         return self._watchdog.timeout_s
 
-    def changes(self, wishes: Sequence[Wish], now: Instant) -> tuple[Wish, ...]:
-        """Take one message and return the wishes in it that are new."""
+    def changes(self, wishes: Sequence[Wish]) -> tuple[Wish, ...]:
+        """Return the wishes that would be new."""
+        return tuple(wish for wish in wishes if wish.vacuum_pa != self._last.get(wish.channel, 0.0))
+
+    def hear(self, wishes: Sequence[Wish], now: Instant) -> None:
+        """Take one message: a sign of life, and none of its wishes is new any more."""
         self._watchdog.feed(now)
-        new = tuple(wish for wish in wishes if wish.vacuum_pa != self._last.get(wish.channel, 0.0))
         self._last.update({wish.channel: wish.vacuum_pa for wish in wishes})
-        return new
 
     def lead(self, channel: str) -> None:
         """Note that the channel follows the stream."""
