@@ -28,5 +28,5 @@ setup(
     maintainer_email="maintainers@jammkle.example",
     description="The jammkle command, launch files, parameters and viewer layouts.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["jammkle = jammkle_bringup.command:main"]},
+    entry_points={"console_scripts": ["jammkle = jammkle_bringup.__main__:main"]},
 )

@@ -14,6 +14,7 @@ from jammkle_graph.names import (
     CONTROLLER_NODE,
     DRIVER_NODE,
     EMERGENCY_STOP,
+    IMU,
     JAM_STATE,
     RESET,
     SERVICES,
@@ -27,6 +28,9 @@ from jammkle_msgs.msg import ChannelJamState
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from builtin_interfaces.msg import Time
+
+LATE_S = 2.0
 NODES = (DRIVER_NODE, CONTROLLER_NODE, SIM_NODE)
 ROS_OWN_SERVICES = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/")
 """Services that ROS gives every node or every lifecycle node."""
@@ -117,6 +121,28 @@ def test_two_ankles_live_side_by_side(
     left.wait_for_channels(ChannelJamState.JAMMED)
     assert set(right.channel_states()) == set(CHANNELS)
     assert not {ChannelJamState.JAMMING, ChannelJamState.JAMMED} & set(right.channel_states().values())
+
+
+def seconds(stamp: Time) -> float:
+    """Time of a stamp, s."""
+    return float(stamp.sec + stamp.nanosec * 1e-9)
+
+
+def test_a_second_ankle_takes_the_time_of_the_first(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
+) -> None:
+    """Its stamps follow the /clock that the first one makes, although it starts seconds later."""
+    first = make_probe("/lf_ankle")
+    start("up", "--namespace", "lf_ankle", *left_alone)
+    first.listen(CLOCK)
+    first.spin_until(lambda: bool(first.last(CLOCK)) and seconds(first.last(CLOCK).clock) > LATE_S, "time goes on")
+    second = make_probe("/rf_ankle")
+    second.listen(CLOCK, IMU)
+    up = start("up", "--namespace", "rf_ankle", *left_alone)
+    second.spin_until(lambda: bool(second.last(IMU)), "the second ankle's IMU is heard")
+    assert len(second.node.get_publishers_info_by_topic(CLOCK.name)) == 1
+    assert "comes from /lf_ankle/sim" in up.text()
+    assert abs(seconds(second.last(IMU).header.stamp) - seconds(second.last(CLOCK).clock)) < LATE_S / 2
 
 
 def test_the_clock_never_runs_backwards(probe: Probe) -> None:

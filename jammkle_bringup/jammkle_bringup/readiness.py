@@ -11,12 +11,17 @@ from typing import TYPE_CHECKING
 
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
+from jammkle_bringup.conversions import clock_ns
 from jammkle_bringup.core.errors import GraphError
 from jammkle_bringup.core.namespace import resolved
 from jammkle_graph.names import (
     CHANNELS,
+    CLOCK,
     CONTACT_EVENTS,
     CONTROLLER_NODE,
     DRIVER_NODE,
@@ -28,6 +33,7 @@ from jammkle_graph.names import (
     SIM_NODE,
     SOLENOIDS,
 )
+from jammkle_graph.qos import subscriber_qos
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -41,6 +47,7 @@ READY_TIMEOUT_S = 30.0
 """Until all nodes are there. Assumed; a first start compiles the simulation's laws, which takes some seconds."""
 
 _STATE_TIMEOUT_S = 2.0
+_TICK_TIMEOUT_S = 2.0  # a clock that stands is repeated every 0.5 s
 
 _CONNECTIONS = (
     (IMU.name, SIM_NODE, (CONTROLLER_NODE, RECORDER)),
@@ -126,6 +133,26 @@ class Startup:
 
         if not self.wait(active, READY_TIMEOUT_S):
             msg = f"the driver is not active after {READY_TIMEOUT_S:g} s (lifecycle state {state}){self.hint}"
+            raise GraphError(msg)
+
+    def join_clock(self) -> None:
+        """Let the paused simulation start at the /clock that another one makes, if that one's time has begun.
+
+        Raises:
+            GraphError: the simulation does not answer, or refuses.
+            Interrupted: the command was asked to stop.
+
+        """
+        ticks: list[Clock] = []
+        self.client.subscribe(Clock, CLOCK, ticks.append, subscriber_qos(CLOCK))
+        setter = f"{SIM_NODE}/set_parameters"
+        if not self.wait(lambda: bool(ticks), _TICK_TIMEOUT_S):
+            return
+        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=clock_ns(ticks[-1]) * 1e-9)
+        request = SetParameters.Request(parameters=[Parameter(name="start_time_s", value=value)])
+        (result,) = self.client.call_path(setter, SetParameters, request).results
+        if not result.successful:
+            msg = f"the simulation did not take the time of {CLOCK.name}: {result.reason}{self.hint}"
             raise GraphError(msg)
 
     def let_go(self) -> None:

@@ -54,8 +54,17 @@ def check_writable(path: Path | None) -> None:
         InputError: its folder does not exist, or it is a folder.
 
     """
-    if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
-        why = "it is a folder" if path.is_dir() else f"there is no folder {path.absolute().parent}"
+    if path is None:
+        return
+    why = ""
+    try:
+        if path.is_dir():
+            why = "it is a folder"
+        elif not path.absolute().parent.is_dir():
+            why = f"there is no folder {path.absolute().parent}"
+    except OSError as error:
+        why = error.strerror or str(error)
+    if why:
         msg = f"--json {path} cannot be written: {why}"
         raise InputError(msg)
 

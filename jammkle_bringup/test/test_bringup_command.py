@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 COMMANDS = ("up", "jam", "unjam", "status", "record", "info", "demo")
 
+LONG = "x" * 300
+
 PARAMETERS = {
     "typing_error.yaml": "driver:\n  ros__parameters:\n    max_vacum_pa: 1.0\n",
     "unknown_node.yaml": "/**/drvier:\n  ros__parameters:\n    max_vacuum_pa: 50000.0\n",
@@ -28,6 +30,10 @@ PARAMETERS = {
     "out_of_range.yaml": "/**/sim:\n  ros__parameters:\n    speed: -3.0\n",
     "text.yaml": "just text",
     "broken.yaml": "a: [",
+    "list.yaml": "/**/sim:\n  ros__parameters: [1, 2]\n",
+    "number.yaml": "/**/sim:\n  ros__parameters: 5\n",
+    "no_divisor.yaml": "/**/sim:\n  ros__parameters:\n    imu_rate_hz: 300\n",
+    "small_limit.yaml": "/**/driver:\n  ros__parameters:\n    max_vacuum_pa: 20000.0\n",
 }
 
 
@@ -85,6 +91,15 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("up --params {folder}/out_of_range.yaml", ("speed", "-3", "0 to 100")),
         ("up --params {folder}/text.yaml", ("text.yaml", "ros__parameters")),
         ("up --params {folder}/broken.yaml", ("broken.yaml", "not YAML")),
+        ("up --params {folder}/list.yaml", ("list.yaml", "ros__parameters", "[1, 2]")),
+        ("up --params {folder}/number.yaml", ("number.yaml", "ros__parameters", "5")),
+        ("up --params {folder}/no_divisor.yaml", ("no_divisor.yaml", "sim", "300 Hz", "250 or 400 Hz")),
+        ("up --params {folder}/small_limit.yaml", ("small_limit.yaml", "driver", "default_vacuum_pa")),
+        (f"up --namespace {LONG}", ("301", "200")),
+        (f"up --record {{folder}}/{LONG}", ("too long",)),
+        (f"record -o {{folder}}/{LONG}", ("too long",)),
+        (f"info {{folder}}/{LONG}", ("too long",)),
+        (f"status --json {{folder}}/{LONG}/x", ("--json", "too long")),
         ("record -o {folder}", ("{folder}", "exists")),
         ("record -o {folder}/bag --clock sundial", ("sundial", "auto, sim, system")),
         ("record", ("--output",)),

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import rclpy
 import yaml
 
 from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.node_table import NODES, Hardware, Robot, command_of, nodes_for, simulated_time
-from jammkle_bringup.core.parameter_file import check_parameter_files, parameter_file_text
+from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
 from jammkle_bringup.up import GraphOptions, child_specs
 from jammkle_graph.parameters import from_mapping
 
@@ -89,6 +90,34 @@ def test_sections_fit_nodes_as_ros_reads_them(tmp_path: Path, section: str, name
             check_parameter_files([path], namespace, NODES)
 
 
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("text", ["2e-4", "2E-4", ".2e-3", "0.0002", "+2.0e-4"])
+def test_numbers_are_read_as_ros_reads_them(tmp_path: Path, text: str) -> None:
+    """What a node takes for a number is one for the check, too: YAML 1.2 needs no point before an exponent."""
+    path = tmp_path / "parameters.yaml"
+    path.write_text(f"/**/sim:\n  ros__parameters:\n    timestep_s: {text}\n")
+    context = rclpy.Context()
+    rclpy.init(["--ros-args", "--params-file", str(path)], context=context)
+    node = rclpy.create_node("sim", context=context, automatically_declare_parameters_from_overrides=True)
+    value = node.get_parameter("timestep_s").value
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    assert value == 0.0002
+    assert merged_values([path], "/", NODES[0]) == {"timestep_s": value}
+
+
+def test_parameters_that_do_not_go_together_are_refused_over_several_files(tmp_path: Path) -> None:
+    """A time step in one file and a rate in another that it does not fit; the last file wins where both say it."""
+    texts = {"step": "timestep_s: 0.0004", "rate": "imu_rate_hz: 500", "other_rate": "imu_rate_hz: 400"}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(f"/**/sim:\n  ros__parameters:\n    {text}\n    state_rate_hz: 250\n")
+    step, rate, other_rate = (tmp_path / name for name in texts)
+    check_parameter_files([rate], "/", NODES)
+    check_parameter_files([step, rate], "/", NODES)
+    with pytest.raises(InputError, match="400 Hz does not fit"):
+        check_parameter_files([step, rate, other_rate], "/", NODES, {"sim": {"timestep_s": 0.001}})
+
+
 class Recorded:
     """Stands in for any class of launch and launch_ros: keeps what it was made with."""
 
@@ -147,7 +176,7 @@ def test_the_launch_file_starts_what_the_command_starts(launch_file: Any) -> Non
 
 
 def test_the_launch_file_leaves_time_for_discovery(launch_file: Any) -> None:
-    """Nothing waits for the nodes there, so by default the ankle hangs for longer; both arguments reach the sim only."""
+    """Nothing waits for the nodes there, so by default the ankle hangs for longer; both arguments reach the sim."""
     defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
     for given, release_time_s, publish_clock in (
         ({}, 5.0, True),

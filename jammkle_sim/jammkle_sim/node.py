@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -14,17 +15,16 @@ from std_msgs.msg import String
 from jammkle_graph import names
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.parameters import ParameterError
 from jammkle_graph.qos import publisher_qos
 from jammkle_sim.commands import Commands
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
 from jammkle_sim.core.run_control import RunControl, RunState
-from jammkle_sim.core.schedule import Output, RateError, steps_per_output
+from jammkle_sim.core.schedule import Output, steps_per_output
 from jammkle_sim.health import command_health, simulation_health, tendon_health
 from jammkle_sim.outputs import Outputs
-from jammkle_sim.parameters import MAX_RATE_HZ, SimParameters
+from jammkle_sim.parameters import MAX_RATE_HZ, PRESSURE_RATE_HZ, SimParameters
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.services import Services
 
@@ -36,9 +36,6 @@ if TYPE_CHECKING:
     from jammkle_graph.diagnostics import Health
     from jammkle_graph.runner import StopFlag
     from jammkle_sim.rigs.simulation import Simulation
-
-PRESSURE_RATE_HZ = 100
-"""Rate of every pressure topic, Hz, as agreed for the graph; the regulator counts on it."""
 
 _LONGEST_WORK_S = 0.001
 """Real time, s, for which outputs are worked off before callbacks are served again, should they be due back to back.
@@ -83,7 +80,8 @@ class SimNode(Node):
         self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._clock_repeater = self.create_timer(_STANDING_CLOCK_PERIOD_S, self._repeat_standing_clock, clock=steady)
-        on_change(self, SimParameters, lambda changed: self._engine.set_speed(changed.speed))
+        self.add_on_set_parameters_callback(self._refuse_late_start_time)
+        on_change(self, SimParameters, self._take_changes)
 
     @property
     def time_ns(self) -> int:
@@ -130,6 +128,18 @@ class SimNode(Node):
         self._engine.fail("the sim node was stopped")
         self._answers.answer_finished_steps()
 
+    def _refuse_late_start_time(self, changes: list[Parameter]) -> SetParametersResult:
+        """Time must not jump once it has begun."""
+        if self._engine.begun and any(change.name == "start_time_s" for change in changes):
+            reason = "start_time_s cannot change once simulated time has begun: start with start_paused"
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def _take_changes(self, changed: SimParameters) -> None:
+        self._engine.set_speed(changed.speed)
+        if not self._engine.begun:
+            self._engine.set_start_time(changed.start_time_s)
+
     def _repeat_standing_clock(self) -> None:
         """Publish the standing /clock again, so that a node which joins during a pause knows the time."""
         standing = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
@@ -149,18 +159,17 @@ class SimNode(Node):
 
 
 def _make_engine(simulation: Simulation, parameters: SimParameters) -> Engine:
-    """Make the engine; raises ParameterError if a rate or the time step does not fit the others."""
+    """Make the engine; that rates and time step fit each other was checked with the parameters."""
     timestep_s = simulation.timestep_s
-    try:
-        state = steps_per_output(parameters.state_rate_hz, timestep_s, MAX_RATE_HZ)
-        periods = {
-            Output.IMU: steps_per_output(parameters.imu_rate_hz, timestep_s, MAX_RATE_HZ),
-            Output.JOINT_STATES: state,
-            Output.TENDON_STATES: state,
-            Output.LOAD_CELL: state,
-            Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
-        }
-        control, pacer = RunControl(start_paused=parameters.start_paused), Pacer(parameters.speed)
-        return Engine(simulation, periods, control, pacer, time.monotonic)
-    except RateError as error:
-        raise ParameterError(str(error)) from error
+    state = steps_per_output(parameters.state_rate_hz, timestep_s, MAX_RATE_HZ)
+    periods = {
+        Output.IMU: steps_per_output(parameters.imu_rate_hz, timestep_s, MAX_RATE_HZ),
+        Output.JOINT_STATES: state,
+        Output.TENDON_STATES: state,
+        Output.LOAD_CELL: state,
+        Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
+    }
+    control, pacer = RunControl(start_paused=parameters.start_paused), Pacer(parameters.speed)
+    engine = Engine(simulation, periods, control, pacer, time.monotonic)
+    engine.set_start_time(parameters.start_time_s)
+    return engine

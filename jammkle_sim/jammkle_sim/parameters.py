@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jammkle_graph.parameters import parameter
+from jammkle_graph.parameters import ParameterError, parameter
+from jammkle_sim.core.schedule import RateError, steps_per_output, timestep_ns
 
 MAX_RATE_HZ = 1000
 """Highest rate of an output: what the IMU of the paper's robot gives."""
+
+PRESSURE_RATE_HZ = 100
+"""Rate of every pressure topic, Hz, as agreed for the graph; the regulator counts on it."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,14 @@ class SimParameters:
         1.0, "Simulated time per real time; 0 is as fast as possible", "s/s", 0.0, 100.0, dynamic=True
     )
     start_paused: bool = parameter(default=False, description="Wait for ~/set_paused or ~/step after the start")
+    start_time_s: float = parameter(
+        0.0,
+        "Simulated time at the start; `jammkle up` sets it to the /clock it hears when another ankle makes the clock",
+        "s",
+        0.0,
+        1e9,
+        dynamic=True,
+    )
     publish_clock: bool = parameter(
         default=True, description="Publish /clock; false for all but one of several simulated ankles"
     )
@@ -45,3 +57,17 @@ class SimParameters:
     )
     mass_kg: float = parameter(1.8, "Mass of all that falls, ankle included", "kg", 0.5, 20.0)
     friction: float = parameter(0.55, "Coulomb friction between foot and slope", "", 0.0, 2.0)
+
+    def __post_init__(self) -> None:
+        """Check what the values say of each other; each alone was checked before.
+
+        Raises:
+            ParameterError: a rate does not divide the step rate, or the step is not a whole number of nanoseconds.
+
+        """
+        try:
+            timestep_ns(self.timestep_s)
+            for rate_hz in (self.imu_rate_hz, self.state_rate_hz, PRESSURE_RATE_HZ):
+                steps_per_output(rate_hz, self.timestep_s, MAX_RATE_HZ)
+        except RateError as error:
+            raise ParameterError(str(error)) from error

@@ -65,6 +65,16 @@ class World:
         return found
 
 
+def test_a_start_time_moves_every_stamp_and_nothing_else() -> None:
+    """The same outputs at the same pace, each stamped later by the start, which is rounded to a whole step."""
+    late = World()
+    late.engine.set_start_time(12.00012)
+    expected = [Tick(tick.time_ns + 12_000_000_000, tick.outputs) for tick in World().run(0.1)]
+    assert not late.engine.begun
+    assert late.run(0.1) == expected
+    assert late.engine.begun
+
+
 def test_one_second_gives_each_output_its_number() -> None:
     """A second of real time at speed 1 gives 500 IMU and 100 pressure outputs, stamped on their grid."""
     ticks = World().run(1.0001)

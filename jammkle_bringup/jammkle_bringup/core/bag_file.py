@@ -24,10 +24,14 @@ def opened(path: Path) -> Iterator[AnyReader]:
         InputError: there is no bag, or it cannot be read.
 
     """
-    if not path.exists():
+    try:
+        there, whole = path.exists(), not path.is_dir() or (path / _METADATA).is_file()
+    except OSError as error:  # a name too long, a folder that may not be looked into
+        raise InputError(_unreadable(path, error)) from error
+    if not there:
         msg = f"bag {path} does not exist"
         raise InputError(msg)
-    if path.is_dir() and not (path / _METADATA).is_file():
+    if not whole:
         msg = f"{path} is not a bag: it holds no {_METADATA}"
         raise InputError(msg)
     try:

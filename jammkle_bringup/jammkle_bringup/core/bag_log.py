@@ -179,9 +179,14 @@ def check_free(path: Path) -> None:
     """Refuse a bag path that exists; nothing is ever written over.
 
     Raises:
-        InputError: it exists.
+        InputError: it exists, or cannot be looked at.
 
     """
-    if path.exists():
+    try:
+        exists = path.exists()
+    except OSError as error:  # a name too long, a folder that may not be looked into
+        msg = f"bag {path} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    if exists:
         msg = f"bag path {path} exists: nothing is overwritten; choose another one or move it away"
         raise InputError(msg)

@@ -6,6 +6,10 @@ import re
 
 from jammkle_bringup.core.errors import InputError
 
+MAX_LENGTH = 200
+"""Most characters of a namespace. Names on the graph may have 255, node or topic included (ROS 2: rmw validates them),
+and the lock file's name holds the namespace."""
+
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -13,7 +17,7 @@ def normalised(namespace: str) -> str:
     """Return `namespace` with a leading slash and none at the end; the root is `/`.
 
     Raises:
-        InputError: it holds characters that ROS does not allow in names.
+        InputError: it holds characters that ROS does not allow in names, or is too long.
 
     """
     tokens = [token for token in namespace.strip().split("/") if token]
@@ -24,7 +28,11 @@ def normalised(namespace: str) -> str:
                 "not starting with a digit, parted by '/', for example lf_ankle"
             )
             raise InputError(msg)
-    return "/" + "/".join(tokens)
+    full = "/" + "/".join(tokens)
+    if len(full) > MAX_LENGTH:
+        msg = f"namespace '{full[:20]}...' has {len(full)} characters; it must have {MAX_LENGTH} at most"
+        raise InputError(msg)
+    return full
 
 
 def resolved(namespace: str, name: str) -> str:

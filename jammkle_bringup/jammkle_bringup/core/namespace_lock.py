@@ -43,11 +43,15 @@ class NamespaceLock:
         """Take the lock.
 
         Raises:
-            InputError: another process holds it.
+            InputError: another process holds it, or its file cannot be made.
 
         """
-        self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            msg = f"lock file {self._path} cannot be made: {error.strerror}"
+            raise InputError(msg) from error
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -71,13 +71,19 @@ class Engine:
         self._now_s = now_s
         self._timestep_s = simulation.timestep_s
         self._timestep_ns = timestep_ns(self._timestep_s)
+        self._start_ns = 0
         self._first_step = self._step
         self.restart_pace()
 
     @property
     def time_ns(self) -> int:
-        """Simulated time, ns; the exact multiple of the time step."""
-        return self._step * self._timestep_ns
+        """Simulated time, ns: the time of the start and the exact multiple of the time step."""
+        return self._start_ns + self._step * self._timestep_ns
+
+    @property
+    def begun(self) -> bool:
+        """True once a step was taken."""
+        return self._step > 0
 
     @property
     def control(self) -> RunControl:
@@ -130,6 +136,13 @@ class Engine:
             # Who steps one by one wants to see the state after each; readings keep to their rates.
             outputs = tuple(output for output in Output if output in outputs or output in STATES)
         return Tick(self.time_ns, outputs)
+
+    def set_start_time(self, start_time_s: float) -> None:
+        """Let simulated time start at this time, s, rounded to a whole step so that stamps keep to one grid.
+
+        Only before the first step: a later change would be a jump in time.
+        """
+        self._start_ns = round(start_time_s / self._timestep_s) * self._timestep_ns
 
     def pause(self) -> None:
         """Stop simulated time; see RunControl.pause."""
