@@ -1,0 +1,238 @@
+"""Run a rig without the graph, as fast as it can, and keep what it measured, topic by topic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_graph import names
+from jammkle_graph.parameters import ParameterError
+from jammkle_sim.physics import records
+from jammkle_sim.rigs.simulation import Simulation
+from jammkle_sim.rigs.vacuum import Commands, VacuumKeeper
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.vacuum import VacuumStep
+
+IMU_PERIOD_S = 0.001
+"""Time between two rows of the IMU, s."""
+STATE_ROWS = 2
+"""Rows of the IMU per row of joint_states, tendon_states and load cell: 500 Hz."""
+CONTROL_ROWS = 10
+"""Rows of the IMU per row of the pressures, and per command: 100 Hz."""
+
+
+_ROUNDING_S = 1e-12
+"""What a sum of time steps may differ by, s."""
+
+
+class RigCancelledError(RuntimeError):
+    """A run was cancelled before its end."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Samples of one topic."""
+
+    columns: tuple[str, ...]
+    """Name of each column: a field of the message with its unit, such as `force_z_n`, after the name of the tendon or
+    joint it belongs to and a dot, where there are several (`achilles_left.tension_n`)."""
+    time_s: NDArray[np.float64]
+    """Since the start of the rig, shape (n,)."""
+    values: NDArray[np.float64]
+    """Shape (n, columns)."""
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """Return one column, shape (n,).
+
+        Raises:
+            KeyError: there is no such column.
+
+        """
+        if name not in self.columns:
+            raise KeyError(name)
+        return self.values[:, self.columns.index(name)]
+
+
+@dataclass(frozen=True)
+class Programme:
+    """What a rig does and how long."""
+
+    duration_s: float
+    """Since the start of the rig."""
+    vacuum: tuple[VacuumStep, ...]
+    """Set points by rising time."""
+    evaluate: Callable[[Mapping[str, Series]], dict[str, float]]
+    """Makes the results of a run, SI units, from its topics."""
+    topics: tuple[str, ...]
+    """Topics, of those that the rig could give, that it has sensors for, beside pressures and commands."""
+
+
+@dataclass(frozen=True)
+class RigRun:
+    """One finished run."""
+
+    rig: str
+    options: Any
+    """The options dataclass of the rig."""
+    topics: dict[str, Series]
+    """By the name of the topic. IMU 1 kHz; joint states, tendon states, load cell 500 Hz; pressures 100 Hz; pump duty
+    and solenoids at the start and on change."""
+    description: dict[str, object]
+    """Everything that was simulated, plain types."""
+    results: dict[str, float]
+    """Measured figures, SI units, by a name that ends in the unit."""
+    broken: tuple[str, ...]
+    """Tendons that tore."""
+
+
+def steps_per_row(timestep_s: float) -> int:
+    """Return how many time steps one row of the IMU takes.
+
+    Raises:
+        ParameterError: not a whole number.
+
+    """
+    steps = round(IMU_PERIOD_S / timestep_s)
+    if steps < 1 or abs(steps * timestep_s - IMU_PERIOD_S) > _ROUNDING_S:
+        msg = f"parameter 'timestep_s' is {timestep_s:g}; it must divide {IMU_PERIOD_S:g} s, as 0.0005 or 0.00025 do"
+        raise ParameterError(msg)
+    return steps
+
+
+def run(
+    rig: Rig,
+    programme: Programme,
+    options: Any,
+    on_progress: Callable[[float], None],
+    cancelled: Callable[[], bool],
+) -> RigRun:
+    """Take a rig through its programme.
+
+    Args:
+        rig: What is simulated.
+        programme: What it does.
+        options: What both were made from; kept with the run.
+        on_progress: Called with the share done, 0 to 1, every simulated tenth of a second or so.
+        cancelled: Asked as often; true ends the run.
+
+    Raises:
+        RigCancelledError: it was cancelled.
+        UnstableSimulationError: the simulation blew up.
+        ParameterError: the time step does not divide the period of the IMU.
+
+    """
+    simulation = Simulation(rig)
+    recorder = _Recorder(rig, simulation)
+    keeper = VacuumKeeper(programme.vacuum, rig.pneumatics.ambient_pa)
+    steps = steps_per_row(simulation.timestep_s)
+    periods = max(1, round(programme.duration_s / (CONTROL_ROWS * IMU_PERIOD_S)))
+    for period in range(periods):
+        if period % CONTROL_ROWS == 0:
+            on_progress(period / periods)
+            if cancelled():
+                msg = f"rig '{rig.name}' was cancelled after {simulation.rig_time_s:g} s of {programme.duration_s:g} s"
+                raise RigCancelledError(msg)
+        channels, manifold = simulation.channel_pressures_pa(), simulation.manifold_pressure_pa()
+        commands = keeper.commands(simulation.rig_time_s, channels, manifold, CONTROL_ROWS * IMU_PERIOD_S)
+        recorder.note_pressures((manifold, *channels.values()))
+        recorder.note_commands(commands)
+        simulation.set_pump_duty(commands.pump_duty)
+        for channel, energised in zip(names.CHANNELS, commands.energised, strict=True):
+            simulation.set_solenoid(channel, energised)
+        recorder.record(steps)
+    on_progress(1.0)
+    topics = recorder.topics(programme.topics)
+    return RigRun(
+        rig=rig.name,
+        options=options,
+        topics=topics,
+        description=simulation.description(),
+        results=programme.evaluate(topics),
+        broken=tuple(tendon.name for tendon in simulation.tendons() if tendon.broken),
+    )
+
+
+class _Recorder:
+    """Collects rows and commands of one run, and sorts them by topic at the end."""
+
+    def __init__(self, rig: Rig, simulation: Simulation) -> None:
+        self._rig = rig
+        self._simulation = simulation
+        self._rows: list[NDArray[np.float64]] = []
+        self._load_cell_n: list[tuple[float, float, float]] = []
+        self._pressures_pa: list[tuple[float, ...]] = []
+        self._pressure_times_s: list[float] = []
+        self._changes: dict[str, list[tuple[float, float]]] = {}
+
+    def note_pressures(self, pressures_pa: tuple[float, ...]) -> None:
+        """Keep manifold and channels as measured now."""
+        self._pressures_pa.append(pressures_pa)
+        self._pressure_times_s.append(self._simulation.rig_time_s)
+
+    def note_commands(self, commands: Commands) -> None:
+        """Keep the commands that differ from those before."""
+        values = {names.PUMP_DUTY.name: commands.pump_duty}
+        for channel, energised in zip(names.CHANNELS, commands.energised, strict=True):
+            values[names.SOLENOIDS[channel].name] = float(energised)
+        for topic, value in values.items():
+            kept = self._changes.setdefault(topic, [])
+            if not kept or kept[-1][1] != value:
+                kept.append((self._simulation.rig_time_s, value))
+
+    def record(self, steps: int) -> None:
+        """Advance by one control period and keep its rows."""
+        for _ in range(CONTROL_ROWS // STATE_ROWS):
+            self._rows.append(self._simulation.record(STATE_ROWS, steps))
+            self._load_cell_n.append(self._simulation.load_cell_force_n())
+
+    def topics(self, wanted: tuple[str, ...]) -> dict[str, Series]:
+        """Return everything by topic."""
+        rows = np.concatenate(self._rows)
+        time_s: NDArray[np.float64] = np.arange(1, len(rows) + 1, dtype=np.float64) * np.float64(IMU_PERIOD_S)
+        states, state_time_s = rows[STATE_ROWS - 1 :: STATE_ROWS], time_s[STATE_ROWS - 1 :: STATE_ROWS]
+        joints = tuple(self._simulation.joint_positions())
+        first_joint = records.IMU_AXES + records.LOAD_CELL_AXES
+        first_tendon = first_joint + 2 * len(joints)
+        found = {
+            names.IMU.name: Series(_IMU_COLUMNS, time_s, rows[:, : records.IMU_AXES]),
+            names.LOAD_CELL.name: Series(_LOAD_CELL_COLUMNS, state_time_s, np.array(self._load_cell_n)),
+            names.JOINT_STATES.name: Series(
+                tuple(f"{joint}.{what}" for what in ("position", "velocity") for joint in joints),
+                state_time_s,
+                states[:, first_joint:first_tendon],
+            ),
+            names.TENDON_STATES.name: Series(
+                tuple(f"{tendon}.{what}" for tendon in self._rig.tendon_names for what in _TENDON_COLUMNS),
+                state_time_s,
+                states[:, first_tendon:],
+            ),
+        }
+        found = {topic: series for topic, series in found.items() if topic in wanted}
+        pressures_pa, pressure_time_s = np.array(self._pressures_pa), np.array(self._pressure_times_s)
+        sources = (names.MANIFOLD_PRESSURE, *names.PRESSURES.values())
+        for i, topic in enumerate(sources):
+            found[topic.name] = Series(("fluid_pressure_pa",), pressure_time_s, pressures_pa[:, i : i + 1])
+        for name, changes in self._changes.items():
+            table = np.array(changes)
+            found[name] = Series(("data",), table[:, 0], table[:, 1:])
+        return found
+
+
+_IMU_COLUMNS = (
+    "linear_acceleration_x_m_s2",
+    "linear_acceleration_y_m_s2",
+    "linear_acceleration_z_m_s2",
+    "angular_velocity_x_rad_s",
+    "angular_velocity_y_rad_s",
+    "angular_velocity_z_rad_s",
+)
+_LOAD_CELL_COLUMNS = ("force_x_n", "force_y_n", "force_z_n")
+_TENDON_COLUMNS = ("extension_m", "extension_rate_m_s", "tension_n", "broken")
