@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from domain_coordinator import domain_id as reserve_domain_id
 
 from graph import Probe, Up
+from jammkle_graph.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -22,7 +22,7 @@ def _localhost_only(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def domain_id() -> Iterator[int]:
     """Reserve a ROS domain for one test."""
-    with reserve_domain_id() as number:
+    with own_domain() as number:
         yield number
 
 

@@ -9,10 +9,10 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from domain_coordinator import domain_id as reserve_domain_id
 
 from graph import Up
 from jammkle_graph.names import CHANNELS, CLOCK, EMERGENCY_STOP, IMU, JOINT_STATES, SIM_PARAMETERS, TOPICS
+from jammkle_graph.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -60,7 +60,7 @@ print(json.dumps(found))
 def landing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     """Run the demo once; hand over its exit code, what it printed, its JSON and its folder."""
     folder = tmp_path_factory.mktemp("demo")
-    with reserve_domain_id() as domain_id:
+    with own_domain() as domain_id:
         demo = Up(domain_id, folder, "demo", "-o", str(folder / "runs"), "--json", str(folder / "demo.json"))
         code = demo.wait()
         assert code == 0, demo.text()

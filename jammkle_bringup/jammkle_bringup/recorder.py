@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from jammkle_bringup.conversions import bag_qos, clock_ns, message_class
 from jammkle_bringup.core.bag_log import BagLog, TimeSource
 from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.namespace import relative, resolved
-from jammkle_graph.names import CLOCK, SIM_PARAMETERS, TOPICS
+from jammkle_graph.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS
 from jammkle_graph.qos import publisher_qos
 
 if TYPE_CHECKING:
@@ -38,9 +39,10 @@ QUEUE_DEPTH = 2000
 
 _DISCOVERY_PERIOD_S = 0.2
 _UNDECIDED_S = 1.0
-_OUTSIDE = ("/clock", "/diagnostics", "/tf", "/tf_static")
+_OUTSIDE = (CLOCK.name, DIAGNOSTICS.name, "/tf", "/tf_static")
 _LEFT_OUT = ("/rosout", "/parameter_events")
 _SPIN_TIMEOUT_S = 0.1
+_DRAIN_S = 1.0  # a graph that goes on publishes without end
 
 
 @dataclass(frozen=True)
@@ -150,10 +152,15 @@ class Recorder(Node):
 
 
 def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
-    """Record until asked to stop, then take what has already arrived and complete the bag."""
+    """Record until asked to stop, then take what is still on its way and complete the bag."""
     while not stop:
         executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
-    executor.spin_once(timeout_sec=0)
+    end_s = time.monotonic() + _DRAIN_S
+    before = -1
+    while node.counts().messages > before and time.monotonic() < end_s:
+        before = node.counts().messages
+        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+        executor.spin_once(timeout_sec=0)
     node.close()
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 RECORDER = "recorder"
 _DISCOVERY_S = 0.8
+_RECORDER_STOP_TIMEOUT_S = 30.0  # a killed recorder leaves a bag without its end
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,9 @@ def beside_others(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> G
         there = sorted(names & client.nodes())
         clocks = client.node.get_publishers_info_by_topic(CLOCK.name)
     if there:
-        msg = already_up(options.namespace, ros_domain(), f"node {', '.join(there)}")
+        msg = already_up(
+            options.namespace, ros_domain(), f"node {', '.join(there)}; one that was killed is seen for 20 s more"
+        )
         raise InputError(msg)
     if not clocks or options.hardware is not Hardware.SIM:
         return options
@@ -110,7 +113,8 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
     if options.bag is not None:
         source = "sim" if options.hardware is Hardware.SIM else "system"
         command = (sys.executable, "-m", "jammkle_bringup", "record", "-o", str(options.bag))
-        specs.append(ChildSpec(RECORDER, (*command, "--namespace", options.namespace, "--clock", source)))
+        command = (*command, "--namespace", options.namespace, "--clock", source)
+        specs.append(ChildSpec(RECORDER, command, _RECORDER_STOP_TIMEOUT_S))
     files = tuple(str(file.absolute()) for file in options.parameter_files)
     for entry in options.nodes:
         values = dict(options.values.get(entry.name, {}))

@@ -27,64 +27,78 @@ RATE_PA_S = 100e3
 COMMANDED_PA = 50e3
 REACHED_S = ENERGISED_S + 0.95 * COMMANDED_PA / RATE_PA_S
 PEAK_M_S2 = 60.0
-PARTS = ("imu", "load cell", "events", "jam state", "solenoids", "pressures", "carriage")
+PARTS = ("imu", "load_cell", "events", "jam_state", "solenoids", "pressures", "carriage")
+
+
+class Landing:
+    """Writes a landing of which everything is known, one method for each kind of topic."""
+
+    def __init__(self, maker: Any, namespace: str, reach: float) -> None:
+        self.maker = maker
+        self.namespace = namespace
+        self.reach = reach
+
+    def write(self, topic: str, time_s: float, message_type: str, *fields: Any) -> None:
+        """Write a message, with a header if its type has one."""
+        header = [self.maker.header(START_S + time_s)] if "std_msgs" not in message_type else []
+        message = self.maker.make(message_type, *header, *fields)
+        self.maker.write(f"{self.namespace}/{topic}", START_S + time_s, message)
+
+    def vector(self, z: float) -> Any:
+        return self.maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, z)
+
+    def imu(self) -> None:
+        nine = np.zeros(9)
+        upright = self.maker.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+        # a knock before touch-down is not the landing's peak
+        knocks = {100: 500.0, 555: PEAK_M_S2}
+        for step in range(1, 1001):
+            force = self.vector(9.80665 + knocks.get(step, 0.0))
+            fields = (upright, nine, self.vector(0.0), nine, force, nine)
+            self.write("imu/data", step * 0.002, "sensor_msgs/msg/Imu", *fields)
+
+    def load_cell(self) -> None:
+        for step in range(1, 1001):
+            push = -40.0 if step * 0.002 >= TOUCH_DOWN_S - 1e-9 else 3.5
+            wrench = self.maker.make("geometry_msgs/msg/Wrench", self.vector(push), self.vector(0.0))
+            self.write("load_cell/wrench", step * 0.002, "geometry_msgs/msg/WrenchStamped", wrench)
+
+    def carriage(self) -> None:
+        nothing = np.zeros(0)
+        for step in range(1, 1001):
+            fields = (["ankle_roll", "carriage"], np.array([0.0, 0.1]), nothing, nothing)
+            self.write("joint_states", step * 0.002, "sensor_msgs/msg/JointState", *fields)
+
+    def pressures(self) -> None:
+        for step in range(1, 201):
+            vacuum = min(max(0.0, (step * 0.01 - ENERGISED_S) * RATE_PA_S), self.reach * COMMANDED_PA)
+            for channel in CHANNELS:
+                pressure = AMBIENT_PA + OFFSETS_PA[channel] - vacuum
+                self.write(f"{channel}/pressure", step * 0.01, "sensor_msgs/msg/FluidPressure", pressure, 0.0)
+
+    def solenoids(self) -> None:
+        for time_s, energised in ((0.5, False), (ENERGISED_S, True), (1.6, True)):
+            for channel in CHANNELS:
+                self.write(f"{channel}/solenoid", time_s, "std_msgs/msg/Bool", energised)
+
+    def events(self) -> None:
+        self.write("contact_events", DETECTED_S, "jammkle_msgs/msg/ContactEvent", 1, 61.0, "m/s^2", 0.002)
+
+    def jam_state(self) -> None:
+        for time_s, commanded in ((0.1, 0.0), (ENERGISED_S, COMMANDED_PA)):
+            fields = (2, commanded, 0.0, "")
+            states = [self.maker.make("jammkle_msgs/msg/ChannelJamState", channel, *fields) for channel in CHANNELS]
+            stopped = False
+            self.write("jam_state", time_s, "jammkle_msgs/msg/JamState", stopped, 0.0, states)
 
 
 def landing(maker: Any, parts: tuple[str, ...] = PARTS, namespace: str = "", reach: float = 1.0) -> Path:
-    """Write a landing of which everything is known; `reach` is the part of the command that the pump holds."""
-
-    def at(time_s: float) -> tuple[float, Any]:
-        return START_S + time_s, maker.header(START_S + time_s)
-
-    maker.write("/other", START_S, maker.make("std_msgs/msg/Bool", True))  # noqa: FBT003 - the field of a message
-    for step in range(1, 1001):
-        time_s = step * 0.002
-        log_s, header = at(time_s)
-        zero = maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
-        if "imu" in parts:
-            force = 9.80665 + (PEAK_M_S2 if step == 555 else 0.0)
-            # a knock before touch-down, which is not the landing's peak
-            force += 500.0 if step == 100 else 0.0
-            vector = maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, force)
-            quaternion = maker.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
-            nine = np.zeros(9)
-            imu = maker.make("sensor_msgs/msg/Imu", header, quaternion, nine, zero, nine, vector, nine)
-            maker.write(f"{namespace}/imu/data", log_s, imu)
-        if "load cell" in parts:
-            push = -40.0 if time_s >= TOUCH_DOWN_S - 1e-9 else 3.5
-            wrench = maker.make(
-                "geometry_msgs/msg/Wrench", maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, push), zero
-            )
-            stamped = maker.make("geometry_msgs/msg/WrenchStamped", header, wrench)
-            maker.write(f"{namespace}/load_cell/wrench", log_s, stamped)
-        if "carriage" in parts:
-            nothing = np.zeros(0)
-            joints = maker.make(
-                "sensor_msgs/msg/JointState", header, ["ankle_roll", "carriage"], np.array([0.0, 0.1]), nothing, nothing
-            )
-            maker.write(f"{namespace}/joint_states", log_s, joints)
-        if "pressures" in parts and step % 5 == 0:
-            vacuum = min(max(0.0, (time_s - ENERGISED_S) * RATE_PA_S), reach * COMMANDED_PA)
-            for channel in CHANNELS:
-                pressure = AMBIENT_PA + OFFSETS_PA[channel] - vacuum
-                message = maker.make("sensor_msgs/msg/FluidPressure", header, pressure, 0.0)
-                maker.write(f"{namespace}/{channel}/pressure", log_s, message)
-    if "solenoids" in parts:
-        for time_s, on in ((0.5, False), (ENERGISED_S, True), (1.6, True)):
-            for channel in CHANNELS:
-                maker.write(f"{namespace}/{channel}/solenoid", START_S + time_s, maker.make("std_msgs/msg/Bool", on))
-    if "events" in parts:
-        log_s, header = at(DETECTED_S)
-        event = maker.make("jammkle_msgs/msg/ContactEvent", header, 1, 61.0, "m/s^2", 0.002)
-        maker.write(f"{namespace}/contact_events", log_s, event)
-    if "jam state" in parts:
-        for time_s, commanded in ((0.1, 0.0), (ENERGISED_S, COMMANDED_PA)):
-            log_s, header = at(time_s)
-            states = [
-                maker.make("jammkle_msgs/msg/ChannelJamState", channel, 2, commanded, 0.0, "") for channel in CHANNELS
-            ]
-            state = maker.make("jammkle_msgs/msg/JamState", header, False, 0.0, states)  # noqa: FBT003 - as above
-            maker.write(f"{namespace}/jam_state", log_s, state)
+    """Write the named parts of a landing; `reach` is the part of the command that the pump holds."""
+    begun = True
+    maker.write("/other", START_S, maker.make("std_msgs/msg/Bool", begun))
+    written = Landing(maker, namespace, reach)
+    for part in parts:
+        getattr(written, part)()
     path: Path = maker.close()
     return path
 
@@ -123,15 +137,15 @@ def test_any_piece_may_be_missing(bag_maker: Callable[[str], Any], lost: str, tm
     summary = summary_of(run, str(path))
     expected = {
         "imu": "imu/data",
-        "load cell": "load_cell/wrench",
+        "load_cell": "load_cell/wrench",
         "events": "contact_events",
-        "jam state": "jam_state",
+        "jam_state": "jam_state",
         "solenoids": "achilles/solenoid",
         "pressures": "achilles/pressure",
     }
     if lost in expected:
         assert any(expected[lost] in line for line in summary.missing), summary.missing
-    assert (summary.touch_down_s is None) == (lost == "load cell")
+    assert (summary.touch_down_s is None) == (lost == "load_cell")
     assert (summary.detected_s is None) == (lost == "events")
     assert (summary.peak_deceleration_m_s2 is None) == (lost == "imu")
     picture = tmp_path / "run.png"
@@ -141,7 +155,7 @@ def test_any_piece_may_be_missing(bag_maker: Callable[[str], Any], lost: str, tm
 
 def test_a_recording_with_standard_types_only_is_enough(bag_maker: Callable[[str], Any]) -> None:
     """Without any type of this project, touch-down, peak, solenoids and the greatest vacuum are still told."""
-    parts = tuple(part for part in PARTS if part not in {"events", "jam state"})
+    parts = tuple(part for part in PARTS if part not in {"events", "jam_state"})
     summary = summarise(landing(bag_maker("bag"), parts))
     assert summary.touch_down_s == pytest.approx(TOUCH_DOWN_S)
     assert summary.channels[0].greatest_vacuum_pa == pytest.approx(COMMANDED_PA)

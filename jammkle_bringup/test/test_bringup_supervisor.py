@@ -114,12 +114,22 @@ def test_processes_stop_one_after_the_other_in_reverse_order() -> None:
 def test_a_stubborn_process_is_killed_and_named() -> None:
     """A process that ignores SIGTERM is killed after the timeout and counts as a bad end."""
     lines = Lines()
-    with Supervisor([spec("stubborn", STUBBORN)], lines.take, stop_timeout_s=0.2) as supervisor:
+    stubborn = ChildSpec("stubborn", (sys.executable, "-c", STUBBORN), stop_timeout_s=0.2)
+    with Supervisor([stubborn], lines.take) as supervisor:
         wait_until(lambda: lines.ready("stubborn"), "it is ready")
         process_id = supervisor.process_ids()["stubborn"]
         (bad,) = supervisor.stop()
     assert (bad.name, bad.exit_code) == ("stubborn", -signal.SIGKILL)
     assert not runs(process_id)
+
+
+def test_a_process_that_still_loads_may_end_by_the_signal() -> None:
+    """Stopping before a process has installed its handlers is no failure."""
+    lines = Lines()
+    loading = "import time\nprint('ready', flush=True)\ntime.sleep(600)"
+    with Supervisor([spec("loading", loading)], lines.take) as supervisor:
+        wait_until(lambda: lines.ready("loading"), "it loads")
+        assert supervisor.stop() == ()
 
 
 def test_an_exception_stops_everything() -> None:

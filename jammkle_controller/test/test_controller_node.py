@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from domain_coordinator import domain_id as reserve_domain_id
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -23,6 +22,7 @@ from std_srvs.srv import SetBool
 
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, DIAGNOSTICS, IMU, JAM_COMMAND, SET_AUTO
 from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_graph.testing import own_domain
 from jammkle_msgs.msg import ContactEvent, JamCommand
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def make_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
     """Make a bench in a ROS domain of its own."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     benches: list[Bench] = []
-    with reserve_domain_id() as number:
+    with own_domain() as number:
 
         def make(*arguments: str) -> Bench:
             benches.append(Bench(number, tmp_path, *arguments))

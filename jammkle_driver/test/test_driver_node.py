@@ -10,7 +10,6 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-import domain_coordinator
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -29,6 +28,7 @@ from jammkle_driver.node import DriverNode
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError
 from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_graph.testing import own_domain
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
 
@@ -152,7 +152,7 @@ class Graph:
 @pytest.fixture
 def graph(monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with domain_coordinator.domain_id() as domain_id:
+    with own_domain() as domain_id:
         graph = Graph(domain_id)
         yield graph
         graph.close()

@@ -36,4 +36,7 @@ def make_simulation(parameters: SimParameters) -> Simulation:
     except ValueError as error:
         msg = f"parameter {error}"
         raise ParameterError(msg) from error
+    # The first step of a process compiles or loads the laws. It is taken by a rig that is thrown away, or else the
+    # simulated time of the real one would start with a backlog.
+    landing_simulation(options).advance(1)
     return landing_simulation(options)

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from domain_coordinator import domain_id as reserve_domain_id
 from rich.console import Console
 from rich.table import Table
 
 from delay import Delays, measure_delays
+from jammkle_graph.testing import own_domain
 from load import Load, measure_load
 from steps import StepRates, measure_steps
 
@@ -37,11 +37,11 @@ def measure(console: Console) -> Results:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     with console.status("simulation steps per second"):
         steps = measure_steps()
-    with reserve_domain_id() as domain_id, console.status("from impact to solenoid"):
+    with own_domain() as domain_id, console.status("from impact to solenoid"):
         delays = measure_delays(domain_id)
     loads = []
     for rate_hz in IMU_RATES_HZ:
-        with reserve_domain_id() as domain_id, console.status(f"load at {rate_hz} Hz"):
+        with own_domain() as domain_id, console.status(f"load at {rate_hz} Hz"):
             loads += measure_load(domain_id, rate_hz)
     return Results(platform.machine(), os.cpu_count() or 1, steps, delays, loads)
 
@@ -53,8 +53,9 @@ def table_of(results: Results) -> Table:
     table.add_row(
         "simulation steps per second",
         f"{steps.full_steps_per_s:,.0f}",
-        f"bare mj_step {steps.bare_steps_per_s:,.0f}",
-        f"{steps.ratio:.2f} ({steps.ratio_lowest:.2f} to {steps.ratio_highest:.2f})",
+        f"bare mj_step, in C {steps.bare_steps_per_s:,.0f}",
+        f"{steps.ratio:.2f} ({steps.ratio_lowest:.2f} to {steps.ratio_highest:.2f}); "
+        f"{steps.ratio_sample_by_sample:.2f} sample by sample",
     )
     table.add_row(
         f"impact to solenoid, {delays.trials} landings",

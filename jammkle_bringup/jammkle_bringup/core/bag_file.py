@@ -30,8 +30,8 @@ def opened(path: Path) -> Iterator[AnyReader]:
     if path.is_dir() and not (path / _METADATA).is_file():
         msg = f"{path} is not a bag: it holds no {_METADATA}"
         raise InputError(msg)
-    reader = AnyReader([path])
     try:
+        reader = AnyReader([path])
         reader.open()
     # The library lets errors of its parsers, of struct and of the file system through, depending on what is broken.
     except Exception as error:

@@ -29,10 +29,14 @@ _TETHER = Path(__file__).with_name("tether.py")
 
 @dataclass(frozen=True)
 class ChildSpec:
-    """One process to start: its name for people and its command, whose first entry is an absolute path."""
+    """One process to start: its name for people and its command, whose first entry is an absolute path.
+
+    `stop_timeout_s` is how long it may take to end before it is killed.
+    """
 
     name: str
     command: tuple[str, ...]
+    stop_timeout_s: float = STOP_TIMEOUT_S
 
 
 @dataclass(frozen=True)
@@ -94,12 +98,12 @@ class _Child:
         self._reader.join(_READER_TIMEOUT_S)
         return Death(self.spec.name, self.process.returncode, tuple(self._lines))
 
-    def stop(self, timeout_s: float) -> None:
+    def stop(self) -> None:
         """Send SIGTERM, and SIGKILL to the whole session if that is not enough."""
         if self.process.poll() is None:
             self.process.terminate()
         try:
-            self.process.wait(timeout_s)
+            self.process.wait(self.spec.stop_timeout_s)
         except subprocess.TimeoutExpired:
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
@@ -116,19 +120,16 @@ class Supervisor:
         self,
         specs: Sequence[ChildSpec],
         on_line: Callable[[str, str], None],
-        stop_timeout_s: float = STOP_TIMEOUT_S,
     ) -> None:
         """Prepare; nothing is started yet.
 
         Args:
             specs: What to start, in order.
             on_line: Called with the name and every line that a process writes, from another thread.
-            stop_timeout_s: How long a process may take to end before it is killed.
 
         """
         self._specs = tuple(specs)
         self._on_line = on_line
-        self._stop_timeout_s = stop_timeout_s
         self._children: list[_Child] = []
 
     def __enter__(self) -> Self:
@@ -168,11 +169,14 @@ class Supervisor:
         return None
 
     def stop(self) -> tuple[Death, ...]:
-        """Stop everything in reverse order and return those that did not end with 0. Safe to call twice."""
+        """Stop everything in reverse order and return those that ended badly. Safe to call twice.
+
+        Ending by the SIGTERM that was sent is no bad end: a process that is still loading has no handler yet.
+        """
         bad: list[Death] = []
         while self._children:
             child = self._children.pop()
-            child.stop(self._stop_timeout_s)
-            if child.process.returncode != 0:
+            child.stop()
+            if child.process.returncode not in {0, -signal.SIGTERM}:
                 bad.append(child.death())
         return tuple(bad)

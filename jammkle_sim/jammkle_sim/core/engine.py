@@ -72,7 +72,7 @@ class Engine:
         self._timestep_s = simulation.timestep_s
         self._timestep_ns = timestep_ns(self._timestep_s)
         self._first_step = self._step
-        self._restart_pace()
+        self.restart_pace()
 
     @property
     def time_ns(self) -> int:
@@ -140,7 +140,7 @@ class Engine:
         already_running = self._control.state is RunState.RUNNING
         self._control.resume()
         if not already_running:
-            self._restart_pace()
+            self.restart_pace()
 
     def begin_steps(self, steps: int) -> None:
         """Take steps in the cycles to come; see RunControl.begin_steps."""
@@ -150,7 +150,12 @@ class Engine:
     def set_speed(self, speed: float) -> None:
         """Change the pace from now on; 0 is as fast as possible."""
         if speed != self._pacer.speed:
-            self._restart_pace(speed)
+            self.restart_pace(speed)
+
+    def restart_pace(self, speed: float | None = None) -> None:
+        """Let simulated time go on from where it stands now, without catching up; with another speed if given."""
+        self._pacer.restart(self._step * self._timestep_s, self._now_s(), speed)
+        self._factor.restart()
 
     def fail(self, why: str) -> None:
         """Stop simulated time until a reset, and remember why."""
@@ -161,7 +166,7 @@ class Engine:
         self._control.reset()
         self._simulation.reset()
         self._first_step = self._step
-        self._restart_pace()
+        self.restart_pace()
 
     @property
     def _step(self) -> int:
@@ -170,7 +175,3 @@ class Engine:
     def _next_step(self) -> int:
         step = self._step
         return step + self._schedule.steps_to_next(step - self._first_step)
-
-    def _restart_pace(self, speed: float | None = None) -> None:
-        self._pacer.restart(self._step * self._timestep_s, self._now_s(), speed)
-        self._factor.restart()

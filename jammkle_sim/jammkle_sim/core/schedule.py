@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -60,16 +59,17 @@ def steps_per_output(rate_hz: int, timestep_s: float, max_rate_hz: int) -> int:
     steps_per_second = 1.0 / timestep_s
     steps = steps_per_second / rate_hz
     if steps < 1 - _RATE_TOLERANCE or abs(steps - round(steps)) > _RATE_TOLERANCE * steps:
-        divisors = [
+        fitting = [
             rate
             for rate in range(1, max_rate_hz + 1)
             if abs(steps_per_second / rate - round(steps_per_second / rate)) <= _RATE_TOLERANCE * steps_per_second
         ]
-        below = max((rate for rate in divisors if rate < rate_hz), default=divisors[0])
-        above = min((rate for rate in divisors if rate > rate_hz), default=divisors[-1])
+        below, above = [rate for rate in fitting if rate < rate_hz], [rate for rate in fitting if rate > rate_hz]
+        neighbours = " or ".join(str(rate) for rate in below[-1:] + above[:1])
+        way_out = f"as {neighbours} Hz" if neighbours else "which none does: change timestep_s, 0.0005 s is usual"
         msg = (
             f"an output rate of {rate_hz} Hz does not fit timestep_s of {timestep_s:g} s; "
-            f"the rate must divide {steps_per_second:g} Hz, as {below} or {above} Hz do"
+            f"the rate must divide {steps_per_second:g} Hz, {way_out}"
         )
         raise RateError(msg)
     return round(steps)
@@ -79,7 +79,7 @@ class Schedule:
     """Outputs by step, counted from the last (re)start of the rig. An output of period n is due at n, 2n, 3n ..."""
 
     def __init__(self, periods: Mapping[Output, int]) -> None:
-        """Tabulate one repeat of the schedule.
+        """Take the periods.
 
         Args:
             periods: Steps between two of each output, each at least 1.
@@ -88,23 +88,14 @@ class Schedule:
         if not periods or min(periods.values()) < 1:
             msg = f"every output needs a period of at least one step, not {dict(periods)}"
             raise ValueError(msg)
-        self._repeat = math.lcm(*periods.values())
         # An enum's members iterate in the order of their definition, which is the order of publishing.
-        self._due = tuple(
-            tuple(output for output in Output if output in periods and step % periods[output] == 0)
-            for step in range(self._repeat)
-        )
-        steps_to_next = [0] * self._repeat
-        distance = 1
-        for step in reversed(range(self._repeat)):
-            steps_to_next[step] = distance
-            distance = 1 if self._due[step] else distance + 1
-        self._steps_to_next = tuple(steps_to_next)
+        self._periods = tuple((output, periods[output]) for output in Output if output in periods)
+        self._distinct = tuple(sorted(set(periods.values())))
 
     def due(self, step: int) -> tuple[Output, ...]:
         """Outputs due at `step`, in the order of publishing."""
-        return self._due[step % self._repeat]
+        return tuple([output for output, period in self._periods if step % period == 0])
 
     def steps_to_next(self, step: int) -> int:
         """Steps from `step` to the next one, after it, at which something is due."""
-        return self._steps_to_next[step % self._repeat]
+        return min([period - step % period for period in self._distinct])

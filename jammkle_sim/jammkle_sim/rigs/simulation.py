@@ -77,6 +77,11 @@ class Simulation:
         self._rig_steps = 0
 
     @property
+    def model(self) -> Any:
+        """The mujoco.MjModel that is simulated, to look at."""
+        return self._model
+
+    @property
     def time_s(self) -> float:
         """Simulated time since construction, s: a whole number of time steps, never set back."""
         return self._total_steps * self.timestep_s

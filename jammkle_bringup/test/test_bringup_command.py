@@ -1,0 +1,208 @@
+"""The command: help, bad input, and what `info` tells."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from jammkle_bringup.command import main
+from jammkle_bringup.core.errors import InputError
+from jammkle_bringup.core.namespace import normalised, relative, resolved
+from jammkle_bringup.core.namespace_lock import NamespaceLock
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+COMMANDS = ("up", "jam", "unjam", "status", "record", "info", "demo")
+
+PARAMETERS = {
+    "typing_error.yaml": "driver:\n  ros__parameters:\n    max_vacum_pa: 1.0\n",
+    "unknown_node.yaml": "/**/drvier:\n  ros__parameters:\n    max_vacuum_pa: 50000.0\n",
+    "elsewhere.yaml": "/rf_ankle/driver:\n  ros__parameters:\n    max_vacuum_pa: 50000.0\n",
+    "out_of_range.yaml": "/**/sim:\n  ros__parameters:\n    speed: -3.0\n",
+    "text.yaml": "just text",
+    "broken.yaml": "a: [",
+}
+
+
+@pytest.fixture(autouse=True)
+def _own_signals() -> Any:
+    """Give the test process its signal handlers back; the command installs its own."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], [], *([name, "--help"] for name in COMMANDS)])
+def test_help_exits_with_zero(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """The command and every subcommand explain themselves."""
+    assert main(arguments) == 0
+    assert "Usage" in capsys.readouterr().out
+
+
+def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
+    """`jammkle --help` is quick because it loads nothing heavy."""
+    heavy = ["rclpy", "numpy", "matplotlib", "rosbags", "mujoco", "numba"]
+    code = (
+        "import sys; from jammkle_bringup.command import main; main(['--help']); "
+        f"sys.exit(str(set(sys.modules) & set({heavy})) if set(sys.modules) & set({heavy}) else 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("jam soleus", ("soleus", "peroneal_left, peroneal_right, achilles")),
+        ("unjam achilles soleus", ("soleus", "achilles")),
+        ("jam --vacuum-kpa nan", ("nan", "above 0")),
+        ("jam --vacuum-kpa inf", ("inf",)),
+        ("jam --vacuum-kpa 0", ("0", "above 0")),
+        ("jam --vacuum-kpa=-5", ("-5", "above 0")),
+        ("jam --vacuum-kpa much", ("--vacuum-kpa",)),
+        ("status --namespace 1st", ("1st", "lf_ankle")),
+        ("status --json {folder}/no/where.json", ("where.json", "no folder")),
+        ("status --json {folder}", ("--json", "is a folder")),
+        ("up --robot frog", ("frog", "ankle")),
+        ("up --robot leg", ("leg", "not built yet", "ankle")),
+        ("up --hardware serial", ("serial", "not built yet", "sim")),
+        ("up --hardware serial --speed 2", ("--speed", "sim")),
+        ("up --speed -1", ("-1", "0 to 100")),
+        ("up --speed nan", ("nan",)),
+        ("up --record {folder}", ("{folder}", "exists")),
+        ("up --params {folder}/none.yaml", ("none.yaml", "No such file")),
+        ("up --params {folder}/typing_error.yaml", ("typing_error.yaml", "max_vacum_pa", "max_vacuum_pa")),
+        ("up --params {folder}/unknown_node.yaml", ("drvier", "driver")),
+        ("up --params {folder}/elsewhere.yaml --namespace lf_ankle", ("/lf_ankle", "/rf_ankle/driver")),
+        ("up --params {folder}/out_of_range.yaml", ("speed", "-3", "0 to 100")),
+        ("up --params {folder}/text.yaml", ("text.yaml", "ros__parameters")),
+        ("up --params {folder}/broken.yaml", ("broken.yaml", "not YAML")),
+        ("record -o {folder}", ("{folder}", "exists")),
+        ("record -o {folder}/bag --clock sundial", ("sundial", "auto, sim, system")),
+        ("record", ("--output",)),
+        ("info {folder}/none", ("none", "does not exist")),
+        ("info {folder}", ("{folder}", "metadata.yaml")),
+        ("info {folder}/broken_bag", ("broken_bag", "cannot be read")),
+        ("info {folder}/text.yaml", ("text.yaml", "cannot be read")),
+        ("dance", ("dance",)),
+        ("jam --fast", ("--fast",)),
+    ],
+)
+def test_bad_input_gets_one_line_and_two(
+    arguments: str,
+    words: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Exit code 2, one line on stderr that names the value and what would be right, and nothing was started."""
+    (tmp_path / "broken_bag").mkdir()
+    (tmp_path / "broken_bag" / "metadata.yaml").write_text("no: bag\n")
+    for name, text in PARAMETERS.items():
+        (tmp_path / name).write_text(text)
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.setattr("subprocess.Popen", lambda *_, **__: pytest.fail("a process was started"))
+    code = main([part.format(folder=tmp_path) for part in arguments.split()])
+    captured = capsys.readouterr()
+    assert code == 2, captured.err
+    assert len(captured.err.strip().splitlines()) == 1, captured.err
+    assert captured.out == ""
+    for word in words:
+        assert word.format(folder=tmp_path) in captured.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_client_without_a_graph_says_so(
+    ros_domain: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 1 and one line with namespace, domain and the way out."""
+    monkeypatch.setattr("jammkle_bringup.channel_commands.ANSWER_TIMEOUT_S", 0.3)
+    assert main(["status", "--namespace", "lf_ankle"]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    for word in ("/lf_ankle", f"domain {ros_domain}", "jammkle up"):
+        assert word in line
+
+
+def test_info_tells_what_is_in_a_bag(
+    bag_maker: Callable[[str], Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Topics, types, counts, rates and duration are those that were written."""
+    maker = bag_maker("bag")
+    for step in range(11):
+        maker.write("/fast", 5.0 + step * 0.1, maker.make("std_msgs/msg/Float32", 0.5))
+    maker.write("/once", 5.0, maker.make("std_msgs/msg/String", "hello"))
+    path = maker.close()
+    assert main(["info", str(path), "--json", str(tmp_path / "info.json")]) == 0
+    assert "/fast" in capsys.readouterr().out
+    found = json.loads((tmp_path / "info.json").read_text())
+    assert (found["messages"], found["start_s"]) == (12, 5.0)
+    assert found["duration_s"] == pytest.approx(1.0)
+    fast, once = found["topics"]
+    assert (fast["name"], fast["message_type"], fast["count"]) == ("/fast", "std_msgs/msg/Float32", 11)
+    assert fast["rate_hz"] == pytest.approx(11.0)
+    assert (once["name"], once["count"]) == ("/once", 1)
+
+
+def test_info_of_an_empty_bag_is_no_error(bag_maker: Callable[[str], Any]) -> None:
+    """A bag without messages can be looked at."""
+    assert main(["info", str(bag_maker("empty").close())]) == 0
+
+
+def test_a_truncated_bag_gets_one_line(bag_maker: Callable[[str], Any], capsys: pytest.CaptureFixture[str]) -> None:
+    """A bag whose file lost its end is reported in one line, wherever the cut is."""
+    maker = bag_maker("bag")
+    for step in range(50):
+        maker.write("/fast", step * 0.1, maker.make("std_msgs/msg/Float32", 0.5))
+    path = maker.close()
+    file = path / "bag.mcap"
+    whole = file.read_bytes()
+    for length in (0, 5, 100, len(whole) // 2, len(whole) - 5):
+        file.write_bytes(whole[:length])
+        assert main(["info", str(path)]) == 2
+        assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_namespace_is_held_once(tmp_path: Path) -> None:
+    """A second holder is refused with the first one's process; another namespace or domain is free; it comes back."""
+    with NamespaceLock("/lf_ankle", "15", tmp_path):
+        with pytest.raises(InputError, match="already up"), NamespaceLock("/lf_ankle", "15", tmp_path):
+            pass
+        with NamespaceLock("/rf_ankle", "15", tmp_path), NamespaceLock("/lf_ankle", "16", tmp_path):
+            pass
+    with NamespaceLock("/lf_ankle", "15", tmp_path):
+        pass
+
+
+def test_a_killed_holder_frees_its_namespace(tmp_path: Path) -> None:
+    """The kernel gives the lock back, so that nobody has to remove a file by hand."""
+    code = (
+        "import sys, time; from pathlib import Path; from jammkle_bringup.core.namespace_lock import NamespaceLock\n"
+        "with NamespaceLock('/', '15', Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(600)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline().strip() == "held"
+        with pytest.raises(InputError, match=str(holder.pid)), NamespaceLock("/", "15", tmp_path):
+            pass
+        holder.kill()
+    with NamespaceLock("/", "15", tmp_path):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"), [("", "/"), ("/", "/"), ("lf_ankle", "/lf_ankle"), ("/robot//lf/", "/robot/lf")]
+)
+def test_namespaces_are_normalised(given: str, expected: str) -> None:
+    """However a namespace is written, names resolve into it and back."""
+    namespace = normalised(given)
+    assert namespace == expected
+    assert relative(namespace, resolved(namespace, "imu/data")) == "imu/data"
+    assert resolved(namespace, "/clock") == "/clock"

@@ -1,0 +1,164 @@
+"""The table of nodes: commands, parameter file and launch file say the same."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import types
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+
+from jammkle_bringup.core.errors import InputError
+from jammkle_bringup.core.node_table import NODES, Hardware, Robot, command_of, nodes_for, simulated_time
+from jammkle_bringup.core.parameter_file import check_parameter_file, parameter_file_text
+from jammkle_bringup.up import GraphOptions, child_specs
+from jammkle_graph.parameters import from_mapping
+
+if TYPE_CHECKING:
+    from jammkle_bringup.core.supervisor import ChildSpec
+
+PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def specs(**options: Any) -> dict[str, ChildSpec]:
+    return {spec.name: spec for spec in child_specs(GraphOptions("/lf_ankle", **options))}
+
+
+def test_the_recorder_starts_first_and_the_driver_last() -> None:
+    """Processes stop in reverse: the simulation sees the release, and the recorder sees everything."""
+    assert list(specs(bag=Path("bag"))) == ["recorder", "sim", "controller", "driver"]
+
+
+def test_only_what_follows_the_simulation_uses_simulated_time() -> None:
+    """Driver, controller and recorder run on /clock when hardware is simulated, the sim never."""
+    simulated = specs(bag=Path("bag"))
+    for name in ("driver", "controller"):
+        assert "use_sim_time:=true" in simulated[name].command
+    assert "sim" in simulated["recorder"].command
+    assert "use_sim_time:=true" not in simulated["sim"].command
+    assert not any(simulated_time(entry, Hardware.SERIAL) for entry in NODES)
+    assert "sim" not in [entry.name for entry in nodes_for(Robot.ANKLE, Hardware.SERIAL)]
+
+
+def test_values_keep_their_type_on_the_command_line() -> None:
+    """ROS reads 2.0 as a number with a point, true as a truth value and quoted text as text."""
+    command = command_of(NODES[0], "/", {"speed": 2.0, "start_paused": True, "seed": 3, "parameter_set": "fitted"})
+    given = dict(part.split(":=") for part in command if ":=" in part and not part.startswith("__"))
+    read = {name: yaml.safe_load(value) for name, value in given.items()}
+    assert read == {"speed": 2.0, "start_paused": True, "seed": 3, "parameter_set": "fitted"}
+    assert isinstance(read["speed"], float)
+
+
+def test_the_parameter_file_is_made_from_the_tables() -> None:
+    """config/ankle.yaml holds every parameter with its default; scripts/write_parameter_file.py writes it anew."""
+    path = PACKAGE / "config" / "ankle.yaml"
+    text = path.read_text()
+    assert text == parameter_file_text(NODES), "out of date: run scripts/write_parameter_file.py"
+    content = yaml.safe_load(text)
+    for entry in NODES:
+        table = entry.parameters()
+        assert from_mapping(table, content[f"/**/{entry.name}"]["ros__parameters"]) == table()
+    for namespace in ("/", "/lf_ankle", "/robot/lf_ankle"):
+        check_parameter_file(path, namespace, NODES)
+
+
+@pytest.mark.parametrize(
+    ("section", "namespace", "fits"),
+    [
+        ("driver", "/", True),
+        ("/driver", "/", True),
+        ("driver", "/lf_ankle", False),
+        ("/lf_ankle/driver", "/lf_ankle", True),
+        ("/*/driver", "/lf_ankle", True),
+        ("/*/driver", "/robot/lf_ankle", False),
+        ("/**/driver", "/robot/lf_ankle", True),
+        ("/**/driver", "/", True),
+    ],
+)
+def test_sections_fit_nodes_as_ros_reads_them(tmp_path: Path, section: str, namespace: str, *, fits: bool) -> None:
+    """One star is one level of a name, two are any number; a file that fits nothing is refused."""
+    path = tmp_path / "parameters.yaml"
+    path.write_text(f"{section}:\n  ros__parameters:\n    max_vacuum_pa: 50000.0\n    use_sim_time: true\n")
+    if fits:
+        check_parameter_file(path, namespace, NODES)
+    else:
+        with pytest.raises(InputError, match="no section fits"):
+            check_parameter_file(path, namespace, NODES)
+
+
+class Recorded:
+    """Stands in for any class of launch and launch_ros: keeps what it was made with."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        self.arguments = arguments
+        self.named = named
+
+
+class Configuration(Recorded):
+    """Stands in for LaunchConfiguration."""
+
+    def perform(self, context: dict[str, str]) -> str:
+        return context[self.arguments[0]]
+
+
+@pytest.fixture
+def launch_file(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Load the launch file with stand-ins for the distribution's launch packages."""
+    stand_ins = {
+        "launch": ("LaunchContext", "LaunchDescription"),
+        "launch.actions": ("DeclareLaunchArgument", "EmitEvent", "OpaqueFunction"),
+        "launch.events": ("Shutdown",),
+        "launch_ros": (),
+        "launch_ros.actions": ("Node",),
+    }
+    for name, classes in stand_ins.items():
+        module = types.ModuleType(name)
+        for each in classes:
+            setattr(module, each, Recorded)
+        monkeypatch.setitem(sys.modules, name, module)
+    substitutions: Any = types.ModuleType("launch.substitutions")
+    substitutions.LaunchConfiguration = Configuration
+    monkeypatch.setitem(sys.modules, "launch.substitutions", substitutions)
+    spec = importlib.util.spec_from_file_location("ankle_launch", PACKAGE / "launch" / "ankle.launch.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_launch_file_starts_what_the_command_starts(launch_file: Any) -> None:
+    """Same packages, names, namespace and simulated time as `jammkle up`."""
+    defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
+    nodes = launch_file.nodes({**defaults, "namespace": "lf_ankle", "speed": "2"})
+    started = {node.named["name"]: node.named for node in nodes}
+    wanted = specs(values={"sim": {"speed": 2.0}})
+    assert list(started) == list(wanted)
+    for name, given in started.items():
+        command = wanted[name].command
+        assert given["package"] in command
+        assert f"__ns:={given['namespace']}" in command
+        (values,) = given["parameters"]
+        assert ("use_sim_time:=true" in command) == values.get("use_sim_time", False)
+        assert ("speed:=2.0" in command) == (values.get("speed") == 2.0)
+
+
+def test_the_launch_file_declares_its_arguments(launch_file: Any) -> None:
+    """Every argument has a default and a description, and a file of parameters is passed on."""
+    description = launch_file.generate_launch_description()
+    declared = [action for action in description.arguments[0] if "default_value" in action.named]
+    assert {action.arguments[0] for action in declared} == set(launch_file.ARGUMENTS)
+    assert all(action.named["description"] for action in declared)
+    defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
+    nodes = launch_file.nodes({**defaults, "params": "mine.yaml"})
+    assert all(node.named["parameters"][0] == "mine.yaml" for node in nodes)
+
+
+def test_the_launch_file_refuses_what_is_not_built(launch_file: Any) -> None:
+    """As the command does."""
+    defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
+    with pytest.raises(InputError, match="not built yet"):
+        launch_file.nodes({**defaults, "hardware": "serial"})

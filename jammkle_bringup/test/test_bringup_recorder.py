@@ -1,0 +1,282 @@
+"""The recorder as a process, with toy publishers over real DDS."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import rclpy
+import yaml
+from builtin_interfaces.msg import Time
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
+from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu
+from std_msgs.msg import Bool, Float32, String
+
+from jammkle_bringup.core.message_definitions import MessageDefinitions, share_folders
+from jammkle_graph import names
+from jammkle_graph.qos import publisher_qos
+from jammkle_msgs.msg import ChannelJamState, JamState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rclpy.node import Node
+
+TIMEOUT_S = 30.0
+
+READ_ELSEWHERE = """
+import json, sys
+from pathlib import Path
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"jammkle_msgs", "jammkle_graph", "jammkle_bringup", "rclpy", "std_msgs"}:
+            raise ImportError(name)
+        return None
+
+sys.meta_path.insert(0, Blocker())
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+path = Path(sys.argv[1])
+states = []
+with AnyReader([path]) as reader:
+    wanted = [connection for connection in reader.connections if connection.topic == "/jam_state"]
+    for connection, _, data in reader.messages(wanted):
+        states.append(reader.deserialize(data, connection.msgtype).channels[0].commanded_vacuum_pa)
+with (path / (path.name + ".mcap")).open("rb") as file:
+    topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
+print(json.dumps({"states": states, "topics": topics}))
+"""
+
+
+@pytest.fixture
+def node(ros_domain: int) -> Iterator[Node]:
+    """Make a node in the test's domain."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=ros_domain, signal_handler_options=SignalHandlerOptions.NO)
+    made = rclpy.create_node("toy", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(made)
+    yield made
+    executor.shutdown()
+    made.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def wait_until(predicate: Callable[[], bool], what: str) -> None:
+    end_s = time.monotonic() + TIMEOUT_S
+    while not predicate():
+        assert time.monotonic() < end_s, f"not within {TIMEOUT_S} s: {what}"
+        time.sleep(0.01)
+
+
+class Recording:
+    """A `jammkle record` process."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.bag = folder / "bag"
+        self._output = folder / "record.txt"
+        with self._output.open("w") as output:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "jammkle_bringup", "record", "-o", str(self.bag), *arguments],
+                stdout=output,
+                stderr=output,
+            )
+
+    def hears(self, node: Node, *topics: str) -> None:
+        """Wait until it subscribes to topics."""
+        wait_until(
+            lambda: all(
+                any(info.node_name == "recorder" for info in node.get_subscriptions_info_by_topic(topic))
+                for topic in topics
+            ),
+            f"the recorder subscribes to {topics}; it said: {self._output.read_text()}",
+        )
+
+    def end(self, number: signal.Signals = signal.SIGINT) -> None:
+        """Ask it to stop and check that it ends well."""
+        self.process.send_signal(number)
+        assert self.process.wait(TIMEOUT_S) == 0, self._output.read_text()
+        assert "Traceback" not in self._output.read_text()
+
+    def messages(self) -> list[tuple[str, int, Any]]:
+        """Return topic, log time and message of everything in the bag."""
+        with AnyReader([self.bag]) as reader:
+            return [
+                (connection.topic, log_ns, reader.deserialize(data, connection.msgtype))
+                for connection, log_ns, data in reader.messages()
+            ]
+
+
+@pytest.fixture
+def record(ros_domain: int, tmp_path: Path) -> Iterator[Callable[..., Recording]]:
+    """Return a function that starts a recording in the test's domain."""
+    assert ros_domain >= 0
+    started: list[Recording] = []
+
+    def start(*arguments: str) -> Recording:
+        started.append(Recording(tmp_path, *arguments))
+        return started[-1]
+
+    yield start
+    for recording in started:
+        recording.process.terminate()
+        recording.process.wait(TIMEOUT_S)
+
+
+def reached(publisher: Any) -> None:
+    """Wait until what was published has arrived wherever it is subscribed to reliably."""
+    assert publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=TIMEOUT_S))
+
+
+def jam_state(commanded_vacuum_pa: float) -> JamState:
+    channel = ChannelJamState(channel=names.ACHILLES, commanded_vacuum_pa=commanded_vacuum_pa)
+    return JamState(channels=[channel])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_bag_opens_where_this_project_is_not_installed(
+    node: Node, record: Callable[..., Recording], number: signal.Signals
+) -> None:
+    """After either signal the bag is complete, latched sample from before the start included, and needs no types."""
+    publisher = node.create_publisher(JamState, "jam_state", publisher_qos(names.JAM_STATE))
+    publisher.publish(jam_state(12e3))
+    recording = record()
+    recording.hears(node, "/jam_state")
+    wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
+    reached(publisher)
+    publisher.publish(jam_state(34e3))
+    reached(publisher)
+    recording.end(number)
+    script = [sys.executable, "-c", READ_ELSEWHERE, str(recording.bag)]
+    found = json.loads(subprocess.check_output(script, cwd="/"))
+    assert found["states"] == [12e3, 34e3]
+    assert found["topics"].count("/jam_state") == 2
+
+
+def test_metadata_says_version_types_hashes_and_how_topics_were_offered(
+    node: Node, record: Callable[..., Recording]
+) -> None:
+    """metadata.yaml has version 9, the publishers' QoS, the hash that ROS itself announces, and sim_parameters."""
+    state = node.create_publisher(JamState, "jam_state", publisher_qos(names.JAM_STATE))
+    parameters = node.create_publisher(String, "sim_parameters", publisher_qos(names.SIM_PARAMETERS))
+    sensor = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+    imu = node.create_publisher(Imu, "imu/data", sensor)
+    recording = record()
+    recording.hears(node, "/jam_state", "/sim_parameters", "/imu/data")
+    state.publish(jam_state(1.0))
+    parameters.publish(String(data="slope_deg: 40.0"))
+    # the recorder asks for less than it first did once it sees that this publisher is best effort
+    subscribed = "/imu/data"
+    wait_until(
+        lambda: any(
+            info.node_name == "recorder" and info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+            for info in node.get_subscriptions_info_by_topic(subscribed)
+        ),
+        "the recorder matches a best-effort publisher",
+    )
+    wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
+    # best effort: the other end may not know of the match yet, so one message would prove nothing
+    for _ in range(50):
+        imu.publish(Imu())
+        time.sleep(0.01)
+    reached(state)
+    reached(parameters)
+    recording.end()
+    content = yaml.safe_load((recording.bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert content["version"] == 9
+    assert content["storage_identifier"] == "mcap"
+    assert content["custom_data"] == {"sim_parameters": "slope_deg: 40.0"}
+    topics = {each["topic_metadata"]["name"]: each["topic_metadata"] for each in content["topics_with_message_count"]}
+    (offered,) = topics["/jam_state"]["offered_qos_profiles"]
+    assert (offered["reliability"], offered["durability"]) == ("reliable", "transient_local")
+    (offered,) = topics["/imu/data"]["offered_qos_profiles"]
+    assert (offered["reliability"], offered["durability"]) == ("best_effort", "volatile")
+    (announced,) = node.get_publishers_info_by_topic("/jam_state")
+    digest = bytes(announced.topic_type_hash.value).hex()
+    assert topics["/jam_state"]["type_description_hash"] == f"RIHS01_{digest}"
+
+
+def test_messages_wait_for_the_first_tick_and_take_simulated_time(node: Node, record: Callable[..., Recording]) -> None:
+    """Under /clock, what came before the first tick is logged with that tick, and later messages with theirs."""
+    duty = node.create_publisher(Float32, "pump/duty", publisher_qos(names.PUMP_DUTY))
+    clock = node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
+    recording = record("--clock", "sim")
+    recording.hears(node, "/pump/duty", "/clock")
+    wait_until(lambda: duty.get_subscription_count() > 0 and clock.get_subscription_count() > 0, "all is matched")
+    duty.publish(Float32(data=0.25))
+    reached(duty)
+    for second in (7, 8):
+        clock.publish(Clock(clock=Time(sec=second)))
+    recording.end()
+    logged = {(topic, log_ns) for topic, log_ns, _ in recording.messages()}
+    assert ("/pump/duty", 7 * 10**9) in logged
+    assert {log_ns for topic, log_ns in logged if topic == "/clock"} == {7 * 10**9, 8 * 10**9}
+
+
+def test_nothing_is_lost_at_one_kilohertz(node: Node, record: Callable[..., Recording]) -> None:
+    """2000 samples that are sent as fast as the publisher can are all there, in order."""
+    count = 2000
+    imu = node.create_publisher(Imu, "imu/data", QoSProfile(depth=count, reliability=ReliabilityPolicy.RELIABLE))
+    recording = record("--clock", "system")
+    recording.hears(node, "/imu/data")
+    wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
+    for number in range(count):
+        message = Imu()
+        message.header.stamp.sec = number
+        imu.publish(message)
+    reached(imu)
+    recording.end()
+    assert [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/imu/data"] == list(
+        range(count)
+    )
+
+
+def test_only_the_namespace_and_what_is_said_of_it_outside_is_recorded(
+    node: Node, record: Callable[..., Recording]
+) -> None:
+    """Topics of a namespace are found as they appear; other ankles are left out; bytes are kept as they came."""
+    recording = record("--namespace", "/lf_ankle")
+    recording.hears(node, "/lf_ankle/jam_state")
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late = node.create_publisher(Bool, "/lf_ankle/something_new", latched)
+    other = node.create_publisher(Bool, "/rf_ankle/something_new", latched)
+    late.publish(Bool(data=True))
+    other.publish(Bool(data=True))
+    recording.hears(node, "/lf_ankle/something_new")
+    wait_until(lambda: late.get_subscription_count() > 0, "they are matched")
+    reached(late)
+    recording.end()
+    with AnyReader([recording.bag]) as reader:
+        found = [(connection.topic, bytes(data)) for connection, _, data in reader.messages()]
+    # the last bytes are padding, which nobody sets
+    size = 5
+    assert [(topic, data[:size]) for topic, data in found] == [
+        ("/lf_ankle/something_new", serialize_message(Bool(data=True))[:size])
+    ]
+
+
+@pytest.mark.parametrize("topic", names.TOPICS, ids=lambda topic: topic.name)
+def test_every_topic_of_the_graph_has_a_definition_to_embed(topic: names.Topic) -> None:
+    """The text found for a type defines it and all inside it, with the hash that its package was built with."""
+    package, folder, name = topic.message_type.split("/")
+    definition = MessageDefinitions(share_folders()).find(topic.message_type)
+    (built,) = [
+        share / package / folder / f"{name}.json"
+        for share in share_folders()
+        if (share / package / folder / f"{name}.json").is_file()
+    ][:1]
+    hashes = {each["type_name"]: each["hash_string"] for each in json.loads(built.read_text())["type_hashes"]}
+    assert definition.type_hash == hashes[topic.message_type]

@@ -1,0 +1,119 @@
+"""Conversions: what a message says is what the simulation had, in SI, in the right frame, at the right time."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from std_msgs.msg import Float32
+
+from jammkle_graph import names
+from jammkle_msgs.msg import TendonState
+from jammkle_sim.conversions import (
+    BadCommandError,
+    NotFiniteError,
+    OutgoingMessages,
+    duty_from,
+    parameters_message,
+    time_message,
+)
+from jammkle_sim.landing import make_simulation
+from jammkle_sim.parameters import SimParameters
+from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+
+FINITE = st.floats(-1e6, 1e6)
+VECTOR = st.tuples(FINITE, FINITE, FINITE)
+BAD = [math.nan, math.inf, -math.inf]
+TIME_NS = st.integers(0, 2**31 * 10**9 - 1)
+
+
+def tendons(tension_n: float, broken: str = "") -> tuple[TendonSample, ...]:
+    """All four tendons alike, apart from one that may be broken."""
+    return tuple(TendonSample(name, -0.001, 0.5, tension_n, name == broken) for name in names.TENDONS)
+
+
+@given(TIME_NS)
+def test_stamps_are_exact(time_ns: int) -> None:
+    """A stamp holds every nanosecond of the simulated time, in /clock and in headers."""
+    messages = OutgoingMessages()
+    imu = messages.imu(time_ns, ImuSample((0.0, 0.0, 9.81), (0.0, 0.0, 0.0)))
+    for stamp in (time_message(time_ns), messages.clock(time_ns).clock, imu.header.stamp):
+        assert stamp.sec * 10**9 + stamp.nanosec == time_ns
+
+
+@given(VECTOR, VECTOR)
+def test_the_imu_follows_rep_145(force: tuple[float, float, float], rate: tuple[float, float, float]) -> None:
+    """Specific force and angular velocity as they are, in the IMU's frame; no orientation, and it says so."""
+    message = OutgoingMessages().imu(0, ImuSample(force, rate))
+    vectors = [message.linear_acceleration, message.angular_velocity]
+    assert [(v.x, v.y, v.z) for v in vectors] == [force, rate]
+    assert message.header.frame_id == names.IMU_FRAME
+    assert message.orientation_covariance[0] == -1.0
+
+
+@given(st.floats(0.0, 2e5))
+def test_pressures_are_absolute(pressure_pa: float) -> None:
+    """A pressure leaves as it is: absolute, Pa."""
+    assert OutgoingMessages().pressure(0, pressure_pa).fluid_pressure == pressure_pa
+
+
+def test_joints_keep_name_position_and_rate_together() -> None:
+    """The three lists belong together, also if the rates come in another order."""
+    message = OutgoingMessages().joint_states(0, {"a": 1.0, "b": 2.0}, {"b": 20.0, "a": 10.0})
+    rows = zip(message.name, message.position, message.velocity, strict=True)
+    assert list(rows) == [("a", 1.0, 10.0), ("b", 2.0, 20.0)]
+
+
+def test_tendons_carry_their_condition() -> None:
+    """Every tendon in the graph's order, whole or broken, never unknown."""
+    message = OutgoingMessages().tendon_states(0, tendons(3.0, broken="achilles_left"))
+    assert [tendon.name for tendon in message.tendons] == list(names.TENDONS)
+    broken = [tendon.name for tendon in message.tendons if tendon.condition == TendonState.BROKEN]
+    assert broken == ["achilles_left"]
+    assert {tendon.condition for tendon in message.tendons} == {TendonState.INTACT, TendonState.BROKEN}
+    first = message.tendons[0]
+    assert (first.extension_m, first.extension_rate_m_s, first.tension_n) == (-0.001, 0.5, 3.0)
+
+
+def test_the_load_cell_keeps_its_sign() -> None:
+    """Tension stays positive on z, in the frame of the cell."""
+    message = OutgoingMessages().wrench(0, (1.0, -2.0, 17.7))
+    assert (message.wrench.force.x, message.wrench.force.y, message.wrench.force.z) == (1.0, -2.0, 17.7)
+    assert message.header.frame_id == names.LOAD_CELL_FRAME
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_what_is_not_finite_does_not_leave(bad: float) -> None:
+    """NaN and infinity are refused by every message, and the error names what gave them."""
+    messages = OutgoingMessages()
+    attempts = {
+        "IMU": lambda: messages.imu(0, ImuSample((0.0, bad, 0.0), (0.0, 0.0, 0.0))),
+        "pressure": lambda: messages.pressure(0, bad),
+        "joint": lambda: messages.joint_states(0, {"a": 0.0}, {"a": bad}),
+        "tendon 'peroneal_left'": lambda: messages.tendon_states(0, tendons(bad)),
+        "load cell": lambda: messages.wrench(0, (0.0, 0.0, bad)),
+    }
+    for what, attempt in attempts.items():
+        with pytest.raises(NotFiniteError, match=what):
+            attempt()
+
+
+@given(st.floats(width=32, allow_nan=True))
+def test_a_duty_is_taken_or_refused_with_its_limit(value: float) -> None:
+    """0 to 1 is taken as it is; everything else, NaN included, is refused with value and limit."""
+    message = Float32(data=value)
+    if 0.0 <= value <= 1.0:
+        assert duty_from(message) == value
+    else:
+        with pytest.raises(BadCommandError, match=r"pump/duty is .* must be 0 to 1"):
+            duty_from(message)
+
+
+def test_sim_parameters_are_yaml_that_reads_back() -> None:
+    """A bag's reader gets every parameter of the rig back from the text."""
+    description = yaml.safe_load(parameters_message(make_simulation(SimParameters(seed=7)).description()).data)
+    assert description["rig"] == "landing"
+    assert description["options"]["seed"] == 7

@@ -1,0 +1,351 @@
+"""The sim node on real DDS: rates, clock, pause, step, reset, bad input, health."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import FluidPressure, Imu, JointState
+from std_msgs.msg import Bool, Float32, String
+from std_srvs.srv import SetBool
+
+from jammkle_graph import names
+from jammkle_msgs.msg import TendonStates
+from jammkle_msgs.srv import Step
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+STEP_NS = 500_000
+
+
+def stamp_ns(stamp: Any) -> int:
+    """Nanoseconds of a stamp."""
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def stamps_ns(messages: list[Any]) -> list[int]:
+    """Nanoseconds of every message's header."""
+    return [stamp_ns(message.header.stamp) for message in messages]
+
+
+def ticks_ns(clocks: list[Any]) -> list[int]:
+    """Nanoseconds of every /clock."""
+    return [stamp_ns(message.clock) for message in clocks]
+
+
+def latest_status(reports: list[Any], about: str) -> Any:
+    """Return the newest status about something, or None."""
+    found = [status for report in reports for status in report.status if status.name.endswith(f": {about}")]
+    return found[-1] if found else None
+
+
+def values_of(status: Any) -> dict[str, str]:
+    """Values of a status by key."""
+    return {value.key: value.value for value in status.values}
+
+
+def shifted(messages: list[Any], start_ns: int) -> list[tuple[int, list[tuple[float, ...]]]]:
+    """Tendon states as time since a start and plain numbers."""
+    return [
+        (
+            stamp_ns(message.header.stamp) - start_ns,
+            [(t.extension_m, t.extension_rate_m_s, t.tension_n) for t in message.tendons],
+        )
+        for message in messages
+    ]
+
+
+def test_every_topic_has_its_rate_to_the_nanosecond(start_graph: Callable[..., Any]) -> None:
+    """Over half a simulated second each stream has exactly the stamps of its rate, on the grid."""
+    graph = start_graph(start_paused=True, imu_rate_hz=1000)
+    topics = [
+        (Imu, names.IMU, 1_000_000),
+        (JointState, names.JOINT_STATES, 2_000_000),
+        (TendonStates, names.TENDON_STATES, 2_000_000),
+        (WrenchStamped, names.LOAD_CELL, 2_000_000),
+        (FluidPressure, names.MANIFOLD_PRESSURE, 10_000_000),
+        *((FluidPressure, topic, 10_000_000) for topic in names.PRESSURES.values()),
+    ]
+    streams = [(graph.record(kind, topic.name), period_ns) for kind, topic, period_ns in topics]
+    assert graph.step(1000).success
+    for messages, period_ns in streams:
+        expected = [period_ns * (index + 1) for index in range(500_000_000 // period_ns)]
+        graph.spin_until(lambda m=messages, e=expected: len(m) >= len(e), f"{len(expected)} messages")
+        assert stamps_ns(messages) == expected
+
+
+def test_clock_rises_and_follows_its_state(start_graph: Callable[..., Any]) -> None:
+    """Every /clock is later than the one before, and was sent after the state with the same stamp."""
+    graph = start_graph(speed=0.0)
+    clocks = graph.record(Clock, names.CLOCK.name)
+    states = graph.record(TendonStates, names.TENDON_STATES.name)
+    graph.spin_until(lambda: len(clocks) > 300 and len(states) > 300, "300 ticks")
+    ticks = ticks_ns(clocks)
+    assert all(earlier < later for earlier, later in itertools.pairwise(ticks))
+    state_sent = {
+        stamp_ns(message.header.stamp): sent for sent, topic, message in graph.sent if topic == names.TENDON_STATES.name
+    }
+    clock_sent = {stamp_ns(message.clock): sent for sent, topic, message in graph.sent if topic == names.CLOCK.name}
+    common = state_sent.keys() & clock_sent.keys()
+    assert len(common) > 250
+    assert all(state_sent[time_ns] < clock_sent[time_ns] for time_ns in common)
+
+
+def test_at_speed_one_simulated_time_stays_behind_real_time(start_graph: Callable[..., Any]) -> None:
+    """No tick comes earlier than real time allows."""
+    before_s = time.monotonic()
+    graph = start_graph(speed=1.0)
+    clocks = graph.record(Clock, names.CLOCK.name)
+    graph.spin_until(lambda: bool(clocks) and ticks_ns(clocks)[-1] > 500_000_000, "half a second")
+    assert ticks_ns(clocks)[-1] * 1e-9 <= time.monotonic() - before_s
+
+
+def test_as_fast_as_possible_beats_real_time(start_graph: Callable[..., Any]) -> None:
+    """With speed 0 simulated time passes real time, and /diagnostics says by how much."""
+    graph = start_graph(speed=0.0)
+    clocks = graph.record(Clock, names.CLOCK.name)
+    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
+    graph.spin_until(lambda: bool(clocks), "the first tick")
+    first_ns, first_s = ticks_ns(clocks)[-1], time.monotonic()
+    graph.spin_until(lambda: ticks_ns(clocks)[-1] - first_ns > 3 * 10**9, "three simulated seconds")
+    assert time.monotonic() - first_s < 3.0
+
+    def factor() -> str:
+        status = latest_status(reports, "simulation")
+        return values_of(status)["achieved real-time factor"] if status else ""
+
+    graph.spin_until(lambda: factor()[:1].isdigit() and float(factor()) > 1.0, "a measured factor above 1")
+    assert values_of(latest_status(reports, "simulation"))["target real-time factor"] == "as fast as possible"
+
+
+def test_pause_stands_and_step_moves_exactly(start_graph: Callable[..., Any]) -> None:
+    """Paused, the clock only repeats itself; a step moves it by exactly its steps, and shows the state."""
+    graph = start_graph(speed=0.0)
+    clocks = graph.record(Clock, names.CLOCK.name)
+    states = graph.record(TendonStates, names.TENDON_STATES.name)
+    graph.spin_until(lambda: bool(clocks), "the first tick")
+    refused = graph.step(1)
+    assert not refused.success
+    assert "pause first with ~/set_paused" in refused.message
+    assert graph.set_paused(True).success
+    standing_ns = round(graph.step(1).simulated_time_s * 1e9)
+    graph.spin_until(lambda: ticks_ns(clocks)[-1] == standing_ns, "the clock of the step")
+    for steps in (1, 3, 2000):
+        answer = graph.step(steps)
+        assert answer.success
+        standing_ns += steps * STEP_NS
+        assert round(answer.simulated_time_s * 1e9) == standing_ns
+        graph.spin_until(
+            lambda at=standing_ns: ticks_ns(clocks)[-1] == at and stamps_ns(states)[-1] == at, "clock and state"
+        )
+    count = len(clocks)
+    # A standing clock is repeated for those who join late.
+    graph.spin_until(lambda: len(clocks) > count, "the clock once more")
+    assert set(ticks_ns(clocks)[count:]) == {standing_ns}
+
+
+def test_a_number_of_steps_out_of_range_is_refused(start_graph: Callable[..., Any]) -> None:
+    """Zero and too many steps are refused with the limit, and time does not move."""
+    graph = start_graph(start_paused=True)
+    for steps in (0, 100_001):
+        answer = graph.step(steps)
+        assert not answer.success
+        assert f"steps is {steps}; it must be 1 to 100000" in answer.message
+        assert answer.simulated_time_s == 0.0
+
+
+def test_other_services_answer_while_steps_are_taken(start_graph: Callable[..., Any]) -> None:
+    """A long ~/step blocks nobody: another call is answered (refused) before the steps are done."""
+    graph = start_graph(start_paused=True)
+    resume = graph.client(SetBool, names.SET_PAUSED)
+    step = graph.client(Step, names.STEP).call_async(Step.Request(steps=100_000))
+    graph.spin_until(lambda: graph.sim.time_ns > 0, "the first of the steps")
+    pause = resume.call_async(SetBool.Request(data=False))
+    graph.spin_until(pause.done, "answer of ~/set_paused")
+    assert not step.done()
+    assert not pause.result().success
+    assert "still to take" in pause.result().message
+    graph.spin_until(step.done, "answer of ~/step")
+    assert step.result().success
+    assert math.isclose(step.result().simulated_time_s, 50.0)
+
+
+def test_reset_brings_the_same_run_again(start_graph: Callable[..., Any]) -> None:
+    """After a reset, tendons and noise are equal to the bit, counted from the reset; time goes on."""
+    graph = start_graph(start_paused=True, release_time_s=0.02)
+    states = graph.record(TendonStates, names.TENDON_STATES.name)
+    imu = graph.record(Imu, names.IMU.name)
+    runs = []
+    for start_ns, extra in ((0, 0), (603 * STEP_NS, 3)):
+        states.clear()
+        imu.clear()
+        assert graph.step(600).success
+        graph.spin_until(lambda: len(imu) == 150 and len(states) == 150, "150 of each")
+        noise = [(message.linear_acceleration.z, message.angular_velocity.x) for message in imu]
+        runs.append((shifted(states, start_ns), noise))
+        if not extra:
+            assert graph.step(3).success  # off the grid of the outputs
+            graph.spin_until(lambda: len(states) == 151, "the state off the grid")
+        answer = graph.reset()
+        assert answer.success
+    assert runs[0] == runs[1]
+    assert any(row[1][0][2] > 0.0 for row in runs[0][0]), "nothing happened in this run"
+
+
+def test_commands_survive_a_reset(start_graph: Callable[..., Any], fake: Any) -> None:
+    """The driver's commands still stand after a reset: it was the rig that went back, not the driver."""
+    graph = start_graph(lambda _: fake, start_paused=True)
+    graph.publisher(Float32, names.PUMP_DUTY).publish(Float32(data=0.5))
+    graph.publisher(Bool, names.SOLENOIDS["achilles"]).publish(Bool(data=True))
+    graph.spin_until(lambda: fake.duty == 0.5 and fake.energised["achilles"], "the commands")
+    assert graph.reset().success
+    assert fake.duty == 0.5
+    assert fake.energised == {"peroneal_left": False, "peroneal_right": False, "achilles": True}
+
+
+def test_a_bad_duty_is_refused_aloud(start_graph: Callable[..., Any], fake: Any) -> None:
+    """NaN and out of range: WARN with value and limit, the last good value kept; a good one clears it."""
+    graph = start_graph(lambda _: fake, start_paused=True)
+    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
+    duty = graph.publisher(Float32, names.PUMP_DUTY)
+    duty.publish(Float32(data=0.25))
+    graph.spin_until(lambda: fake.duty == 0.25, "the good duty")
+    for bad, text in ((math.nan, "nan"), (1.5, "1.5"), (-0.1, "-0.1")):
+        duty.publish(Float32(data=bad))
+
+        def refused(text: str = text) -> bool:
+            status = latest_status(reports, "commands")
+            return status is not None and f"pump/duty is {text}; it must be 0 to 1" in status.message
+
+        graph.spin_until(refused, f"the refusal of {text}")
+        assert latest_status(reports, "commands").level == DiagnosticStatus.WARN
+        assert fake.duty == 0.25
+    duty.publish(Float32(data=0.75))
+    graph.spin_until(lambda: fake.duty == 0.75, "the next good duty")
+    graph.spin_until(lambda: latest_status(reports, "commands").level == DiagnosticStatus.OK, "the all-clear")
+
+
+def test_an_unstable_simulation_pauses_and_says_so(start_graph: Callable[..., Any], fake: Any) -> None:
+    """ERROR with the reason, the clock stands, going on is refused; a reset helps."""
+    fake.unstable_at = 100
+    graph = start_graph(lambda _: fake, speed=0.0)
+    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
+    graph.spin_until(
+        lambda: bool(reports) and latest_status(reports, "simulation").level == DiagnosticStatus.ERROR, "ERROR"
+    )
+    assert "rig 'fake' became unstable; paused until ~/reset" in latest_status(reports, "simulation").message
+    steps = fake.steps
+    answer = graph.set_paused(False)
+    assert not answer.success
+    assert "call ~/reset" in answer.message
+    assert fake.steps == steps
+    assert graph.reset().success
+    assert graph.set_paused(False).success
+    graph.spin_until(lambda: fake.steps > steps, "time to go on")
+
+
+def test_a_failure_answers_the_step_that_met_it(start_graph: Callable[..., Any], fake: Any) -> None:
+    """Who asked for steps hears that they were not all taken, and why."""
+    fake.unstable_at = 100
+    graph = start_graph(lambda _: fake, start_paused=True)
+    answer = graph.step(1000)
+    assert not answer.success
+    assert "became unstable" in answer.message
+
+
+def test_nan_never_leaves(start_graph: Callable[..., Any], fake: Any) -> None:
+    """A sensor that gives NaN ends in ERROR and a pause, without a message and without a tick."""
+    graph = start_graph(lambda _: fake, start_paused=True)
+    imu = graph.record(Imu, names.IMU.name)
+    clocks = graph.record(Clock, names.CLOCK.name)
+    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
+    assert graph.step(4).success
+    fake.force_z = math.nan
+    answer = graph.step(4)
+    assert not answer.success
+    assert "the IMU gave a value that is not finite" in answer.message
+    graph.spin_until(
+        lambda: bool(reports) and latest_status(reports, "simulation").level == DiagnosticStatus.ERROR, "ERROR"
+    )
+    assert stamps_ns(imu) == [4 * STEP_NS]
+    assert all(math.isfinite(message.linear_acceleration.z) for message in imu)
+    assert ticks_ns(clocks)[0] == 4 * STEP_NS
+
+
+def test_a_broken_tendon_is_an_error(start_graph: Callable[..., Any], fake: Any) -> None:
+    """ERROR names the tendon as soon as it breaks; a reset makes it whole."""
+    graph = start_graph(lambda _: fake, start_paused=True)
+    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
+    fake.broken = {"achilles_left"}
+    assert graph.step(4).success
+    graph.spin_until(
+        lambda: bool(reports) and latest_status(reports, "tendons").level == DiagnosticStatus.ERROR, "ERROR"
+    )
+    assert "achilles_left" in latest_status(reports, "tendons").message
+    assert graph.reset().success
+    assert graph.step(4).success
+    graph.spin_until(lambda: latest_status(reports, "tendons").level == DiagnosticStatus.OK, "the all-clear")
+
+
+def test_diagnostics_tell_the_state_in_simulated_time(start_graph: Callable[..., Any], fake: Any) -> None:
+    """A report has the simulated time as stamp and value, and names state, pace and late cycles."""
+    graph = start_graph(lambda _: fake, start_paused=True, speed=2.0)
+    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
+    assert graph.step(3000).success
+    graph.spin_until(lambda: bool(reports) and stamps_ns(reports)[-1] == 3000 * STEP_NS, "a report after the steps")
+    values = values_of(latest_status(reports, "simulation"))
+    assert values["state"] == "paused"
+    assert values["simulated time (s)"] == "1.5000"
+    assert values["target real-time factor"] == "2"
+    assert values["achieved real-time factor"] == "0.000"
+    assert values["late cycles"] == "0"
+
+
+def test_late_joiners_get_parameters_and_time(start_graph: Callable[..., Any]) -> None:
+    """Who comes during a pause still gets sim_parameters, as YAML, and the standing /clock."""
+    graph = start_graph(start_paused=True, slope_deg=30.0)
+    assert graph.step(10).success
+    parameters = graph.record(String, names.SIM_PARAMETERS.name, latched=True)
+    clocks = graph.record(Clock, names.CLOCK.name)
+    graph.spin_until(lambda: bool(parameters) and bool(clocks), "parameters and clock")
+    assert yaml.safe_load(parameters[0].data)["options"]["slope_deg"] == 30.0
+    assert ticks_ns(clocks)[0] == 10 * STEP_NS
+
+
+def test_speed_changes_while_running(start_graph: Callable[..., Any], fake: Any) -> None:
+    """A good speed is taken at once, a bad one refused with its range, and fixed parameters stay fixed."""
+    graph = start_graph(lambda _: fake, speed=0.01)
+    assert graph.sim.set_parameters([Parameter("speed", value=0.0)])[0].successful
+    steps = fake.steps
+    graph.spin_until(lambda: fake.steps - steps > 20_000, "ten seconds at once")
+    refused = graph.sim.set_parameters([Parameter("speed", value=-1.0)])[0]
+    assert not refused.successful
+    assert graph.sim.get_parameter("speed").value == 0.0
+    assert not graph.sim.set_parameters([Parameter("seed", value=3)])[0].successful
+
+
+def test_topics_follow_the_namespace_and_the_clock_does_not(start_graph: Callable[..., Any], fake: Any) -> None:
+    """With a namespace everything but /clock and /diagnostics moves into it."""
+    graph = start_graph(lambda _: fake, namespace="lf_ankle", start_paused=True)
+    topics = {publisher.topic_name for publisher in graph.sim.publishers}
+    assert {"/clock", "/diagnostics", "/lf_ankle/imu/data", "/lf_ankle/achilles/pressure"} <= topics
+    assert {subscription.topic_name for subscription in graph.sim.subscriptions} >= {
+        "/lf_ankle/pump/duty",
+        "/lf_ankle/achilles/solenoid",
+    }
+    assert all(service.service_name.startswith("/lf_ankle/sim/") for service in graph.sim.services)
+
+
+def test_one_of_several_keeps_the_clock(start_graph: Callable[..., Any], fake: Any) -> None:
+    """Without publish_clock there is no /clock, and nobody who makes the time listens to it."""
+    graph = start_graph(lambda _: fake, publish_clock=False, use_sim_time=True)
+    assert "/clock" not in {publisher.topic_name for publisher in graph.sim.publishers}
+    assert "/clock" not in {subscription.topic_name for subscription in graph.sim.subscriptions}
