@@ -42,14 +42,14 @@ class BadCommandError(ValueError):
 class OutgoingMessages:
     """The messages that the sim node publishes at a rate, each made once and filled again and again."""
 
-    def __init__(self) -> None:
-        """Make the messages."""
+    def __init__(self, tendons: Sequence[str] = TENDONS) -> None:
+        """Make the messages, tendon_states for these tendons."""
         self._clock = Clock()
         self._imu = Imu(header=Header(frame_id=IMU_FRAME))
         self._imu.orientation_covariance[0] = _NO_ORIENTATION
         self._pressure = FluidPressure()
         self._joints = JointState()
-        self._tendons = TendonStates(tendons=[TendonState(name=name) for name in TENDONS])
+        self._tendons = TendonStates(tendons=[TendonState(name=name) for name in tendons])
         self._wrench = WrenchStamped(header=Header(frame_id=LOAD_CELL_FRAME))
 
     def clock(self, time_ns: int) -> Clock:
@@ -79,7 +79,7 @@ class OutgoingMessages:
         return _stamped(self._joints, self._joints.header.stamp, time_ns)
 
     def tendon_states(self, time_ns: int, tendons: Sequence[TendonSample]) -> TendonStates:
-        """Return extension, m, rate, m/s, and tension, N, of every tendon, in the order of names.TENDONS."""
+        """Return extension, m, rate, m/s, and tension, N, of every tendon, in the order given at the start."""
         for message, tendon in zip(self._tendons.tendons, tendons, strict=True):
             _check_finite(f"tendon '{tendon.name}'", (tendon.extension_m, tendon.extension_rate_m_s, tendon.tension_n))
             message.name = tendon.name
