@@ -172,6 +172,19 @@ def info(
     return 0
 
 
+@app.command(
+    # The options are the rig's: its own command line, made from its table of options, takes them all.
+    context_settings={"help_option_names": [], "ignore_unknown_options": True, "allow_interspersed_args": False},
+)
+def rig(
+    arguments: Annotated[list[str] | None, typer.Argument(help="NAME [OPTIONS]; see `jammkle rig --help`.")] = None,
+) -> int:
+    """Run a rig without the graph, as fast as it can, and write a bag."""
+    from jammkle_bringup.rig_run import rig as run
+
+    return run(arguments or [])
+
+
 @app.command()
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.")] = Path(

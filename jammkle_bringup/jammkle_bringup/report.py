@@ -47,8 +47,8 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
         raise InputError(msg) from error
 
 
-def check_writable(path: Path | None) -> None:
-    """Refuse a results file that could not be written, before the work is done.
+def check_writable(path: Path | None, option: str = "--json") -> None:
+    """Refuse a results file that could not be written, before the work is done; `option` is what asked for it.
 
     Raises:
         InputError: its folder does not exist, or it is a folder.
@@ -56,7 +56,7 @@ def check_writable(path: Path | None) -> None:
     """
     if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
         why = "it is a folder" if path.is_dir() else f"there is no folder {path.absolute().parent}"
-        msg = f"--json {path} cannot be written: {why}"
+        msg = f"{option} {path} cannot be written: {why}"
         raise InputError(msg)
 
 
