@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_graph.parameters import ParameterError, from_mapping
-from jammkle_sim.rigs import landing_run, tensile
+from jammkle_sim.rigs import drop, landing_run, pressure, slip, tensile
 from jammkle_sim.rigs.run import RigRun, run, steps_per_row
 
 if TYPE_CHECKING:
@@ -50,6 +50,27 @@ RIGS: dict[str, RigKind] = {
             tensile.TensileOptions,
             tensile.tensile_rig,
             tensile.scattered,
+        ),
+        RigKind(
+            "pressure",
+            "jam and vent the channels of a hanging ankle",
+            pressure.PressureOptions,
+            pressure.pressure_rig,
+            pressure.scattered,
+        ),
+        RigKind(
+            "drop",
+            "drop a leg on level ground, with one of five feet",
+            drop.DropOptions,
+            drop.drop_rig,
+            drop.scattered,
+        ),
+        RigKind(
+            "slip",
+            "push a leg down onto a slope until it slides",
+            slip.SlipOptions,
+            slip.slip_rig,
+            slip.scattered,
         ),
         RigKind(
             "landing",

@@ -33,3 +33,9 @@ def peak_deceleration_m_s2(imu: Series, release_s: float) -> float:
     """Return the largest upward acceleration, net of gravity, that the IMU gave after the release, m/s^2."""
     upward = imu.column("linear_acceleration_z_m_s2")[imu.time_s > release_s]
     return float(upward.max()) - GRAVITY_M_S2
+
+
+def rebound_m(height_m: NDArray[np.float64]) -> float:
+    """Return how far a height rises again after its lowest point, m."""
+    lowest = int(np.argmin(height_m))
+    return float(height_m[lowest:].max() - height_m[lowest])

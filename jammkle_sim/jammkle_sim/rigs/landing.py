@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
-from jammkle_sim.physics.ankle import AnkleParameters, add_ankle, free_lengths_m
+from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.constants import AMBIENT_PA, TENDON_SETS, tendon_parameters
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.physics.tendon import tendon_law
 from jammkle_sim.rigs.model import (
     add_carriage,
     add_hold,
     add_imu_sensors,
     add_load_cell,
     add_slope,
+    ankle_laws,
     new_spec,
     release,
+    touch_down_height_m,
     weigh,
 )
 from jammkle_sim.rigs.rig import Event, Rig
@@ -105,16 +102,11 @@ def landing_parts(options: LandingOptions) -> Rig:
     pneumatics = PneumaticParameters(ambient_pa=options.ambient_pa)
     sensors = SensorParameters(seed=options.seed)
     spec = _spec(options, ankle, sensors)
-    channels = [index for index, channel in enumerate(CHANNELS) for _ in TENDONS_OF_CHANNEL[channel]]
-    laws = [
-        tendon_law(tendon, options.timestep_s, float(free_length_m), channel)
-        for free_length_m, channel in zip(free_lengths_m(ankle), channels, strict=True)
-    ]
     return Rig(
         name="landing",
         spec=spec,
         model=spec.compile(),
-        tendon_laws=np.concatenate(laws),
+        tendon_laws=ankle_laws(tendon, ankle, options.timestep_s),
         pneumatics=pneumatics,
         sensors=sensors,
         events=(Event(round(options.release_time_s / options.timestep_s), release),),
@@ -128,18 +120,10 @@ def landing_parts(options: LandingOptions) -> Rig:
     )
 
 
-def touch_down_height_m(options: LandingOptions, ankle: AnkleParameters) -> float:
-    """Height of the joint above the slope, straight down, at which the level foot first touches it, m."""
-    slope = math.radians(options.slope_deg)
-    radius = ankle.contact_radius_m
-    # The toe's rounded corner touches where its normal is that of the slope.
-    return ankle.toe_m * math.tan(slope) + ankle.sole_m - radius + radius / math.cos(slope)
-
-
 def _spec(options: LandingOptions, ankle: AnkleParameters, sensors: SensorParameters) -> Any:
     spec = new_spec("landing", options.timestep_s)
     add_slope(spec, options.slope_deg, options.friction, ankle.contact_time_s)
-    start_m = touch_down_height_m(options, ankle) + options.drop_height_m
+    start_m = touch_down_height_m(options.slope_deg, ankle) + options.drop_height_m
     carriage = add_carriage(spec, start_m, options.mass_kg - ankle.mass_kg)
     leg = carriage.add_body(name="leg")
     weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)

@@ -8,14 +8,22 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.names import CARRIAGE_JOINT
+import numpy as np
+
+from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
+from jammkle_sim.physics.ankle import free_lengths_m
 from jammkle_sim.physics.constants import GRAVITY_M_S2
 from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.physics.tendon import tendon_law
 from jammkle_sim.rigs.rig import ACCELEROMETER, GYRO, LOAD_CELL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from numpy.typing import NDArray
+
+    from jammkle_sim.physics.ankle import AnkleParameters
+    from jammkle_sim.physics.constants import TendonParameters
     from jammkle_sim.physics.sensors import SensorParameters
 
 HOLD = "hold"
@@ -42,6 +50,20 @@ def new_spec(name: str, timestep_s: float) -> Any:
     spec.option.impratio = 10.0  # less creep of a foot that sticks; 100 changes nothing more
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     return spec
+
+
+def touch_down_height_m(slope_deg: float, ankle: AnkleParameters) -> float:
+    """Return the height of the joint above the slope, straight down, at which a level foot first touches it, m.
+
+    Args:
+        slope_deg: Inclination, degrees, toe uphill.
+        ankle: Geometry.
+
+    """
+    slope = math.radians(slope_deg)
+    radius = ankle.contact_radius_m
+    # The toe's rounded corner touches where its normal is that of the slope.
+    return ankle.toe_m * math.tan(slope) + ankle.sole_m - radius + radius / math.cos(slope)
 
 
 def add_slope(spec: Any, slope_deg: float, friction: float, contact_time_s: float) -> None:
@@ -121,7 +143,7 @@ def set_speed(data: Any, speed_m_s: float) -> None:
     data.ctrl[data.model.actuator(DRIVE).id] = speed_m_s
 
 
-def add_start(spec: Any, positions: Mapping[str, float], drive_m: float | None = None) -> Any:
+def compile_with_start(spec: Any, positions: Mapping[str, float], drive_m: float | None = None) -> Any:
     """Compile the model with a keyframe that starts some joints elsewhere than they were drawn.
 
     Args:
@@ -141,6 +163,26 @@ def add_start(spec: Any, positions: Mapping[str, float], drive_m: float | None =
     if drive_m is not None:
         key.act = [drive_m]
     return spec.compile()
+
+
+def ankle_laws(
+    tendon: TendonParameters, ankle: AnkleParameters, timestep_s: float, hang_pitch_rad: float = 0.0
+) -> NDArray[Any]:
+    """Return the TENDON_LAW records of an ankle's tendons, in the order of TENDONS.
+
+    Args:
+        tendon: Constants of each of them.
+        ankle: Geometry.
+        timestep_s: Time step, s.
+        hang_pitch_rad: Pitch at which the foot hangs, rad, toe-down positive.
+
+    """
+    channels = [index for index, channel in enumerate(CHANNELS) for _ in TENDONS_OF_CHANNEL[channel]]
+    laws = [
+        tendon_law(tendon, timestep_s, float(free_length_m), channel)
+        for free_length_m, channel in zip(free_lengths_m(ankle, hang_pitch_rad), channels, strict=True)
+    ]
+    return np.concatenate(laws)
 
 
 def add_imu_sensors(spec: Any, sensors: SensorParameters) -> None:
