@@ -15,7 +15,7 @@ import numpy as np
 
 from jammkle_graph.parameters import ParameterError, from_mapping
 from jammkle_sim.rigs import drop, landing_run, pressure, slip, tensile
-from jammkle_sim.rigs.run import RigRun, run, steps_per_row
+from jammkle_sim.rigs.run import RigRun, RunInProgress, run, steps_per_row
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -114,6 +114,21 @@ def run_rig(name: str, options: Any, on_progress: Callable[[float], None], cance
     """
     rig, programme = _built(name, options)
     return run(rig, programme, options, on_progress, cancelled)
+
+
+def begin_run(name: str, options: Any) -> RunInProgress:
+    """Start one run of a rig, for somebody who takes it forward step by step; as `run_rig` otherwise.
+
+    Args:
+        name: Rig.
+        options: Its options dataclass.
+
+    Raises:
+        ParameterError: as `run_rig`.
+
+    """
+    rig, programme = _built(name, options)
+    return RunInProgress(rig, programme, options)
 
 
 def scattered(name: str, options: Any, repeat: int) -> Any:

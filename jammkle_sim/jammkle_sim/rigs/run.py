@@ -129,35 +129,109 @@ def run(
         ParameterError: the time step does not divide the period of the IMU.
 
     """
-    simulation = Simulation(rig)
-    recorder = _Recorder(rig, simulation)
-    keeper = VacuumKeeper(programme.vacuum, rig.pneumatics.ambient_pa)
-    steps = steps_per_row(simulation.timestep_s)
-    periods = max(1, round(programme.duration_s / (CONTROL_ROWS * IMU_PERIOD_S)))
-    for period in range(periods):
-        if period % CONTROL_ROWS == 0:
-            on_progress(period / periods)
+    running = RunInProgress(rig, programme, options)
+    while not running.is_finished:
+        if running.rows_done % (CONTROL_ROWS * CONTROL_ROWS) == 0:
+            on_progress(running.share_done)
             if cancelled():
-                msg = f"rig '{rig.name}' was cancelled after {simulation.rig_time_s:g} s of {programme.duration_s:g} s"
+                time_s = running.simulation.rig_time_s
+                msg = f"rig '{rig.name}' was cancelled after {time_s:g} s of {programme.duration_s:g} s"
                 raise RigCancelledError(msg)
+        running.advance(STATE_ROWS)
+    on_progress(1.0)
+    return running.result()
+
+
+class RunInProgress:
+    """One run, taken forward in rows of the IMU, so that others can look at it between two of them."""
+
+    def __init__(self, rig: Rig, programme: Programme, options: Any) -> None:
+        """Start the rig.
+
+        Args:
+            rig: What is simulated.
+            programme: What it does.
+            options: What both were made from; kept with the run.
+
+        Raises:
+            ParameterError: the time step does not divide the period of the IMU.
+
+        """
+        self._rig = rig
+        self._programme = programme
+        self._options = options
+        self._simulation = Simulation(rig)
+        self._recorder = _Recorder(rig, self._simulation)
+        self._keeper = VacuumKeeper(programme.vacuum, rig.pneumatics.ambient_pa)
+        self._steps = steps_per_row(self._simulation.timestep_s)
+        self._rows = CONTROL_ROWS * max(1, round(programme.duration_s / (CONTROL_ROWS * IMU_PERIOD_S)))
+        self._done = 0
+
+    @property
+    def simulation(self) -> Simulation:
+        """What is simulated, to look at."""
+        return self._simulation
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics, beside pressures and commands, that the rig has sensors for; tendon_states only with a tendon."""
+        has_tendons = bool(self._rig.tendon_names)
+        return tuple(topic for topic in self._programme.topics if has_tendons or topic != names.TENDON_STATES.name)
+
+    @property
+    def rows_done(self) -> int:
+        """Rows of the IMU, IMU_PERIOD_S each, taken so far."""
+        return self._done
+
+    @property
+    def share_done(self) -> float:
+        """How much of the run is done, 0 to 1."""
+        return self._done / self._rows
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the programme is at its end."""
+        return self._done >= self._rows
+
+    def advance(self, rows: int) -> None:
+        """Go on by rows of the IMU, however many there are left; the result does not depend on the portions.
+
+        Raises:
+            UnstableSimulationError: the simulation blew up.
+
+        """
+        while rows > 0 and not self.is_finished:
+            if self._done % CONTROL_ROWS == 0:
+                self._control()
+            portion = min(rows, STATE_ROWS - self._done % STATE_ROWS)
+            self._recorder.record_rows(portion, self._steps)
+            self._done += portion
+            rows -= portion
+            if self._done % STATE_ROWS == 0:
+                self._recorder.note_load_cell()
+
+    def result(self) -> RigRun:
+        """Return what was measured; to be asked when the run is finished."""
+        topics = self._recorder.topics(self._programme.topics)
+        return RigRun(
+            rig=self._rig.name,
+            options=self._options,
+            topics=topics,
+            description=self._simulation.description(),
+            results=self._programme.evaluate(topics),
+            broken=tuple(tendon.name for tendon in self._simulation.tendons() if tendon.broken),
+        )
+
+    def _control(self) -> None:
+        """Measure the pressures, and command pump and solenoids."""
+        simulation = self._simulation
         channels, manifold = simulation.channel_pressures_pa(), simulation.manifold_pressure_pa()
-        commands = keeper.commands(simulation.rig_time_s, channels, manifold, CONTROL_ROWS * IMU_PERIOD_S)
-        recorder.note_pressures((manifold, *channels.values()))
-        recorder.note_commands(commands)
+        commands = self._keeper.commands(simulation.rig_time_s, channels, manifold, CONTROL_ROWS * IMU_PERIOD_S)
+        self._recorder.note_pressures((manifold, *channels.values()))
+        self._recorder.note_commands(commands)
         simulation.set_pump_duty(commands.pump_duty)
         for channel, energised in zip(names.CHANNELS, commands.energised, strict=True):
             simulation.set_solenoid(channel, energised)
-        recorder.record(steps)
-    on_progress(1.0)
-    topics = recorder.topics(programme.topics)
-    return RigRun(
-        rig=rig.name,
-        options=options,
-        topics=topics,
-        description=simulation.description(),
-        results=programme.evaluate(topics),
-        broken=tuple(tendon.name for tendon in simulation.tendons() if tendon.broken),
-    )
 
 
 class _Recorder:
@@ -187,11 +261,13 @@ class _Recorder:
             if not kept or kept[-1][1] != value:
                 kept.append((self._simulation.rig_time_s, value))
 
-    def record(self, steps: int) -> None:
-        """Advance by one control period and keep its rows."""
-        for _ in range(CONTROL_ROWS // STATE_ROWS):
-            self._rows.append(self._simulation.record(STATE_ROWS, steps))
-            self._load_cell_n.append(self._simulation.load_cell_force_n())
+    def record_rows(self, rows: int, steps_per_row: int) -> None:
+        """Advance by rows of the IMU and keep them."""
+        self._rows.append(self._simulation.record(rows, steps_per_row))
+
+    def note_load_cell(self) -> None:
+        """Keep what the load cell gives now."""
+        self._load_cell_n.append(self._simulation.load_cell_force_n())
 
     def topics(self, wanted: tuple[str, ...]) -> dict[str, Series]:
         """Return everything by topic."""
