@@ -29,7 +29,7 @@ ALLOWED = {
     "jammkle_controller": {"jammkle_controller", "jammkle_graph", "jammkle_msgs"},
     "jammkle_sim": {"jammkle_sim", "jammkle_graph", "jammkle_msgs"},
     "jammkle_sim.physics": {"jammkle_sim.physics", "jammkle_graph"},
-    "jammkle_sim.fit": {"jammkle_sim.fit", "jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_sim.fit": {"jammkle_sim.fit", "jammkle_sim.paper_tables", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.rigs": {"jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
 }
 BLOCKED = (

@@ -30,12 +30,11 @@ _RINGS = (1, 2)
 _TOLERANCE_N = 1e-8
 """Force out of balance at a node that counts as solved."""
 _LARGEST_ITERATIONS = 200
-_SUFFICIENT_DECREASE = 1e-4
-_SHORTEST_STEP = 1e-12
-_ROUND_OFF = 1e-13
-"""Share of the energy that a step may seem to gain by the rounding of its sum."""
+_HALVINGS = 40
+_FLAT = 0.5
+"""Share of its first slope at which the energy counts as level along a step."""
 _SMALLEST_STRETCH = 0.05
-"""Below it the energy counts as infinite: no fibre is squeezed to nothing."""
+"""Below it a step is too long: no fibre is squeezed to nothing."""
 
 
 class NoConvergenceError(ArithmeticError):
@@ -142,6 +141,8 @@ class ShearLagTendon:
         self._shear_n_m = options.contact_shear_pa * _share(self._element_m * np.ones_like(self._rub_m[:1]))
         self._displacement_m = np.zeros((len(node_m), FIBRE_COUNT))
         self._slid_m = np.zeros_like(self._rub_m)
+        self._last_change_m = np.zeros_like(self._displacement_m)
+        self._last_growth_m = 0.0
 
     def follow(self, extension_m: NDArray[np.float64], pressure_pa: NDArray[np.float64]) -> NDArray[np.float64]:
         """Go through a history and return the tension at each entry; time does not matter.
@@ -162,40 +163,59 @@ class ShearLagTendon:
     def _step(self, extension_m: float, pressure_pa: float) -> float:
         yield_n = self._rub_m * line_force_n_m(pressure_pa)
         stretched_m = max(extension_m, 0.0)
-        u = self._displacement_m
-        u = u + self._place[:, None] * (stretched_m - u[-1, 0])
+        growth_m = stretched_m - self._displacement_m[-1, 0]
+        if growth_m * self._last_growth_m > 0.0:  # goes on as before: so will most of what slides
+            u = self._displacement_m + self._last_change_m * (growth_m / self._last_growth_m)
+        else:
+            u = self._displacement_m + self._place[:, None] * growth_m
         for _ in range(_LARGEST_ITERATIONS):
-            gradient_n, bands = self._derivatives(u, yield_n)
+            gradient_n = self._gradient_n(u, yield_n)
             if np.abs(gradient_n).max() < _TOLERANCE_N:
                 break
             change = np.zeros_like(u)
-            change[1:-1] = -solveh_banded(bands, gradient_n.ravel(), lower=True).reshape(gradient_n.shape)
-            u = self._lower(u, change, float((gradient_n * change[1:-1]).sum()), yield_n)
+            change[1:-1] = -solveh_banded(
+                self._hessian_n_m(u, yield_n), gradient_n.ravel(), lower=True, check_finite=False
+            ).reshape(gradient_n.shape)
+            u = self._along(u, change, yield_n)
         else:
             msg = (
                 f"the reference tendon at {extension_m * 1e3:.2f} mm and {pressure_pa:.0f} Pa was not solved in "
                 f"{_LARGEST_ITERATIONS} iterations, {np.abs(gradient_n).max():.1e} N are left; take smaller steps"
             )
             raise NoConvergenceError(msg)
+        self._last_change_m, self._last_growth_m = u - self._displacement_m, growth_m
         self._displacement_m = u
         slip_m = u[:, self._first] - u[:, self._second]
         held_n = np.clip(self._shear_n_m * (slip_m - self._slid_m), -yield_n, yield_n)
         self._slid_m = slip_m - held_n / self._shear_n_m
         return max(float(self._area_m2 * self._stress_pa(u)[0].sum()), 0.0)
 
-    def _lower(
-        self, u: NDArray[np.float64], change: NDArray[np.float64], slope_j: float, yield_n: NDArray[np.float64]
+    def _along(
+        self, u: NDArray[np.float64], change: NDArray[np.float64], yield_n: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Go along a Newton step, halved until the energy falls enough (Armijo) or round-off is all that is left."""
-        energy_j = self._energy_j(u, yield_n)
+        """Go along a Newton step as far as the energy falls.
+
+        The energy is convex, so its slope along the step only grows, and halving an interval finds where it is level.
+        """
+        slope_j = self._slope_j(u, change, yield_n)
+        low, high = 0.0, 1.0
         share = 1.0
-        while share > _SHORTEST_STEP:
-            trial = u + share * change
-            enough_j = energy_j * (1.0 + _ROUND_OFF) + _SUFFICIENT_DECREASE * share * slope_j
-            if self._energy_j(trial, yield_n) <= enough_j:
+        for _ in range(_HALVINGS):
+            here_j = self._slope_j(u + share * change, change, yield_n)
+            if here_j > -_FLAT * slope_j:
+                high = share
+            elif share < 1.0 and here_j < _FLAT * slope_j:
+                low = share
+            else:
                 break
-            share /= 2.0
-        return trial
+            share = (low + high) / 2.0
+        return u + share * change
+
+    def _slope_j(self, u: NDArray[np.float64], change: NDArray[np.float64], yield_n: NDArray[np.float64]) -> float:
+        """How fast the energy grows along a change; infinite where a fibre is squeezed to nothing."""
+        if self._stretch(u).min() < _SMALLEST_STRETCH:
+            return math.inf
+        return float((self._gradient_n(u, yield_n) * change[1:-1]).sum())
 
     def _stretch(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         return 1.0 + np.diff(u, axis=0) / self._element_m
@@ -205,41 +225,26 @@ class ShearLagTendon:
         soft_pa = yeoh_nominal_stress_pa(stretch, fibres.c1_pa, fibres.c2_pa, fibres.c3_pa)
         return np.where(self._soft, soft_pa, fibres.modulus_pa * (stretch - 1.0))
 
-    def _energy_j(self, u: NDArray[np.float64], yield_n: NDArray[np.float64]) -> float:
-        fibres, stretch = self._fibres, self._stretch(u)
-        if stretch.min() < _SMALLEST_STRETCH:
-            return math.inf
-        invariant = stretch**2 + 2.0 / stretch - 3.0
-        soft_pa = fibres.c1_pa * invariant + fibres.c2_pa * invariant**2 + fibres.c3_pa * invariant**3
-        density_pa = np.where(self._soft, soft_pa, fibres.modulus_pa * (stretch - 1.0) ** 2 / 2.0)
-        give_m = np.abs(u[:, self._first] - u[:, self._second] - self._slid_m)
-        sticks = self._shear_n_m * give_m < yield_n
-        contact_j = np.where(
-            sticks, self._shear_n_m * give_m**2 / 2.0, yield_n * (give_m - yield_n / self._shear_n_m / 2.0)
-        )
-        return float((self._area_m2 * self._element_m * density_pa).sum() + contact_j.sum())
-
-    def _derivatives(
-        self, u: NDArray[np.float64], yield_n: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Gradient of the energy at the inner nodes, and its Hessian as lower bands; node by node, fibre by fibre."""
-        fibres = self._fibres
-        stretch = self._stretch(u)
+    def _gradient_n(self, u: NDArray[np.float64], yield_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Force out of balance at the inner nodes: the gradient of the energy."""
         bar_n = self._area_m2 * self._stress_pa(u)
+        give_n = self._shear_n_m * (u[:, self._first] - u[:, self._second] - self._slid_m)
+        balance_n: NDArray[np.float64] = bar_n[:-1] - bar_n[1:] + np.clip(give_n, -yield_n, yield_n)[1:-1] @ self._ends
+        return balance_n
+
+    def _hessian_n_m(self, u: NDArray[np.float64], yield_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Hessian of the energy at the inner nodes as lower bands; node by node, fibre by fibre."""
+        fibres, stretch = self._fibres, self._stretch(u)
         soft_pa = yeoh_tangent_pa(stretch, fibres.c1_pa, fibres.c2_pa, fibres.c3_pa)
         bar_n_m = self._area_m2 / self._element_m * np.where(self._soft, soft_pa, fibres.modulus_pa)
         give_n = self._shear_n_m * (u[:, self._first] - u[:, self._second] - self._slid_m)
-        held_n = np.clip(give_n, -yield_n, yield_n)[1:-1]
         held_n_m = np.where(np.abs(give_n) < yield_n, self._shear_n_m, 0.0)[1:-1]
-        gradient_n = bar_n[:-1] - bar_n[1:]
-        diagonal = bar_n_m[:-1] + bar_n_m[1:]
-        nodes = np.arange(len(gradient_n))[:, None]
-        bands = np.zeros((FIBRE_COUNT + 1, *gradient_n.shape))
-        gradient_n += held_n @ self._ends
-        bands[0] = diagonal + held_n_m @ np.abs(self._ends)
+        nodes = np.arange(len(held_n_m))[:, None]
+        bands = np.zeros((FIBRE_COUNT + 1, len(held_n_m), FIBRE_COUNT))
+        bands[0] = bar_n_m[:-1] + bar_n_m[1:] + held_n_m @ np.abs(self._ends)
         bands[self._second - self._first, nodes, self._first] = -held_n_m
         bands[FIBRE_COUNT, :-1] = -bar_n_m[1:-1]
-        return gradient_n, bands.reshape(FIBRE_COUNT + 1, -1)
+        return bands.reshape(FIBRE_COUNT + 1, -1)
 
 
 def _mesh(edges_m: list[float], element_m: float) -> NDArray[np.float64]:
