@@ -144,6 +144,21 @@ class ShearLagTendon:
         self._last_change_m = np.zeros_like(self._displacement_m)
         self._last_growth_m = 0.0
 
+    @property
+    def element_m(self) -> NDArray[np.float64]:
+        """Undeformed length of each element along the tendon, shape (elements,), m."""
+        return self._element_m[:, 0]
+
+    @property
+    def soft(self) -> NDArray[np.bool_]:
+        """True where a fibre is of the soft material, shape (elements, fibres)."""
+        return self._soft
+
+    @property
+    def strain(self) -> NDArray[np.float64]:
+        """Strain as the latest entry of the history left it, shape (elements, fibres)."""
+        return self._stretch(self._displacement_m) - 1.0
+
     def follow(self, extension_m: NDArray[np.float64], pressure_pa: NDArray[np.float64]) -> NDArray[np.float64]:
         """Go through a history and return the tension at each entry; time does not matter.
 
