@@ -62,9 +62,9 @@ class ShearLagOptions:
     """How the reference tendon is meshed and how its contacts give."""
 
     friction: Friction = Friction()
-    """Coefficients."""
+    """Coefficients of friction. Paper."""
     element_m: float = 0.002
-    """Largest length of an element, m. Halving it changes the force by less than 0.03 N at -50 kPa."""
+    """Largest length of an element, m. Chosen: halving it changes the force by less than 0.03 N at -50 kPa."""
     contact_shear_pa: float = 1.6e6
     """Shear stiffness of a contact per length and slip, N/m per m. Assumed: the shear modulus of Shore A-85, a third of
     its fitted modulus; at 50 kPa a contact gives 36 um before it slides. Four times as stiff changes the force by less
