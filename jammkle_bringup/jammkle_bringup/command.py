@@ -186,6 +186,25 @@ def rig(
 
 
 @app.command()
+def paper(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.")] = Path(
+        "runs/paper"
+    ),
+    repeats: Annotated[int, typer.Option(help="Scattered repeats of each test, 2 to 1000.")] = 5,
+    seed: Annotated[int, typer.Option(help="Seed of scatter and noise, 0 to 2147483647.")] = 0,
+    refit: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--refit", help="Fit the tendon's constants again first; exit 1 if others come out.")
+    ] = False,
+    json: JsonOption = None,
+) -> int:
+    """Run every test of the paper and write a page with its tables and figures beside the simulation."""
+    from jammkle_bringup.paper import PaperRequest
+    from jammkle_bringup.paper import paper as compare
+
+    return compare(PaperRequest(output, json, refit, repeats, seed))
+
+
+@app.command()
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.")] = Path(
         "runs"
