@@ -17,13 +17,16 @@ from sensor_msgs.msg import FluidPressure, Imu, JointState
 from std_msgs.msg import Header, String
 
 from jammkle_graph.names import IMU_FRAME, LOAD_CELL_FRAME, TENDONS
-from jammkle_msgs.msg import TendonState, TendonStates
+from jammkle_msgs.action import RunRig
+from jammkle_msgs.msg import RigFigure, TendonState, TendonStates
+from jammkle_sim.core.rig_goal import RigGoal
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from std_msgs.msg import Float32
 
+    from jammkle_sim.core.rig_goal import Figure
     from jammkle_sim.rigs.simulation import ImuSample, TendonSample
 
 _NANOSECONDS = 1_000_000_000
@@ -105,6 +108,30 @@ def time_message(time_ns: int) -> Time:
 def parameters_message(description: Mapping[str, object]) -> String:
     """Return all parameters of rig and simulation as YAML, for people and for a bag."""
     return String(data=yaml.safe_dump(dict(description), sort_keys=False, allow_unicode=True))
+
+
+def rig_goal_from(request: RunRig.Goal) -> RigGoal:
+    """Return what a goal of ~/run_rig asks for.
+
+    Raises:
+        ParameterError: an unknown rig or option, or a value out of range.
+
+    """
+    return RigGoal(request.rig, list(request.options), request.repeats, request.seed)
+
+
+def rig_feedback(progress: float, time_s: float) -> RunRig.Feedback:
+    """Return the share of all runs that is done, and the simulated time, s, of the present one."""
+    return RunRig.Feedback(progress=progress, simulated_time_s=time_s)
+
+
+def rig_result(message: str, figures: Iterable[Figure], *, success: bool) -> RunRig.Result:
+    """Return the end of a goal: what happened and what was measured, SI."""
+    return RunRig.Result(
+        success=success,
+        message=message,
+        figures=[RigFigure(name=each.name, unit=each.unit, values=list(each.values)) for each in figures],
+    )
 
 
 def duty_from(message: Float32) -> float:
