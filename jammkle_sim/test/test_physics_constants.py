@@ -16,7 +16,9 @@ FOLDER = Path(physics.__file__).parent
 UNIT_IN_NAME = re.compile(r"_(m|m2|m3|s|pa|n|kg|rad|deg|hz|n_m|n_m3|m_s|m_s2|n_m_s|n_s_m|rad_s|n_per_pa|j_kg|k|m3_s)$")
 UNIT_IN_TEXT = re.compile(r"(, |\()(Pa|m|m\^2|m/s\^2|m/s|s|N|N/m|N/Pa|kg|Hz|1|dm\^3/\(s bar\)|g per root hertz)[.;:,)]")
 WITHOUT_UNIT = re.compile(r"ratio|share|friction$|count|seed|scale|stiffening|gains|factor|fibres$")
-SOURCE = re.compile(r"\b([Pp]aper|[Ff]itted|[Aa]ssumed|[Cc]hosen|ISO|[Rr]ules|[Dd]ata ?sheet|[Ss]tandard|[Dd]efaults)\b")
+SOURCE = re.compile(
+    r"\b([Pp]aper|[Ff]itted|[Aa]ssumed|[Cc]hosen|ISO|[Rr]ules|[Dd]ata ?sheet|[Ss]tandard|[Dd]efaults)\b"
+)
 
 
 def documented(path: Path) -> dict[str, str]:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from jammkle_sim.physics import shear_lag
 from jammkle_sim.physics.constants import TENDON_SETS, Fibre, tendon_parameters
-from jammkle_sim.physics.materials.elastic import force_table_n
+from jammkle_sim.physics.materials.elastic import force_table_n, yeoh_nominal_stress_pa, yeoh_tangent_pa
 from jammkle_sim.physics.shear_lag import (
     PRINTED_FRICTION,
     Friction,
@@ -51,6 +51,14 @@ def test_eighteen_fibres_have_thirty_six_contacts_of_which_twenty_seven_slide() 
     assert packing.mirrored.sum() == 9
     assert len(packing.contacts) == 36
     assert (packing.mirrored[first] != packing.mirrored[second]).sum() == 27
+
+
+def test_tangent_is_the_slope_of_the_stress() -> None:
+    """Yeoh's tangent against differences of its stress, squeezed and stretched."""
+    stretch, apart = np.linspace(0.7, 3.0, 24), 1e-6
+    constants = (FIBRES.c1_pa, FIBRES.c2_pa, FIBRES.c3_pa)
+    rise_pa = yeoh_nominal_stress_pa(stretch + apart, *constants) - yeoh_nominal_stress_pa(stretch - apart, *constants)
+    assert yeoh_tangent_pa(stretch, *constants) == pytest.approx(rise_pa / (2.0 * apart), rel=1e-6)
 
 
 def test_capacity_of_the_overlap_is_what_the_geometry_gives() -> None:
