@@ -84,7 +84,8 @@ def free_lengths_m(parameters: AnkleParameters, hang_pitch_rad: float = 0.0) -> 
     """
     peroneal_pretension_m = parameters.achilles_pretension_m * parameters.achilles_arm_m / parameters.peroneal_forward_m
     pretension = (peroneal_pretension_m,) * 2 + (parameters.achilles_pretension_m,) * 2
-    return tendon_lengths_m(parameters, hang_pitch_rad) - np.array(pretension)
+    lengths_m: NDArray[np.float64] = tendon_lengths_m(parameters, hang_pitch_rad) - np.array(pretension)
+    return lengths_m
 
 
 def tendon_lengths_m(parameters: AnkleParameters, pitch_rad: float) -> NDArray[np.float64]:

@@ -7,15 +7,13 @@ run = run_rig("tensile", scattered("tensile", options, repeat=0), print, lambda:
 from __future__ import annotations
 
 import dataclasses
-import zlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from jammkle_graph.parameters import ParameterError, from_mapping
 from jammkle_sim.rigs import drop, landing_run, pressure, slip, tensile
 from jammkle_sim.rigs.run import RigRun, RunInProgress, run, steps_per_row
+from jammkle_sim.rigs.scatter import scatter_numbers, scatter_seed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,8 +35,8 @@ class RigKind:
     """Frozen dataclass made of `jammkle_graph.parameters.parameter` fields."""
     build: Callable[[Any], tuple[Rig, Programme]]
     """Makes rig and programme from checked options; raises ParameterError where they do not fit together."""
-    scatter: Callable[[Any, np.random.Generator], Any]
-    """Makes the options of one repeat, from the options and random numbers."""
+    scatter: Callable[[Any, tuple[float, float]], Any]
+    """Makes the options of one repeat, from the options and two standard normal numbers."""
 
 
 RIGS: dict[str, RigKind] = {
@@ -146,8 +144,8 @@ def scattered(name: str, options: Any, repeat: int) -> Any:
 
     """
     kind = rig_kind(name)
-    generator = np.random.default_rng([options.seed, repeat, zlib.crc32(name.encode())])
-    return dataclasses.replace(kind.scatter(options, generator), seed=int(generator.integers(2**31)))
+    changed = kind.scatter(options, scatter_numbers(name, options.seed, repeat))
+    return dataclasses.replace(changed, seed=scatter_seed(options.seed, repeat))
 
 
 def save_mjcf(name: str, options: Any, path: Path) -> None:

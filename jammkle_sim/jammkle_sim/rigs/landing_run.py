@@ -18,8 +18,6 @@ from jammkle_sim.rigs.vacuum import VacuumStep, all_channels
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
-
     from jammkle_sim.rigs.rig import Rig
 
 _REST_S = 2.0
@@ -52,9 +50,9 @@ class LandingRunOptions:
     timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
 
 
-def scattered(options: LandingRunOptions, generator: np.random.Generator) -> LandingRunOptions:
+def scattered(options: LandingRunOptions, numbers: tuple[float, float]) -> LandingRunOptions:
     """Return the options of one repeat: height by 0.5 mm, friction by 0.01 (standard deviations, assumed)."""
-    height, friction = generator.standard_normal(2).tolist()
+    height, friction = numbers
     return dataclasses.replace(
         options,
         drop_height_m=min(max(options.drop_height_m + 0.0005 * height, 0.0), 0.5),
@@ -76,6 +74,7 @@ def landing_rig(options: LandingRunOptions) -> tuple[Rig, Programme]:
             timestep_s=options.timestep_s,
         )
     )
+    rig = dataclasses.replace(rig, description={**rig.description, "options": dataclasses.asdict(options)})
     touch_down_s = options.release_time_s + math.sqrt(2.0 * options.drop_height_m / GRAVITY_M_S2)
     vacuum: dict[str, tuple[VacuumStep, ...]] = {
         "never": (),

@@ -209,5 +209,6 @@ def add_load_cell(spec: Any, body: Any) -> None:
 def weigh(body: Any, mass_kg: float) -> None:
     """Give a body that only slides its mass; its inertia never matters."""
     body.mass = mass_kg
+    body.ipos = (0.0, 0.0, 0.0)  # else the mass is left out of a saved model
     body.inertia = (mass_kg * 1e-3,) * 3
     body.explicitinertial = True

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from jammkle_graph import names
 from jammkle_graph.parameters import parameter
@@ -30,6 +27,9 @@ from jammkle_sim.rigs.vacuum import VacuumStep
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
 
 _ALL = "all"
 _START_S = 0.2
@@ -64,9 +64,9 @@ class PressureOptions:
     timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
 
 
-def scattered(options: PressureOptions, generator: np.random.Generator) -> PressureOptions:
+def scattered(options: PressureOptions, numbers: tuple[float, float]) -> PressureOptions:
     """Return the options of one repeat: the valves' dead time differs by 1 ms (standard deviation, assumed)."""
-    dead_time_s = options.valve_dead_time_s + 0.001 * float(generator.standard_normal())
+    dead_time_s = options.valve_dead_time_s + 0.001 * numbers[0]
     return dataclasses.replace(options, valve_dead_time_s=min(max(dead_time_s, 0.0), 0.1))
 
 
@@ -127,8 +127,10 @@ def pressure_rig(options: PressureOptions) -> tuple[Rig, Programme]:
 def _results(
     topics: Mapping[str, Series], options: PressureOptions, channels: tuple[str, ...], starts_s: list[float]
 ) -> dict[str, float]:
-    """Slowest channel of the slowest cycle; NaN where a channel never got there."""
-    jam_times_s, vent_times_s, deepest_pa = [], [], []
+    """Slowest channel of the slowest cycle; a time is left out where none ever got there."""
+    jam_times_s: list[float] = []
+    vent_times_s: list[float] = []
+    deepest_pa: list[float] = []
     for channel in channels:
         series = topics[names.PRESSURES[channel].name]
         pressure_pa = series.column("fluid_pressure_pa")
@@ -139,16 +141,17 @@ def _results(
             venting = (series.time_s >= turn_s) & (series.time_s <= turn_s + options.vent_time_s)
             reached = vacuum_pa[jamming] >= options.vacuum_pa - _REACHED_PA
             vented = vacuum_pa[venting] < VENTED_PA
-            jam_times_s.append(_first_s(series.time_s[jamming], reached) - start_s)
-            vent_times_s.append(_first_s(series.time_s[venting], vented) - turn_s)
+            jam_times_s += [moment_s - start_s for moment_s in _first_s(series.time_s[jamming], reached)]
+            vent_times_s += [moment_s - turn_s for moment_s in _first_s(series.time_s[venting], vented)]
             deepest_pa.append(float(vacuum_pa[jamming].max()))
-    return {
-        "jam_time_s": float(np.max(jam_times_s)),
-        "vent_time_s": float(np.max(vent_times_s)),
-        "deepest_vacuum_pa": max(deepest_pa),
-    }
+    results = {"deepest_vacuum_pa": max(deepest_pa), "share_reached": len(jam_times_s) / len(deepest_pa)}
+    if jam_times_s:
+        results["jam_time_s"] = max(jam_times_s)
+    if vent_times_s:
+        results["vent_time_s"] = max(vent_times_s)
+    return results
 
 
-def _first_s(time_s: np.ndarray, happened: np.ndarray) -> float:
-    """Return when something first happened, s; NaN if it never did."""
-    return float(time_s[int(happened.argmax())]) if happened.any() else math.nan
+def _first_s(time_s: NDArray[np.float64], happened: NDArray[np.bool_]) -> list[float]:
+    """Return when something first happened, s, as a list of one; empty if it never did."""
+    return [float(time_s[int(happened.argmax())])] if happened.any() else []

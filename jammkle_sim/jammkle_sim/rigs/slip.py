@@ -36,7 +36,6 @@ from jammkle_sim.rigs.vacuum import all_channels
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
 
 FEET = (RIGID_ANKLE, JAMMED, UNJAMMED)
 """Feet of the paper's slip test."""
@@ -81,12 +80,12 @@ class SlipOptions:
     timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
 
 
-def scattered(options: SlipOptions, generator: np.random.Generator) -> SlipOptions:
+def scattered(options: SlipOptions, numbers: tuple[float, float]) -> SlipOptions:
     """Return the options of one repeat: friction by 0.01, slope by 0.2 degrees (standard deviations, assumed).
 
     The friction of the rigid edge only ever gets less, as with more the foot wedges and there is no run.
     """
-    friction, slope = generator.standard_normal(2).tolist()
+    friction, slope = numbers
     return dataclasses.replace(
         options,
         friction=min(max(options.friction + 0.01 * friction, 0.0), 1.0),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -68,9 +67,9 @@ MOUNTING_SCATTER_M = 0.00019
 in the paper (standard error 0.038 N). The stiffer ones scatter more there than this alone explains."""
 
 
-def scattered(options: TensileOptions, generator: np.random.Generator) -> TensileOptions:
+def scattered(options: TensileOptions, numbers: tuple[float, float]) -> TensileOptions:
     """Return the options of one repeat: the tendon is never clamped twice at the same length."""
-    error_m = options.mounting_error_m + MOUNTING_SCATTER_M * float(generator.standard_normal())
+    error_m = options.mounting_error_m + MOUNTING_SCATTER_M * numbers[0]
     return dataclasses.replace(options, mounting_error_m=min(max(error_m, -0.005), 0.005))
 
 
@@ -164,8 +163,9 @@ def _results(topics: Mapping[str, Series], start_s: float, turn_s: float) -> dic
         "largest_extension_m": float(extension_m.max()),
         "energy_in_n_m": loaded_j,
         "energy_lost_n_m": lost_j,
-        "share_lost": lost_j / loaded_j if loaded_j > 0.0 else math.nan,
     }
+    if loaded_j > 0.0:
+        results["share_lost"] = lost_j / loaded_j
     if torn.any():
         results["break_extension_m"] = float(extension_m[np.argmax(torn)])
     return results
