@@ -11,18 +11,20 @@ from jammkle_bringup import report
 from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.paper.comparison import Outcomes, compare_claims, compare_rows, slip_statistics
 from jammkle_bringup.core.paper.deformation import deformation
+from jammkle_bringup.core.paper.drawing import SET_NAMES
 from jammkle_bringup.core.paper.experiments import (
     CURVE_EXPERIMENTS,
     PARAMETER_SETS,
     ROW_EXPERIMENTS,
     SLIP_EXPERIMENTS,
 )
-from jammkle_bringup.core.paper.figures import SET_NAMES, pictures
+from jammkle_bringup.core.paper.figures import pictures
 from jammkle_bringup.core.paper.page import Findings, page
 from jammkle_bringup.core.paper.runs import Task, run_all
 from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.progress import progress_bar
 from jammkle_graph.parameters import ParameterError
+from jammkle_sim.fit.reasons import REASONS
 from jammkle_sim.fit.refit import refit
 from jammkle_sim.paper_tables import ROWS
 from jammkle_sim.physics.constants import TENDON_SETS
@@ -69,7 +71,8 @@ def paper(request: PaperRequest) -> int:
     with report.console().status("drawing"):
         deformations = [deformation(TENDON_SETS["fitted"], vacuum_pa) for vacuum_pa in (0.0, _JAMMED_PA)]
         drawn = pictures(outcomes, rows, deformations)
-    findings = Findings(request.seed, request.repeats, rows, claims, slips, drawn, {}, outcomes.broken(), fit)
+    reasons = {entry.identifier: entry.sentence for entry in REASONS}
+    findings = Findings(request.seed, request.repeats, rows, claims, slips, drawn, reasons, outcomes.broken(), fit)
     target = request.folder / PAGE_NAME
     target.write_text(page(findings), encoding="utf-8")
     content: dict[str, Any] = {
@@ -175,7 +178,10 @@ def _show(
             text
             for each in rows
             if each.row is row
-            for text in (f"{each.simulated.mean:.2f}", _coloured(f"{each.z:+.1f}", good=each.reproduced))
+            for text in (
+                f"{each.simulated.mean:.2f}",
+                _coloured(f"{round(each.z, 1) + 0.0:+.1f}", good=each.reproduced),
+            )
         ]
         table.add_row(row.title, f"{row.mean:.2f} ± {row.standard_error:.3f} {row.unit}", *cells)
     console.print(table)

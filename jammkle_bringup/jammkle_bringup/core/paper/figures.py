@@ -1,72 +1,30 @@
-"""The counterparts of the paper's figures that hold data, and one of all rows at a glance, as SVG."""
+"""All figures of the page: all rows at a glance, then the counterparts of the paper's figures that hold data."""
 
 from __future__ import annotations
 
-import io
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.figure import Figure
 
-from jammkle_bringup.core.paper.experiments import (
-    ENERGY,
-    MATERIALS,
-    PARAMETER_SETS,
-    SLIP_EXPERIMENTS,
-    VACUUMS_KPA,
-    curve_identifier,
-)
-from jammkle_sim.fit.reference import cycle_m, reference_tension_n
-from jammkle_sim.paper_tables import DROP_ROWS, ROWS, paper_row
-from jammkle_sim.physics.constants import TENDON_SETS
+from jammkle_bringup.core.paper.ankle_figures import drops, slips
+from jammkle_bringup.core.paper.drawing import SET_COLOURS, SET_NAMES, STYLE, WIDTH_IN, Picture, finished
+from jammkle_bringup.core.paper.experiments import PARAMETER_SETS
+from jammkle_bringup.core.paper.tendon_figures import materials, models, pressures, strain
+from jammkle_sim.paper_tables import ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from matplotlib.axes import Axes
-
     from jammkle_bringup.core.paper.comparison import Outcomes, RowComparison
     from jammkle_bringup.core.paper.deformation import Deformation
-    from jammkle_bringup.core.paper.runs import Curve
 
-SET_NAMES = {"fitted": "fitted", "as_printed": "as printed"}
-"""Parameter sets for people."""
-
-_WIDTH_IN = 9.0
-_SET_COLOURS = {"fitted": "#1f5fa8", "as_printed": "#d9741a"}
-_VACUUM_COLOURS = {0: "#9ec5e8", 10: "#5b9bd5", 30: "#1f5fa8", 50: "#0b2545"}
-_PAPER: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 4, "capsize": 4, "linestyle": "none"}
-_STYLE = {
-    "svg.hashsalt": "jammkle",
-    "font.size": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "legend.fontsize": 8.0,
-    "legend.frameon": False,
-    "axes.titlesize": 9.5,
-    "lines.linewidth": 1.1,
-}
-_EXTENSION = "extension [mm]"
-_FORCE = "force [N]"
-_FULL_MM = 20.0
-_CLIP_M_S2 = 71.02
 _LINEAR_Z = 2.0
-
-
-@dataclass(frozen=True)
-class Picture:
-    """One figure of the page."""
-
-    identifier: str
-    title: str
-    paper: str
-    """Which figure of the paper it stands beside; empty for none."""
-    caption: str
-    svg: str
+_WIDEST_Z = 700.0
+_MARKS: dict[str, dict[str, Any]] = {
+    "fitted": {"marker": "o", "markersize": 5},
+    "as_printed": {"marker": "s", "markersize": 8, "markerfacecolor": "white"},
+}
 
 
 def pictures(
@@ -80,235 +38,43 @@ def pictures(
         deformations: Unjammed and jammed.
 
     """
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         return (
             _glance(rows),
-            _pressures(outcomes),
-            _materials(outcomes),
-            _models(outcomes),
-            _strain(deformations),
-            _drops(outcomes),
-            _slips(outcomes),
+            pressures(outcomes),
+            materials(outcomes),
+            models(outcomes),
+            strain(deformations),
+            drops(outcomes),
+            slips(outcomes),
         )
 
 
 def _glance(rows: Sequence[RowComparison]) -> Picture:
-    figure = Figure(figsize=(_WIDTH_IN, 4.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, 4.2), layout="constrained")
     axes = figure.subplots()
     places = {row.identifier: -float(i) for i, row in enumerate(ROWS)}
     axes.axvspan(-_LINEAR_Z, _LINEAR_Z, color="#2e7d32", alpha=0.12, linewidth=0, label="within 2 standard errors")
-    for parameter_set, marker in zip(PARAMETER_SETS, "os", strict=True):
+    for parameter_set in reversed(PARAMETER_SETS):  # where both are equal the smaller mark is on top
         mine = [row for row in rows if row.parameter_set == parameter_set]
         axes.plot(
             [row.z for row in mine],
             [places[row.row.identifier] for row in mine],
-            marker,
-            color=_SET_COLOURS[parameter_set],
+            color=SET_COLOURS[parameter_set],
             label=SET_NAMES[parameter_set],
-            markerfacecolor=_SET_COLOURS[parameter_set] if marker == "o" else "white",
+            linestyle="none",
+            **_MARKS[parameter_set],
         )
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.set_xscale("symlog", linthresh=_LINEAR_Z)
+    axes.set_xlim(-_WIDEST_Z, _WIDEST_Z)
     ticks = [-100, -10, -2, 0, 2, 10, 100]
     axes.set_xticks(ticks, [f"{tick:+d}" if tick else "0" for tick in ticks])
     axes.set_xlabel("simulation minus paper, in standard errors of the paper (linear to 2, logarithmic beyond)")
     axes.set_yticks(list(places.values()), [row.title for row in ROWS])
     axes.legend(loc="upper center", bbox_to_anchor=(0.4, 1.1), ncols=3)
-    return _picture(
+    return finished(
         "glance", figure, "All rows of both tables", "",
         "Each mark is the mean of the repeats. The two uppermost drop rows are clipped by the sensor, so that the "
-        "paper's standard error there is 0.005 m/s²: some standard errors are less than 0.1 % of the value.",
+        "paper's standard error there is 0.005 m/s²: six standard errors are 0.04 % of the value.",
     )  # fmt: skip
-
-
-def _pressures(outcomes: Outcomes) -> Picture:
-    figure = Figure(figsize=(_WIDTH_IN, 4.2), layout="constrained")
-    axes = figure.subplots()
-    for kpa in VACUUMS_KPA:
-        curves = outcomes.curves(curve_identifier("multi", kpa), "fitted")
-        _draw(axes, curves, _VACUUM_COLOURS[kpa], f"{-kpa} kPa")
-        _paper_mean(axes, curve_identifier("multi", kpa), "paper, mean peak and standard error" if kpa == 0 else None)
-    _label(axes, _EXTENSION, _FORCE)
-    axes.legend(loc="upper left")
-    return _picture(
-        "JammingPressurePlots", figure, "Force over displacement at four pressures", "Figure 4 (JammingPressurePlots)",
-        "Multi-material tendon, set `fitted`, 5 mm/s to 20 mm and back; the lower branch of each loop is the return. "
-        "Every repeat is drawn. The paper's figure shows five repeats of each as well.",
-    )  # fmt: skip
-
-
-def _materials(outcomes: Outcomes) -> Picture:
-    figure = Figure(figsize=(_WIDTH_IN, 5.6), layout="constrained")
-    grid = figure.subplots(2, 3, sharex=True, sharey="col")
-    for i, parameter_set in enumerate(PARAMETER_SETS):
-        for j, (material, name) in enumerate(MATERIALS.items()):
-            axes = grid[i, j]
-            for kpa in VACUUMS_KPA:
-                identifier = curve_identifier(material, kpa)
-                style = "-" if parameter_set == "fitted" or material == "multi" or not kpa else "--"
-                _draw(axes, outcomes.curves(identifier, parameter_set), _VACUUM_COLOURS[kpa], f"{-kpa} kPa", style)
-                if any(row.identifier == identifier for row in ROWS):
-                    _paper_mean(axes, identifier, "paper" if kpa == 0 else None)
-            axes.set_title(f"{name}, {SET_NAMES[parameter_set]}")
-            _label(axes, _EXTENSION if i else "", "" if j else _FORCE)
-    grid[0, 0].legend(loc="upper left")
-    return _picture(
-        "materials", figure, "Force over displacement of the three materials", "Table II, rows 1 to 9",
-        "Load and return at 0, -10, -30 and -50 kPa. As printed, the single-material tendons do not feel the vacuum at "
-        "all: their fibres are alike and do not slide on each other, and the paper's model has no other effect of "
-        "pressure, so that the four curves lie on each other.",
-    )  # fmt: skip
-
-
-def _models(outcomes: Outcomes) -> Picture:
-    figure = Figure(figsize=(_WIDTH_IN, 3.6), layout="constrained")
-    panels = figure.subplots(1, 2)
-    path_m = cycle_m()
-    up_m = path_m[: len(path_m) // 2 + 1]
-    for axes, letter, kpa in zip(panels, "ab", (0, 50), strict=True):
-        identifier = curve_identifier("multi", kpa)
-        for parameter_set in PARAMETER_SETS:
-            curves = [_loading(curve) for curve in outcomes.curves(identifier, parameter_set)]
-            _draw(axes, curves, _SET_COLOURS[parameter_set], f"rig, {SET_NAMES[parameter_set]}")
-        reference_n = reference_tension_n(TENDON_SETS["fitted"], kpa * 1e3, up_m)
-        axes.plot(up_m * 1e3, reference_n, ":", color="#2e7d32", linewidth=1.8, label="reference model, 18 fibres")
-        _paper_mean(axes, identifier, "paper, mean peak")
-        axes.set_title(f"({letter}) {'jammed, -50 kPa' if kpa else 'unjammed'}")
-        _label(axes, _EXTENSION, _FORCE)
-        axes.set_ylim(bottom=0.0)
-        axes.legend(loc="upper left")
-    return _picture(
-        "SimulatedJamming", figure, "Models of the tendon beside the measured peak", "Figure 5 (SimulatedJamming)",
-        "Elongation only, as in the paper. The reference model has 18 fibres along the length and the constants of "
-        "`fitted` at the rate of the test; it has neither relaxation nor membrane.",
-    )  # fmt: skip
-
-
-def _strain(deformations: Sequence[Deformation]) -> Picture:
-    figure = Figure(figsize=(_WIDTH_IN, 3.6), layout="constrained")
-    *panels, bars = figure.subplots(1, 3, width_ratios=(3, 3, 2))
-    largest = max(float(np.nanmax(each.soft_strain)) for each in deformations)
-    for axes, letter, each in zip(panels, "ab", deformations, strict=True):
-        axes.plot(each.place_mm, each.soft_strain * 100.0, ".-", color="#c0392b", markersize=4, label="soft fibres")
-        axes.plot(each.place_mm, each.stiff_strain * 100.0, ".-", color="#1f5fa8", markersize=4, label="stiff fibres")
-        axes.plot(each.place_mm, each.strain * 100.0, color="black", label="mean of all")
-        axes.set_ylim(0.0, largest * 108.0)
-        axes.set_title(f"({letter}) {_state(each)}")
-        _label(axes, "place along the fibres [mm]", "strain [%]" if letter == "a" else "")
-        axes.legend(loc="upper center")
-    soft = [each.soft_share * 100.0 for each in deformations]
-    stiff = [100.0 - share for share in soft]
-    names = [_state(each).replace(", ", "\n") for each in deformations]
-    bars.bar(names, soft, color="#c0392b", alpha=0.8, label="soft")
-    bars.bar(names, stiff, bottom=soft, color="#1f5fa8", alpha=0.8, label="stiff")
-    for i, share in enumerate(soft):
-        bars.text(i, share / 2.0, f"{share:.0f} %", ha="center", va="center", color="white")
-        bars.text(i, 50.0 + share / 2.0, f"{100.0 - share:.0f} %", ha="center", va="center", color="white")
-    bars.set_title("share of the extension")
-    bars.grid(visible=False)
-    bars.set_ylabel("%")
-    return _picture(
-        "ComsolFig", figure, "Where the stretch sits along the tendon at 20 mm", "Figure 6 (ComsolFig)",
-        "Reference model, set `fitted`. Soft fibres lie at both ends, as every second one is mirrored; in the middle "
-        "all are stiff. Unjammed the soft sections stretch alone; jammed, friction makes the stiff ones beside them "
-        "stretch too.",
-    )  # fmt: skip
-
-
-def _drops(outcomes: Outcomes) -> Picture:
-    figure = Figure(figsize=(_WIDTH_IN, 5.4), layout="constrained")
-    grid = figure.subplots(2, 3, sharex=True, sharey=True)
-    for i, (axes, row) in enumerate(zip(grid.flat, DROP_ROWS, strict=False)):
-        axes.axhline(_CLIP_M_S2, color="#888888", linestyle=":", linewidth=1.0)
-        axes.axhline(row.mean, color="black", linestyle="--", linewidth=0.9, label="paper, mean peak")
-        _draw(axes, outcomes.curves(row.identifier, "fitted"), _SET_COLOURS["fitted"], "simulation, fitted")
-        axes.set_title(f"({'abcde'[i]}) {row.title}")
-        _label(
-            axes,
-            "time from touch-down [s]" if i > 1 else "",
-            "upward acceleration\nless gravity [m/s²]" if i % 3 == 0 else "",
-        )
-    grid[0, 2].tick_params(labelbottom=True)
-    grid[0, 2].set_xlabel("time from touch-down [s]")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    grid[1, 2].axis("off")
-    grid[1, 2].legend(
-        [*handles, mpl.lines.Line2D([], [], color="#888888", linestyle=":")],
-        [*labels, "limit of the sensor"],
-        loc="center",
-    )
-    return _picture(
-        "fig9", figure, "Acceleration in the drop test, five feet", "Figure 9 (fig9)",
-        "IMU on the platform, every repeat, 1.8 kg from 50 mm. In free fall it reads -9.81 m/s². The rigid ankle and "
-        "the standard foot reach the limit of the sensor.",
-    )  # fmt: skip
-
-
-def _slips(outcomes: Outcomes) -> Picture:
-    figure = Figure(figsize=(_WIDTH_IN, 5.8), layout="constrained")
-    grid = figure.subplots(2, 2)
-    *panels, bars = grid.flat
-    for axes, letter, experiment in zip(panels, "abc", SLIP_EXPERIMENTS, strict=True):
-        for parameter_set in PARAMETER_SETS:
-            curves = outcomes.curves(experiment.identifier, parameter_set)
-            _draw(axes, curves, _SET_COLOURS[parameter_set], SET_NAMES[parameter_set])
-        axes.set_title(f"({letter}) {experiment.title}")
-        _label(axes, "descent [mm]", "push on the slope [N]")
-        axes.legend(loc="upper right")
-    top = max(axes.get_ylim()[1] for axes in panels)
-    for axes in panels:
-        axes.set_ylim(0.0, top)
-    width = 0.38
-    places = np.arange(len(SLIP_EXPERIMENTS))
-    for shift, parameter_set in zip((-width / 2.0, width / 2.0), PARAMETER_SETS, strict=True):
-        energy = [outcomes.statistic(each.identifier, parameter_set, ENERGY) for each in SLIP_EXPERIMENTS]
-        drawn = bars.bar(
-            places + shift,
-            [each.mean for each in energy],
-            width,
-            yerr=[each.standard_error for each in energy],
-            color=_SET_COLOURS[parameter_set],
-            label=SET_NAMES[parameter_set],
-            capsize=3,
-        )
-        bars.bar_label(drawn, fmt="%.2f", fontsize=8, padding=2)
-    bars.set_xticks(places, [each.title for each in SLIP_EXPERIMENTS])
-    bars.grid(visible=False, axis="x")
-    bars.set_title("(d) Dissipated energy")
-    bars.set_ylabel("work of the push [J]")
-    bars.legend()
-    return _picture(
-        "fig8", figure, "Slip test: force over descent, and what is dissipated", "Figure 10 (fig8)",
-        "40 degree slope, 5 mm/s down for 110 mm, every repeat. The paper prints no numbers here. The rigid ankle has "
-        "no tendons, so that both sets give the same.",
-    )  # fmt: skip
-
-
-def _picture(identifier: str, figure: Figure, title: str, paper: str, caption: str) -> Picture:
-    file = io.StringIO()
-    figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-    return Picture(identifier, title, paper, caption, file.getvalue())
-
-
-def _draw(axes: Axes, curves: Sequence[Curve], colour: str, label: str, style: str = "-") -> None:
-    for i, curve in enumerate(curves):
-        axes.plot(curve.x, curve.y, style, color=colour, alpha=0.85, linewidth=0.9, label=None if i else label)
-
-
-def _paper_mean(axes: Axes, identifier: str, label: str | None) -> None:
-    row = paper_row(identifier)
-    axes.errorbar(_FULL_MM, row.mean, yerr=row.standard_error, zorder=5, label=label, **_PAPER)
-
-
-def _loading(curve: Curve) -> Curve:
-    end = int(curve.x.argmax()) + 1
-    return type(curve)(curve.x[:end], curve.y[:end])
-
-
-def _label(axes: Axes, x: str, y: str) -> None:
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-
-
-def _state(each: Deformation) -> str:
-    return f"jammed, {-each.vacuum_pa / 1e3:.0f} kPa" if each.vacuum_pa else "unjammed"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_bringup.core.paper.comparison import ClaimComparison, RowComparison, SlipStatistic, Statistic
-    from jammkle_bringup.core.paper.figures import Picture
+    from jammkle_bringup.core.paper.drawing import Picture
     from jammkle_sim.fit.refit import FitResult
 
 _TEMPLATE = "page.html.j2"
@@ -34,29 +34,37 @@ _TABLES = (
         DROP_TEST,
         "Drop test of five feet",
         "Table III",
-        "Peak upward acceleration less gravity, m/s², of 1.8 kg that falls 50 mm. The paper marks the rigid ankle and "
-        "the standard foot as clipped by the sensor.",
+        (
+            "Peak upward acceleration less gravity, m/s², of 1.8 kg that falls 50 mm. The paper marks the rigid ankle "
+            "and the standard foot as clipped by the sensor."
+        ),
     ),
 )
 _DIGITS = {TENSILE_TEST: (2, 3), DROP_TEST: (3, 3)}
 """Decimals of a mean and of a standard error."""
 _MANY_ERRORS = 100.0
-SLIP_CONDITION = (
-    "A rigid foot on a ball joint either slides at once or wedges and lets no force move it, depending on friction: "
-    "that it peaks like the unjammed ankle holds for the edge friction declared in the rig (option "
-    "--edge-friction of jammkle rig slip), just below wedging."
+_SLIP_CONDITION = (
+    "A rigid foot under a ball joint either slides at once or wedges so that no force moves it; the friction of its "
+    "edge is declared (option --edge-friction of jammkle rig slip), not measured, and its peak force hangs on it."
 )
-_NOTES = (
+_READINGS = (
     "The paper's 80 mm of fibre against sections of 30 and 55 mm are read as 5 mm of the stiff section inside the end "
-    "plate; its three solenoids for four tendons as left, right, and the Achilles pair.",
+    "plate; its three solenoids for four tendons as left, right, and the Achilles pair."
+)
+_MEMBRANE = (
     "The membrane carries no load of its own in the simulation, so that the row without membrane repeats the row with "
-    "it; the paper finds the two equal within their errors.",
+    "it; the paper finds the two equal within their errors."
+)
+_ASSUMPTIONS = (
     "The pose of the foot at landing, its levers, the floor's friction, the ball joint of the slip test and everything "
     "pneumatic are assumptions: the paper says nothing of them. They stand with their sources in jammkle_sim/physics "
-    "and jammkle_sim/rigs.",
-    "The scatter between simulated repeats comes from what a rig cannot set exactly (clamping, height, pitch, "
-    "friction), and from the sensors' noise.",
+    "and jammkle_sim/rigs."
 )
+_SCATTER = (
+    "The scatter between simulated repeats comes from what a rig cannot set exactly (clamping, height, pitch, "
+    "friction), and from the sensors' noise."
+)
+_NOTES = (_READINGS, _MEMBRANE, _ASSUMPTIONS, _SCATTER)
 
 
 @dataclass(frozen=True)
@@ -70,7 +78,7 @@ class Findings:
     slips: Sequence[SlipStatistic]
     pictures: Sequence[Picture]
     reasons: Mapping[str, str]
-    """Why the printed constants miss, one sentence per row identifier."""
+    """Why the printed constants miss or do not, one sentence per identifier of a row or claim."""
     broken: Sequence[str]
     """Runs in which tendons tore."""
     fit: FitResult | None = None
@@ -96,9 +104,9 @@ def page(findings: Findings) -> str:
         figures=figures,
         figure=_figure,
         tables=[_table(findings, *table) for table in _TABLES],
-        claims=_claims(findings.claims),
+        claims=_claims(findings),
         feet=_feet(findings.slips),
-        slip_condition=SLIP_CONDITION,
+        slip_condition=_SLIP_CONDITION,
         notes=[*_NOTES, *(f"A tendon tore: {line}." for line in findings.broken)],
         refit=_refit(findings.fit),
     )
@@ -123,7 +131,7 @@ def _table(findings: Findings, test: str, title: str, paper: str, text: str) -> 
             "paper_mean": f"{row.mean:.3f}",
             "paper_se": f"{row.standard_error:.3f}",
             "sets": [_cells(by_key[row.identifier, each], digits, error_digits) for each in PARAMETER_SETS],
-            "why": findings.reasons.get(row.identifier, ""),
+            "why": findings.reasons[row.identifier],
         }
         for row in ROWS
         if row.test == test
@@ -135,18 +143,19 @@ def _cells(row: RowComparison, digits: int, error_digits: int) -> dict[str, Any]
     return {
         "mean": f"{row.simulated.mean:.{digits}f}",
         "standard_error": _number(row.simulated.standard_error, error_digits),
-        "z": f"{row.z:+.0f}" if abs(row.z) >= _MANY_ERRORS else f"{row.z:+.1f}",
+        "z": _signed(row.z),
         "reproduced": row.reproduced,
     }
 
 
-def _claims(claims: Sequence[ClaimComparison]) -> list[dict[str, Any]]:
-    by_key = {(claim.claim.identifier, claim.parameter_set): claim for claim in claims}
+def _claims(findings: Findings) -> list[dict[str, Any]]:
+    by_key = {(claim.claim.identifier, claim.parameter_set): claim for claim in findings.claims}
     return [
         {
             "identifier": claim.identifier,
             "text": f"{claim.text[0].upper()}{claim.text[1:]}",
             "sets": [by_key[claim.identifier, each] for each in PARAMETER_SETS],
+            "why": findings.reasons[claim.identifier],
         }
         for claim in SLIP_CLAIMS
     ]
@@ -183,8 +192,12 @@ def _refit(fit: FitResult | None) -> dict[str, Any] | None:
     }
 
 
+def _signed(z: float) -> str:
+    return f"{z:+.0f}" if abs(z) >= _MANY_ERRORS else f"{round(z, 1) + 0.0:+.1f}"  # 0 added: no -0.0
+
+
 def _number(value: float, digits: int) -> str:
-    return "–" if math.isnan(value) else f"{value:.{digits}f}"
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _with_error(statistic: Statistic, digits: int) -> str:

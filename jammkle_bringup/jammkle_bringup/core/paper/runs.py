@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_bringup.core.paper.experiments import Experiment
 from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.core.tether import end_with_parent
 from jammkle_graph import names
@@ -22,15 +21,17 @@ from jammkle_sim.rigs.evaluate import smoothed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from concurrent.futures import Future
 
     from numpy.typing import NDArray
 
+    from jammkle_bringup.core.paper.experiments import Experiment
     from jammkle_sim.rigs.run import RigRun
 
 _LOOK_S = 0.2
 """How often a request to stop is looked for."""
-_POINTS = 400
-"""Largest number of points of a slow curve: more cannot be seen."""
+_STRETCHES = 250
+"""Parts of a slow curve of which two points each are drawn: more cannot be seen."""
 _MM_PER_M = 1e3
 _BEGUN_MM = 0.05
 _ARRIVED_MM = 0.1
@@ -108,19 +109,27 @@ def run_all(
     with concurrent.futures.ProcessPoolExecutor(count, context, _start_worker, (os.getpid(),)) as pool:
         futures = [pool.submit(run_task, task) for task in tasks]
         task_of = dict(zip(futures, tasks, strict=True))
-        left = set(futures)
         try:
-            while left:
-                done, left = concurrent.futures.wait(left, _LOOK_S, concurrent.futures.FIRST_COMPLETED)
-                for future in done:
-                    future.result()
-                    on_done(len(tasks) - len(left), task_of[future])
-                if asked_to_stop():
-                    raise Interrupted
+            _wait(futures, lambda future, done: on_done(done, task_of[future]), asked_to_stop)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
         return tuple(future.result() for future in futures)
+
+
+def _wait(
+    futures: Sequence[Future[Outcome]],
+    on_done: Callable[[Future[Outcome], int], None],
+    asked_to_stop: Callable[[], bool],
+) -> None:
+    left = set(futures)
+    while left:
+        done, left = concurrent.futures.wait(left, _LOOK_S, concurrent.futures.FIRST_COMPLETED)
+        for future in done:
+            future.result()
+            on_done(future, len(futures) - len(left))
+        if asked_to_stop():
+            raise Interrupted
 
 
 def _start_worker(parent: int) -> None:
@@ -156,8 +165,14 @@ def _shock(run: RigRun) -> Curve:
 
 
 def _thinned(x: NDArray[np.float64], y: NDArray[np.float64]) -> Curve:
-    step = max(1, len(x) // _POINTS)
-    return Curve(x[::step], y[::step])
+    """Keep the lowest and the highest point of each short stretch, so that no peak is lost."""
+    stretch = max(1, len(x) // _STRETCHES)
+    kept: set[int] = {0, len(x) - 1}
+    for start in range(0, len(x), stretch):
+        part = y[start : start + stretch]
+        kept |= {start + int(part.argmin()), start + int(part.argmax())}
+    chosen = np.array(sorted(kept))
+    return Curve(x[chosen], y[chosen])
 
 
 def _first(happens: NDArray[np.bool_]) -> int:
