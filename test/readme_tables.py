@@ -1,4 +1,4 @@
-"""The README's tables of topics, services and parameters, made from the code.
+"""The README's tables of topics, services, actions and parameters, made from the code.
 
 `python test/readme_tables.py` writes them into README.md; a test fails when they differ.
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.names import CHANNELS, SERVICES, TOPICS
+from jammkle_graph.names import ACTIONS, CHANNELS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_sim.parameters import SimParameters
 
@@ -59,6 +59,10 @@ def tables() -> dict[str, str]:
         "services": table(
             ("service", "type", "what"),
             [(f"`{any_channel(s.path)}`", f"`{s.service_type}`", s.note) for s in SERVICES],
+        ),
+        "actions": table(
+            ("action", "type", "what"),
+            [(f"`{a.path}`", f"`{a.action_type}`", a.note) for a in ACTIONS],
         ),
     }
     for node, parameters in NODES.items():

@@ -194,7 +194,7 @@ def test_a_paused_rig_is_cancelled(start_graph: Callable[..., Any], fake: Any) -
         ("drop", (), 1, 2**32 - 1, "seed is 4294967295; it must be 0 to 2147483647"),
     ],
 )
-def test_a_bad_goal_is_told_why(  # noqa: PLR0913, PLR0917 - a table of cases
+def test_a_bad_goal_is_told_why(
     start_graph: Callable[..., Any],
     fake: Any,
     rig: str,
@@ -259,7 +259,8 @@ def test_an_unstable_rig_says_what_it_was(
 
     def blow_up(self: RunInProgress, rows: int) -> None:
         if self.rows_done >= 100:
-            raise UnstableSimulationError(f"simulation of rig 'drop' became unstable; it was: {self._options}")
+            msg = f"simulation of rig 'drop' became unstable; it was: {self._options}"
+            raise UnstableSimulationError(msg)
         take(self, rows)
 
     take = RunInProgress.advance
