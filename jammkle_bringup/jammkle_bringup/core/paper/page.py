@@ -43,6 +43,7 @@ _TABLES = (
 _DIGITS = {TENSILE_TEST: (2, 3), DROP_TEST: (3, 3)}
 """Decimals of a mean and of a standard error."""
 _MANY_ERRORS = 100.0
+_NO_BREAK = "\N{NO-BREAK SPACE}"
 _SLIP_CONDITION = (
     "A rigid foot under a ball joint either slides at once or wedges so that no force moves it; the friction of its "
     "edge is declared (option --edge-friction of jammkle rig slip), not measured, and its peak force hangs on it."
@@ -127,7 +128,7 @@ def _table(findings: Findings, test: str, title: str, paper: str, text: str) -> 
     lines = [
         {
             "identifier": row.identifier,
-            "title": row.title,
+            "title": row.title.replace(" kPa", f"{_NO_BREAK}kPa"),
             "paper_mean": f"{row.mean:.3f}",
             "paper_se": f"{row.standard_error:.3f}",
             "sets": [_cells(by_key[row.identifier, each], digits, error_digits) for each in PARAMETER_SETS],
