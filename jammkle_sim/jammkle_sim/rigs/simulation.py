@@ -147,20 +147,18 @@ class Simulation:
             UnstableSimulationError: as `advance`.
 
         """
-        written = np.zeros((rows, self._row_width))
+        written = np.zeros((rows, records.row_width(len(self._joints), len(self._rig.tendon_names))))
         done = 0
         while done < rows:
             left = self._rows_without_event(rows - done, steps_per_row)
             if left == 0 or not self._body.addresses.all():
+                left = 1
                 self.advance(steps_per_row)
                 kernels.record_row(self._states, self._probe, written[done])
-                done += 1
-                continue
-            white = self._noise.imu_white(left * steps_per_row)
-            part = written[done : done + left]
-            self._count(
-                kernels.advance_and_record(self._laws, self._states, self._body, self._probe, white, part), len(white)
-            )
+            else:
+                white, part = self._noise.imu_white(left * steps_per_row), written[done : done + left]
+                taken = kernels.advance_and_record(self._laws, self._states, self._body, self._probe, white, part)
+                self._count(taken, len(white))
             done += left
         return written
 
@@ -202,8 +200,7 @@ class Simulation:
         """Force between rig and leg, N, as the cell gives it: tension on z is positive."""
         force_n = self._noise.load_cell_n(self._rig_steps)
         force_n[-len(self._load_cell) :] += self._load_cell
-        x, y, z = force_n.tolist()
-        return (x, y, z)
+        return (float(force_n[0]), float(force_n[1]), float(force_n[2]))
 
     def description(self) -> dict[str, object]:
         """Name of the rig and all its parameters, ready for YAML."""
@@ -269,11 +266,9 @@ class Simulation:
             load_cell_n=self._load_cell,
         )
 
-    @property
-    def _row_width(self) -> int:
-        return records.row_width(len(self._joints), len(self._rig.tendon_names))
-
     def _run(self, steps: int) -> None:
+        if steps == 0:
+            return
         white = self._noise.imu_white(steps)
         if self._body.addresses.all():
             taken = kernels.advance_ankle(self._laws, self._states, self._body, white)
