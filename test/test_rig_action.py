@@ -9,7 +9,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import ActionClient
 from rosbags.highlevel import AnyReader
 
-from graph import Probe, Up
 from jammkle_graph.names import CLOCK, DIAGNOSTICS, JAM_STATE, RUN_RIG, TENDON_STATES
 from jammkle_msgs.action import RunRig
 from jammkle_msgs.msg import TendonState
@@ -17,6 +16,8 @@ from jammkle_msgs.msg import TendonState
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from graph import Probe, Up
 
 
 def messages_of(bag: Path, topic: str) -> list[Any]:
