@@ -283,6 +283,17 @@ def test_an_unstable_rig_says_what_it_was(
     graph.spin_until(lambda: fake.steps > steps, "the ankle to go on")
 
 
+def test_who_waits_for_a_rig_is_told_when_the_node_stops(start_graph: Callable[..., Any]) -> None:
+    """A node that is stopped while a rig runs ends the goal first."""
+    graph = start_graph()
+    goal = Goal(graph, "tensile")
+    goal.wait_until_running()
+    graph.sim.shut_down()
+    status, result = goal.result()
+    assert status == GoalStatus.STATUS_ABORTED
+    assert result.message == "tensile, run 1 of 1: the sim node was stopped"
+
+
 def test_commands_wait_for_the_ankle(start_graph: Callable[..., Any], fake: Any) -> None:
     """What the driver commands while a rig runs does nothing to the rig, and stands for the ankle afterwards."""
     graph = start_graph(lambda _: fake, speed=0.0)
