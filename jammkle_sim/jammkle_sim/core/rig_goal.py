@@ -75,6 +75,10 @@ class RigGoal:
             ParameterError: an unknown rig or option, or a value out of range.
 
         """
+        for text in (rig, *texts):
+            if not text.isprintable():
+                msg = f"{text!r} holds characters that cannot be printed; write rigs and options on one line"
+                raise ParameterError(msg)
         kind = rig_kind(rig)
         if not 0 <= repeats <= MAX_REPEATS:
             msg = f"repeats is {repeats}; it must be 0 to {MAX_REPEATS}; send several goals for more"
