@@ -39,12 +39,13 @@ class Results:
 def measure(console: Console) -> Results:
     """Run every benchmark, one after the other."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    # First, as memory that others have freed would hide a growth.
+    with console.status("memory over ten simulated minutes"):
+        memory = measure_memory()
     with console.status("simulation steps per second"):
         steps = measure_steps()
     with console.status("rigs side by side"):
         side_by_side = measure_side_by_side()
-    with console.status("memory over ten simulated minutes"):
-        memory = measure_memory()
     with own_domain() as domain_id, console.status("from impact to solenoid"):
         delays = measure_delays(domain_id)
     loads = []
