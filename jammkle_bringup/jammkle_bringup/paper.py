@@ -114,12 +114,14 @@ def _check(request: PaperRequest) -> None:
         if not least <= value <= most:
             msg = f"{option} {value} must be {least} to {most}"
             raise InputError(msg)
-    report.check_writable(request.json)
+    if request.json is not None and request.json.absolute().parent != request.folder.absolute():
+        report.check_writable(request.json)
     try:
         request.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         msg = f"folder {request.folder} cannot be made: {error.strerror}"
         raise InputError(msg) from error
+    report.check_writable(request.json)
     report.check_writable(request.folder / PAGE_NAME, "--output")
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import functools
 import json
-from typing import TYPE_CHECKING
-
-from rclpy.serialization import serialize_message
+from typing import TYPE_CHECKING, Any
 
 from jammkle_bringup.conversions import bag_qos
 from jammkle_bringup.core.bag_log import BagLog, TimeSource
 from jammkle_bringup.core.namespace import resolved
+from jammkle_bringup.core.serialisation import Serialiser
 from jammkle_bringup.rig_messages import messages
 from jammkle_graph.names import CLOCK, SIM_PARAMETERS, TOPICS
 from jammkle_graph.qos import publisher_qos
@@ -46,22 +45,27 @@ def write_bag(run: RigRun, path: Path, namespace: str, definitions: MessageDefin
 
     """
     log = BagLog(path, definitions, TimeSource.SIMULATED)
+    serialiser = Serialiser(definitions)
     names = {topic.name: resolved(namespace, topic.name) for topic in TOPICS}
     for topic in TOPICS:
         log.add_topic(names[topic.name], topic.message_type, functools.partial(_offered, topic))
     clock = OutgoingMessages(())
+
+    def write(topic: Topic, message: Any) -> None:
+        log.write(names[topic.name], serialiser.serialised(topic.message_type, message))
+
     log.tick(0)
     at_ns = 0
     try:
         for time_ns, topic, message in messages(run, namespace):
             if time_ns > at_ns:
-                log.write(names[CLOCK.name], serialize_message(clock.clock(at_ns)))
+                write(CLOCK, clock.clock(at_ns))
                 at_ns = time_ns
                 log.tick(at_ns)
-            log.write(names[topic.name], serialize_message(message))
+            write(topic, message)
             if topic is SIM_PARAMETERS:
                 log.set_custom_data(SIM_PARAMETERS.name, message.data)
-        log.write(names[CLOCK.name], serialize_message(clock.clock(at_ns)))
+        write(CLOCK, clock.clock(at_ns))
         log.set_custom_data(RESULTS_KEY, json.dumps(run.results))
     finally:
         counts = log.close()

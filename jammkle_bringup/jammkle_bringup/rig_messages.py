@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import heapq
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Bool, Float32
@@ -28,7 +30,7 @@ from jammkle_sim.conversions import OutgoingMessages, parameters_message, time_m
 from jammkle_sim.rigs.simulation import ImuSample, TendonSample
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from jammkle_sim.rigs.run import RigRun, Series
 
@@ -37,8 +39,8 @@ _HARDWARE_ID = "jammkle_sim"
 _DIAGNOSTICS_PERIOD_S = 1.0
 _PRESSURE_TOPICS = (MANIFOLD_PRESSURE, *PRESSURES.values())
 
-Timed = tuple[int, int, Topic, Any]
-"""Time, ns since the start of the rig; rank of the topic among those of one time; topic; message."""
+Timed = tuple[int, int, Topic, Callable[[], Any]]
+"""Time, ns since the start of the rig; rank of the topic among those of one time; topic; what makes the message."""
 
 
 def messages(run: RigRun, namespace: str) -> Iterator[tuple[int, Topic, Any]]:
@@ -78,18 +80,20 @@ def messages(run: RigRun, namespace: str) -> Iterator[tuple[int, Topic, Any]]:
         for rank, (topic, make) in enumerate(makers, start=1)
         if topic.name in run.topics
     ]
-    for time_ns, _, topic, message in heapq.merge(*streams, key=lambda timed: timed[:2]):
-        yield time_ns, topic, message
+    # Topics share messages that are filled anew, so none is made before its turn has come.
+    for time_ns, _, topic, make_message in heapq.merge(*streams, key=lambda timed: timed[:2]):
+        yield time_ns, topic, make_message()
 
 
 def _stream(series: Series, rank: int, topic: Topic, make: Callable[[int, dict[str, float]], Any]) -> Iterator[Timed]:
     for time_s, values in zip(series.time_s.tolist(), series.values.tolist(), strict=True):
         time_ns = _nanoseconds(time_s)
-        yield time_ns, rank, topic, make(time_ns, dict(zip(series.columns, values, strict=True)))
+        row = dict(zip(series.columns, values, strict=True))
+        yield time_ns, rank, topic, functools.partial(make, time_ns, row)
 
 
 def _parameters(run: RigRun) -> Iterator[Timed]:
-    yield 0, 0, SIM_PARAMETERS, parameters_message(run.description)
+    yield 0, 0, SIM_PARAMETERS, lambda: parameters_message(run.description)
 
 
 def _diagnostics(run: RigRun, namespace: str, rank: int) -> Iterator[Timed]:
@@ -101,8 +105,9 @@ def _diagnostics(run: RigRun, namespace: str, rank: int) -> Iterator[Timed]:
     for time_s in sorted({*regular_s, *torn_s.values()}):
         broken = [tendon for tendon, since_s in torn_s.items() if since_s <= time_s]
         time_ns = _nanoseconds(time_s)
-        array = diagnostic_array(time_message(time_ns), name, _HARDWARE_ID, [_tendon_health(broken)])
-        yield time_ns, rank, DIAGNOSTICS, array
+        health = [_tendon_health(broken)]
+        make = functools.partial(diagnostic_array, time_message(time_ns), name, _HARDWARE_ID, health)
+        yield time_ns, rank, DIAGNOSTICS, make
 
 
 def _tendon_health(broken: list[str]) -> Health:

@@ -106,15 +106,14 @@ def run_all(
     count = min(workers or len(os.sched_getaffinity(0)), len(tasks))
     # A fresh interpreter per worker: a fork would copy whatever threads and compiled state this process holds.
     context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(count, context, _start_worker, (os.getpid(),)) as pool:
+    pool = concurrent.futures.ProcessPoolExecutor(count, context, _start_worker, (os.getpid(),))
+    try:
         futures = [pool.submit(run_task, task) for task in tasks]
         task_of = dict(zip(futures, tasks, strict=True))
-        try:
-            _wait(futures, lambda future, done: on_done(done, task_of[future]), asked_to_stop)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        _wait(futures, lambda future, done: on_done(done, task_of[future]), asked_to_stop)
         return tuple(future.result() for future in futures)
+    finally:  # without this the runs that nobody waits for any more would all be done
+        pool.shutdown(cancel_futures=True)
 
 
 def _wait(
