@@ -1,4 +1,4 @@
-"""The README's tables of topics, services and parameters, made from the code.
+"""The README's tables of topics, services, actions, parameters and rig options, made from the code.
 
 `python test/readme_tables.py` writes them into README.md; a test fails when they differ.
 """
@@ -10,9 +10,10 @@ from pathlib import Path
 
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.names import CHANNELS, SERVICES, TOPICS
+from jammkle_graph.names import ACTIONS, CHANNELS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_sim.parameters import SimParameters
+from jammkle_sim.rigs.catalogue import RIGS
 
 README = Path(__file__).parents[1] / "README.md"
 NODES: dict[str, type[ParameterClass]] = {
@@ -42,6 +43,12 @@ def value_text(value: Value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def option_line(row: ParameterRow) -> tuple[str, ...]:
+    """One line of a table of options of the command."""
+    name, *rest = parameter_line(row)
+    return (f"`--{name.strip('`').replace('_', '-')}`", *rest)
+
+
 def parameter_line(row: ParameterRow) -> tuple[str, ...]:
     """One line of a parameter table."""
     default = f"{value_text(row.default)} {row.unit}".rstrip()
@@ -60,10 +67,18 @@ def tables() -> dict[str, str]:
             ("service", "type", "what"),
             [(f"`{any_channel(s.path)}`", f"`{s.service_type}`", s.note) for s in SERVICES],
         ),
+        "actions": table(
+            ("action", "type", "what"),
+            [(f"`{a.path}`", f"`{a.action_type}`", a.note) for a in ACTIONS],
+        ),
     }
     for node, parameters in NODES.items():
         made[f"parameters of {node}"] = table(
             ("parameter", "default", "range", "what"), [parameter_line(row) for row in rows(parameters)]
+        )
+    for rig in RIGS.values():
+        made[f"options of rig {rig.name}"] = table(
+            ("option", "default", "range", "what"), [option_line(row) for row in rows(rig.options)]
         )
     return made
 

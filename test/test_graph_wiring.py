@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from graph import Probe, Up, interface
 from jammkle_graph.names import (
+    ACTIONS,
     CHANNELS,
     CLOCK,
     CONTROLLER_NODE,
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
 
 LATE_S = 2.0
+HIDDEN = "/_action/"
+"""In the names of the topics and services that ROS makes an action of."""
 NODES = (DRIVER_NODE, CONTROLLER_NODE, SIM_NODE)
 ROS_OWN_SERVICES = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/")
 """Services that ROS gives every node or every lifecycle node."""
@@ -70,7 +74,7 @@ def test_there_is_no_topic_that_is_not_in_the_table(probe: Probe) -> None:
     for node in NODES:
         pairs = probe.node.get_publisher_names_and_types_by_node(node, "/")
         pairs += probe.node.get_subscriber_names_and_types_by_node(node, "/")
-        assert {name for name, _ in pairs} <= known
+        assert {name for name, _ in pairs if HIDDEN not in name} <= known
 
 
 def test_the_services_are_those_in_the_table(probe: Probe) -> None:
@@ -79,9 +83,18 @@ def test_the_services_are_those_in_the_table(probe: Probe) -> None:
         offered = {
             (name, types[0])
             for name, types in probe.node.get_service_names_and_types_by_node(node, "/")
-            if not types[0].startswith(ROS_OWN_SERVICES)
+            if not types[0].startswith(ROS_OWN_SERVICES) and HIDDEN not in name
         }
         assert offered == {(f"/{each.path}", each.service_type) for each in SERVICES if each.node == node}
+
+
+def test_the_actions_are_those_in_the_table(probe: Probe) -> None:
+    """Each node offers exactly the actions of the table, with their types."""
+    for node in NODES:
+        offered = get_action_server_names_and_types_by_node(probe.node, node, "/")
+        assert {(name, types[0]) for name, types in offered} == {
+            (f"/{each.path}", each.action_type) for each in ACTIONS if each.node == node
+        }
 
 
 @pytest.mark.usefixtures("probe")

@@ -18,6 +18,7 @@ PURE = (
     "jammkle_driver.core",
     "jammkle_controller.core",
     "jammkle_sim.physics",
+    "jammkle_sim.fit",
     "jammkle_sim.rigs",
     "jammkle_sim.core",
     "jammkle_bringup.core",
@@ -28,6 +29,7 @@ ALLOWED = {
     "jammkle_controller": {"jammkle_controller", "jammkle_graph", "jammkle_msgs"},
     "jammkle_sim": {"jammkle_sim", "jammkle_graph", "jammkle_msgs"},
     "jammkle_sim.physics": {"jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_sim.fit": {"jammkle_sim.fit", "jammkle_sim.paper_tables", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.rigs": {"jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
 }
 BLOCKED = (

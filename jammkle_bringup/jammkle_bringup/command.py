@@ -172,6 +172,38 @@ def info(
     return 0
 
 
+@app.command(
+    # The options are the rig's: its own command line, made from its table of options, takes them all.
+    context_settings={"help_option_names": [], "ignore_unknown_options": True, "allow_interspersed_args": False},
+)
+def rig(
+    arguments: Annotated[list[str] | None, typer.Argument(help="NAME [OPTIONS]; see `jammkle rig --help`.")] = None,
+) -> int:
+    """Run a rig without the graph, as fast as it can, and write a bag."""
+    from jammkle_bringup.rig_run import rig as run
+
+    return run(arguments or [])
+
+
+@app.command()
+def paper(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.")] = Path(
+        "runs/paper"
+    ),
+    repeats: Annotated[int, typer.Option(help="Scattered repeats of each test, 2 to 1000.")] = 5,
+    seed: Annotated[int, typer.Option(help="Seed of scatter and noise, 0 to 2147483647.")] = 0,
+    refit: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--refit", help="Fit the tendon's constants again first; exit 1 if others come out.")
+    ] = False,
+    json: JsonOption = None,
+) -> int:
+    """Run every test of the paper and write a page with its tables and figures beside the simulation."""
+    from jammkle_bringup.paper import PaperRequest
+    from jammkle_bringup.paper import paper as compare
+
+    return compare(PaperRequest(output, json, refit, repeats, seed))
+
+
 @app.command()
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.")] = Path(

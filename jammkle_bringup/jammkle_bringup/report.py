@@ -47,8 +47,8 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
         raise InputError(msg) from error
 
 
-def check_writable(path: Path | None) -> None:
-    """Refuse a results file that could not be written, before the work is done.
+def check_writable(path: Path | None, option: str = "--json") -> None:
+    """Refuse a results file that could not be written, before the work is done; `option` is what asked for it.
 
     Raises:
         InputError: its folder does not exist, or it is a folder.
@@ -65,7 +65,7 @@ def check_writable(path: Path | None) -> None:
     except OSError as error:
         why = error.strerror or str(error)
     if why:
-        msg = f"--json {path} cannot be written: {why}"
+        msg = f"{option} {path} cannot be written: {why}"
         raise InputError(msg)
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-COMMANDS = ("up", "jam", "unjam", "status", "record", "info", "demo")
+COMMANDS = ("up", "jam", "unjam", "status", "record", "info", "rig", "rig tensile", "paper", "demo")
 
 LONG = "x" * 300
 
@@ -47,7 +47,7 @@ def _own_signals() -> Any:
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("arguments", [["--help"], [], *([name, "--help"] for name in COMMANDS)])
+@pytest.mark.parametrize("arguments", [["--help"], [], *([*name.split(), "--help"] for name in COMMANDS)])
 def test_help_exits_with_zero(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """The command and every subcommand explain themselves."""
     assert main(arguments) == 0
@@ -107,6 +107,27 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("info {folder}", ("{folder}", "metadata.yaml")),
         ("info {folder}/broken_bag", ("broken_bag", "cannot be read")),
         ("info {folder}/text.yaml", ("text.yaml", "cannot be read")),
+        ("rig sled -o {folder}/bag", ("sled",)),
+        ("rig tensile", ("--output", "--save-mjcf")),
+        ("rig tensile -o {folder}", ("{folder}", "exists")),
+        ("rig tensile -o {folder}/bag --material a50", ("--material", "a50", "multi, a30, a85")),
+        ("rig tensile -o {folder}/bag --vacuum-pa 1e6", ("--vacuum-pa", "1e+06", "0 to 75000 Pa")),
+        ("rig tensile -o {folder}/bag --vacuum-pa nan", ("--vacuum-pa", "nan")),
+        ("rig tensile -o {folder}/bag --vacuum-pa much", ("--vacuum-pa",)),
+        ("rig tensile -o {folder}/bag --vacuum-pa 5e4 --membrane no", ("--vacuum-pa", "50000", "membrane")),
+        ("rig tensile -o {folder}/bag --foot jammed", ("--foot",)),
+        ("rig tensile -o {folder}/bag --repeats 0", ("--repeats", "0", "1 to 1000")),
+        ("rig tensile -o {folder}/bag --seed -1", ("--seed", "-1")),
+        ("rig tensile -o {folder}/bag --timestep-s 0.0007", ("--timestep-s", "0.0007", "divide")),
+        ("rig tensile -o {folder}/bag --json {folder}/no/where.json", ("where.json", "no folder")),
+        ("rig drop -o {folder}/bag --foot clown", ("--foot", "clown", "squash_ball")),
+        ("rig drop --save-mjcf {folder}/no/drop.xml", ("--save-mjcf", "drop.xml", "no folder")),
+        ("rig slip -o {folder}/bag --foot rigid_ankle --edge-friction 0.8", ("--edge-friction", "0.8", "wedges")),
+        ("rig slip -o {folder}/bag --namespace 1st", ("1st", "lf_ankle")),
+        ("paper -o {folder}/page --repeats 1", ("--repeats", "1", "2 to 1000")),
+        ("paper -o {folder}/page --seed -1", ("--seed", "-1")),
+        ("paper -o {folder}/text.yaml", ("text.yaml",)),
+        ("paper -o {folder}/page --json {folder}/no/where.json", ("where.json", "no folder")),
         ("dance", ("dance",)),
         ("jam --fast", ("--fast",)),
     ],

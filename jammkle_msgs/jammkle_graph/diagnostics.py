@@ -81,20 +81,33 @@ class DiagnosticsPublisher:
 
     def _send(self, health: Sequence[Health]) -> None:
         self._last = _signature(health)
-        array = DiagnosticArray()
-        array.header.stamp = self._stamp()
         name = self._node.get_fully_qualified_name()
-        array.status = [
-            DiagnosticStatus(
-                name=f"{name}: {line.about}",
-                level=line.level.value,
-                message=line.message,
-                hardware_id=self._hardware_id,
-                values=[KeyValue(key=key, value=value) for key, value in line.values.items()],
-            )
-            for line in health
-        ]
-        self._publisher.publish(array)
+        self._publisher.publish(diagnostic_array(self._stamp(), name, self._hardware_id, health))
+
+
+def diagnostic_array(stamp: Time, node_name: str, hardware_id: str, health: Sequence[Health]) -> DiagnosticArray:
+    """Return health as a message.
+
+    Args:
+        stamp: The graph's time.
+        node_name: Absolute name of the node that reports.
+        hardware_id: What the health is about, as in diagnostic_msgs.
+        health: The lines.
+
+    """
+    array = DiagnosticArray()
+    array.header.stamp = stamp
+    array.status = [
+        DiagnosticStatus(
+            name=f"{node_name}: {line.about}",
+            level=line.level.value,
+            message=line.message,
+            hardware_id=hardware_id,
+            values=[KeyValue(key=key, value=value) for key, value in line.values.items()],
+        )
+        for line in health
+    ]
+    return array
 
 
 def _signature(health: Sequence[Health]) -> tuple[tuple[str, Level, str], ...]:

@@ -1,4 +1,4 @@
-"""Names on the graph: nodes, channels, tendons, joints, frames, topics, services. Does not import rclpy.
+"""Names on the graph: nodes, channels, tendons, joints, frames, topics, services, actions. Does not import rclpy.
 
 All topic names are relative, so that a namespace per ankle (`/lf_ankle`) is enough for a quadruped;
 only `/clock` and `/diagnostics` are absolute.
@@ -198,3 +198,31 @@ SERVICES: tuple[Service, ...] = (
     STEP,
 )
 """Every service of one ankle's graph, apart from those that ROS gives each node."""
+
+
+@dataclass(frozen=True)
+class Action:
+    """One action: who offers it, its name below that node, its type as `package/action/Name`, what it does."""
+
+    node: str
+    suffix: str
+    action_type: str
+    note: str
+
+    @property
+    def name(self) -> str:
+        """Name as the node itself creates it: private, so that it follows the node's name and namespace."""
+        return f"~/{self.suffix}"
+
+    @property
+    def path(self) -> str:
+        """Name relative to the namespace, for clients: `sim/run_rig`."""
+        return f"{self.node}/{self.suffix}"
+
+
+RUN_RIG = Action(
+    SIM_NODE, "run_rig", "jammkle_msgs/action/RunRig", "run a rig in place of the simulated ankle, then go on with that"
+)
+
+ACTIONS: tuple[Action, ...] = (RUN_RIG,)
+"""Every action of one ankle's graph."""

@@ -17,13 +17,16 @@ from sensor_msgs.msg import FluidPressure, Imu, JointState
 from std_msgs.msg import Header, String
 
 from jammkle_graph.names import IMU_FRAME, LOAD_CELL_FRAME, TENDONS
-from jammkle_msgs.msg import TendonState, TendonStates
+from jammkle_msgs.action import RunRig
+from jammkle_msgs.msg import RigFigure, TendonState, TendonStates
+from jammkle_sim.core.rig_goal import RigGoal
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from std_msgs.msg import Float32
 
+    from jammkle_sim.core.rig_goal import Figure
     from jammkle_sim.rigs.simulation import ImuSample, TendonSample
 
 _NANOSECONDS = 1_000_000_000
@@ -42,14 +45,14 @@ class BadCommandError(ValueError):
 class OutgoingMessages:
     """The messages that the sim node publishes at a rate, each made once and filled again and again."""
 
-    def __init__(self) -> None:
-        """Make the messages."""
+    def __init__(self, tendons: Sequence[str] = TENDONS) -> None:
+        """Make the messages, tendon_states for these tendons."""
         self._clock = Clock()
         self._imu = Imu(header=Header(frame_id=IMU_FRAME))
         self._imu.orientation_covariance[0] = _NO_ORIENTATION
         self._pressure = FluidPressure()
         self._joints = JointState()
-        self._tendons = TendonStates(tendons=[TendonState(name=name) for name in TENDONS])
+        self._tendons = TendonStates(tendons=[TendonState(name=name) for name in tendons])
         self._wrench = WrenchStamped(header=Header(frame_id=LOAD_CELL_FRAME))
 
     def clock(self, time_ns: int) -> Clock:
@@ -79,7 +82,7 @@ class OutgoingMessages:
         return _stamped(self._joints, self._joints.header.stamp, time_ns)
 
     def tendon_states(self, time_ns: int, tendons: Sequence[TendonSample]) -> TendonStates:
-        """Return extension, m, rate, m/s, and tension, N, of every tendon, in the order of names.TENDONS."""
+        """Return extension, m, rate, m/s, and tension, N, of every tendon, in the order given at the start."""
         for message, tendon in zip(self._tendons.tendons, tendons, strict=True):
             _check_finite(f"tendon '{tendon.name}'", (tendon.extension_m, tendon.extension_rate_m_s, tendon.tension_n))
             message.name = tendon.name
@@ -105,6 +108,30 @@ def time_message(time_ns: int) -> Time:
 def parameters_message(description: Mapping[str, object]) -> String:
     """Return all parameters of rig and simulation as YAML, for people and for a bag."""
     return String(data=yaml.safe_dump(dict(description), sort_keys=False, allow_unicode=True))
+
+
+def rig_goal_from(request: RunRig.Goal) -> RigGoal:
+    """Return what a goal of ~/run_rig asks for.
+
+    Raises:
+        ParameterError: an unknown rig or option, or a value out of range.
+
+    """
+    return RigGoal(request.rig, list(request.options), request.repeats, request.seed)
+
+
+def rig_feedback(progress: float, time_s: float) -> RunRig.Feedback:
+    """Return the share of all runs that is done, and the simulated time, s, of the present one."""
+    return RunRig.Feedback(progress=progress, simulated_time_s=time_s)
+
+
+def rig_result(message: str, figures: Iterable[Figure], *, success: bool) -> RunRig.Result:
+    """Return the end of a goal: what happened and what was measured, SI."""
+    return RunRig.Result(
+        success=success,
+        message=message,
+        figures=[RigFigure(name=each.name, unit=each.unit, values=list(each.values)) for each in figures],
+    )
 
 
 def duty_from(message: Float32) -> float:

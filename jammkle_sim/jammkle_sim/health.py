@@ -37,12 +37,28 @@ def simulation_health(engine: Engine) -> Health:
     return Health("simulation", Level.OK, control.state.value, values)
 
 
-def tendon_health(broken: Sequence[str]) -> Health:
-    """Whether every tendon is whole."""
+def tendon_health(broken: Sequence[str], rig: str) -> Health:
+    """Whether every tendon is whole, of the ankle or of the rig that runs in its place (empty: none does)."""
     values = {"broken tendons": ", ".join(broken) or "none"}
     if broken:
-        return Health("tendons", Level.ERROR, f"broken: {', '.join(broken)}; ~/reset makes them whole", values)
+        way_out = f"the next run of rig '{rig}' starts with whole ones" if rig else "~/reset makes them whole"
+        return Health("tendons", Level.ERROR, f"broken: {', '.join(broken)}; {way_out}", values)
     return Health("tendons", Level.OK, "whole", values)
+
+
+def rig_health(running: str, trouble: str) -> Health:
+    """What ~/run_rig does, and what went wrong in the goal before.
+
+    Args:
+        running: Which run of which rig is running; empty if none is.
+        trouble: What tore or failed in the latest goal; empty if nothing did.
+
+    """
+    if running:
+        return Health("rig", Level.OK, f"running {running}")
+    if trouble:
+        return Health("rig", Level.ERROR, f"{trouble}; the next goal of ~/run_rig or ~/reset clears this")
+    return Health("rig", Level.OK, "none running")
 
 
 def command_health(refused: str) -> Health:

@@ -22,9 +22,10 @@ from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
 from jammkle_sim.core.run_control import RunControl, RunState
 from jammkle_sim.core.schedule import Output, steps_per_output
-from jammkle_sim.health import command_health, simulation_health, tendon_health
+from jammkle_sim.health import command_health, rig_health, simulation_health, tendon_health
 from jammkle_sim.outputs import Outputs
 from jammkle_sim.parameters import MAX_RATE_HZ, PRESSURE_RATE_HZ, SimParameters
+from jammkle_sim.rig_action import RigAction
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.services import Services
 
@@ -72,12 +73,13 @@ class SimNode(Node):
         self._description = self.create_publisher(
             String, names.SIM_PARAMETERS.name, publisher_qos(names.SIM_PARAMETERS)
         )
-        self._description.publish(parameters_message(self._simulation.description()))
+        self._show(None)
         self._diagnostics = DiagnosticsPublisher(
             self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
         )
         self._commands = Commands(self, self._simulation, self._diagnostics.check)
         self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
+        self._rigs = RigAction(self, self._engine, self._show, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._clock_repeater = self.create_timer(_STANDING_CLOCK_PERIOD_S, self._repeat_standing_clock, clock=steady)
         self.add_on_set_parameters_callback(self._refuse_late_start_time)
@@ -108,9 +110,8 @@ class SimNode(Node):
             if tick is not None:
                 self._outputs.publish(tick)
         except (UnstableSimulationError, NotFiniteError) as error:
-            self._engine.fail(str(error))
-            self.get_logger().error(f"{error}; paused until ~/reset")
-            self._diagnostics.check()
+            self._fail(str(error))
+        self._rigs.go_on()
         self._answers.answer_finished_steps()
         if self._outputs.broken_tendons != self._reported_broken:
             self._reported_broken = self._outputs.broken_tendons
@@ -124,9 +125,12 @@ class SimNode(Node):
             executor.spin_once(timeout_sec=self.cycle())
 
     def shut_down(self) -> None:
-        """Answer whoever still waits for steps."""
+        """Answer whoever still waits for steps or for a rig."""
+        self._rigs.fail("the sim node was stopped")
         self._engine.fail("the sim node was stopped")
         self._answers.answer_finished_steps()
+        if self.executor is not None:
+            self.executor.spin_once(timeout_sec=0)  # sends the rig's result
 
     def _refuse_late_start_time(self, changes: list[Parameter]) -> SetParametersResult:
         """Time must not jump once it has begun."""
@@ -146,15 +150,33 @@ class SimNode(Node):
         if standing and self._engine.time_ns > 0:
             self._outputs.publish_clock(self._engine.time_ns)
 
+    def _fail(self, why: str) -> None:
+        """Stop what cannot be simulated any further: the rig, and else the ankle."""
+        if self._rigs.place:
+            self.get_logger().error(f"{self._rigs.place}: {why}")
+            self._rigs.fail(why)
+            return
+        self._engine.fail(why)
+        self.get_logger().error(f"{why}; paused until ~/reset")
+        self._diagnostics.check()
+
+    def _show(self, rig: Simulation | None) -> None:
+        """Publish the outputs of a rig, or of the ankle again, and say what it is."""
+        simulation = self._simulation if rig is None else rig
+        self._outputs.show(simulation)
+        self._description.publish(parameters_message(simulation.description()))
+
     def _reset(self) -> None:
         self._engine.reset()
+        self._rigs.forget_trouble()
         self._commands.apply()
 
     def _health(self) -> list[Health]:
         return [
             simulation_health(self._engine),
-            tendon_health(self._outputs.broken_tendons),
+            tendon_health(self._outputs.broken_tendons, self._engine.control.rig),
             command_health(self._commands.refused),
+            rig_health(self._rigs.place, self._rigs.trouble),
         ]
 
 

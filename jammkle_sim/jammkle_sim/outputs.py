@@ -29,9 +29,7 @@ class Outputs:
 
     def __init__(self, node: Node, simulation: Simulation, *, publish_clock: bool) -> None:
         """Make the publishers on `node`; without `publish_clock` somebody else keeps the graph's time."""
-        self._simulation = simulation
-        self._messages = OutgoingMessages()
-        self._broken_tendons: tuple[str, ...] = ()
+        self.show(simulation)
         self._imu = _publisher(node, Imu, names.IMU)
         self._joint_states = _publisher(node, JointState, names.JOINT_STATES)
         self._tendon_states = _publisher(node, TendonStates, names.TENDON_STATES)
@@ -51,8 +49,15 @@ class Outputs:
 
     @property
     def broken_tendons(self) -> tuple[str, ...]:
-        """Names of the tendons that were broken in the last tendon_states."""
+        """Names of the tendons that were broken when last looked at."""
         return self._broken_tendons
+
+    def show(self, simulation: Simulation) -> None:
+        """Sample this simulation from now on."""
+        self._simulation = simulation
+        tendons = simulation.tendons()
+        self._messages = OutgoingMessages([tendon.name for tendon in tendons])
+        self._broken_tendons = tuple(tendon.name for tendon in tendons if tendon.broken)
 
     def publish(self, tick: Tick) -> None:
         """Publish a tick's outputs, then its /clock.

@@ -16,6 +16,8 @@ from rich.table import Table
 from delay import Delays, measure_delays
 from jammkle_graph.testing import own_domain
 from load import Load, measure_load
+from memory import Memory, measure_memory
+from side_by_side import SideBySide, measure_side_by_side
 from steps import StepRates, measure_steps
 
 IMU_RATES_HZ = (500, 1000)
@@ -28,6 +30,8 @@ class Results:
     machine: str
     cores: int
     steps: StepRates
+    side_by_side: SideBySide
+    memory: Memory
     delays: Delays
     loads: list[Load]
 
@@ -35,15 +39,20 @@ class Results:
 def measure(console: Console) -> Results:
     """Run every benchmark, one after the other."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    # First, as memory that others have freed would hide a growth.
+    with console.status("memory over ten simulated minutes"):
+        memory = measure_memory()
     with console.status("simulation steps per second"):
         steps = measure_steps()
+    with console.status("rigs side by side"):
+        side_by_side = measure_side_by_side()
     with own_domain() as domain_id, console.status("from impact to solenoid"):
         delays = measure_delays(domain_id)
     loads = []
     for rate_hz in IMU_RATES_HZ:
         with own_domain() as domain_id, console.status(f"load at {rate_hz} Hz"):
             loads += measure_load(domain_id, rate_hz)
-    return Results(platform.machine(), os.cpu_count() or 1, steps, delays, loads)
+    return Results(platform.machine(), os.cpu_count() or 1, steps, side_by_side, memory, delays, loads)
 
 
 def table_of(results: Results) -> Table:
@@ -56,6 +65,19 @@ def table_of(results: Results) -> Table:
         f"bare mj_step, in C {steps.bare_steps_per_s:,.0f}",
         f"{steps.ratio:.2f} ({steps.ratio_lowest:.2f} to {steps.ratio_highest:.2f}); "
         f"{steps.ratio_sample_by_sample:.2f} sample by sample",
+    )
+    together, memory = results.side_by_side, results.memory
+    table.add_row(
+        f"steps per second of {together.rigs} rigs together, {together.workers} threads",
+        f"{together.full_steps_per_s:,.0f}",
+        f"bare mujoco.rollout {together.bare_steps_per_s:,.0f}",
+        f"{together.ratio:.2f} ({together.ratio_lowest:.2f} to {together.ratio_highest:.2f})",
+    )
+    table.add_row(
+        f"memory over {memory.simulated_minutes} simulated minutes",
+        f"{memory.resident_growth_kib_per_minute:+.1f} KiB per minute",
+        f"Python's own {memory.traced_growth_kib_per_minute:+.1f} KiB per minute",
+        f"of {memory.resident_mib:.0f} MiB",
     )
     table.add_row(
         f"impact to solenoid, {delays.trials} landings",

@@ -86,6 +86,6 @@ def _topic(connection: Connection, duration_s: float) -> TopicInfo:
 def _custom_data(reader: AnyReader) -> dict[str, str]:
     found: dict[str, str] = {}
     for part in reader.readers:
-        metadata = getattr(part, "metadata", None) or getattr(getattr(part, "reader", None), "metadata", None)
+        metadata = getattr(getattr(part, "storage", None), "metadata", None)  # a single file of a bag has none
         found.update(getattr(metadata, "custom", None) or {})
     return found

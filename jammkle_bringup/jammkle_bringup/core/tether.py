@@ -18,12 +18,17 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _EXIT_ORPHANED = 143  # what a shell reports for SIGTERM
 
 
-def main() -> None:
-    """Set the parent-death signal and replace this process by the command."""
-    parent, *command = sys.argv[1:]
+def end_with_parent(parent: int) -> None:
+    """Have the kernel send SIGTERM to this process when its parent, whose process id is given, ends."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if os.getppid() != int(parent):  # the parent ended before the signal was set
+    if os.getppid() != parent:  # the parent ended before the signal was set
         sys.exit(_EXIT_ORPHANED)
+
+
+def main() -> None:
+    """Tie this process to its parent and replace it by the command."""
+    parent, *command = sys.argv[1:]
+    end_with_parent(int(parent))
     os.execv(command[0], command)  # noqa: S606 - no shell is wanted; the command is the supervisor's own
 
 

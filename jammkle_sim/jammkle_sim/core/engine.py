@@ -12,6 +12,8 @@ from jammkle_sim.core.schedule import STATES, Output, Schedule, timestep_ns
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+_SECONDS_PER_NANOSECOND = 1e-9
+
 
 class SteppedSimulation(Protocol):
     """What the engine needs of a simulation."""
@@ -39,8 +41,47 @@ class Tick:
     outputs: tuple[Output, ...]
 
 
+class _Course:
+    """A simulation, when which of its outputs are due, and where its steps lie in simulated time."""
+
+    def __init__(self, simulation: SteppedSimulation, periods: Mapping[Output, int], start_ns: int) -> None:
+        self.simulation = simulation
+        self.schedule = Schedule(periods)
+        self.timestep_ns = timestep_ns(simulation.timestep_s)
+        self._timestep_s = simulation.timestep_s
+        self._start_ns = start_ns - self.step * self.timestep_ns
+        self.first_step = self.step
+
+    @property
+    def step(self) -> int:
+        """Steps since the simulation was made."""
+        return round(self.simulation.time_s / self._timestep_s)
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time, ns."""
+        return self.time_ns_at(self.step)
+
+    def time_ns_at(self, step: int) -> int:
+        """Simulated time, ns, of a step."""
+        return self._start_ns + step * self.timestep_ns
+
+    def whole_steps_ns(self, time_s: float) -> int:
+        """Simulated time, ns, rounded to a whole step."""
+        return round(time_s / self._timestep_s) * self.timestep_ns
+
+    def next_step(self) -> int:
+        """Next step at which something is due."""
+        step = self.step
+        return step + self.schedule.steps_to_next(step - self.first_step)
+
+    def move_to(self, time_ns: int) -> None:
+        """Let the step that it stands at lie at this simulated time."""
+        self._start_ns += time_ns - self.time_ns
+
+
 class Engine:
-    """One simulation, its pace, its schedule and its run state."""
+    """One simulation, its pace, its schedule and its run state; and another one in its place for a while."""
 
     def __init__(
         self,
@@ -63,27 +104,25 @@ class Engine:
             RateError: the time step is not a whole number of nanoseconds.
 
         """
-        self._simulation = simulation
-        self._schedule = Schedule(periods)
+        own_ns = round(simulation.time_s / simulation.timestep_s) * timestep_ns(simulation.timestep_s)
+        self._own = _Course(simulation, periods, own_ns)
+        self._course = self._own
         self._control = control
         self._pacer = pacer
         self._factor = RealTimeFactor()
         self._now_s = now_s
-        self._timestep_s = simulation.timestep_s
-        self._timestep_ns = timestep_ns(self._timestep_s)
-        self._start_ns = 0
-        self._first_step = self._step
+        self._begun = False
         self.restart_pace()
 
     @property
     def time_ns(self) -> int:
-        """Simulated time, ns: the time of the start and the exact multiple of the time step."""
-        return self._start_ns + self._step * self._timestep_ns
+        """Simulated time, ns, exact: it counts whole steps from the time of the start."""
+        return self._course.time_ns
 
     @property
     def begun(self) -> bool:
         """True once a step was taken."""
-        return self._step > 0
+        return self._begun
 
     @property
     def control(self) -> RunControl:
@@ -109,7 +148,7 @@ class Engine:
             return 0.0
         if state is not RunState.RUNNING:
             return float("inf")
-        return self._pacer.wait_s(self._next_step() * self._timestep_s, self._now_s())
+        return self._pacer.wait_s(self._time_s_at(self._course.next_step()), self._now_s())
 
     def cycle(self) -> Tick | None:
         """Advance to the next due output if its time has come.
@@ -120,18 +159,20 @@ class Engine:
         """
         if self.wait_s() > 0:
             return None
-        target = self._next_step()
+        course = self._course
+        target = course.next_step()
         now_s = self._now_s()
         stepping = self._control.state is RunState.STEPPING
         if stepping:
-            target = min(target, self._step + self._control.steps_left)
+            target = min(target, course.step + self._control.steps_left)
         else:
-            self._pacer.begin(target * self._timestep_s, now_s)
-        steps = target - self._step
-        self._simulation.advance(steps)
+            self._pacer.begin(self._time_s_at(target), now_s)
+        steps = target - course.step
+        course.simulation.advance(steps)
+        self._begun = True
         self._control.steps_taken(steps)
-        self._factor.note(target * self._timestep_s, now_s)
-        outputs = self._schedule.due(target - self._first_step)
+        self._factor.note(self._time_s_at(target), now_s)
+        outputs = course.schedule.due(target - course.first_step)
         if stepping and self._control.state is RunState.PAUSED:
             # Who steps one by one wants to see the state after each; readings keep to their rates.
             outputs = tuple(output for output in Output if output in outputs or output in STATES)
@@ -142,7 +183,7 @@ class Engine:
 
         Only before the first step: a later change would be a jump in time.
         """
-        self._start_ns = round(start_time_s / self._timestep_s) * self._timestep_ns
+        self._own.move_to(self._own.whole_steps_ns(start_time_s))
 
     def pause(self) -> None:
         """Stop simulated time; see RunControl.pause."""
@@ -167,7 +208,7 @@ class Engine:
 
     def restart_pace(self, speed: float | None = None) -> None:
         """Let simulated time go on from where it stands now, without catching up; with another speed if given."""
-        self._pacer.restart(self._step * self._timestep_s, self._now_s(), speed)
+        self._pacer.restart(self._time_s_at(self._course.step), self._now_s(), speed)
         self._factor.restart()
 
     def fail(self, why: str) -> None:
@@ -177,14 +218,29 @@ class Engine:
     def reset(self) -> None:
         """Restore the rig; simulated time goes on, and the schedule counts from here. See RunControl.reset."""
         self._control.reset()
-        self._simulation.reset()
-        self._first_step = self._step
+        self._own.simulation.reset()
+        self._own.first_step = self._own.step
         self.restart_pace()
 
-    @property
-    def _step(self) -> int:
-        return round(self._simulation.time_s / self._timestep_s)
+    def lend(self, simulation: SteppedSimulation, periods: Mapping[Output, int]) -> None:
+        """Drive another simulation from now on, until `take_back`; simulated time goes on, the own one stands still.
 
-    def _next_step(self) -> int:
-        step = self._step
-        return step + self._schedule.steps_to_next(step - self._first_step)
+        Args:
+            simulation: What is driven.
+            periods: Steps between two of each output.
+
+        Raises:
+            RateError: the time step is not a whole number of nanoseconds.
+
+        """
+        self._course = _Course(simulation, periods, self.time_ns)
+        self.restart_pace()
+
+    def take_back(self) -> None:
+        """Drive the own simulation again, from where it stands; simulated time goes on."""
+        self._own.move_to(self.time_ns)
+        self._course = self._own
+        self.restart_pace()
+
+    def _time_s_at(self, step: int) -> float:
+        return self._course.time_ns_at(step) * _SECONDS_PER_NANOSECOND

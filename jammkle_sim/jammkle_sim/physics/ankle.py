@@ -5,6 +5,7 @@ Frame of the foot: x to the toe, y to the left, z up; the origin is the centre o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +61,11 @@ class AnkleParameters:
     """Time constant of the contact (MuJoCo's solref), critically damped. Assumed: the softest that
     still counts as stiff plastic on wood. The first peak of a landing depends on it: twice the time, a third less."""
 
+    contact_impedance: tuple[float, float] = (0.9, 0.95)
+    """Share of the contact's own dynamics in what happens at the surface and 1 mm deep (first two of MuJoCo's solimp,
+    here its defaults). Lower is softer: MuJoCo leaves out how a turning foot carries its corners off the ground, and
+    only a contact with some depth left makes up for it."""
+
 
 def tendon_sites_m(parameters: AnkleParameters) -> dict[str, tuple[float, float]]:
     """Where each tendon meets the foot: x and y in the frame of the foot, m, at the height of the joint."""
@@ -68,11 +74,27 @@ def tendon_sites_m(parameters: AnkleParameters) -> dict[str, tuple[float, float]
     return dict(zip(TENDONS, ((front, side), (front, -side), (back, spread), (back, -spread)), strict=True))
 
 
-def free_lengths_m(parameters: AnkleParameters) -> NDArray[np.float64]:
-    """Free length of each tendon, in the order of TENDONS, m; shorter than at the neutral pose by the pretension."""
+def free_lengths_m(parameters: AnkleParameters, hang_pitch_rad: float = 0.0) -> NDArray[np.float64]:
+    """Free length of each tendon, in the order of TENDONS, m; shorter than as the foot hangs by the pretension.
+
+    Args:
+        parameters: Geometry and pretension.
+        hang_pitch_rad: Pitch at which the foot is to hang, rad, toe-down positive; 0 is the neutral pose.
+
+    """
     peroneal_pretension_m = parameters.achilles_pretension_m * parameters.achilles_arm_m / parameters.peroneal_forward_m
     pretension = (peroneal_pretension_m,) * 2 + (parameters.achilles_pretension_m,) * 2
-    return parameters.tendon_length_m - np.array(pretension)
+    lengths_m: NDArray[np.float64] = tendon_lengths_m(parameters, hang_pitch_rad) - np.array(pretension)
+    return lengths_m
+
+
+def tendon_lengths_m(parameters: AnkleParameters, pitch_rad: float) -> NDArray[np.float64]:
+    """Length of each tendon, in the order of TENDONS, m, with the foot pitched, rad, toe-down positive."""
+    x_m = np.array([x for x, _ in tendon_sites_m(parameters).values()])
+    forward_m = x_m * (1.0 - math.cos(pitch_rad))
+    up_m = parameters.tendon_length_m + x_m * math.sin(pitch_rad)
+    lengths_m: NDArray[np.float64] = np.hypot(forward_m, up_m)
+    return lengths_m
 
 
 def add_ankle(spec: Any, leg: Any, parameters: AnkleParameters, friction: float) -> None:
@@ -90,20 +112,13 @@ def add_ankle(spec: Any, leg: Any, parameters: AnkleParameters, friction: float)
 
     """
     spec.compiler.degree = False
-    foot = leg.add_body(name="foot")
-    length_m = parameters.toe_m + parameters.heel_m
-    box_m = np.array([length_m, 2.0 * parameters.half_width_m, parameters.sole_m])
-    foot.mass = parameters.foot_mass_kg
-    foot.ipos = parameters.foot_centre_m
-    foot.inertia = parameters.foot_mass_kg / 12.0 * ((box_m**2).sum() - box_m**2)
-    foot.explicitinertial = True
+    foot = add_foot(leg, parameters, friction)
     limit = parameters.joint_limit_rad
     for name, axis in ((PITCH, (0, 1, 0)), (ROLL, (1, 0, 0)), (YAW, (0, 0, 1))):
         joint = foot.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
         joint.damping = (parameters.joint_damping_n_m_s, 0.0, 0.0)  # linear; then quadratic and cubic
         joint.limited = True
         joint.range = (-limit, limit)
-    _add_contacts(foot, parameters, friction)
     for name, (x, y) in tendon_sites_m(parameters).items():
         foot.add_site(name=f"{name}_foot", pos=(x, y, 0.0))
         leg.add_site(name=f"{name}_leg", pos=(x, y, parameters.tendon_length_m))
@@ -112,6 +127,26 @@ def add_ankle(spec: Any, leg: Any, parameters: AnkleParameters, friction: float)
         tendon.wrap_site(f"{name}_foot")
         pull = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_TENDON, target=name)
         pull.gear = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def add_foot(leg: Any, parameters: AnkleParameters, friction: float) -> Any:
+    """Add the foot alone, fixed to a leg whose origin is the centre of the ball joint, and return its body.
+
+    Args:
+        leg: Body that the foot hangs on.
+        parameters: Geometry, mass and contact.
+        friction: Coefficient of sliding friction of the foot.
+
+    """
+    foot = leg.add_body(name="foot")
+    length_m = parameters.toe_m + parameters.heel_m
+    box_m = np.array([length_m, 2.0 * parameters.half_width_m, parameters.sole_m])
+    foot.mass = parameters.foot_mass_kg
+    foot.ipos = parameters.foot_centre_m
+    foot.inertia = parameters.foot_mass_kg / 12.0 * ((box_m**2).sum() - box_m**2)
+    foot.explicitinertial = True
+    _add_contacts(foot, parameters, friction)
+    return foot
 
 
 def _add_contacts(foot: Any, parameters: AnkleParameters, friction: float) -> None:
@@ -128,4 +163,6 @@ def _add_contacts(foot: Any, parameters: AnkleParameters, friction: float) -> No
                 friction=(friction, 0.0, 0.0),
                 condim=3,
                 solref=(parameters.contact_time_s, 1.0),
+                solimp=(*parameters.contact_impedance, 0.001, 0.5, 2.0),
+                priority=1,  # the foot's contact counts, whatever the ground's is
             )

@@ -9,10 +9,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from jammkle_sim.physics.compiled import call_with_two_pointers, compiled
-from jammkle_sim.physics.records import BRANCHES, ELEMENTS, IMU_AXES, TABLE_POINTS, VALVES, VOLUMES
+from jammkle_sim.physics.records import BRANCHES, ELEMENTS, IMU_AXES, LOAD_CELL_AXES, TABLE_POINTS, VALVES, VOLUMES
 
 if TYPE_CHECKING:
-    from jammkle_sim.physics.records import Body, Laws, States
+    from jammkle_sim.physics.records import Body, Laws, Probe, States
 
 LARGEST_SPEED = 1.0e3
 """Joint speed, m/s or rad/s, beyond which a simulation counts as unstable. Assumed: no rig comes near it."""
@@ -236,3 +236,62 @@ def advance_ankle(laws: Laws, states: States, body: Body, white: Any) -> int:
         filter_imu(laws.imu[0], states.imu[0], body.raw_imu, white[step])
     taken: int = white.shape[0] if is_stable(body.speed) else white.shape[0] - 1
     return taken
+
+
+@compiled
+def record_row(states: States, probe: Probe, row: Any) -> None:
+    """Write what is to be recorded now.
+
+    Args:
+        states: Memory of the laws.
+        probe: MuJoCo's side.
+        row: Shape (records.row_width(joints, tendons),), written.
+
+    """
+    at = 0
+    for i in range(IMU_AXES):
+        row[at] = states.imu[0].second[i]
+        at += 1
+    missing = LOAD_CELL_AXES - probe.load_cell_n.shape[0]
+    for i in range(LOAD_CELL_AXES):
+        row[at] = probe.load_cell_n[i - missing] if i >= missing else 0.0
+        at += 1
+    for i in range(probe.position_index.shape[0]):
+        row[at] = probe.position[probe.position_index[i]]
+        at += 1
+    for i in range(probe.speed_index.shape[0]):
+        row[at] = probe.speed[probe.speed_index[i]]
+        at += 1
+    for i in range(states.tendons.shape[0]):
+        row[at] = states.tendons[i].extension_m
+        row[at + 1] = states.tendons[i].rate_m_s
+        row[at + 2] = states.tendons[i].tension_n
+        row[at + 3] = states.tendons[i].broken
+        at += 4
+
+
+@compiled
+def advance_and_record(laws: Laws, states: States, body: Body, probe: Probe, white: Any, rows: Any) -> int:
+    """Do what `advance_ankle` does, and record a row after every so many steps.
+
+    Args:
+        laws: Constants.
+        states: Memory, changed in place.
+        body: MuJoCo's side, what the laws need.
+        probe: MuJoCo's side, what is recorded.
+        white: Standard normal numbers for the IMU, shape (steps, 6); a whole number of steps per row.
+        rows: Shape (n, records.row_width(joints, tendons)), written.
+
+    Returns:
+        Steps taken; fewer than asked if the simulation became unstable.
+
+    """
+    every = white.shape[0] // rows.shape[0]
+    for i in range(rows.shape[0]):
+        taken = advance_ankle(laws, states, body, white[i * every : (i + 1) * every])
+        if taken != every:
+            before: int = i * every
+            return before + taken
+        record_row(states, probe, rows[i])
+    steps: int = rows.shape[0] * every
+    return steps

@@ -35,7 +35,7 @@ class PneumaticParameters:
     """Volumes, conductances, pump and valves of one ankle."""
 
     ambient_pa: float = AMBIENT_PA
-    """Pressure of the atmosphere, Pa."""
+    """Pressure of the atmosphere, Pa. Standard (ISO 2533)."""
     temperature_k: float = 293.15
     """Temperature of all air, K. Assumed: 20 degC, as the tendon's constants are."""
     manifold_volume_m3: float = 15e-6

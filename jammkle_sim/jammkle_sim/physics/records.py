@@ -135,3 +135,28 @@ class Body(NamedTuple):
     """Joint speeds."""
     raw_imu: NDArray[np.float64]
     """Accelerometer and gyro, shape (6,)."""
+
+
+class Probe(NamedTuple):
+    """Where MuJoCo keeps what a recording holds beside the states: views of its own arrays."""
+
+    position: NDArray[np.float64]
+    """Joint positions of the whole model."""
+    speed: NDArray[np.float64]
+    """Joint speeds of the whole model."""
+    position_index: NDArray[np.intp]
+    """Which of the positions are recorded, shape (joints,)."""
+    speed_index: NDArray[np.intp]
+    """Which of the speeds are recorded, shape (joints,)."""
+    load_cell_n: NDArray[np.float64]
+    """Force in the load cell: shape (3,), or (1,) for a cell that measures along z alone."""
+
+
+LOAD_CELL_AXES = 3
+TENDON_COLUMNS = 4
+"""Extension, rate, tension, broken."""
+
+
+def row_width(joints: int, tendons: int) -> int:
+    """Columns of one recorded row: IMU, load cell, joint positions, joint speeds, tendons one after the other."""
+    return IMU_AXES + LOAD_CELL_AXES + 2 * joints + TENDON_COLUMNS * tendons

@@ -32,7 +32,7 @@ class SensorParameters:
     acceleration_limit_m_s2: float = 80.83
     """Range of the accelerometer, raw, per axis. The paper's drops clip at 71.02 m/s^2 net of gravity: 8.24 g raw."""
     acceleration_noise_m_s2_rthz: float = 80e-6 * GRAVITY_M_S2
-    """Noise density: 80 ug/rtHz, as small industrial IMUs state."""
+    """Noise density. Assumed: 80 ug/rtHz, as small industrial IMUs state."""
     angular_rate_limit_rad_s: float = math.radians(900.0)
     """Range of the gyro. Assumed."""
     angular_rate_noise_rad_s_rthz: float = math.radians(0.005)

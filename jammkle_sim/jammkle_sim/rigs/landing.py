@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
-from jammkle_sim.physics.ankle import AnkleParameters, add_ankle, free_lengths_m
-from jammkle_sim.physics.constants import AMBIENT_PA, GRAVITY_M_S2, TENDON_SETS, tendon_parameters
-from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
+from jammkle_sim.physics.constants import AMBIENT_PA, TENDON_SETS, tendon_parameters
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.physics.tendon import tendon_law
-from jammkle_sim.rigs.simulation import ACCELEROMETER, GYRO, LOAD_CELL, Event, Rig, Simulation
-
-_HOLD = "hold"
+from jammkle_sim.rigs.model import (
+    add_carriage,
+    add_hold,
+    add_imu_sensors,
+    add_load_cell,
+    add_slope,
+    ankle_laws,
+    new_spec,
+    release,
+    touch_down_height_m,
+    weigh,
+)
+from jammkle_sim.rigs.rig import Event, Rig
+from jammkle_sim.rigs.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -82,97 +87,48 @@ def landing_simulation(options: LandingOptions) -> Simulation:
         options: What to land on, with what, from where.
 
     """
+    return Simulation(landing_parts(options))
+
+
+def landing_parts(options: LandingOptions) -> Rig:
+    """Build the landing rig, for a simulation.
+
+    Args:
+        options: What to land on, with what, from where.
+
+    """
     ankle = AnkleParameters()
     tendon = tendon_parameters(options.parameter_set)
     pneumatics = PneumaticParameters(ambient_pa=options.ambient_pa)
     sensors = SensorParameters(seed=options.seed)
-    model = _model(options, ankle, sensors)
-    channels = [index for index, channel in enumerate(CHANNELS) for _ in TENDONS_OF_CHANNEL[channel]]
-    laws = [
-        tendon_law(tendon, options.timestep_s, float(free_length_m), channel)
-        for free_length_m, channel in zip(free_lengths_m(ankle), channels, strict=True)
-    ]
-    hold = model.equality(_HOLD).id
-
-    def release(data: Any) -> None:
-        data.eq_active[hold] = 0
-
-    return Simulation(
-        Rig(
-            name="landing",
-            model=model,
-            tendon_laws=np.concatenate(laws),
-            pneumatics=pneumatics,
-            sensors=sensors,
-            events=(Event(round(options.release_time_s / options.timestep_s), release),),
-            description={
-                "options": dataclasses.asdict(options),
-                "ankle": dataclasses.asdict(ankle),
-                "tendon": dataclasses.asdict(tendon),
-                "pneumatics": dataclasses.asdict(pneumatics),
-                "sensors": dataclasses.asdict(sensors),
-            },
-        )
+    spec = _spec(options, ankle, sensors)
+    return Rig(
+        name="landing",
+        spec=spec,
+        model=spec.compile(),
+        tendon_laws=ankle_laws(tendon, ankle, options.timestep_s),
+        pneumatics=pneumatics,
+        sensors=sensors,
+        events=(Event(round(options.release_time_s / options.timestep_s), release),),
+        description={
+            "options": dataclasses.asdict(options),
+            "ankle": dataclasses.asdict(ankle),
+            "tendon": dataclasses.asdict(tendon),
+            "pneumatics": dataclasses.asdict(pneumatics),
+            "sensors": dataclasses.asdict(sensors),
+        },
     )
 
 
-def touch_down_height_m(options: LandingOptions, ankle: AnkleParameters) -> float:
-    """Height of the joint above the slope, straight down, at which the level foot first touches it, m."""
-    slope = math.radians(options.slope_deg)
-    radius = ankle.contact_radius_m
-    # The toe's rounded corner touches where its normal is that of the slope.
-    return ankle.toe_m * math.tan(slope) + ankle.sole_m - radius + radius / math.cos(slope)
-
-
-def _model(options: LandingOptions, ankle: AnkleParameters, sensors: SensorParameters) -> Any:
-    spec = mujoco.MjSpec()
-    spec.modelname = "landing"
-    spec.option.timestep = options.timestep_s
-    spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0  # less creep of a foot that sticks; 100 changes nothing more
-    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    slope = math.radians(options.slope_deg)
-    spec.worldbody.add_geom(
-        name="slope",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=(1.0, 1.0, 0.1),
-        quat=(math.cos(slope / 2.0), 0.0, -math.sin(slope / 2.0), 0.0),
-        friction=(options.friction, 0.0, 0.0),
-        solref=(ankle.contact_time_s, 1.0),
-    )
-    start_m = touch_down_height_m(options, ankle) + options.drop_height_m
-    carriage = spec.worldbody.add_body(name="carriage", pos=(0.0, 0.0, start_m))
-    slide = carriage.add_joint(name=CARRIAGE_JOINT, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
-    slide.ref = start_m
-    _weigh(carriage, options.mass_kg - ankle.mass_kg)
-    carriage.add_site(name="imu")
+def _spec(options: LandingOptions, ankle: AnkleParameters, sensors: SensorParameters) -> Any:
+    spec = new_spec("landing", options.timestep_s)
+    add_slope(spec, options.slope_deg, options.friction, ankle.contact_time_s)
+    start_m = touch_down_height_m(options.slope_deg, ankle) + options.drop_height_m
+    carriage = add_carriage(spec, start_m, options.mass_kg - ankle.mass_kg)
     leg = carriage.add_body(name="leg")
-    _weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)
-    leg.add_site(name=LOAD_CELL)
+    weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)
     add_ankle(spec, leg, ankle, options.friction)
-    hold = spec.add_equality(name=_HOLD, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-    hold.name1 = CARRIAGE_JOINT
-    hold.data[:5] = 0.0
-    hold.solref = (ankle.contact_time_s, 1.0)
-    hold.solimp[:2] = 0.9999  # MuJoCo's hardest, so that the carriage does not sag when the rig starts
-    site = mujoco.mjtObj.mjOBJ_SITE
-    sensor = mujoco.mjtSensor
-    spec.add_sensor(
-        name=ACCELEROMETER,
-        type=sensor.mjSENS_ACCELEROMETER,
-        objtype=site,
-        objname="imu",
-        cutoff=sensors.acceleration_limit_m_s2,
-    )
-    spec.add_sensor(name=GYRO, type=sensor.mjSENS_GYRO, objtype=site, objname="imu")
-    spec.add_sensor(name=LOAD_CELL, type=sensor.mjSENS_FORCE, objtype=site, objname=LOAD_CELL)
-    return spec.compile()
-
-
-def _weigh(body: Any, mass_kg: float) -> None:
-    """Give a body that only slides its mass; its inertia never matters."""
-    body.mass = mass_kg
-    body.inertia = (mass_kg * 1e-3,) * 3
-    body.explicitinertial = True
+    add_hold(spec, ankle.contact_time_s)
+    add_imu_sensors(spec, sensors)
+    add_load_cell(spec, leg)
+    return spec

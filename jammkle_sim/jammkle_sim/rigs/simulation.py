@@ -7,22 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import ANKLE_JOINTS, CARRIAGE_JOINT, CHANNELS, TENDONS
+from jammkle_graph.names import ANKLE_JOINTS, CARRIAGE_JOINT, CHANNELS
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.engine import address_of_function, mujoco
 from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
-from jammkle_sim.physics.sensors import Noise, SensorParameters, imu_law
+from jammkle_sim.physics.sensors import Noise, imu_law
 from jammkle_sim.physics.tendon import relaxed_state
+from jammkle_sim.rigs.rig import ACCELEROMETER, LOAD_CELL
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
-    from jammkle_sim.physics.pneumatics import PneumaticParameters
-
-ACCELEROMETER, GYRO, LOAD_CELL = "accelerometer", "gyro", "load_cell"
-"""Names that a rig's model gives its sensors."""
+    from jammkle_sim.rigs.rig import Rig
 
 
 class UnstableSimulationError(RuntimeError):
@@ -50,31 +46,6 @@ class TendonSample:
     broken: bool
 
 
-@dataclass(frozen=True)
-class Event:
-    """Something that the rig does at a step after each start."""
-
-    step: int
-    act: Callable[[Any], None]
-    """Takes the mujoco.MjData."""
-
-
-@dataclass(frozen=True)
-class Rig:
-    """What a simulation needs to know of a rig."""
-
-    name: str
-    model: Any
-    """The mujoco.MjModel, with an ankle, a joint `carriage`, and the three sensors."""
-    tendon_laws: NDArray[Any]
-    """TENDON_LAW records, in the order of TENDONS."""
-    pneumatics: PneumaticParameters
-    sensors: SensorParameters
-    events: tuple[Event, ...]
-    """By rising step."""
-    description: dict[str, object]
-
-
 class Simulation:
     """A rig, its tendons, its air and its sensors, advanced together."""
 
@@ -91,12 +62,14 @@ class Simulation:
         self.timestep_s = float(self._model.opt.timestep)
         """Time step, s."""
         self._data = mujoco.MjData(self._model)
-        mujoco.mj_forward(self._model, self._data)
+        self._pose()
         pneumatics = pneumatic_law(rig.pneumatics, self.timestep_s)
         self._laws = records.Laws(pneumatics, rig.tendon_laws, imu_law(rig.sensors, self.timestep_s))
         self._body = self._body_of(self._model, self._data)
         self._load_cell = self._data.sensor(LOAD_CELL).data
-        self._joints = {name: self._data.joint(name) for name in (*ANKLE_JOINTS, CARRIAGE_JOINT)}
+        known = {self._model.joint(i).name for i in range(self._model.njnt)}
+        self._joints = {name: self._data.joint(name) for name in (*ANKLE_JOINTS, CARRIAGE_JOINT) if name in known}
+        self._probe = self._probe_of(self._model, self._data)
         self._noise = Noise(rig.sensors)
         self._start = self._start_states()
         self._states = records.States(*(part.copy() for part in self._start))
@@ -157,12 +130,37 @@ class Simulation:
 
     def reset(self) -> None:
         """Start the rig again, with the same noise; the time goes on."""
-        mujoco.mj_resetData(self._model, self._data)
-        mujoco.mj_forward(self._model, self._data)
+        self._pose()
         for part, start in zip(self._states, self._start, strict=True):
             part[:] = start
         self._noise.reset()
         self._rig_steps = 0
+
+    def record(self, rows: int, steps_per_row: int) -> NDArray[np.float64]:
+        """Advance by `rows * steps_per_row` steps and write a row after every `steps_per_row`.
+
+        Returns:
+            Shape (rows, width), without the noise of the load cell; columns as `jammkle_sim.physics.records.row_width`
+            tells, joints in the order of `joint_positions`.
+
+        Raises:
+            UnstableSimulationError: as `advance`.
+
+        """
+        written = np.zeros((rows, records.row_width(len(self._joints), len(self._rig.tendon_names))))
+        done = 0
+        while done < rows:
+            left = self._rows_without_event(rows - done, steps_per_row)
+            if left == 0 or not self._body.addresses.all():
+                left = 1
+                self.advance(steps_per_row)
+                kernels.record_row(self._states, self._probe, written[done])
+            else:
+                white, part = self._noise.imu_white(left * steps_per_row), written[done : done + left]
+                taken = kernels.advance_and_record(self._laws, self._states, self._body, self._probe, white, part)
+                self._count(taken, len(white))
+            done += left
+        return written
 
     def imu(self) -> ImuSample:
         """Latest output of the IMU, noise, range and filter included."""
@@ -178,7 +176,7 @@ class Simulation:
         return self._measured_pressures_pa()[0]
 
     def joint_positions(self) -> dict[str, float]:
-        """Angles of the ankle, rad, and height of the carriage, m."""
+        """Angles of the ankle, rad, if it has any, and position of the carriage, m."""
         return {name: float(joint.qpos[0]) for name, joint in self._joints.items()}
 
     def joint_velocities(self) -> dict[str, float]:
@@ -186,7 +184,7 @@ class Simulation:
         return {name: float(joint.qvel[0]) for name, joint in self._joints.items()}
 
     def tendons(self) -> tuple[TendonSample, ...]:
-        """Every tendon, in the order of TENDONS."""
+        """Every tendon, in the order of the rig: TENDONS, where it has a whole ankle."""
         return tuple(
             TendonSample(
                 name,
@@ -195,17 +193,35 @@ class Simulation:
                 float(state["tension_n"]),
                 bool(state["broken"] > 0.0),
             )
-            for name, state in zip(TENDONS, self._states.tendons, strict=True)
+            for name, state in zip(self._rig.tendon_names, self._states.tendons, strict=True)
         )
 
     def load_cell_force_n(self) -> tuple[float, float, float]:
         """Force between rig and leg, N, as the cell gives it: tension on z is positive."""
-        x, y, z = (self._noise.load_cell_n(self._rig_steps) + self._load_cell).tolist()
-        return (x, y, z)
+        force_n = self._noise.load_cell_n(self._rig_steps)
+        force_n[-len(self._load_cell) :] += self._load_cell
+        return (float(force_n[0]), float(force_n[1]), float(force_n[2]))
 
     def description(self) -> dict[str, object]:
         """Name of the rig and all its parameters, ready for YAML."""
         return {"rig": self._rig.name, "timestep_s": self.timestep_s, **self._rig.description}
+
+    @property
+    def rig_time_s(self) -> float:
+        """Simulated time since the latest start of the rig, s."""
+        return self._rig_steps * self.timestep_s
+
+    def _pose(self) -> None:
+        """Put the bodies where the rig starts."""
+        mujoco.mj_resetData(self._model, self._data)
+        if self._model.nkey:
+            mujoco.mj_resetDataKeyframe(self._model, self._data, 0)
+        mujoco.mj_forward(self._model, self._data)
+
+    def _rows_without_event(self, rows: int, steps_per_row: int) -> int:
+        """How many of the next rows can be taken before the rig does something."""
+        coming = [event.step for event in self._rig.events if event.step >= self._rig_steps]
+        return min(rows, (min(coming) - self._rig_steps) // steps_per_row) if coming else rows
 
     def _measured_pressures_pa(self) -> list[float]:
         measured: list[float] = (
@@ -216,11 +232,12 @@ class Simulation:
     def _start_states(self) -> records.States:
         """Vented, pump off, at rest in the pose of the model as if it had been there for long."""
         extensions_m = self._body.length_m - self._laws.tendons["free_length_m"]
-        laws = np.split(self._laws.tendons, len(TENDONS))
-        tendons = [relaxed_state(law, float(x)) for law, x in zip(laws, extensions_m, strict=True)]
+        tendons = np.zeros(len(self._laws.tendons), dtype=records.TENDON_STATE)
+        for i, extension_m in enumerate(extensions_m.tolist()):
+            tendons[i : i + 1] = relaxed_state(self._laws.tendons[i : i + 1], extension_m)
         imu = np.zeros(1, dtype=records.IMU_STATE)
         imu["first"] = imu["second"] = self._body.raw_imu
-        return records.States(vented_state(self._laws.pneumatics), np.concatenate(tendons), imu)
+        return records.States(vented_state(self._laws.pneumatics), tendons, imu)
 
     def _body_of(self, model: Any, data: Any) -> records.Body:
         imu = int(model.sensor(ACCELEROMETER).adr[0])
@@ -239,15 +256,30 @@ class Simulation:
             raw_imu=data.sensordata[imu : imu + records.IMU_AXES],
         )
 
+    def _probe_of(self, model: Any, data: Any) -> records.Probe:
+        joints = [model.joint(name) for name in self._joints]
+        return records.Probe(
+            position=data.qpos,
+            speed=data.qvel,
+            position_index=np.array([joint.qposadr[0] for joint in joints], dtype=np.intp),
+            speed_index=np.array([joint.dofadr[0] for joint in joints], dtype=np.intp),
+            load_cell_n=self._load_cell,
+        )
+
     def _run(self, steps: int) -> None:
+        if steps == 0:
+            return
         white = self._noise.imu_white(steps)
         if self._body.addresses.all():
             taken = kernels.advance_ankle(self._laws, self._states, self._body, white)
         else:
             taken = self._advance_from_python(white)
+        self._count(taken, steps)
+
+    def _count(self, taken: int, wanted: int) -> None:
         self._total_steps += taken
         self._rig_steps += taken
-        if taken != steps:
+        if taken != wanted:
             raise UnstableSimulationError(self._unstable_text())
 
     def _advance_from_python(self, white: NDArray[np.float64]) -> int:

@@ -1,0 +1,1 @@
+"""The paper beside the simulation: what is run, how it is compared, what is drawn. Does not import rclpy."""

@@ -1,0 +1,214 @@
+"""Parts that the models of several rigs share: ground, carriage on its slide, hold, drive, sensors.
+
+Frame of every rig: z up, x where the toe points, y to the left; the carriage slides along z.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
+from jammkle_sim.physics.ankle import free_lengths_m
+from jammkle_sim.physics.constants import GRAVITY_M_S2
+from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.physics.tendon import tendon_law
+from jammkle_sim.rigs.rig import ACCELEROMETER, GYRO, LOAD_CELL
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.physics.ankle import AnkleParameters
+    from jammkle_sim.physics.constants import TendonParameters
+    from jammkle_sim.physics.sensors import SensorParameters
+
+HOLD = "hold"
+"""Equality constraint that keeps the carriage where it starts."""
+DRIVE = "drive"
+"""Actuator that moves the carriage; its control is a speed, m/s."""
+
+
+def new_spec(name: str, timestep_s: float) -> Any:
+    """Return an empty mujoco.MjSpec with the options that all rigs share.
+
+    Args:
+        name: Name of the model.
+        timestep_s: Time step, s.
+
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = name
+    spec.compiler.degree = False
+    spec.option.timestep = timestep_s
+    spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0  # less creep of a foot that sticks; 100 changes nothing more
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    return spec
+
+
+def touch_down_height_m(slope_deg: float, ankle: AnkleParameters) -> float:
+    """Return the height of the joint above the slope, straight down, at which a level foot first touches it, m.
+
+    Args:
+        slope_deg: Inclination, degrees, toe uphill.
+        ankle: Geometry.
+
+    """
+    slope = math.radians(slope_deg)
+    radius = ankle.contact_radius_m
+    # The toe's rounded corner touches where its normal is that of the slope.
+    return ankle.toe_m * math.tan(slope) + ankle.sole_m - radius + radius / math.cos(slope)
+
+
+def add_slope(spec: Any, slope_deg: float, friction: float, contact_time_s: float) -> None:
+    """Add the ground through the origin, rising toward x.
+
+    Args:
+        spec: The mujoco.MjSpec.
+        slope_deg: Its inclination, degrees.
+        friction: Coefficient of sliding friction.
+        contact_time_s: Time constant of the contact, s.
+
+    """
+    slope = math.radians(slope_deg)
+    spec.worldbody.add_geom(
+        name="slope",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=(1.0, 1.0, 0.1),
+        quat=(math.cos(slope / 2.0), 0.0, -math.sin(slope / 2.0), 0.0),
+        friction=(friction, 0.0, 0.0),
+        solref=(contact_time_s, 1.0),
+    )
+
+
+def add_carriage(spec: Any, start_m: float, mass_kg: float) -> Any:
+    """Add the carriage on its vertical slide, with the IMU on it, and return its body.
+
+    Args:
+        spec: The mujoco.MjSpec.
+        start_m: Where it starts; its joint reads as much there.
+        mass_kg: Its mass.
+
+    """
+    carriage = spec.worldbody.add_body(name="carriage", pos=(0.0, 0.0, start_m))
+    slide = carriage.add_joint(name=CARRIAGE_JOINT, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
+    slide.ref = start_m
+    weigh(carriage, mass_kg)
+    carriage.add_site(name="imu")
+    return carriage
+
+
+def add_hold(spec: Any, contact_time_s: float) -> None:
+    """Hold the carriage where it starts, until `release` is called."""
+    hold = spec.add_equality(name=HOLD, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+    hold.name1 = CARRIAGE_JOINT
+    hold.data[:5] = 0.0
+    hold.solref = (contact_time_s, 1.0)
+    hold.solimp[:2] = 0.9999  # MuJoCo's hardest, so that the carriage does not sag when the rig starts
+
+
+def release(data: Any) -> None:
+    """Let go of a held carriage."""
+    data.eq_active[data.model.equality(HOLD).id] = 0
+
+
+def add_drive(spec: Any, mass_kg: float, rate_rad_s: float) -> None:
+    """Add a spindle that moves the carriage at the speed of its control: a critically damped servo.
+
+    To be added after the tendons, whose actuators come first. Its position starts at 0 unless a keyframe says more.
+
+    Args:
+        spec: The mujoco.MjSpec.
+        mass_kg: Mass of all that it moves, kg.
+        rate_rad_s: Natural frequency of the servo, rad/s; below half the step rate.
+
+    """
+    stiffness_n_m, damping_n_s_m = mass_kg * rate_rad_s**2, 2.0 * mass_kg * rate_rad_s
+    drive = spec.add_actuator(name=DRIVE, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=CARRIAGE_JOINT)
+    drive.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
+    drive.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+    drive.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    drive.gainprm[0] = stiffness_n_m
+    drive.biasprm[:3] = (0.0, -stiffness_n_m, -damping_n_s_m)
+
+
+def set_speed(data: Any, speed_m_s: float) -> None:
+    """Make the drive move at a speed from now on, m/s, up positive."""
+    data.ctrl[data.model.actuator(DRIVE).id] = speed_m_s
+
+
+def compile_with_start(spec: Any, positions: Mapping[str, float], drive_m: float | None = None) -> Any:
+    """Compile the model with a keyframe that starts some joints elsewhere than they were drawn.
+
+    Args:
+        spec: The mujoco.MjSpec, otherwise finished.
+        positions: Start by joint, rad or m.
+        drive_m: Start of the drive's position, m, where there is a drive.
+
+    Returns:
+        The mujoco.MjModel.
+
+    """
+    model = spec.compile()
+    start = mujoco.MjData(model).qpos.copy()
+    for name, value in positions.items():
+        start[model.joint(name).qposadr[0]] = value
+    key = spec.add_key(name="start", qpos=start.tolist())
+    if drive_m is not None:
+        key.act = [drive_m]
+    return spec.compile()
+
+
+def ankle_laws(
+    tendon: TendonParameters, ankle: AnkleParameters, timestep_s: float, hang_pitch_rad: float = 0.0
+) -> NDArray[Any]:
+    """Return the TENDON_LAW records of an ankle's tendons, in the order of TENDONS.
+
+    Args:
+        tendon: Constants of each of them.
+        ankle: Geometry.
+        timestep_s: Time step, s.
+        hang_pitch_rad: Pitch at which the foot hangs, rad, toe-down positive.
+
+    """
+    channels = [index for index, channel in enumerate(CHANNELS) for _ in TENDONS_OF_CHANNEL[channel]]
+    laws = [
+        tendon_law(tendon, timestep_s, float(free_length_m), channel)
+        for free_length_m, channel in zip(free_lengths_m(ankle, hang_pitch_rad), channels, strict=True)
+    ]
+    return np.concatenate(laws)
+
+
+def add_imu_sensors(spec: Any, sensors: SensorParameters) -> None:
+    """Put accelerometer, clipped at its range, and gyro onto the site `imu`."""
+    site = mujoco.mjtObj.mjOBJ_SITE
+    spec.add_sensor(
+        name=ACCELEROMETER,
+        type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+        objtype=site,
+        objname="imu",
+        cutoff=sensors.acceleration_limit_m_s2,
+    )
+    spec.add_sensor(name=GYRO, type=mujoco.mjtSensor.mjSENS_GYRO, objtype=site, objname="imu")
+
+
+def add_load_cell(spec: Any, body: Any) -> None:
+    """Measure the force between a body and the one that it hangs on: pulled is positive on z, pushed negative."""
+    body.add_site(name=LOAD_CELL)
+    spec.add_sensor(
+        name=LOAD_CELL, type=mujoco.mjtSensor.mjSENS_FORCE, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=LOAD_CELL
+    )
+
+
+def weigh(body: Any, mass_kg: float) -> None:
+    """Give a body that only slides its mass; its inertia never matters."""
+    body.mass = mass_kg
+    body.ipos = (0.0, 0.0, 0.0)  # else the mass is left out of a saved model
+    body.inertia = (mass_kg * 1e-3,) * 3
+    body.explicitinertial = True

@@ -1,0 +1,157 @@
+"""The pressure rig: the ankle hangs free while its channels are jammed and vented, again and again."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_graph import names
+from jammkle_graph.parameters import parameter
+from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
+from jammkle_sim.physics.constants import TENDON_SETS, tendon_parameters
+from jammkle_sim.physics.pneumatics import PneumaticParameters
+from jammkle_sim.physics.sensors import SensorParameters
+from jammkle_sim.rigs.model import (
+    add_carriage,
+    add_hold,
+    add_imu_sensors,
+    add_load_cell,
+    ankle_laws,
+    new_spec,
+    weigh,
+)
+from jammkle_sim.rigs.rig import Rig
+from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.vacuum import VacuumStep
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+_ALL = "all"
+_START_S = 0.2
+"""Time before the first cycle, in which the sensors' offsets are seen."""
+_HEIGHT_M = 0.3
+"""Height of the carriage: nothing is touched."""
+_REACHED_PA = 1e3
+"""Distance from the set point within which it counts as reached. Assumed."""
+VENTED_PA = 5e3
+"""Vacuum below which a channel counts as vented, as in the driver."""
+
+
+@dataclass(frozen=True)
+class PressureOptions:
+    """What can be chosen about jam and vent cycles."""
+
+    channel: str = parameter("all", "Which channels are evacuated", choices=(_ALL, *names.CHANNELS))
+    vacuum_pa: float = parameter(50e3, "Vacuum of each cycle", "Pa", 6e3, 75e3)
+    cycles: int = parameter(3, "How many cycles", "", 1, 100)
+    jam_time_s: float = parameter(1.0, "How long each cycle holds the vacuum", "s", 0.1, 60.0)
+    vent_time_s: float = parameter(0.5, "How long each cycle vents", "s", 0.1, 60.0)
+    pump_free_flow_l_min: float = parameter(6.0, "Flow of the pump without vacuum", "l/min", 0.5, 30.0)
+    pump_ultimate_vacuum_pa: float = parameter(80e3, "Vacuum at which the pump stops drawing", "Pa", 20e3, 100e3)
+    valve_dead_time_s: float = parameter(0.010, "Time from command to movement of a solenoid", "s", 0.0, 0.1)
+    leak_dm3_s_bar: float = parameter(1e-4, "Sonic conductance of the leak into each volume", "dm3/(s bar)", 0.0, 0.05)
+    seed: int = parameter(0, "Seed of all sensor noise and of the scatter", "", 0, 2**31 - 1)
+    parameter_set: str = parameter(
+        "fitted",
+        "Constants of the tendons: fitted to the paper's measurements, or as printed in it",
+        choices=tuple(TENDON_SETS),
+    )
+    timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
+
+
+def scattered(options: PressureOptions, numbers: tuple[float, float]) -> PressureOptions:
+    """Return the options of one repeat: the valves' dead time differs by 1 ms (standard deviation, assumed)."""
+    dead_time_s = options.valve_dead_time_s + 0.001 * numbers[0]
+    return dataclasses.replace(options, valve_dead_time_s=min(max(dead_time_s, 0.0), 0.1))
+
+
+def pressure_rig(options: PressureOptions) -> tuple[Rig, Programme]:
+    """Build the rig and what it does."""
+    ankle, sensors = AnkleParameters(), SensorParameters(seed=options.seed)
+    tendon = tendon_parameters(options.parameter_set)
+    pneumatics = PneumaticParameters(
+        pump_free_flow_l_min=options.pump_free_flow_l_min,
+        pump_ultimate_vacuum_pa=options.pump_ultimate_vacuum_pa,
+        valve_dead_time_s=options.valve_dead_time_s,
+        leak_conductance_dm3_s_bar=options.leak_dm3_s_bar,
+    )
+    spec = new_spec("pressure", options.timestep_s)
+    carriage = add_carriage(spec, _HEIGHT_M, ankle.mass_kg)
+    leg = carriage.add_body(name="leg")
+    weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)
+    add_ankle(spec, leg, ankle, 0.0)
+    add_hold(spec, ankle.contact_time_s)
+    add_imu_sensors(spec, sensors)
+    add_load_cell(spec, leg)
+    rig = Rig(
+        name="pressure",
+        spec=spec,
+        model=spec.compile(),
+        tendon_laws=ankle_laws(tendon, ankle, options.timestep_s),
+        pneumatics=pneumatics,
+        sensors=sensors,
+        events=(),
+        description={
+            "options": dataclasses.asdict(options),
+            "ankle": dataclasses.asdict(ankle),
+            "tendon": dataclasses.asdict(tendon),
+            "pneumatics": dataclasses.asdict(pneumatics),
+            "sensors": dataclasses.asdict(sensors),
+        },
+    )
+    channels = names.CHANNELS if options.channel == _ALL else (options.channel,)
+    period_s = options.jam_time_s + options.vent_time_s
+    starts_s = [_START_S + i * period_s for i in range(options.cycles)]
+    schedule = [
+        step
+        for start_s in starts_s
+        for step in (
+            VacuumStep(start_s, channels, options.vacuum_pa),
+            VacuumStep(start_s + options.jam_time_s, channels, 0.0),
+        )
+    ]
+    programme = Programme(
+        duration_s=_START_S + options.cycles * period_s,
+        vacuum=tuple(schedule),
+        evaluate=lambda topics: _results(topics, options, channels, starts_s),
+        topics=(names.JOINT_STATES.name, names.TENDON_STATES.name),
+    )
+    return rig, programme
+
+
+def _results(
+    topics: Mapping[str, Series], options: PressureOptions, channels: tuple[str, ...], starts_s: list[float]
+) -> dict[str, float]:
+    """Slowest channel of the slowest cycle; a time is left out where none ever got there."""
+    jam_times_s: list[float] = []
+    vent_times_s: list[float] = []
+    deepest_pa: list[float] = []
+    for channel in channels:
+        series = topics[names.PRESSURES[channel].name]
+        pressure_pa = series.column("fluid_pressure_pa")
+        vacuum_pa = pressure_pa[series.time_s < _START_S].mean() - pressure_pa
+        for start_s in starts_s:
+            turn_s = start_s + options.jam_time_s
+            jamming = (series.time_s >= start_s) & (series.time_s <= turn_s)
+            venting = (series.time_s >= turn_s) & (series.time_s <= turn_s + options.vent_time_s)
+            reached = vacuum_pa[jamming] >= options.vacuum_pa - _REACHED_PA
+            vented = vacuum_pa[venting] < VENTED_PA
+            jam_times_s += [moment_s - start_s for moment_s in _first_s(series.time_s[jamming], reached)]
+            vent_times_s += [moment_s - turn_s for moment_s in _first_s(series.time_s[venting], vented)]
+            deepest_pa.append(float(vacuum_pa[jamming].max()))
+    results = {"deepest_vacuum_pa": max(deepest_pa), "share_reached": len(jam_times_s) / len(deepest_pa)}
+    if jam_times_s:
+        results["jam_time_s"] = max(jam_times_s)
+    if vent_times_s:
+        results["vent_time_s"] = max(vent_times_s)
+    return results
+
+
+def _first_s(time_s: NDArray[np.float64], happened: NDArray[np.bool_]) -> list[float]:
+    """Return when something first happened, s, as a list of one; empty if it never did."""
+    return [float(time_s[int(happened.argmax())])] if happened.any() else []

@@ -1,0 +1,48 @@
+"""What a simulation needs to know of a rig, and the names that every rig's model gives its parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from jammkle_graph.names import TENDONS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.physics.pneumatics import PneumaticParameters
+    from jammkle_sim.physics.sensors import SensorParameters
+
+ACCELEROMETER, GYRO, LOAD_CELL = "accelerometer", "gyro", "load_cell"
+"""Names that a rig's model gives its sensors."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that the rig does at a step after each start."""
+
+    step: int
+    act: Callable[[Any], None]
+    """Takes the mujoco.MjData."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What a simulation needs to know of a rig."""
+
+    name: str
+    spec: Any
+    """The mujoco.MjSpec that the model was compiled from."""
+    model: Any
+    """The mujoco.MjModel, with a joint `carriage` and the three sensors. A keyframe, if it has one, is the start."""
+    tendon_laws: NDArray[Any]
+    """TENDON_LAW records, in the order of `tendon_names`, whose actuators come first in the model."""
+    pneumatics: PneumaticParameters
+    sensors: SensorParameters
+    events: tuple[Event, ...]
+    """By rising step."""
+    description: dict[str, object]
+    tendon_names: tuple[str, ...] = TENDONS
+    """Names of the tendons; empty for a foot without any."""

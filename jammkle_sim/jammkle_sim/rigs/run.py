@@ -1,0 +1,211 @@
+"""Run a rig without the graph, as fast as it can, and keep what it measured, topic by topic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from jammkle_graph import names
+from jammkle_graph.parameters import ParameterError
+from jammkle_sim.rigs.recording import CONTROL_ROWS, IMU_PERIOD_S, STATE_ROWS, Recorder, Series
+from jammkle_sim.rigs.simulation import Simulation
+from jammkle_sim.rigs.vacuum import VacuumKeeper
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.vacuum import VacuumStep
+
+__all__ = [
+    "CONTROL_ROWS",
+    "IMU_PERIOD_S",
+    "STATE_ROWS",
+    "Programme",
+    "RigCancelledError",
+    "RigRun",
+    "RunInProgress",
+    "Series",
+    "run",
+    "steps_per_row",
+]
+
+_ROUNDING_S = 1e-12
+"""What a sum of time steps may differ by, s."""
+
+
+class RigCancelledError(RuntimeError):
+    """A run was cancelled before its end."""
+
+
+@dataclass(frozen=True)
+class Programme:
+    """What a rig does and how long."""
+
+    duration_s: float
+    """Since the start of the rig."""
+    vacuum: tuple[VacuumStep, ...]
+    """Set points by rising time."""
+    evaluate: Callable[[Mapping[str, Series]], dict[str, float]]
+    """Makes the results of a run, SI units, from its topics."""
+    topics: tuple[str, ...]
+    """Topics, of those that the rig could give, that it has sensors for, beside pressures and commands."""
+
+
+@dataclass(frozen=True)
+class RigRun:
+    """One finished run."""
+
+    rig: str
+    options: Any
+    """The options dataclass of the rig."""
+    topics: dict[str, Series]
+    """By the name of the topic. IMU 1 kHz; joint states, tendon states, load cell 500 Hz; pressures 100 Hz; pump duty
+    and solenoids at the start and on change."""
+    description: dict[str, object]
+    """Everything that was simulated, plain types."""
+    results: dict[str, float]
+    """Measured figures, SI units, by a name that ends in the unit."""
+    broken: tuple[str, ...]
+    """Tendons that tore."""
+
+
+def steps_per_row(timestep_s: float) -> int:
+    """Return how many time steps one row of the IMU takes.
+
+    Raises:
+        ParameterError: not a whole number.
+
+    """
+    steps = round(IMU_PERIOD_S / timestep_s)
+    if steps < 1 or abs(steps * timestep_s - IMU_PERIOD_S) > _ROUNDING_S:
+        msg = f"parameter 'timestep_s' is {timestep_s:g}; it must divide {IMU_PERIOD_S:g} s, as 0.0005 or 0.00025 do"
+        raise ParameterError(msg)
+    return steps
+
+
+def run(
+    rig: Rig,
+    programme: Programme,
+    options: Any,
+    on_progress: Callable[[float], None],
+    cancelled: Callable[[], bool],
+) -> RigRun:
+    """Take a rig through its programme.
+
+    Args:
+        rig: What is simulated.
+        programme: What it does.
+        options: What both were made from; kept with the run.
+        on_progress: Called with the share done, 0 to 1, every simulated tenth of a second or so.
+        cancelled: Asked as often; true ends the run.
+
+    Raises:
+        RigCancelledError: it was cancelled.
+        UnstableSimulationError: the simulation blew up.
+        ParameterError: the time step does not divide the period of the IMU.
+
+    """
+    running = RunInProgress(rig, programme, options)
+    while not running.is_finished:
+        if running.rows_done % (CONTROL_ROWS * CONTROL_ROWS) == 0:
+            on_progress(running.share_done)
+            if cancelled():
+                time_s = running.simulation.rig_time_s
+                msg = f"rig '{rig.name}' was cancelled after {time_s:g} s of {programme.duration_s:g} s"
+                raise RigCancelledError(msg)
+        running.advance(STATE_ROWS)
+    on_progress(1.0)
+    return running.result()
+
+
+class RunInProgress:
+    """One run, taken forward in rows of the IMU, so that others can look at it between two of them."""
+
+    def __init__(self, rig: Rig, programme: Programme, options: Any) -> None:
+        """Start the rig.
+
+        Args:
+            rig: What is simulated.
+            programme: What it does.
+            options: What both were made from; kept with the run.
+
+        Raises:
+            ParameterError: the time step does not divide the period of the IMU.
+
+        """
+        self._rig = rig
+        self._programme = programme
+        self._options = options
+        self._simulation = Simulation(rig)
+        self._recorder = Recorder(rig, self._simulation)
+        self._keeper = VacuumKeeper(programme.vacuum, rig.pneumatics.ambient_pa)
+        self._steps = steps_per_row(self._simulation.timestep_s)
+        self._rows = CONTROL_ROWS * max(1, round(programme.duration_s / (CONTROL_ROWS * IMU_PERIOD_S)))
+        self._done = 0
+
+    @property
+    def simulation(self) -> Simulation:
+        """What is simulated, to look at."""
+        return self._simulation
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics, beside pressures and commands, that the rig has sensors for; tendon_states only with a tendon."""
+        has_tendons = bool(self._rig.tendon_names)
+        return tuple(topic for topic in self._programme.topics if has_tendons or topic != names.TENDON_STATES.name)
+
+    @property
+    def rows_done(self) -> int:
+        """Rows of the IMU, IMU_PERIOD_S each, taken so far."""
+        return self._done
+
+    @property
+    def share_done(self) -> float:
+        """How much of the run is done, 0 to 1."""
+        return self._done / self._rows
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the programme is at its end."""
+        return self._done >= self._rows
+
+    def advance(self, rows: int) -> None:
+        """Go on by rows of the IMU, however many there are left; the result does not depend on the portions.
+
+        Raises:
+            UnstableSimulationError: the simulation blew up.
+
+        """
+        while rows > 0 and not self.is_finished:
+            if self._done % CONTROL_ROWS == 0:
+                self._control()
+            portion = min(rows, STATE_ROWS - self._done % STATE_ROWS)
+            self._recorder.record_rows(portion, self._steps)
+            self._done += portion
+            rows -= portion
+            if self._done % STATE_ROWS == 0:
+                self._recorder.note_load_cell()
+
+    def result(self) -> RigRun:
+        """Return what was measured; to be asked when the run is finished."""
+        topics = self._recorder.topics(self._programme.topics)
+        return RigRun(
+            rig=self._rig.name,
+            options=self._options,
+            topics=topics,
+            description=self._simulation.description(),
+            results=self._programme.evaluate(topics),
+            broken=tuple(tendon.name for tendon in self._simulation.tendons() if tendon.broken),
+        )
+
+    def _control(self) -> None:
+        """Measure the pressures, and command pump and solenoids."""
+        simulation = self._simulation
+        channels, manifold = simulation.channel_pressures_pa(), simulation.manifold_pressure_pa()
+        commands = self._keeper.commands(simulation.rig_time_s, channels, manifold, CONTROL_ROWS * IMU_PERIOD_S)
+        self._recorder.note_pressures((manifold, *channels.values()))
+        self._recorder.note_commands(commands)
+        simulation.set_pump_duty(commands.pump_duty)
+        for channel, energised in zip(names.CHANNELS, commands.energised, strict=True):
+            simulation.set_solenoid(channel, energised)

@@ -1,0 +1,88 @@
+"""Why the printed constants miss: the sentences against what the simulation does."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from jammkle_sim.fit.reasons import REASONS, Miss, reason
+from jammkle_sim.fit.rows import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
+from jammkle_sim.paper_tables import DROP_ROWS, ROWS, SLIP_CLAIMS, paper_row
+from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
+from jammkle_sim.rigs.catalogue import RIGS, run_rig
+
+FITTED, PRINTED = TENDON_SETS["fitted"], TENDON_SETS["as_printed"]
+FOOT_OF_ROW = {
+    "rigid_ankle": "rigid_ankle",
+    "standard_foot": "standard",
+    "squash_ball": "squash_ball",
+    "jammed_ankle": "jammed",
+    "unjammed_ankle": "unjammed",
+}
+
+
+def miss_of(simulated: float, mean: float, standard_error: float) -> Miss:
+    """Judge a number as physics asks it of the fitted ones: two standard errors or 3 %."""
+    if abs(simulated - mean) <= max(2.0 * standard_error, 0.03 * mean):
+        return Miss.NONE
+    return Miss.TOO_HIGH if simulated > mean else Miss.TOO_LOW
+
+
+def with_fitted(names: tuple[str, ...]) -> TendonParameters:
+    """Make the printed tendon with some constants replaced by the fitted ones."""
+    own = {name: getattr(FITTED, name) for name in names if hasattr(FITTED, name)}
+    of_fibres = {name: getattr(FITTED.fibres, name) for name in names if name not in own}
+    return dataclasses.replace(PRINTED, fibres=dataclasses.replace(PRINTED.fibres, **of_fibres), **own)
+
+
+def run(rig: str, foot: str, parameter_set: str) -> dict[str, float]:
+    """Results of one run of a rig without scatter."""
+    options = RIGS[rig].options(foot=foot, parameter_set=parameter_set)
+    return run_rig(rig, options, lambda _share: None, lambda: False).results
+
+
+def test_every_row_and_claim_has_its_sentence() -> None:
+    """In the order of the paper, one plain sentence each."""
+    assert [entry.identifier for entry in REASONS] == [entry.identifier for entry in (*ROWS, *SLIP_CLAIMS)]
+    for entry in REASONS:
+        assert entry.sentence.endswith(".")
+        assert len(entry.sentence) < 250
+        assert bool(entry.culprits) == (entry.miss is not Miss.NONE)
+
+
+def test_an_unknown_row_is_refused_by_name() -> None:
+    """The message says what there is."""
+    with pytest.raises(ValueError, match=r"'a40_atm'.*a30_atm"):
+        reason("a40_atm")
+
+
+@pytest.mark.parametrize("row", [NO_MEMBRANE_ROW, *TENSILE_ROWS], ids=lambda row: row.identifier)
+def test_tensile_rows_miss_as_said_and_for_the_reason_said(row: TensileRow) -> None:
+    """Too low or too high as the sentence has it; with the culprits put right, within the bound of the fitted set."""
+    entry = reason(row.identifier)
+    printed_n = peak_force_n(PRINTED, row.fibre, row.vacuum_pa)
+    assert miss_of(printed_n, row.mean_n, row.standard_error_n) is entry.miss
+    cured_n = peak_force_n(with_fitted(entry.culprits), row.fibre, row.vacuum_pa)
+    assert abs(cured_n - row.mean_n) < 0.5 * abs(printed_n - row.mean_n)
+
+
+@pytest.mark.parametrize("identifier", [row.identifier for row in DROP_ROWS])
+def test_drop_rows_miss_as_said(identifier: str) -> None:
+    """Feet without tendons fall alike with any constants; jammed too low, unjammed too high."""
+    row, entry = paper_row(identifier), reason(identifier)
+    printed = run("drop", FOOT_OF_ROW[identifier], "as_printed")["peak_deceleration_m_s2"]
+    assert miss_of(printed, row.mean, row.standard_error) is entry.miss
+    if not entry.culprits:
+        assert printed == run("drop", FOOT_OF_ROW[identifier], "fitted")["peak_deceleration_m_s2"]
+
+
+def test_claims_on_the_slip_test_fail_as_said() -> None:
+    """As printed the jammed ankle still has the largest peak and takes up most; the unjammed one is far too soft."""
+    rigid, jammed, unjammed = (run("slip", foot, "as_printed") for foot in ("rigid_ankle", "jammed", "unjammed"))
+    assert jammed["peak_force_n"] > max(rigid["peak_force_n"], unjammed["peak_force_n"])
+    assert jammed["energy_n_m"] > 1.5 * rigid["energy_n_m"]
+    assert unjammed["peak_force_n"] < 0.75 * rigid["peak_force_n"]
+    assert unjammed["peak_force_n"] < 0.5 * run("slip", "unjammed", "fitted")["peak_force_n"]
+    assert reason("largest_peak_jammed").miss is reason("dissipates_more_jammed").miss is Miss.NONE
+    assert reason("peak_unjammed_like_rigid").miss is Miss.TOO_LOW

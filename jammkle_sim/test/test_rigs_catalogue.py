@@ -1,0 +1,197 @@
+"""What holds for every rig of the catalogue: bytes, scatter, cancelling, bad input, finite figures, saved models."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, event, given, settings
+from hypothesis import strategies as st
+
+from jammkle_graph.parameters import ParameterError, from_mapping, rows
+from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.rigs.catalogue import RIGS, rig_kind, run_rig, save_mjcf, scattered
+from jammkle_sim.rigs.run import RigCancelledError, RigRun
+from jammkle_sim.rigs.simulation import Simulation
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+QUICK: dict[str, dict[str, object]] = {
+    "tensile": {"speed_m_s": 0.05, "vacuum_pa": 50e3},
+    "pressure": {"cycles": 1},
+    "drop": {"foot": "jammed"},
+    "slip": {"foot": "jammed", "speed_m_s": 0.05, "descent_m": 0.03},
+    "landing": {"release_time_s": 0.2},
+}
+
+
+def quick(name: str, **values: object) -> Any:
+    """Options of a short run."""
+    return from_mapping(RIGS[name].options, {**QUICK[name], **values})
+
+
+def go(name: str, options: Any) -> RigRun:
+    """Run without watching."""
+    return run_rig(name, options, lambda _: None, lambda: False)
+
+
+def same(one: RigRun, other: RigRun) -> bool:
+    """Whether two runs agree to the last bit."""
+    return one.results == other.results and all(
+        series.time_s.tobytes() == other.topics[topic].time_s.tobytes()
+        and series.values.tobytes() == other.topics[topic].values.tobytes()
+        for topic, series in one.topics.items()
+    )
+
+
+def test_catalogue_holds_the_five_rigs() -> None:
+    """Tensile, pressure, drop, slip, landing; every one has a seed, a parameter set and a time step."""
+    assert set(RIGS) == {"tensile", "pressure", "drop", "slip", "landing"}
+    for kind in RIGS.values():
+        assert {"seed", "parameter_set", "timestep_s"} <= {row.name for row in rows(kind.options)}
+        assert all(row.description for row in rows(kind.options))
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_same_seed_same_bytes_another_seed_others(name: str) -> None:
+    """Two runs of the same options agree to the last bit; another seed gives other noise."""
+    run = go(name, quick(name))
+    assert same(run, go(name, quick(name)))
+    assert not same(run, go(name, quick(name, seed=1)))
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_reset_brings_the_same_trajectory_back(name: str) -> None:
+    """A rig that is reset in mid-run repeats itself to the last bit."""
+    rig, _ = RIGS[name].build(quick(name))
+    simulation = Simulation(rig)
+    first = simulation.record(600, 2)
+    simulation.reset()
+    assert (simulation.record(600, 2) == first).all()
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_recording_does_not_disturb(name: str) -> None:
+    """A run recorded in rows, across its events, ends where one that is only advanced ends."""
+    recorded, advanced = (Simulation(RIGS[name].build(quick(name))[0]) for _ in range(2))
+    recorded.record(300, 2)
+    recorded.record(450, 3)
+    advanced.advance(1950)
+    assert recorded.joint_positions() == advanced.joint_positions()
+    assert recorded.tendons() == advanced.tendons()
+    assert recorded.imu() == advanced.imu()
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_repeats_differ_and_come_back(name: str) -> None:
+    """Every repeat has options and noise of its own, the same every time, and within range."""
+    options = quick(name)
+    repeats = [scattered(name, options, repeat) for repeat in range(5)]
+    assert repeats == [scattered(name, options, repeat) for repeat in range(5)]
+    assert len({dataclasses.astuple(repeat) for repeat in repeats}) == 5
+    for repeat in repeats:
+        from_mapping(RIGS[name].options, dataclasses.asdict(repeat))
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_run_is_complete_and_can_be_written(name: str) -> None:
+    """Times rise by the topic's rate from first to last, commands start at 0 s, description and results are plain."""
+    run = go(name, quick(name))
+    rates_hz = {"imu/data": 1000, "joint_states": 500, "tendon_states": 500, "load_cell/wrench": 500}
+    for topic, series in run.topics.items():
+        assert series.values.shape == (len(series.time_s), len(series.columns))
+        assert np.isfinite(series.values).all()
+        assert (np.diff(series.time_s) > 0.0).all()
+        if topic in rates_hz:
+            assert np.diff(series.time_s) == pytest.approx(1.0 / rates_hz[topic])
+    for topic in ("pump/duty", "achilles/solenoid"):
+        assert run.topics[topic].time_s[0] == 0.0
+    assert np.diff(run.topics["manifold/pressure"].time_s) == pytest.approx(0.01)
+    assert json.loads(json.dumps(run.description))["options"] == dataclasses.asdict(run.options)
+    json.dumps(run.results, allow_nan=False)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_saved_model_opens_in_mujoco(name: str, tmp_path: Path) -> None:
+    """The MJCF that is written has the bodies, tendons and start of what was simulated."""
+    options = quick(name)
+    save_mjcf(name, options, tmp_path / "rig.xml")
+    read, made = mujoco.MjModel.from_xml_path(str(tmp_path / "rig.xml")), RIGS[name].build(options)[0].model
+    assert (read.nq, read.nbody, read.ntendon, read.nu, read.nkey) == (
+        made.nq,
+        made.nbody,
+        made.ntendon,
+        made.nu,
+        made.nkey,
+    )
+    assert read.body_mass == pytest.approx(made.body_mass)
+
+
+def test_run_can_be_watched_and_cancelled() -> None:
+    """Progress rises from 0 to 1; a cancelled run ends with a line that says how far it came."""
+    progress: list[float] = []
+    run_rig("drop", quick("drop"), progress.append, lambda: False)
+    assert progress[0] == 0.0
+    assert progress[-1] == 1.0
+    assert progress == sorted(progress)
+    with pytest.raises(RigCancelledError, match="'drop' was cancelled after"):
+        run_rig("drop", quick("drop"), progress.append, lambda: True)
+
+
+def test_bad_input_gets_one_line() -> None:
+    """Unknown rig, another rig's options, values out of range and odd time steps are named with what is right."""
+    with pytest.raises(
+        ParameterError, match=r"'jump' does not exist; known are: tensile, pressure, drop, slip, landing"
+    ):
+        rig_kind("jump")
+    with pytest.raises(ParameterError, match="must be DropOptions, not SlipOptions"):
+        go("drop", quick("slip"))
+    with pytest.raises(ParameterError, match="'foot' is 'hoof'; it must be one of rigid_ankle, standard"):
+        go("drop", dataclasses.replace(quick("drop"), foot="hoof"))
+    with pytest.raises(ParameterError, match="'vacuum_pa' is nan"):
+        go("tensile", dataclasses.replace(quick("tensile"), vacuum_pa=float("nan")))
+    with pytest.raises(ParameterError, match=r"'timestep_s' is 0.0003; it must divide 0.001 s"):
+        go("drop", quick("drop", timestep_s=0.0003))
+
+
+SHORTEST: dict[str, dict[str, tuple[float, float]]] = {
+    "tensile": {"speed_m_s": (0.1, 1.0)},
+    "pressure": {"cycles": (1, 2), "jam_time_s": (0.1, 0.5), "vent_time_s": (0.1, 0.5)},
+    "drop": {},
+    "slip": {"speed_m_s": (0.03, 0.05), "descent_m": (0.01, 0.12)},
+    "landing": {"release_time_s": (0.0, 0.5)},
+}
+"""Ranges cut so that no run takes long; all others are as wide as the options allow."""
+
+
+def any_options(name: str) -> st.SearchStrategy[dict[str, object]]:
+    """Any value in range of every option but the time step."""
+    values: dict[str, st.SearchStrategy[object]] = {}
+    for row in rows(RIGS[name].options):
+        low, high = SHORTEST[name].get(row.name, (row.minimum, row.maximum))
+        if row.choices:
+            values[row.name] = st.sampled_from(row.choices)
+        elif isinstance(row.default, int):
+            values[row.name] = st.integers(int(low or 0), int(high or 0))
+        elif row.name != "timestep_s":
+            values[row.name] = st.floats(low, high)
+    return st.fixed_dictionaries(values)
+
+
+@pytest.mark.parametrize("name", RIGS)
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_options_in_range_give_finite_figures(name: str, data: st.DataObject) -> None:
+    """Whatever is chosen within the ranges, a run gives finite figures, or a line that says what does not fit."""
+    try:
+        run = go(name, from_mapping(RIGS[name].options, data.draw(any_options(name))))
+    except ParameterError as error:
+        event(str(error))  # a line of its own instead of a run; its words are tested where they belong
+        return
+    assert np.isfinite(list(run.results.values())).all()
+    for series in run.topics.values():
+        assert np.isfinite(series.values).all()

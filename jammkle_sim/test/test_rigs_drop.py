@@ -1,0 +1,107 @@
+"""The drop rig against the paper's table, and what a drop must show."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_graph.parameters import from_mapping
+from jammkle_sim.physics.feet import JAMMED, RIGID_ANKLE, SQUASH_BALL, STANDARD, UNJAMMED
+from jammkle_sim.rigs.catalogue import run_rig, scattered
+from jammkle_sim.rigs.drop import FEET, DropOptions
+
+if TYPE_CHECKING:
+    from jammkle_sim.rigs.run import RigRun
+
+REPEATS = 5
+CLIPPED_M_S2 = 71.02
+
+
+def drop(repeat: int | None = None, **values: object) -> RigRun:
+    """One drop, scattered if a repeat is given."""
+    options = from_mapping(DropOptions, values)
+    if repeat is not None:
+        options = scattered("drop", options, repeat)
+    return run_rig("drop", options, lambda _: None, lambda: False)
+
+
+@functools.cache
+def peaks_m_s2(foot: str, seed: int = 0) -> tuple[float, ...]:
+    """Peaks of five scattered drops."""
+    return tuple(drop(i, foot=foot, seed=seed).results["peak_deceleration_m_s2"] for i in range(REPEATS))
+
+
+# Mean peak and its standard error over five drops: the paper's table.
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(
+    ("foot", "mean_m_s2", "error_m_s2"),
+    [(SQUASH_BALL, 60.602, 0.230), (JAMMED, 42.520, 0.314), (UNJAMMED, 31.259, 0.451)],
+)
+def test_unclipped_means_are_the_papers(foot: str, mean_m_s2: float, error_m_s2: float, seed: int) -> None:
+    """The three feet that do not clip come out within 2 standard errors."""
+    assert np.mean(peaks_m_s2(foot, seed)) == pytest.approx(mean_m_s2, abs=2.0 * error_m_s2)
+
+
+@pytest.mark.parametrize("foot", [RIGID_ANKLE, STANDARD])
+def test_hard_feet_clip_the_imu(foot: str) -> None:
+    """Every drop on a hard foot reads the range of the IMU, 71.02 m/s^2 net, but for its noise."""
+    assert peaks_m_s2(foot) == pytest.approx([CLIPPED_M_S2] * REPEATS, abs=0.06)
+
+
+def test_feet_are_ordered_as_in_the_paper() -> None:
+    """Hard feet shock most, then the ball, then the jammed ankle, then the unjammed one, in every repeat."""
+    hard, ball, jammed, unjammed = (peaks_m_s2(foot) for foot in (STANDARD, SQUASH_BALL, JAMMED, UNJAMMED))
+    assert min(hard) > max(ball)
+    assert min(ball) > max(jammed)
+    assert min(jammed) > max(unjammed)
+
+
+@pytest.mark.parametrize("foot", FEET)
+def test_half_the_time_step_moves_no_peak(foot: str) -> None:
+    """No peak moves by 1 %."""
+    coarse, fine = drop(foot=foot), drop(foot=foot, timestep_s=0.00025)
+    peak = "peak_deceleration_m_s2"
+    assert fine.results[peak] == pytest.approx(coarse.results[peak], rel=0.01)
+
+
+@pytest.mark.parametrize("foot", FEET)
+def test_falls_free_for_50_mm(foot: str) -> None:
+    """From the release at 1 s to the first touch it takes sqrt(2 h / g), within 4 ms."""
+    imu = drop(foot=foot).topics["imu/data"]
+    after = imu.time_s > 1.02
+    touched = after & (imu.column("linear_acceleration_z_m_s2") > 2.0)
+    assert imu.time_s[np.argmax(touched)] - 1.0 == pytest.approx(0.101, abs=0.004)
+
+
+def test_hard_feet_bounce_and_a_squash_ball_hardly() -> None:
+    """A ball rebounds to 8 to 20 % of the height, over where it comes to rest; a hard foot bounces in the air."""
+    ball = drop(foot=SQUASH_BALL).topics["joint_states"].column("carriage.position")
+    after = ball[np.argmin(ball) :]
+    assert 0.08 < (after.max() - 0.020) / 0.05 < 0.25
+    assert drop(foot=STANDARD).results["rebound_m"] > 0.005
+
+
+def test_heel_never_strikes_and_no_tendon_breaks() -> None:
+    """The unjammed ankle takes the whole drop on its toe, in every repeat."""
+    for repeat in range(REPEATS):
+        run = drop(repeat, foot=UNJAMMED)
+        assert run.topics["joint_states"].column("ankle_pitch.position").min() > 0.0
+        assert not run.broken
+
+
+def test_jammed_ankle_holds_its_vacuum_when_it_lands() -> None:
+    """All three channels are within 2 kPa of -50 kPa at the release."""
+    run = drop(foot=JAMMED)
+    for channel in ("peroneal_left", "peroneal_right", "achilles"):
+        series = run.topics[f"{channel}/pressure"]
+        landed = int(np.searchsorted(series.time_s, 1.1))
+        assert series.values[landed, 0] == pytest.approx(101_325.0 - 50e3, abs=2e3)
+
+
+def test_printed_constants_miss() -> None:
+    """With the constants as printed the unjammed ankle is far too soft: the heel strikes."""
+    run = drop(foot=UNJAMMED, parameter_set="as_printed")
+    assert run.results["peak_deceleration_m_s2"] > 45.0

@@ -1,0 +1,61 @@
+"""A rig on the running graph: what tears shows on diagnostics, in the result, and in the bag."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.action import ActionClient
+from rosbags.highlevel import AnyReader
+
+from jammkle_graph.names import CLOCK, DIAGNOSTICS, JAM_STATE, RUN_RIG, TENDON_STATES
+from jammkle_msgs.action import RunRig
+from jammkle_msgs.msg import TendonState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from graph import Probe, Up
+
+
+def messages_of(bag: Path, topic: str) -> list[Any]:
+    """Every message of a topic of a bag, in order."""
+    with AnyReader([bag]) as reader:
+        connections = [each for each in reader.connections if each.topic == topic]
+        return [reader.deserialize(raw, each.msgtype) for each, _, raw in reader.messages(connections=connections)]
+
+
+def test_a_torn_tendon_is_in_the_bag(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str], tmp_path: Path
+) -> None:
+    """A pull to the break, by ~/run_rig: BROKEN and ERROR are recorded, and the recorded clock never falls."""
+    bag = tmp_path / "bag"
+    up = start("up", *left_alone, "--record", str(bag), "--speed", "4")
+    probe = make_probe()
+    probe.listen(JAM_STATE)
+    probe.wait_until_up()
+    client = ActionClient(probe.node, RunRig, RUN_RIG.path)
+    probe.spin_until(client.server_is_ready, "the action is offered")
+    sent = client.send_goal_async(
+        RunRig.Goal(rig="tensile", options=["speed_m_s=0.1", "extension_m=0.07", "vacuum_pa=0"])
+    )
+    probe.spin_until(sent.done, "the goal is accepted")
+    answer = sent.result().get_result_async()
+    probe.spin_until(answer.done, "the rig is done")
+    assert answer.result().status == GoalStatus.STATUS_SUCCEEDED
+    assert "tendon broken: peroneal_left" in answer.result().result.message
+    client.destroy()
+    assert up.stop() == 0, up.text()
+
+    states = messages_of(bag, f"/{TENDON_STATES.name}")
+    broken = [state for state in states if any(each.condition == TendonState.BROKEN for each in state.tendons)]
+    assert broken
+    assert all(each.tension_n == 0.0 for each in broken[-1].tendons)
+    statuses = [status for report in messages_of(bag, DIAGNOSTICS.name) for status in report.status]
+    errors = {status.name: status.message for status in statuses if status.level == DiagnosticStatus.ERROR[0]}
+    assert "peroneal_left" in errors["/sim: rig"]
+    assert "peroneal_left" in errors["/sim: tendons"]
+    ticks_ns = [tick.clock.sec * 10**9 + tick.clock.nanosec for tick in messages_of(bag, CLOCK.name)]
+    assert ticks_ns == sorted(ticks_ns)
