@@ -115,7 +115,13 @@ def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", j
 
 
 @app.command()
-def status(namespace: NamespaceOption = "/", json: JsonOption = None) -> int:
+def status(
+    namespace: NamespaceOption = "/",
+    verbose: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--verbose", help="Show every value that the nodes report.")
+    ] = False,
+    json: JsonOption = None,
+) -> int:
     """Show the state of every channel and the health of every node."""
     import dataclasses
 
@@ -126,7 +132,7 @@ def status(namespace: NamespaceOption = "/", json: JsonOption = None) -> int:
     console = report.console()
     if jam_status.emergency_stopped:
         console.print("emergency stop: everything is released until driver/clear_fault")
-    for table in report.status_tables(jam_status, health):
+    for table in report.status_tables(jam_status, health, verbose=verbose):
         console.print(table)
     content = dataclasses.asdict(jam_status)
     report.write_json(json, {**content, "health": [dataclasses.asdict(line) for line in health]})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import functools
 import time
 from dataclasses import dataclass
@@ -17,13 +19,13 @@ from std_msgs.msg import String
 
 from jammkle_bringup.conversions import bag_qos, clock_ns, message_class
 from jammkle_bringup.core.bag_log import BagLog, TimeSource
-from jammkle_bringup.core.errors import InputError
+from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.namespace import relative, resolved
 from jammkle_graph.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS
 from jammkle_graph.qos import publisher_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from rclpy.executors import Executor
@@ -64,6 +66,8 @@ class Recorder(Node):
             InputError: the bag's path exists or cannot be made.
 
         """
+        self.path = options.path
+        self._failure: OSError | None = None
         self._log = BagLog(options.path, definitions, options.source)
         super().__init__("recorder", namespace=options.namespace, start_parameter_services=False)
         self._namespace = options.namespace
@@ -83,6 +87,18 @@ class Recorder(Node):
     def counts(self) -> BagCounts:
         """Return how many messages came so far."""
         return self._log.counts()
+
+    def check(self) -> None:
+        """Notice that a message could not be written, or that the bag's folder is gone, which writing does not show.
+
+        Raises:
+            OSError: one of the two.
+
+        """
+        if self._failure is not None:
+            raise self._failure
+        if not self.path.is_dir():
+            raise FileNotFoundError(errno.ENOENT, "its folder is gone", str(self.path))
 
     def close(self) -> BagCounts:
         """Complete the bag."""
@@ -133,35 +149,58 @@ class Recorder(Node):
         publishers = self.get_publishers_info_by_topic(name)
         return [bag_qos(publisher.qos_profile) for publisher in publishers] or [bag_qos(assumed)]
 
+    @contextlib.contextmanager
+    def _keeping_failure(self) -> Iterator[None]:
+        """Keep an error for the loop: the executor would print it in its own words, and go on."""
+        try:
+            yield
+        except OSError as error:
+            self._failure = self._failure or error
+
     def _take(self, name: str, data: bytes) -> None:
-        self._log.write(name, data)
+        with self._keeping_failure():
+            self._log.write(name, data)
         if name == self._sim_parameters:
             self._log.set_custom_data(SIM_PARAMETERS.name, _text(data))
 
     def _take_clock(self, data: bytes) -> None:
-        if self._log.source is TimeSource.UNDECIDED:
-            self._log.decide(TimeSource.SIMULATED)
-        self._log.tick(clock_ns(deserialize_message(data, ClockMessage)))
-        self._log.write(CLOCK.name, data)
+        with self._keeping_failure():
+            if self._log.source is TimeSource.UNDECIDED:
+                self._log.decide(TimeSource.SIMULATED)
+            self._log.tick(clock_ns(deserialize_message(data, ClockMessage)))
+            self._log.write(CLOCK.name, data)
 
     def _decide(self) -> None:
         """Settle which clock is used: by now a simulation would have been discovered."""
         self._decision.cancel()
         simulated = self.count_publishers(CLOCK.name) > 0
-        self._log.decide(TimeSource.SIMULATED if simulated else TimeSource.SYSTEM)
+        with self._keeping_failure():
+            self._log.decide(TimeSource.SIMULATED if simulated else TimeSource.SYSTEM)
 
 
 def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
-    """Record until asked to stop, then take what is still on its way and complete the bag."""
-    while not stop:
-        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
-    end_s = time.monotonic() + _DRAIN_S
-    before = -1
-    while node.counts().messages > before and time.monotonic() < end_s:
-        before = node.counts().messages
-        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
-        executor.spin_once(timeout_sec=0)
-    node.close()
+    """Record until asked to stop, then take what is still on its way and complete the bag.
+
+    Raises:
+        GraphError: the bag cannot be written any more; what could be saved of it was.
+
+    """
+    try:
+        while not stop:
+            executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+            node.check()
+        end_s = time.monotonic() + _DRAIN_S
+        before = -1
+        while node.counts().messages > before and time.monotonic() < end_s:
+            before = node.counts().messages
+            executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+            executor.spin_once(timeout_sec=0)
+        node.close()
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            node.close()
+        msg = f"bag {node.path} cannot be written: {error.strerror or error}; it ends there"
+        raise GraphError(msg) from error
 
 
 def _text(data: bytes) -> str:

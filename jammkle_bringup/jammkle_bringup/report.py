@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.run_summary import RunSummary
 
 _PA_PER_KPA = 1e3
-_PIPE_WIDTH = 160
+_PIPE_WIDTH = 1000  # tables take what they need of it
+_REAL_TIME_FACTOR = "achieved real-time factor"
 _STATE_STYLES = {"JAMMED": "green", "JAMMING": "yellow", "VENTING": "yellow", "FAULT": "bold red", "UNKNOWN": "dim"}
 _LEVEL_STYLES = {"OK": "green", "WARN": "yellow", "ERROR": "bold red", "STALE": "dim"}
 
@@ -69,8 +70,8 @@ def check_writable(path: Path | None, option: str = "--json") -> None:
         raise InputError(msg)
 
 
-def status_tables(status: JamStatus, health: Sequence[HealthStatus]) -> list[Table]:
-    """Return the tables of `jammkle status`."""
+def status_tables(status: JamStatus, health: Sequence[HealthStatus], *, verbose: bool) -> list[Table]:
+    """Return the tables of `jammkle status`; `verbose` shows every value that nodes report."""
     channels = Table(title="Channels", title_justify="left")
     for heading in ("channel", "state"):
         channels.add_column(heading)
@@ -87,12 +88,20 @@ def status_tables(status: JamStatus, health: Sequence[HealthStatus]) -> list[Tab
         )
     channels.add_row("manifold", "", "", _kpa(status.manifold_vacuum_kpa), "")
     lines = Table(title="Health", title_justify="left")
-    for heading in ("node: what", "level", "message", "values"):
+    for heading in ("node: what", "level", "message"):
         lines.add_column(heading, overflow="fold")
     for line in health:
-        values = ", ".join(f"{key}: {value}" for key, value in line.values.items())
-        lines.add_row(escape(line.name), _styled(line.level, _LEVEL_STYLES), escape(line.message), escape(values))
+        values = _shown_values(line, verbose=verbose)
+        text = "\n".join([line.message, *(f"{key}: {value}" for key, value in values.items())])
+        lines.add_row(escape(line.name), _styled(line.level, _LEVEL_STYLES), escape(text))
     return [channels, lines] if health else [channels]
+
+
+def _shown_values(line: HealthStatus, *, verbose: bool) -> dict[str, str]:
+    """Return what to show of a line's values: all where something is wrong, else the pace of the simulation."""
+    if verbose or line.level != "OK":
+        return line.values
+    return {key: value for key, value in line.values.items() if key == _REAL_TIME_FACTOR}
 
 
 def info_tables(info: BagInfo) -> list[Table]:
@@ -101,15 +110,16 @@ def info_tables(info: BagInfo) -> list[Table]:
         f"{escape(info.bag)}: {info.messages} messages in {info.duration_s:.3f} s from ROS time {info.start_s:.3f} s"
     )
     topics = Table(title=title, title_justify="left")
-    for heading in ("topic", "type"):
-        topics.add_column(heading, overflow="fold")
+    # names break where a person would break them; the type stands below its topic, so that both fit in 80 columns
+    topics.add_column("topic, type", no_wrap=True)
     for heading in ("count", "rate, Hz"):
-        topics.add_column(heading, justify="right")
+        topics.add_column(heading, justify="right", no_wrap=True)
     topics.add_column("offered as")
     for topic in info.topics:
         durability = topic.durability.replace("transient_local", "latched")
         offered = ", ".join(part for part in (topic.reliability, durability) if part)
-        topics.add_row(topic.name, topic.message_type, str(topic.count), f"{topic.rate_hz:.1f}", offered)
+        name = f"{escape(topic.name)}\n  [dim]{escape(topic.message_type)}[/dim]"
+        topics.add_row(name, str(topic.count), f"{topic.rate_hz:.1f}", offered)
     return [topics]
 
 
@@ -136,7 +146,8 @@ def summary_table(summary: RunSummary) -> Table:
 def _after(time_s: float | None, summary: RunSummary) -> str:
     if time_s is None or summary.touch_down_s is None:
         return ""
-    return f", {(time_s - summary.touch_down_s) * 1e3:+.0f} ms from touch-down"
+    late_ms = round((time_s - summary.touch_down_s) * 1e3, 1) + 0.0  # no -0.0
+    return f", {late_ms:+.1f} ms from touch-down"
 
 
 def _seconds(time_s: float | None) -> str:

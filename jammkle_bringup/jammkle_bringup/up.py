@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.node_table import NodeEntry, ParameterValue
     from jammkle_bringup.core.supervisor import Death
 
-_DISCOVERY_S = 2.5
-"""How long to look for other graphs. Measured: 0.15 s as a rule, but 2.1 s for the first that joins a running graph."""
+_DISCOVERY_S = 3.5
+"""How long to look for other graphs. They are seen after 0.15 s as a rule, but at times only with their next
+announcement, which the DDS of ROS 2 (Fast DDS) sends every 3 s."""
 
 _RECORDER_STOP_TIMEOUT_S = 30.0  # a killed recorder leaves a bag without its end
 

@@ -97,7 +97,7 @@ def test_numbers_are_read_as_ros_reads_them(tmp_path: Path, text: str) -> None:
     path = tmp_path / "parameters.yaml"
     path.write_text(f"/**/sim:\n  ros__parameters:\n    timestep_s: {text}\n")
     context = rclpy.Context()
-    rclpy.init(["--ros-args", "--params-file", str(path)], context=context)
+    rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
     node = rclpy.create_node("sim", context=context, automatically_declare_parameters_from_overrides=True)
     value = node.get_parameter("timestep_s").value
     node.destroy_node()

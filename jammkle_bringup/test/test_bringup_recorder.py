@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -110,6 +112,10 @@ class Recording:
         self.process.send_signal(number)
         assert self.process.wait(TIMEOUT_S) == 0, self._output.read_text()
         assert "Traceback" not in self._output.read_text()
+
+    def said(self) -> list[str]:
+        """Return the lines that it wrote, without the one that says that it began."""
+        return [line for line in self._output.read_text().splitlines() if "Ctrl-C ends" not in line]
 
     def messages(self) -> list[tuple[str, int, Any]]:
         """Return topic, log time and message of everything in the bag."""
@@ -266,6 +272,42 @@ def test_only_the_namespace_and_what_is_said_of_it_outside_is_recorded(
     assert [(topic, data[:size]) for topic, data in found] == [
         ("/lf_ankle/something_new", serialize_message(Bool(data=True))[:size])
     ]
+
+
+def publish_until_it_ends(node: Node, recording: Recording) -> None:
+    """Publish 64 KiB every 10 ms until the recorder has ended."""
+    publisher = node.create_publisher(String, "chatter", QoSProfile(depth=10))
+    text = String(data="x" * 65536)
+
+    def ended() -> bool:
+        publisher.publish(text)
+        return recording.process.poll() is not None
+
+    wait_until(ended, "the recorder ends")
+
+
+def test_a_full_disk_ends_the_recorder_with_one_line(node: Node, record: Callable[..., Recording]) -> None:
+    """When the file cannot grow, it says which bag and why, and exits with 1."""
+    recording = record("--clock", "system")
+    resource.prlimit(recording.process.pid, resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+    recording.hears(node, "/jam_state")
+    publish_until_it_ends(node, recording)
+    assert recording.process.returncode == 1
+    (line,) = recording.said()
+    assert str(recording.bag) in line
+    assert "File too large" in line
+
+
+def test_a_removed_folder_ends_the_recorder_with_one_line(node: Node, record: Callable[..., Recording]) -> None:
+    """A bag whose folder is gone would be lost without a word; it is noticed at once."""
+    recording = record("--clock", "system")
+    recording.hears(node, "/jam_state")
+    shutil.rmtree(recording.bag)
+    wait_until(lambda: recording.process.poll() is not None, "the recorder ends")
+    assert recording.process.returncode == 1
+    (line,) = recording.said()
+    assert str(recording.bag) in line
+    assert "folder is gone" in line
 
 
 @pytest.mark.parametrize("topic", names.TOPICS, ids=lambda topic: topic.name)

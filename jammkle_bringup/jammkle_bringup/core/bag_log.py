@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import time
 from dataclasses import dataclass, field
@@ -149,13 +150,24 @@ class BagLog:
         return BagCounts(sum(by_topic.values()), by_topic)
 
     def close(self) -> BagCounts:
-        """Complete the bag. Messages that still wait for /clock get time zero: it never began."""
+        """Complete the bag. Messages that still wait for /clock get time zero: it never began.
+
+        Raises:
+            OSError: it cannot be written; what there is on disk is closed.
+
+        """
         if self._source is TimeSource.UNDECIDED:
             self.decide(TimeSource.SYSTEM)
         if self._clock_ns is None:
             self._clock_ns = 0
-        self._write_held()
-        self._writer.close()
+        try:
+            self._write_held()
+            self._writer.close()
+        except OSError:
+            # an open file would be flushed, and fail, once more when Python ends
+            with contextlib.suppress(OSError):
+                self._writer.abort()
+            raise
         return self.counts()
 
     def _now_ns(self) -> int | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -27,9 +27,16 @@ _PA_PER_KPA = 1e3
 _MM_PER_M = 1e3
 _BEFORE_S = 0.25
 _AFTER_S = 0.5
+_ZOOM_BEFORE_S = 0.02
+_ZOOM_AFTER_S = 0.1
+_MS_PER_S = 1e3
 _WIDTH_IN = 9.0
 _PANEL_HEIGHT_IN = 1.9
 _DOTS_PER_INCH = 130
+_LARGEST_RING = 13
+_RING_STEP = 4
+_DASHES = (4, 8)
+_DASH_OFFSET = 6
 _EVENT_COLOURS = {"touch-down": "#444444", "detected": "#c0392b"}
 
 
@@ -40,29 +47,42 @@ def draw(run: RunSeries, summary: RunSummary, path: Path) -> None:
         OSError: the file cannot be written.
 
     """
-    panels: list[Callable[[Axes], None]] = []
+    whole: list[Callable[[Axes], None]] = []
     if run.carriage is not None:
-        panels.append(lambda axes: _height(axes, run))
+        whole.append(lambda axes: _height(axes, run))
     if run.imu_z is not None:
-        panels.append(lambda axes: _shock(axes, run))
+        whole.append(lambda axes: _shock(axes, run))
     if run.pressures:
-        panels.append(lambda axes: _vacuum(axes, run, summary))
+        whole.append(lambda axes: _vacuum(axes, run, summary))
     if run.solenoids:
-        panels.append(lambda axes: _solenoids(axes, run))
+        whole.append(lambda axes: _solenoids(axes, run))
     if run.tensions:
-        panels.append(lambda axes: _tension(axes, run))
+        whole.append(lambda axes: _tension(axes, run))
+    zoomed = run.imu_z is not None and summary.touch_down_s is not None
+    count = max(1, len(whole)) + zoomed
     mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
-    figure = Figure(figsize=(_WIDTH_IN, 1.0 + _PANEL_HEIGHT_IN * max(1, len(panels))), layout="constrained")
-    axes = figure.subplots(max(1, len(panels)), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, axis in zip(panels, axes, strict=False):
-        panel(axis)
-        axis.grid(visible=True, alpha=0.25)
-        _mark_events(axis, summary)
-    axes[0].legend(loc="upper right", fontsize="small", ncols=2)
+    figure = Figure(figsize=(_WIDTH_IN, 1.0 + _PANEL_HEIGHT_IN * count), layout="constrained")
+    axes: list[Axes] = []
+    for index, panel in enumerate(whole or [_nothing]):
+        axes.append(figure.add_subplot(count, 1, index + 1, sharex=axes[0] if axes else None))
+        panel(axes[-1])
+        _mark_events(axes[-1], summary)
+    for above in axes[:-1]:
+        above.tick_params(labelbottom=False)
     axes[-1].set_xlabel("time since the start of the bag [s]")
     axes[-1].set_xlim(*_window(run, summary))
+    if zoomed:
+        axes.append(figure.add_subplot(count, 1, count))
+        _zoom(axes[-1], run, summary)
+    for axis in axes:
+        axis.grid(visible=True, alpha=0.25)
+    axes[0].legend(loc="upper right", fontsize="small", ncols=2)
     figure.suptitle(_title(summary), fontsize="medium")
     figure.savefig(path, dpi=_DOTS_PER_INCH)
+
+
+def _nothing(_axes: Axes) -> None:
+    """Leave a panel empty, for a bag that holds nothing to draw."""
 
 
 def _title(summary: RunSummary) -> str:
@@ -82,11 +102,30 @@ def _window(run: RunSeries, summary: RunSummary) -> tuple[float, float]:
     return max(0.0, min(known) - _BEFORE_S), min(run.duration_s, max(known) + _AFTER_S)
 
 
-def _mark_events(axes: Axes, summary: RunSummary) -> None:
-    for name, time_s in (("touch-down", summary.touch_down_s), ("detected", summary.detected_s)):
+def _mark_events(axes: Axes, summary: RunSummary, factor: float = 1.0, origin_s: float = 0.0) -> None:
+    """Mark touch-down below and detection above, behind the curves: both often fall on one sample."""
+    for name, time_s, low, high in (
+        ("touch-down", summary.touch_down_s, 0.0, 0.2),
+        ("detected", summary.detected_s, 0.8, 1.0),
+    ):
         if time_s is not None:
-            style = ":" if name == "touch-down" else "-"
-            axes.axvline(time_s, color=_EVENT_COLOURS[name], linestyle=style, linewidth=1.0, label=name)
+            at = (time_s - origin_s) * factor
+            colour = _EVENT_COLOURS[name]
+            axes.axvline(at, low, high, color=colour, linewidth=0.8, alpha=0.8, zorder=1, label=name)
+
+
+def _zoom(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
+    """Show the shock alone, each sample a dot, over the time from touch-down."""
+    if run.imu_z is None or summary.touch_down_s is None:
+        return
+    from_touch_down_s = run.imu_z.time_s - summary.touch_down_s
+    near = (from_touch_down_s >= -_ZOOM_BEFORE_S) & (from_touch_down_s <= _ZOOM_AFTER_S)
+    net = run.imu_z.values[near] - STANDARD_GRAVITY_M_S2
+    axes.plot(from_touch_down_s[near] * _MS_PER_S, net, ".-", color="#2c3e50", linewidth=0.8, markersize=3)
+    _mark_events(axes, summary, _MS_PER_S, summary.touch_down_s)
+    axes.set_xlim(-_ZOOM_BEFORE_S * _MS_PER_S, _ZOOM_AFTER_S * _MS_PER_S)
+    axes.set_xlabel("time from touch-down [ms]")
+    axes.set_ylabel("IMU z - g\n[m/s²]")
 
 
 def _height(axes: Axes, run: RunSeries) -> None:
@@ -107,25 +146,34 @@ def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
         colour = f"C{index}"
         if vacuum is not None:
             times_s = run.pressures[channel.channel].time_s
-            axes.plot(times_s, vacuum / _PA_PER_KPA, color=colour, label=channel.channel, linewidth=_width(index))
+            axes.plot(times_s, vacuum / _PA_PER_KPA, label=channel.channel, **_style(index))
         commanded = run.commanded_vacuum.get(channel.channel)
         if commanded is not None:
             _steps(axes, commanded, run.duration_s, 1 / _PA_PER_KPA, colour)
         if channel.reached_s is not None and channel.commanded_vacuum_pa is not None:
             reached_kpa = REACHED_FRACTION * channel.commanded_vacuum_pa / _PA_PER_KPA
-            axes.plot(channel.reached_s, reached_kpa, "o", color=colour, markersize=5)
+            # rings inside each other where channels reach it together
+            size = _LARGEST_RING - _RING_STEP * index
+            ring: dict[str, Any] = {
+                "color": colour,
+                "markerfacecolor": "none",
+                "markersize": size,
+                "markeredgewidth": 1.5,
+                "zorder": 4,
+            }
+            axes.plot(channel.reached_s, reached_kpa, "o", **ring)
     if run.manifold_pressure is not None:
         ambient_pa = float(run.manifold_pressure.values[0]) if len(run.manifold_pressure) else STANDARD_PRESSURE_PA
         vacuum_kpa = (ambient_pa - run.manifold_pressure.values) / _PA_PER_KPA
         axes.plot(run.manifold_pressure.time_s, vacuum_kpa, color="#999999", linewidth=0.8, label="manifold")
-    axes.set_ylabel("vacuum [kPa]\n(dashed: set point)")
+    axes.set_ylabel("vacuum [kPa]\n(dotted: set point,\nring: reached)")
     axes.legend(loc="lower right", fontsize="small", ncols=2)
 
 
 def _steps(axes: Axes, series: Series, end_s: float, factor: float, colour: str) -> None:
     times = [*series.time_s, max(end_s, series.time_s[-1])]
     values = [*series.values, series.values[-1]]
-    axes.step(times, [value * factor for value in values], where="post", color=colour, linestyle="--", linewidth=0.9)
+    axes.step(times, [value * factor for value in values], where="post", color=colour, linestyle=":", linewidth=0.9)
 
 
 def _solenoids(axes: Axes, run: RunSeries) -> None:
@@ -139,13 +187,17 @@ def _solenoids(axes: Axes, run: RunSeries) -> None:
     axes.set_ylabel("solenoid\nenergised")
 
 
-def _width(index: int) -> float:
-    """Return a line width that lets equal curves show from under each other: left and right often are equal."""
-    return max(0.8, 3.2 - 0.8 * index)
+def _style(index: int) -> dict[str, Any]:
+    """Return a line that lets two equal ones be seen through its gaps: channels often are equal."""
+    style: dict[str, Any] = {"color": f"C{index}", "linewidth": 1.6}
+    if index % 3:
+        # a third of the line each: the dashes of the second lie in the gaps of the third
+        style["linestyle"] = (_DASH_OFFSET * (index % 3 - 1), _DASHES)
+    return style
 
 
 def _tension(axes: Axes, run: RunSeries) -> None:
     for index, (tendon, series) in enumerate(run.tensions.items()):
-        axes.plot(series.time_s, series.values, color=f"C{index}", linewidth=_width(index), label=tendon)
+        axes.plot(series.time_s, series.values, label=tendon, **_style(index % 2) | {"color": f"C{index}"})
     axes.set_ylabel("tension [N]")
     axes.legend(loc="upper right", fontsize="small", ncols=2)

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _NS_PER_S = 1e9
-_EVENT_NAMES = {1: "IMPACT", 2: "SLIP", 3: "LIFTOFF", 4: "SETTLED"}
 
 Array = NDArray[np.float64]
 
@@ -228,7 +227,7 @@ class _Collector:
         self._events.append(
             Event(
                 self._stamp_s(message.header, log_time_ns),
-                _EVENT_NAMES.get(int(message.type), f"event {message.type}"),
+                _constant_name(message, int(message.type)) or f"event {message.type}",
                 float(message.magnitude),
                 str(message.unit),
                 float(message.detection_delay_s),
@@ -246,3 +245,9 @@ class _Collector:
             self._add(key, self._log_s(log_time_ns), float(message.data))
 
         return take
+
+
+def _constant_name(message: Any, value: int) -> str:
+    """Return the name that the definition in the bag gives a value, or nothing."""
+    kind = type(message)
+    return next((name for name in dir(kind) if name.isupper() and getattr(kind, name) == value), "")

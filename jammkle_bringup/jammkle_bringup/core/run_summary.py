@@ -25,7 +25,8 @@ REACHED_FRACTION = 0.95
 """A channel has reached its vacuum at this part of the command. Chosen: the driver's tolerance is of that order."""
 
 TOUCH_DOWN_FORCE_N = 2.0
-"""Push on the load cell that counts as touch-down: 40 times the cell's noise of 0.05 N (physics.md, section 3)."""
+"""Push on the load cell that counts as touch-down: 40 times the noise of 0.05 N rms that the simulated
+cell has (SensorParameters of jammkle_sim). Chosen."""
 
 PEAK_DEFINITION = "largest linear_acceleration.z of the IMU minus 9.80665 m/s^2 (net, upward) from touch-down on"
 
