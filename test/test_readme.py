@@ -41,7 +41,7 @@ def test_every_make_target_that_is_shown_exists() -> None:
     """Each `make NAME` of the README and of CONTRIBUTING.md is a target of the Makefile."""
     makefile = (ROOT / "Makefile").read_text()
     for name in ("README.md", "CONTRIBUTING.md"):
-        for target in set(re.findall(r"`?make ([a-z-]+)`?", (ROOT / name).read_text())):
+        for target in set(re.findall(r"(?:^|`)make ([a-z-]+)", (ROOT / name).read_text(), re.MULTILINE)):
             assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"{name} shows make {target}"
 
 

@@ -184,6 +184,7 @@ class Engine:
         Only before the first step: a later change would be a jump in time.
         """
         self._own.move_to(self._own.whole_steps_ns(start_time_s))
+        self.restart_pace()
 
     def pause(self) -> None:
         """Stop simulated time; see RunControl.pause."""
