@@ -57,7 +57,10 @@ class ParameterRow:
             return ", ".join(self.choices)
         if self.minimum is None or self.maximum is None:
             return ""
-        return f"{self.minimum:g} to {self.maximum:g} {self.unit}".rstrip()
+        low, high = (
+            f"{bound:g}" if isinstance(self.default, float) else f"{bound:.0f}" for bound in (self.minimum, self.maximum)
+        )
+        return f"{low} to {high} {self.unit}".rstrip()
 
     def check(self, value: object) -> Value:
         """Return `value` in the parameter's type.
