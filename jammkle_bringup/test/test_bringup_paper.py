@@ -175,6 +175,22 @@ def test_every_row_claim_and_reason_is_on_the_page(written: tuple[str, dict[str,
     assert all(entry.sentence in text for entry in REASONS)
 
 
+def test_the_score_leaves_out_what_no_tendon_decides(written: tuple[str, dict[str, Any]]) -> None:
+    """Eight tensile rows and the two of the ankle are counted; no score is of all rows."""
+    scores = re.findall(r"<b>(\d+) of (\d+) (tensile|drop) rows", written[0])
+    assert scores == [("8", "8", "tensile"), ("2", "2", "drop")]
+    assert f"of {len(ROWS)}" not in written[0]
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["low-discrepancy", "met by construction", "49.4 mm", "35.2 N", "29 to 52 N", "critically damped", "116 N"],
+)
+def test_the_page_says_what_it_does_not_show(written: tuple[str, dict[str, Any]], words: str) -> None:
+    """What was chosen for its row, how repeats scatter and what is not reproduced stand among the notes."""
+    assert words in html.unescape(written[0]).partition('id="notes"')[2]
+
+
 def test_every_figure_with_data_has_its_counterpart(written: tuple[str, dict[str, Any]]) -> None:
     """Figures are named as the paper's, and the page asks for nothing outside of itself."""
     text, _ = written
@@ -188,7 +204,7 @@ def test_every_figure_with_data_has_its_counterpart(written: tuple[str, dict[str
 
     Sources().feed(text)
     assert sources
-    assert all(source.startswith("data:") for source in sources)
+    assert all(source.startswith(("data:", "#")) for source in sources)
     assert "@import" not in text
     assert "url(" not in text
 
