@@ -52,8 +52,8 @@ HELD_FIXED = {
     "soft_length_m": "geometry",
     "stiff_length_m": "geometry",
     "area_m2": "geometry",
-    "relaxation_gains": "the tensile rows have one speed and say nothing on rate; chosen in the drop rig, with its "
-    "assumed pose and levers, so that both its jammed and its unjammed row come out",
+    "relaxation_gains": "the tensile rows have one speed and say nothing on rate; taken over from an earlier "
+    "fit to the jammed and unjammed rows of the drop test in another pose (38 deg, toe at 60 mm), not refitted",
     "relaxation_times_s": "one per decade; gains and times cannot both be told from two peaks",
     "friction_scale": "only its product with the yield forces matters",
     "grip_saturation_m": "any value well below 20 mm gives the same peaks",

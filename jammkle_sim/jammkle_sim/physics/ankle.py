@@ -31,7 +31,8 @@ class AnkleParameters:
     foot_centre_m: tuple[float, float, float] = (0.008, 0.0, -0.008)
     """Centre of the foot's mass. Assumed: middle of the sole, half way down."""
     toe_m: float = 0.060
-    """Lever of the toe's contact, forward of the joint. Assumed, as in the drop rig."""
+    """Lever of the toe's contact, forward of the joint. Assumed; the drop rig has its own, 49.4 mm, chosen for its rows
+    (`rigs.drop.DROP_ANKLE`)."""
     heel_m: float = 0.045
     """Lever of the heel's contact, behind the joint. Assumed: just behind the Achilles tendons."""
     half_width_m: float = 0.030
@@ -43,7 +44,8 @@ class AnkleParameters:
     tendon_length_m: float = 0.118
     """End plate to end plate at the neutral pose. Paper."""
     achilles_arm_m: float = 0.0374
-    """Achilles tendons behind the joint. Assumed, as in the drop rig."""
+    """Achilles tendons behind the joint. Chosen for the drop test, so that its jammed and unjammed rows come out; the
+    paper gives no drawing."""
     achilles_spread_m: float = 0.015
     """Achilles tendons left and right of the middle. Assumed."""
     peroneal_forward_m: float = 0.025

@@ -67,8 +67,9 @@ class TendonParameters:
     """Elasticity of the bundle."""
     relaxation_gains: tuple[float, float, float, float] = (1.291, 0.861, 0.538, 0.377)
     """Gain of each Maxwell branch over the long-term force, 1. Fitted to the jammed and unjammed rows of the drop test,
-    in a rig of assumed pose and levers; `fit` holds them fixed. They give a loss factor of 0.23 to 0.24 at 1 to
-    10 Hz, where Agilus30 by itself has 1.3 to 1.4 at 20 degC."""
+    but earlier, in another pose (38 degrees, toe at 60 mm) than the drop rig has now: taken over, not refitted here;
+    `fit` holds them fixed. They give a loss factor of 0.23 to 0.24 at 1 to 10 Hz, where Agilus30 by itself has 1.3 to
+    1.4 at 20 degC."""
     relaxation_times_s: tuple[float, float, float, float] = (0.003, 0.03, 0.3, 3.0)
     """Time constant of each branch, s. Assumed: one per decade over what the tests span."""
     friction_stiffness_n_m: tuple[float, float] = (1036.7, 477.1)
