@@ -283,6 +283,17 @@ def test_an_unstable_rig_says_what_it_was(
     graph.spin_until(lambda: fake.steps > steps, "the ankle to go on")
 
 
+def test_a_foot_that_wedges_ends_its_goal_and_nothing_else(start_graph: Callable[..., Any], fake: Any) -> None:
+    """The goal is aborted with range, descent and way out; the ankle goes on, and the next goal runs."""
+    graph = start_graph(lambda _: fake, speed=0.0)
+    status, result = Goal(graph, "slip", ("foot=jammed", "slope_deg=20", "speed_m_s=0.02")).result()
+    assert status == GoalStatus.STATUS_ABORTED
+    assert "the force passed 245 N, the range of the load cell, at a descent of" in result.message
+    steps = fake.steps
+    graph.spin_until(lambda: fake.steps > steps, "the ankle to go on")
+    assert Goal(graph, "tensile", ("extension_m=0.001",)).result()[1].success
+
+
 def test_who_waits_for_a_rig_is_told_when_the_node_stops(start_graph: Callable[..., Any]) -> None:
     """A node that is stopped while a rig runs ends the goal first."""
     graph = start_graph()

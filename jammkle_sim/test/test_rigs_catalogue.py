@@ -15,7 +15,7 @@ from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.catalogue import RIGS, rig_kind, run_rig, save_mjcf, scattered
 from jammkle_sim.rigs.run import RigCancelledError, RigRun
-from jammkle_sim.rigs.simulation import Simulation
+from jammkle_sim.rigs.simulation import OverloadError, Simulation
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -189,7 +189,7 @@ def test_any_options_in_range_give_finite_figures(name: str, data: st.DataObject
     """Whatever is chosen within the ranges, a run gives finite figures, or a line that says what does not fit."""
     try:
         run = go(name, from_mapping(RIGS[name].options, data.draw(any_options(name))))
-    except ParameterError as error:
+    except (ParameterError, OverloadError) as error:
         event(str(error))  # a line of its own instead of a run; its words are tested where they belong
         return
     assert np.isfinite(list(run.results.values())).all()

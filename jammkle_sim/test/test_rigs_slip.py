@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +14,8 @@ from jammkle_graph.parameters import ParameterError, from_mapping
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs import slip
 from jammkle_sim.rigs.catalogue import run_rig, scattered
+from jammkle_sim.rigs.run import run
+from jammkle_sim.rigs.simulation import OverloadError, UnstableSimulationError
 from jammkle_sim.rigs.slip import SlipOptions, wedging_friction
 
 if TYPE_CHECKING:
@@ -54,12 +58,31 @@ def test_friction_that_wedges_is_refused_with_its_limit() -> None:
 
 
 def test_limit_is_where_the_force_runs_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beyond the limit the rigid foot pushes several times as hard as below it: the refusal is no mere caution."""
+    """Beyond the limit the force passes the load cell's range, below it it does not: the refusal is no mere caution."""
     monkeypatch.setattr(slip, "check_slides", lambda *_: None)
     limit = wedging_friction(40.0, SlipOptions().leg_m, AnkleParameters())
     options = {"foot": "rigid_ankle", "descent_m": 0.02}
-    below, beyond = push(edge_friction=limit - 0.03, **options), push(edge_friction=limit + 0.06, **options)
-    assert beyond.results["peak_force_n"] > 5.0 * below.results["peak_force_n"]
+    assert push(edge_friction=limit - 0.03, **options).results["peak_force_n"] < 50.0
+    with pytest.raises(OverloadError, match="the force passed 245 N"):
+        push(edge_friction=limit + 0.06, **options)
+
+
+@pytest.mark.parametrize("foot", ["jammed", "unjammed"])
+def test_an_ankle_that_wedges_ends_the_run_with_one_line(foot: str) -> None:
+    """The line names range, descent and what to change; whoever runs rigs takes it as a failed simulation."""
+    with pytest.raises(UnstableSimulationError) as caught:
+        push(foot=foot, slope_deg=20.0, speed_m_s=0.02)
+    line = str(caught.value)
+    assert re.search(r"passed 245 N, .*at a descent of \d+\.\d mm; .*less friction .*steeper slope .*descent_m", line)
+    assert "\n" not in line
+
+
+def test_what_the_cell_cannot_carry_is_clipped() -> None:
+    """Where a rig goes on regardless, the readings stand at the range, on no axis beyond it."""
+    rig, programme = slip.slip_rig(SlipOptions(foot="jammed", slope_deg=20.0, speed_m_s=0.02))
+    programme = dataclasses.replace(programme, overload_advice="")
+    measured = run(rig, programme, None, lambda _: None, lambda: False).topics["load_cell/wrench"].values
+    assert np.abs(measured).max() == rig.sensors.load_cell_limit_n == 245.0
 
 
 def test_carriage_goes_down_its_way_at_its_speed() -> None:

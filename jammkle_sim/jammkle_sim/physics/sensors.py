@@ -44,6 +44,8 @@ class SensorParameters:
     """Standard deviation of each pressure reading. Assumed: 0.05 % of an atmosphere."""
     pressure_offset_pa: float = 150.0
     """Standard deviation, over sensors, of their constant offset. Assumed."""
+    load_cell_limit_n: float = 245.0
+    """Range of the load cell, per axis, both ways; beyond it the reading stands still. Paper: a cell of 25 kg."""
     load_cell_noise_n: float = 0.05
     """Standard deviation of each axis of a load cell reading. Assumed: 0.02 % of the paper's 245 N cell."""
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.rigs.recording import CONTROL_ROWS, IMU_PERIOD_S, STATE_ROWS, Recorder, Series
-from jammkle_sim.rigs.simulation import Simulation
+from jammkle_sim.rigs.simulation import OverloadError, Simulation
 from jammkle_sim.rigs.vacuum import VacuumKeeper
 
 if TYPE_CHECKING:
@@ -50,6 +50,9 @@ class Programme:
     """Makes the results of a run, SI units, from its topics."""
     topics: tuple[str, ...]
     """Topics, of those that the rig could give, that it has sensors for, beside pressures and commands."""
+    overload_advice: str = ""
+    """What to change if a force grows past the range of the load cell, which ends the run; empty: it goes on, clipped,
+    as where a blow is part of the test."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,8 @@ def run(
 
     Raises:
         RigCancelledError: it was cancelled.
-        UnstableSimulationError: the simulation blew up.
+        UnstableSimulationError: the simulation blew up; an OverloadError: past the range of the load cell, where the
+            programme does not allow for it.
         ParameterError: the time step does not divide the period of the IMU.
 
     """
@@ -143,6 +147,7 @@ class RunInProgress:
         self._steps = steps_per_row(self._simulation.timestep_s)
         self._rows = CONTROL_ROWS * max(1, round(programme.duration_s / (CONTROL_ROWS * IMU_PERIOD_S)))
         self._done = 0
+        self._start_m = self._height_m()
 
     @property
     def simulation(self) -> Simulation:
@@ -174,7 +179,8 @@ class RunInProgress:
         """Go on by rows of the IMU, however many there are left; the result does not depend on the portions.
 
         Raises:
-            UnstableSimulationError: the simulation blew up.
+            UnstableSimulationError: the simulation blew up; an OverloadError: past the range of the load cell, where
+                the programme does not allow for it.
 
         """
         while rows > 0 and not self.is_finished:
@@ -186,6 +192,7 @@ class RunInProgress:
             rows -= portion
             if self._done % STATE_ROWS == 0:
                 self._recorder.note_load_cell()
+                self._check_load()
 
     def result(self) -> RigRun:
         """Return what was measured; to be asked when the run is finished."""
@@ -198,6 +205,19 @@ class RunInProgress:
             results=self._programme.evaluate(topics),
             broken=tuple(tendon.name for tendon in self._simulation.tendons() if tendon.broken),
         )
+
+    def _height_m(self) -> float:
+        return self._simulation.joint_positions()[names.CARRIAGE_JOINT]
+
+    def _check_load(self) -> None:
+        """End the run where its forces mean nothing any more."""
+        if self._programme.overload_advice and self._simulation.is_load_cell_overloaded():
+            descent_mm = 1e3 * (self._start_m - self._height_m())
+            msg = (
+                f"rig '{self._rig.name}': the force passed {self._rig.sensors.load_cell_limit_n:g} N, the range of the "
+                f"load cell, at a descent of {descent_mm:.1f} mm; {self._programme.overload_advice}"
+            )
+            raise OverloadError(msg)
 
     def _control(self) -> None:
         """Measure the pressures, and command pump and solenoids."""

@@ -25,6 +25,10 @@ class UnstableSimulationError(RuntimeError):
     """The simulation blew up. The message names what was simulated and when."""
 
 
+class OverloadError(UnstableSimulationError):
+    """A force grew past what the rig can measure, as where a foot wedges. The message names force, place, way out."""
+
+
 @dataclass(frozen=True)
 class ImuSample:
     """What the IMU gives now, in its own frame."""
@@ -197,10 +201,16 @@ class Simulation:
         )
 
     def load_cell_force_n(self) -> tuple[float, float, float]:
-        """Force between rig and leg, N, as the cell gives it: tension on z is positive."""
+        """Force between rig and leg, N, as the cell gives it, clipped at its range: tension on z is positive."""
+        limit_n = self._rig.sensors.load_cell_limit_n
         force_n = self._noise.load_cell_n(self._rig_steps)
         force_n[-len(self._load_cell) :] += self._load_cell
+        np.clip(force_n, -limit_n, limit_n, out=force_n)
         return (float(force_n[0]), float(force_n[1]), float(force_n[2]))
+
+    def is_load_cell_overloaded(self) -> bool:
+        """Whether the true force is beyond the range of the load cell on some axis."""
+        return bool(np.abs(self._load_cell).max() > self._rig.sensors.load_cell_limit_n)
 
     def description(self) -> dict[str, object]:
         """Name of the rig and all its parameters, ready for YAML."""

@@ -138,6 +138,10 @@ def slip_rig(options: SlipOptions) -> tuple[Rig, Programme]:
         vacuum=(all_channels(_JAM_S, options.vacuum_pa),) if options.foot == JAMMED else (),
         evaluate=lambda topics: _results(topics, halt_s),
         topics=(names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name),
+        overload_advice=(
+            f"the foot wedges between slope and ball joint: give less friction (it is {_friction(options):g}), a "
+            f"steeper slope (slope_deg {options.slope_deg:g}) or a shorter way (descent_m {options.descent_m:g})"
+        ),
     )
     return rig, programme
 
@@ -180,8 +184,12 @@ def check_slides(options: SlipOptions, ankle: AnkleParameters) -> None:
         raise ParameterError(msg)
 
 
+def _friction(options: SlipOptions) -> float:
+    return options.edge_friction if options.foot == RIGID_ANKLE else options.friction
+
+
 def _spec(options: SlipOptions, ankle: AnkleParameters, sensors: SensorParameters, start_m: float) -> Any:
-    friction = options.edge_friction if options.foot == RIGID_ANKLE else options.friction
+    friction = _friction(options)
     spec = new_spec("slip", options.timestep_s)
     add_slope(spec, options.slope_deg, friction, ankle.contact_time_s)
     carriage = add_carriage(spec, start_m, _CARRIAGE_KG)
