@@ -57,10 +57,8 @@ class ParameterRow:
             return ", ".join(self.choices)
         if self.minimum is None or self.maximum is None:
             return ""
-        low, high = (
-            f"{bound:g}" if isinstance(self.default, float) else f"{bound:.0f}" for bound in (self.minimum, self.maximum)
-        )
-        return f"{low} to {high} {self.unit}".rstrip()
+        style = "g" if isinstance(self.default, float) else ".0f"
+        return f"{self.minimum:{style}} to {self.maximum:{style}} {self.unit}".rstrip()
 
     def check(self, value: object) -> Value:
         """Return `value` in the parameter's type.
