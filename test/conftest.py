@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -42,7 +43,10 @@ def make_probe(domain_id: int) -> Iterator[Callable[..., Probe]]:
 
 @pytest.fixture
 def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Up]]:
-    """Start `jammkle` with arguments in the test's domain; whatever still runs at the end is stopped."""
+    """Start `jammkle` with arguments in the test's domain; whatever still runs at the end is stopped.
+
+    What they said is printed, so that pytest shows it for a test that failed.
+    """
     started: list[Up] = []
 
     def begin(*arguments: str) -> Up:
@@ -53,7 +57,8 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Up]]:
 
     yield begin
     for process in started:
-        process.stop()
+        exit_code = process.stop()
+        sys.stdout.write(f"{process.arguments} ended with {exit_code}\n{process.text()}\n")
 
 
 @pytest.fixture

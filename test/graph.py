@@ -124,6 +124,7 @@ class Up:
     """A `jammkle` process, with its output in files, so that a full pipe can never stop it."""
 
     def __init__(self, domain_id: int, folder: Path, *arguments: str) -> None:
+        self.arguments = arguments
         self.output = folder / "stdout.txt"
         self.errors = folder / "stderr.txt"
         with self.output.open("w") as output, self.errors.open("w") as errors:

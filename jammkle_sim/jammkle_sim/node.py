@@ -132,6 +132,11 @@ class SimNode(Node):
         if self.executor is not None:
             self.executor.spin_once(timeout_sec=0)  # sends the rig's result
 
+    def destroy_node(self) -> None:
+        """Leave the graph; rclpy destroys all but the action by itself."""
+        self._rigs.destroy()
+        super().destroy_node()
+
     def _refuse_late_start_time(self, changes: list[Parameter]) -> SetParametersResult:
         """Time must not jump once it has begun."""
         if self._engine.begun and any(change.name == "start_time_s" for change in changes):

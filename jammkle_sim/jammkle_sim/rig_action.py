@@ -71,6 +71,10 @@ class RigAction:
             cancel_callback=lambda _handle: CancelResponse.ACCEPT,
         )
 
+    def destroy(self) -> None:
+        """Take the action off the graph."""
+        self._server.destroy()
+
     @property
     def place(self) -> str:
         """Which run of which rig is running; empty if none is."""

@@ -11,7 +11,6 @@ import pytest
 import yaml
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.action import ActionClient
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import Bool, String
@@ -36,11 +35,10 @@ class Goal:
 
     def __init__(self, graph: Any, rig: str, options: tuple[str, ...] = (), repeats: int = 0, seed: int = 0) -> None:
         self._graph = graph
-        self._client = ActionClient(graph.probe, RunRig, names.RUN_RIG.path)
-        graph.spin_until(self._client.server_is_ready, "~/run_rig")
         self.feedback: list[RunRig.Feedback] = []
         goal = RunRig.Goal(rig=rig, options=list(options), repeats=repeats, seed=seed)
-        sent = self._client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))
+        client = graph.action_client(RunRig, names.RUN_RIG)
+        sent = client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))
         graph.spin_until(sent.done, "the goal's acceptance")
         self.handle = sent.result()
         assert self.handle.accepted
