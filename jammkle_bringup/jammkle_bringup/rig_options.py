@@ -57,7 +57,13 @@ _COMMON: dict[str, tuple[Any, Any]] = {
     "namespace": (Annotated[str, typer.Option(help="ROS namespace of the ankle, for example lf_ankle.")], "/"),
     "json": (Annotated[Path | None, typer.Option(help="Write the results to this file as JSON too.")], None),
     "save_mjcf": (
-        Annotated[Path | None, typer.Option(help="Write the model that is simulated to this file (MJCF).")],
+        Annotated[
+            Path | None,
+            typer.Option(
+                help="Write the model that is simulated to this file (MJCF): bodies and contacts, without the law of "
+                "the tendons, the air, or the release and drive of the carriage."
+            ),
+        ],
         None,
     ),
 }

@@ -124,7 +124,7 @@ def _run(name: str, options: Any, on_progress: Callable[[float], None], stop: Ca
     except RigCancelledError as error:
         raise Interrupted from error
     except UnstableSimulationError as error:
-        raise GraphError(str(error)) from error
+        raise GraphError(as_options(str(error))) from error
 
 
 def _show(request: RigRequest, done: list[_Done]) -> None:

@@ -122,7 +122,10 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("rig tensile -o {folder}/bag --json {folder}/no/where.json", ("where.json", "no folder")),
         ("rig drop -o {folder}/bag --foot clown", ("--foot", "clown", "squash_ball")),
         ("rig drop --save-mjcf {folder}/no/drop.xml", ("--save-mjcf", "drop.xml", "no folder")),
-        ("rig slip -o {folder}/bag --foot rigid_ankle --edge-friction 0.8", ("--edge-friction", "0.8", "wedges")),
+        (
+            "rig slip -o {folder}/bag --foot rigid_ankle --edge-friction 0.8",
+            ("--edge-friction is 0.8", "wedges", "--edge-friction of 0.31"),
+        ),
         ("rig slip -o {folder}/bag --namespace 1st", ("1st", "lf_ankle")),
         ("paper -o {folder}/page --repeats 1", ("--repeats", "1", "2 to 1000")),
         ("paper -o {folder}/page --seed -1", ("--seed", "-1")),

@@ -117,9 +117,11 @@ def test_run_is_complete_and_can_be_written(name: str) -> None:
 
 @pytest.mark.parametrize("name", RIGS)
 def test_saved_model_opens_in_mujoco(name: str, tmp_path: Path) -> None:
-    """The MJCF that is written has the bodies, tendons and start of what was simulated."""
+    """The MJCF has the bodies, tendons and start of what was simulated, and says at its top what it does not have."""
     options = quick(name)
     save_mjcf(name, options, tmp_path / "rig.xml")
+    top = (tmp_path / "rig.xml").read_text().partition("<mujoco")[0]
+    assert all(word in top for word in (f"Rig {name}.", "law of the tendons", "air", "release"))
     read, made = mujoco.MjModel.from_xml_path(str(tmp_path / "rig.xml")), RIGS[name].build(options)[0].model
     assert (read.nq, read.nbody, read.ntendon, read.nu, read.nkey) == (
         made.nq,

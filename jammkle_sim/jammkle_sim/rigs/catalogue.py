@@ -39,6 +39,13 @@ class RigKind:
     """Makes the options of one repeat, from the options and two standard normal numbers."""
 
 
+NOT_IN_MJCF = (
+    "Bodies, joints, contacts and sensors alone. Not in this file: the law of the tendons (each actuator of a tendon's "
+    "name pulls with its control, N, which is 0 here, so that the tendons are without force), the air (pump, "
+    "solenoids, vacuum), and what the rig does by itself (release of a held carriage, speed of a driven one)."
+)
+"""What somebody must know who opens a saved model; it stands at the top of the file."""
+
 RIGS: dict[str, RigKind] = {
     kind.name: kind
     for kind in (
@@ -149,7 +156,7 @@ def scattered(name: str, options: Any, repeat: int) -> Any:
 
 
 def save_mjcf(name: str, options: Any, path: Path) -> None:
-    """Write the model of a rig as MJCF, which MuJoCo's own viewer opens. The laws of tendons and air are not in it.
+    """Write the model of a rig as MJCF, which MuJoCo's own viewer opens. What is not in it stands at its top.
 
     Raises:
         ParameterError: as `run_rig`.
@@ -157,7 +164,7 @@ def save_mjcf(name: str, options: Any, path: Path) -> None:
 
     """
     rig, _ = _built(name, options)
-    path.write_text(rig.spec.to_xml())
+    path.write_text(f"<!-- Rig {name}. {NOT_IN_MJCF} -->\n{rig.spec.to_xml()}")
 
 
 def _built(name: str, options: Any) -> tuple[Rig, Programme]:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 from jammkle_graph import names
 from jammkle_graph.parameters import parameter
 from jammkle_sim.physics.ankle import PITCH, AnkleParameters, add_ankle
-from jammkle_sim.physics.constants import TENDON_SETS, tendon_parameters
+from jammkle_sim.physics.constants import GRAVITY_M_S2, TENDON_SETS, tendon_parameters
 from jammkle_sim.physics.feet import (
     JAMMED,
     RIGID_ANKLE,
+    SQUASH,
     SQUASH_BALL,
     STANDARD,
     UNJAMMED,
@@ -40,7 +41,7 @@ from jammkle_sim.rigs.model import (
     weigh,
 )
 from jammkle_sim.rigs.rig import Event, Rig
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import Programme, Series, TravelLimit
 from jammkle_sim.rigs.vacuum import all_channels
 
 if TYPE_CHECKING:
@@ -122,9 +123,10 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
     pitch_rad = math.radians(options.pitch_deg)
     spec = new_spec("drop", options.timestep_s)
     add_slope(spec, 0.0, options.friction, ankle.contact_time_s)
-    if options.foot in (STANDARD, SQUASH_BALL):
-        start_m = tip.length_m + options.drop_height_m
-        foot_kg = tip.mass_kg if options.foot == STANDARD else ball.mass_kg
+    if options.foot == STANDARD:
+        start_m, foot_kg = tip.length_m + options.drop_height_m, tip.mass_kg
+    elif options.foot == SQUASH_BALL:
+        start_m, foot_kg = 2.0 * ball.radius_m + options.drop_height_m, ball.mass_kg
     else:
         start_m = sole_below_joint_m(ankle, pitch_rad) + options.drop_height_m
         foot_kg = ankle.foot_mass_kg
@@ -138,7 +140,7 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
     elif options.foot == STANDARD:
         add_standard_foot(leg, tip, hard, options.friction)
     elif options.foot == SQUASH_BALL:
-        add_squash_ball(leg, ball, options.friction, tip.length_m)
+        add_squash_ball(leg, ball, options.friction)
     else:
         add_ankle(spec, leg, ankle, options.friction)
         start = {PITCH: pitch_rad}
@@ -171,6 +173,7 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
         vacuum=(all_channels(_JAM_S, options.vacuum_pa),) if options.foot == JAMMED else (),
         evaluate=_results,
         topics=topics,
+        travel_limit=_walls_meet(options, ball) if options.foot == SQUASH_BALL else None,
     )
     return rig, programme
 
@@ -182,6 +185,18 @@ def sole_below_joint_m(ankle: AnkleParameters, pitch_rad: float) -> float:
     toe_m = ankle.toe_m * math.sin(pitch_rad) + centre_m * math.cos(pitch_rad)
     heel_m = -ankle.heel_m * math.sin(pitch_rad) + centre_m * math.cos(pitch_rad)
     return max(toe_m, heel_m) + radius_m
+
+
+def _walls_meet(options: DropOptions, ball: SquashBallParameters) -> TravelLimit:
+    """Limit the squash, and advise falls whose whole energy spring and cube hold before; with the damper more goes."""
+    squash_m = ball.largest_squash_m
+    held_j = ball.energy_j(squash_m)
+    mass_kg = math.floor(100.0 * held_j / (GRAVITY_M_S2 * (options.drop_height_m + squash_m))) / 100.0
+    height_m = math.floor(1e3 * (held_j / (GRAVITY_M_S2 * options.mass_kg) - squash_m)) / 1e3
+    ways = [f"parameter 'mass_kg' of {mass_kg:g} or less (it is {options.mass_kg:g})"]
+    if height_m >= 0.0:
+        ways.append(f"parameter 'drop_height_m' of {height_m:g} or less (it is {options.drop_height_m:g})")
+    return TravelLimit(SQUASH, squash_m, "squash ball is pressed until its walls meet", f"give {' or '.join(ways)}")
 
 
 def _results(topics: Mapping[str, Series]) -> dict[str, float]:

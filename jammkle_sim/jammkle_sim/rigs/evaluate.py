@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 _SMOOTHED_ROWS = 5
 """Rows of 2 ms that a reported force is the mean of: 10 ms, as a test machine's filter. Assumed."""
+SMOOTHED_S = 0.010
+"""The same as a time, s."""
 
 
 def smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -127,7 +127,10 @@ def pressure_rig(options: PressureOptions) -> tuple[Rig, Programme]:
 def _results(
     topics: Mapping[str, Series], options: PressureOptions, channels: tuple[str, ...], starts_s: list[float]
 ) -> dict[str, float]:
-    """Slowest channel of the slowest cycle; a time is left out where none ever got there."""
+    """Slowest channel of the slowest cycle; a time is left out where none ever got there.
+
+    What never reached its set point has nothing to vent from that could be compared: it has no time of venting either.
+    """
     jam_times_s: list[float] = []
     vent_times_s: list[float] = []
     deepest_pa: list[float] = []
@@ -142,7 +145,8 @@ def _results(
             reached = vacuum_pa[jamming] >= options.vacuum_pa - _REACHED_PA
             vented = vacuum_pa[venting] < VENTED_PA
             jam_times_s += [moment_s - start_s for moment_s in _first_s(series.time_s[jamming], reached)]
-            vent_times_s += [moment_s - turn_s for moment_s in _first_s(series.time_s[venting], vented)]
+            if reached.any():
+                vent_times_s += [moment_s - turn_s for moment_s in _first_s(series.time_s[venting], vented)]
             deepest_pa.append(float(vacuum_pa[jamming].max()))
     results = {"deepest_vacuum_pa": max(deepest_pa), "share_reached": len(jam_times_s) / len(deepest_pa)}
     if jam_times_s:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 ACCELEROMETER, GYRO, LOAD_CELL = "accelerometer", "gyro", "load_cell"
 """Names that a rig's model gives its sensors."""
+GROUND = "slope"
+"""Name that it gives the ground, where it has one."""
 
 
 @dataclass(frozen=True)

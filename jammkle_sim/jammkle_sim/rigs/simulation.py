@@ -13,7 +13,7 @@ from jammkle_sim.physics.engine import address_of_function, mujoco
 from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
 from jammkle_sim.physics.sensors import Noise, imu_law
 from jammkle_sim.physics.tendon import relaxed_state
-from jammkle_sim.rigs.rig import ACCELEROMETER, LOAD_CELL
+from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, LOAD_CELL
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,12 +21,16 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.rig import Rig
 
 
+_FAR_M = 1.0
+"""Clearances beyond it read as this."""
+
+
 class UnstableSimulationError(RuntimeError):
     """The simulation blew up. The message names what was simulated and when."""
 
 
 class OverloadError(UnstableSimulationError):
-    """A force grew past what the rig can measure, as where a foot wedges. The message names force, place, way out."""
+    """Something grew past what the rig can measure or a part can bear. The message names value, limit, way out."""
 
 
 @dataclass(frozen=True)
@@ -199,6 +203,25 @@ class Simulation:
             )
             for name, state in zip(self._rig.tendon_names, self._states.tendons, strict=True)
         )
+
+    def joint_position(self, name: str) -> float:
+        """Position of any joint with one degree of freedom, rad or m.
+
+        Raises:
+            KeyError: there is no such joint.
+
+        """
+        return float(self._data.joint(name).qpos[0])
+
+    def ground_clearance_m(self, geom: str) -> float:
+        """How far a geom's surface is off the ground, m, at the start of the latest step; negative: within it.
+
+        Raises:
+            KeyError: there is no such geom, or the rig has no ground.
+
+        """
+        ground, part = self._model.geom(GROUND).id, self._model.geom(geom).id
+        return float(mujoco.mj_geomDistance(self._model, self._data, ground, part, _FAR_M, None))
 
     def load_cell_force_n(self) -> tuple[float, float, float]:
         """Force between rig and leg, N, as the cell gives it, clipped at its range: tension on z is positive."""

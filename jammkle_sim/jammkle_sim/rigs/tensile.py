@@ -149,7 +149,11 @@ def _spec(options: TensileOptions, sensors: SensorParameters) -> Any:
 
 
 def _results(topics: Mapping[str, Series], start_s: float, turn_s: float) -> dict[str, float]:
-    """Peak, work and loss from load cell and crosshead, as a test machine reports them."""
+    """Peak, work and loss from load cell and crosshead, as a test machine reports them.
+
+    The share lost is left out where the tendon was slack all the way, the extension at the break, of the tendon itself,
+    where it did not break.
+    """
     cell = topics[names.LOAD_CELL.name]
     force_n = smoothed(cell.column("force_z_n"))
     extension_m = topics[names.JOINT_STATES.name].column(f"{names.CARRIAGE_JOINT}.position")
@@ -157,15 +161,19 @@ def _results(topics: Mapping[str, Series], start_s: float, turn_s: float) -> dic
     going_up = pulled & (cell.time_s <= turn_s)
     loaded_j = work_j(extension_m[going_up], force_n[going_up])
     lost_j = work_j(extension_m[pulled], force_n[pulled])
-    torn = topics[names.TENDON_STATES.name].column(f"{_TENDON}.broken") > 0.0
+    tendon = topics[names.TENDON_STATES.name]
+    torn = tendon.column(f"{_TENDON}.broken") > 0.0
     results = {
         "peak_force_n": float(force_n[pulled].max()),
         "largest_extension_m": float(extension_m.max()),
         "energy_in_n_m": loaded_j,
         "energy_lost_n_m": lost_j,
     }
-    if loaded_j > 0.0:
+    if tendon.column(f"{_TENDON}.tension_n").max() > 0.0 and loaded_j > 0.0:  # slack, both are noise alone
         results["share_lost"] = lost_j / loaded_j
     if torn.any():
-        results["break_extension_m"] = float(extension_m[np.argmax(torn)])
+        # It tore between the last row that has it whole and the first that has it torn.
+        first = int(np.argmax(torn))
+        stretched_m = tendon.column(f"{_TENDON}.extension_m")
+        results["break_extension_m"] = float(stretched_m[max(first - 1, 0) : first + 1].mean())
     return results

@@ -85,6 +85,6 @@ def slips(outcomes: Outcomes) -> Picture:
     bars.legend()
     return finished(
         "fig8", figure, "Slip test: force over descent, and what is dissipated", "Figure 10 (fig8)",
-        "40 degree slope, 5 mm/s down for 110 mm, every repeat. The paper prints no numbers here. The rigid ankle has "
-        "no tendons, so that both sets give the same.",
+        "40 degree slope, 5 mm/s down for 110 mm, every repeat. The paper prints no numbers here. The two ankles' "
+        "force jumps when the heel lands. The rigid ankle has no tendons, so that both sets give the same.",
     )  # fmt: skip
