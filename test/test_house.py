@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("jammkle_driver", "jammkle_controller", "jammkle_sim", "jammkle_bringup")
 NODE_LINES = 300
 PURE = (
+    "jammkle_graph.constants",
     "jammkle_graph.names",
     "jammkle_graph.parameters",
     "jammkle_driver.core",

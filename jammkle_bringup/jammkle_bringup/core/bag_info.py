@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 from rosbags.interfaces import ConnectionExtRosbag2
 
 from jammkle_bringup.core.bag_file import opened
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection, Qos
-
-_NS_PER_S = 1e9
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,10 @@ def bag_info(path: Path) -> BagInfo:
     """
     with opened(path) as reader:
         empty = reader.message_count == 0
-        duration_s = 0.0 if empty else reader.duration / _NS_PER_S
+        duration_s = 0.0 if empty else reader.duration / NANOSECONDS_PER_SECOND
         return BagInfo(
             bag=str(path),
-            start_s=0.0 if empty else reader.start_time / _NS_PER_S,
+            start_s=0.0 if empty else reader.start_time / NANOSECONDS_PER_SECOND,
             duration_s=duration_s,
             messages=reader.message_count,
             topics=tuple(
