@@ -8,7 +8,7 @@ from jammkle_driver.core.channel import ChannelSettings
 from jammkle_driver.core.driver import DriverSettings
 from jammkle_driver.core.regulator import RegulatorSettings
 from jammkle_driver.core.requests import VacuumLimits
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_graph.constants import HELD_VACUUM_PA, STANDARD_ATMOSPHERE_PA
 from jammkle_graph.parameters import ParameterError, parameter
 
 
@@ -32,7 +32,7 @@ class DriverParameters:
         dynamic=True,
     )
     default_vacuum_pa: float = parameter(
-        50e3, "Vacuum of a jam request that names none", "Pa", 1e3, 100e3, dynamic=True
+        HELD_VACUUM_PA, "Vacuum of a jam request that names none", "Pa", 1e3, 100e3, dynamic=True
     )
     min_vacuum_pa: float = parameter(5e3, "Least vacuum that may be asked for", "Pa", 1e3, 100e3)
     max_vacuum_pa: float = parameter(70e3, "Most vacuum that may be asked for", "Pa", 1e3, 100e3)

@@ -49,7 +49,7 @@ from jammkle_sim.rigs.options import (
     seed_option,
 )
 from jammkle_sim.rigs.rig import Event, Rig
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import LEG_TOPICS, Programme, Series
 from jammkle_sim.rigs.vacuum import all_channels
 
 if TYPE_CHECKING:
@@ -170,12 +170,11 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
         },
         tendon_names=names.TENDONS if has_tendons else (),
     )
-    topics = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name)
     programme = Programme(
         duration_s=_RELEASE_S + _REST_S,
         vacuum=(all_channels(_JAM_S, options.vacuum_pa),) if options.foot == JAMMED else (),
         evaluate=_results,
-        topics=topics,
+        topics=LEG_TOPICS,
     )
     return rig, programme
 

@@ -17,7 +17,7 @@ from jammkle_sim.rigs.options import (
     replaced_within_range,
     run_timestep_option,
 )
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import LEG_TOPICS, Programme, Series
 from jammkle_sim.rigs.vacuum import VacuumStep, all_channels
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def landing_rig(options: LandingRunOptions) -> tuple[Rig, Programme]:
         duration_s=touch_down_s + _REST_S,
         vacuum=vacuum[options.jam],
         evaluate=lambda topics: _results(topics, options.release_time_s),
-        topics=(names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name),
+        topics=LEG_TOPICS,
     )
     return rig, programme
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, TypeVar
 
+from jammkle_graph.constants import HELD_VACUUM_PA, MAX_SEED
 from jammkle_graph.parameters import ParameterClass, from_mapping, parameter, rows
 from jammkle_sim.physics.constants import TENDON_SETS
-
-MAX_SEED = 2**31 - 1
 
 P = TypeVar("P", bound=ParameterClass)
 
@@ -43,8 +42,8 @@ def run_timestep_option() -> Any:
 
 
 def jammed_vacuum_option() -> Any:
-    """Make the field `vacuum_pa` of a rig whose ankle may be jammed. 50 kPa is what the paper's pump holds."""
-    return parameter(50e3, "Vacuum of the jammed ankle", "Pa", 5e3, 75e3)
+    """Make the field `vacuum_pa` of a rig whose ankle may be jammed."""
+    return parameter(HELD_VACUUM_PA, "Vacuum of the jammed ankle", "Pa", 5e3, 75e3)
 
 
 def drop_height_option(ground: str) -> Any:

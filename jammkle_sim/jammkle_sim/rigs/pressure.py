@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_graph import names
+from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.constants import tendon_parameters
@@ -47,7 +48,7 @@ class PressureOptions:
     """What can be chosen about jam and vent cycles."""
 
     channel: str = parameter("all", "Which channels are evacuated", choices=(_ALL, *names.CHANNELS))
-    vacuum_pa: float = parameter(50e3, "Vacuum of each cycle", "Pa", 6e3, 75e3)
+    vacuum_pa: float = parameter(HELD_VACUUM_PA, "Vacuum of each cycle", "Pa", 6e3, 75e3)
     cycles: int = parameter(3, "How many cycles", "", 1, 100)
     jam_time_s: float = parameter(1.0, "How long each cycle holds the vacuum", "s", 0.1, 60.0)
     vent_time_s: float = parameter(0.5, "How long each cycle vents", "s", 0.1, 60.0)

@@ -36,7 +36,7 @@ from jammkle_sim.rigs.options import (
     seed_option,
 )
 from jammkle_sim.rigs.rig import Event, Rig
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import LEG_TOPICS, Programme, Series
 from jammkle_sim.rigs.vacuum import all_channels
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def slip_rig(options: SlipOptions) -> tuple[Rig, Programme]:
         duration_s=halt_s + _HOLD_S,
         vacuum=(all_channels(_JAM_S, options.vacuum_pa),) if options.foot == JAMMED else (),
         evaluate=lambda topics: _results(topics, halt_s),
-        topics=(names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name),
+        topics=LEG_TOPICS,
         overload_advice=(
             f"the foot wedges between slope and ball joint: give less friction (it is {_friction(options):g}), a "
             f"steeper slope (slope_deg {options.slope_deg:g}) or a shorter way (descent_m {options.descent_m:g})"

@@ -49,7 +49,13 @@ class TensileOptions:
     membrane: str = parameter("yes", "Whether the membrane is on; without it there is no vacuum", choices=("yes", "no"))
     vacuum_pa: float = parameter(0.0, "Vacuum held in the tendon while it is pulled", "Pa", 0.0, 75e3)
     speed_m_s: float = parameter(0.005, "Speed of the crosshead, up and back", "m/s", 0.0005, 1.0)
-    extension_m: float = parameter(0.020, "Where the crosshead turns; a tendon breaks at 0.055", "m", 0.001, 0.08)
+    extension_m: float = parameter(
+        0.020,
+        "Where the crosshead turns; a tendon breaks at 0.055",
+        "m",
+        0.001,
+        0.08,
+    )
     mounting_error_m: float = parameter(
         0.0, "How far the crosshead starts above the tendon's free length", "m", -0.005, 0.005
     )
