@@ -1,4 +1,4 @@
-"""For tests: a ROS domain of one's own. Needs `domain_coordinator` and `psutil`, which are test dependencies only."""
+"""For tests: a ROS domain of one's own, the same random examples every time. Needs what only tests depend on."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import secrets
 from typing import TYPE_CHECKING
 
 import psutil
+import pytest
 from domain_coordinator import domain_id
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -19,6 +21,16 @@ DOMAINS = 100
 _FIRST_PORT = 7400
 _PORTS_PER_DOMAIN = 250
 """Port numbers of a domain's participants: the DDS-RTPS specification, 2.5, section 9.6.2.3."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure() -> None:
+    """Let hypothesis draw the same examples in every run, and count no time: pytest calls this, see pyproject.toml.
+
+    A run that fails then fails again; whoever wants others gives `--hypothesis-profile=default`.
+    """
+    settings.register_profile("jammkle", derandomize=True, database=None, deadline=None)
+    settings.load_profile("jammkle")
 
 
 @contextlib.contextmanager
