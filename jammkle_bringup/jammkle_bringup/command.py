@@ -164,12 +164,14 @@ def info(
     bag: Annotated[Path, typer.Argument(help="The bag.", metavar="BAG")],
     json: JsonOption = None,
 ) -> int:
-    """Show what a bag holds: duration, topics, types, counts, rates, QoS, custom data."""
+    """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
     from jammkle_bringup import report
     from jammkle_bringup.core.bag_info import bag_info
+    from jammkle_bringup.progress import progress_bar
 
     report.check_writable(json)
-    found = bag_info(bag)
+    with progress_bar(f"reading {bag}") as show:
+        found = bag_info(bag, lambda share: show(share, ""))
     console = report.console()
     for table in report.info_tables(found):
         console.print(table)

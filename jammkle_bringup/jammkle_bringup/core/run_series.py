@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jammkle_bringup.core.bag_file import opened
+from jammkle_bringup.core.bag_file import messages, opened
 from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.namespace import resolved
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
@@ -109,7 +109,7 @@ def read_run(path: Path, namespace: str | None = None) -> RunSeries:
             raise InputError(msg)
         collector = _Collector(namespace, reader.start_time)
         wanted = [connection for connection in reader.connections if connection.topic in collector.takers]
-        for connection, log_time_ns, data in reader.messages(wanted):
+        for connection, log_time_ns, data in messages(reader, path, wanted):
             message: Any = reader.deserialize(data, connection.msgtype)
             collector.takers[connection.topic](message, log_time_ns)
         return collector.run((reader.end_time - reader.start_time) / NANOSECONDS_PER_SECOND)
