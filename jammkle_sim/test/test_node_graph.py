@@ -152,6 +152,12 @@ def test_pause_stands_and_step_moves_exactly(start_graph: Callable[..., Any]) ->
     assert set(ticks_ns(clocks)[count:]) == {standing_ns}
 
 
+def test_the_time_after_a_step_is_the_nearest_number(start_graph: Callable[..., Any]) -> None:
+    """What ~/step answers is the decimal number itself, without the last bit of a sum or a product."""
+    graph = start_graph(start_paused=True)
+    assert [graph.step(steps).simulated_time_s for steps in (9, 2, 2, 7)] == [0.0045, 0.0055, 0.0065, 0.01]
+
+
 def test_a_number_of_steps_out_of_range_is_refused(start_graph: Callable[..., Any]) -> None:
     """Zero and too many steps are refused with the limit, and time does not move."""
     graph = start_graph(start_paused=True)
