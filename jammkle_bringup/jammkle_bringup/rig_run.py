@@ -17,7 +17,8 @@ from jammkle_bringup.core.namespace import normalised
 from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.progress import progress_bar
 from jammkle_bringup.rig_bag import write_bag
-from jammkle_bringup.rig_options import MAX_REPEATS, RigRequest, as_options, rig_app
+from jammkle_bringup.rig_options import RigRequest, as_options, rig_app
+from jammkle_graph.constants import MAX_REPEATS
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.rigs.catalogue import run_rig, save_mjcf, scattered

@@ -10,8 +10,9 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.parameters import ParameterError, from_mapping
+from jammkle_graph.parameters import ParameterError
 from jammkle_sim.rigs import drop, landing_run, pressure, slip, tensile
+from jammkle_sim.rigs.options import checked
 from jammkle_sim.rigs.run import RigRun, RunInProgress, run, steps_per_row
 from jammkle_sim.rigs.scatter import scatter_numbers, scatter_seed
 
@@ -172,7 +173,6 @@ def _built(name: str, options: Any) -> tuple[Rig, Programme]:
     if not isinstance(options, kind.options):
         msg = f"options of rig '{name}' must be {kind.options.__name__}, not {type(options).__name__}"
         raise ParameterError(msg)
-    given = dataclasses.asdict(options)
-    checked = from_mapping(kind.options, given)
-    steps_per_row(given["timestep_s"])
-    return kind.build(checked)
+    in_range: Any = checked(options)
+    steps_per_row(in_range.timestep_s)
+    return kind.build(in_range)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_sim.physics.ankle import free_lengths_m
-from jammkle_sim.physics.constants import GRAVITY_M_S2
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.tendon import tendon_law
 from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, GYRO, LOAD_CELL
@@ -44,7 +44,7 @@ def new_spec(name: str, timestep_s: float) -> Any:
     spec.modelname = name
     spec.compiler.degree = False
     spec.option.timestep = timestep_s
-    spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
+    spec.option.gravity = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0  # less creep of a foot that sticks for a moment

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 from jammkle_graph.names import TENDONS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
+    from jammkle_graph.parameters import ParameterClass
     from jammkle_sim.physics.pneumatics import PneumaticParameters
     from jammkle_sim.physics.sensors import SensorParameters
 
@@ -45,6 +46,9 @@ class Rig:
     sensors: SensorParameters
     events: tuple[Event, ...]
     """By rising step."""
-    description: dict[str, object]
+    options: ParameterClass
+    """What it was built from."""
+    parts: Mapping[str, Any]
+    """Every dataclass of constants that went into it, by name."""
     tendon_names: tuple[str, ...] = TENDONS
     """Names of the tendons; empty for a foot without any."""

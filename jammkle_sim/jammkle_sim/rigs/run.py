@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CONTROL_ROWS",
     "IMU_PERIOD_S",
+    "LEG_TOPICS",
     "STATE_ROWS",
     "Programme",
     "RigCancelledError",
@@ -30,6 +31,8 @@ __all__ = [
     "steps_per_row",
 ]
 
+LEG_TOPICS = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name)
+"""What a rig with a whole leg has sensors for, beside pressures and commands."""
 _ROUNDING_S = 1e-12
 """What a sum of time steps may differ by, s."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,11 +10,13 @@ import numpy as np
 
 from jammkle_graph.names import ANKLE_JOINTS, CARRIAGE_JOINT, CHANNELS
 from jammkle_sim.physics import kernels, records
-from jammkle_sim.physics.engine import address_of_function, mujoco
+from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
 from jammkle_sim.physics.sensors import Noise, imu_law
 from jammkle_sim.physics.tendon import relaxed_state
-from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, LOAD_CELL
+from jammkle_sim.rigs.options import changed_text
+from jammkle_sim.rigs.rig import GROUND, LOAD_CELL
+from jammkle_sim.rigs.wiring import body_of, probe_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,7 +41,7 @@ class ImuSample:
     """What the IMU gives now, in its own frame."""
 
     specific_force_m_s2: tuple[float, float, float]
-    """Acceleration less gravity: +9.81 along z at rest."""
+    """Acceleration less gravity: +g along z at rest."""
     angular_velocity_rad_s: tuple[float, float, float]
 
 
@@ -73,11 +76,11 @@ class Simulation:
         self._pose()
         pneumatics = pneumatic_law(rig.pneumatics, self.timestep_s)
         self._laws = records.Laws(pneumatics, rig.tendon_laws, imu_law(rig.sensors, self.timestep_s))
-        self._body = self._body_of(self._model, self._data)
+        self._body = body_of(self._model, self._data)
         self._load_cell = self._data.sensor(LOAD_CELL).data
         known = {self._model.joint(i).name for i in range(self._model.njnt)}
         self._joints = {name: self._data.joint(name) for name in (*ANKLE_JOINTS, CARRIAGE_JOINT) if name in known}
-        self._probe = self._probe_of(self._model, self._data)
+        self._probe = probe_of(self._model, self._data, self._joints)
         self._noise = Noise(rig.sensors)
         self._start = self._start_states()
         self._states = records.States(*(part.copy() for part in self._start))
@@ -237,7 +240,9 @@ class Simulation:
 
     def description(self) -> dict[str, object]:
         """Name of the rig and all its parameters, ready for YAML."""
-        return {"rig": self._rig.name, "timestep_s": self.timestep_s, **self._rig.description}
+        parts = {"options": self._rig.options, **self._rig.parts}
+        plain = {name: dataclasses.asdict(part) for name, part in parts.items()}
+        return {"rig": self._rig.name, "timestep_s": self.timestep_s, **plain}
 
     @property
     def rig_time_s(self) -> float:
@@ -272,33 +277,6 @@ class Simulation:
         imu["first"] = imu["second"] = self._body.raw_imu
         return records.States(vented_state(self._laws.pneumatics), tendons, imu)
 
-    def _body_of(self, model: Any, data: Any) -> records.Body:
-        imu = int(model.sensor(ACCELEROMETER).adr[0])
-        addresses = [
-            address_of_function("mj_step1"),
-            address_of_function("mj_step2"),
-            model._address,  # noqa: SLF001  # the bindings' own way to hand a model to C
-            data._address,  # noqa: SLF001  # as above
-        ]
-        return records.Body(
-            addresses=np.array(addresses, dtype=np.intp),
-            length_m=data.ten_length,
-            rate_m_s=data.ten_velocity,
-            pull_n=data.ctrl,
-            speed=data.qvel,
-            raw_imu=data.sensordata[imu : imu + records.IMU_AXES],
-        )
-
-    def _probe_of(self, model: Any, data: Any) -> records.Probe:
-        joints = [model.joint(name) for name in self._joints]
-        return records.Probe(
-            position=data.qpos,
-            speed=data.qvel,
-            position_index=np.array([joint.qposadr[0] for joint in joints], dtype=np.intp),
-            speed_index=np.array([joint.dofadr[0] for joint in joints], dtype=np.intp),
-            load_cell_n=self._load_cell,
-        )
-
     def _run(self, steps: int) -> None:
         if steps == 0:
             return
@@ -329,7 +307,7 @@ class Simulation:
     def _unstable_text(self) -> str:
         speed = float(np.abs(self._body.speed).max())
         return (
-            f"simulation of rig '{self._rig.name}' became unstable {self._rig_steps * self.timestep_s:g} s after its "
-            f"start: a joint moves at {speed:g}, the limit is {kernels.LARGEST_SPEED:g}; try a smaller timestep_s or "
-            f"milder parameters; it was: {self._rig.description}"
+            f"simulation of rig '{self._rig.name}' (options: {changed_text(self._rig.options)}) became unstable "
+            f"{self.rig_time_s:g} s after its start: a joint moves at {speed:g} rad/s or m/s, the limit is "
+            f"{kernels.LARGEST_SPEED:g}; try a smaller timestep_s or milder options"
         )

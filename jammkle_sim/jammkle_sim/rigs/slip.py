@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError, parameter, rows
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
-from jammkle_sim.physics.constants import TENDON_SETS, tendon_parameters
+from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.feet import JAMMED, RIGID_ANKLE, UNJAMMED, HardContact, add_rigid_ankle
 from jammkle_sim.physics.pneumatics import PneumaticParameters
@@ -28,9 +27,16 @@ from jammkle_sim.rigs.model import (
     set_speed,
     weigh,
 )
+from jammkle_sim.rigs.options import (
+    jammed_vacuum_option,
+    parameter_set_option,
+    replaced_within_range,
+    run_timestep_option,
+    seed_option,
+)
 from jammkle_sim.rigs.recording import GROUND_CLEARANCE
 from jammkle_sim.rigs.rig import Event, Rig
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import LEG_TOPICS, Programme, Series
 from jammkle_sim.rigs.vacuum import all_channels
 from jammkle_sim.rigs.wedging import Footing, ways_out
 
@@ -68,7 +74,7 @@ class SlipOptions:
     """What can be chosen about a slip test."""
 
     foot: str = parameter("unjammed", "What the leg stands on", choices=FEET)
-    vacuum_pa: float = parameter(50e3, "Vacuum of the jammed ankle", "Pa", 5e3, 75e3)
+    vacuum_pa: float = jammed_vacuum_option()
     slope_deg: float = parameter(40.0, "Inclination of the plywood, toe uphill", "deg", 5.0, 50.0)
     friction: float = parameter(0.55, "Coulomb friction between the ankle's foot and the plywood", "", 0.0, 1.0)
     edge_friction: float = parameter(
@@ -88,13 +94,9 @@ class SlipOptions:
     speed_m_s: float = parameter(0.005, "Speed of the carriage, down", "m/s", 0.001, 0.05)
     descent_m: float = parameter(0.110, "Way of the carriage from the first touch to the halt", "m", 0.01, 0.12)
     leg_m: float = parameter(0.18, "From the ankle's joint to the ball joint at the top", "m", 0.12, 0.4)
-    parameter_set: str = parameter(
-        "fitted",
-        "Constants of the tendons: fitted to the paper's measurements, or as printed in it",
-        choices=tuple(TENDON_SETS),
-    )
-    seed: int = parameter(0, "Seed of all sensor noise and of the scatter", "", 0, 2**31 - 1)
-    timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
+    parameter_set: str = parameter_set_option()
+    seed: int = seed_option()
+    timestep_s: float = run_timestep_option()
 
 
 def scattered(options: SlipOptions, numbers: tuple[float, float]) -> SlipOptions:
@@ -113,11 +115,11 @@ def scattered(options: SlipOptions, numbers: tuple[float, float]) -> SlipOptions
 
 
 def _changed(options: SlipOptions, friction: float, slope: float) -> SlipOptions:
-    return dataclasses.replace(
+    return replaced_within_range(
         options,
-        friction=min(max(options.friction + 0.01 * friction, 0.0), 1.0),
-        edge_friction=min(max(options.edge_friction + 0.01 * friction, 0.0), 1.0),
-        slope_deg=min(max(options.slope_deg + 0.2 * slope, 5.0), 50.0),
+        friction=options.friction + 0.01 * friction,
+        edge_friction=options.edge_friction + 0.01 * friction,
+        slope_deg=options.slope_deg + 0.2 * slope,
     )
 
 
@@ -153,20 +155,15 @@ def slip_rig(options: SlipOptions) -> tuple[Rig, Programme]:
             Event(round(_PUSH_S / options.timestep_s), lambda data: set_speed(data, -options.speed_m_s)),
             Event(round(halt_s / options.timestep_s), lambda data: set_speed(data, 0.0)),
         ),
-        description={
-            "options": dataclasses.asdict(options),
-            "ankle": dataclasses.asdict(ankle),
-            "tendon": dataclasses.asdict(tendon),
-            "pneumatics": dataclasses.asdict(pneumatics),
-            "sensors": dataclasses.asdict(sensors),
-        },
+        options=options,
+        parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
         tendon_names=names.TENDONS if has_tendons else (),
     )
     programme = Programme(
         duration_s=halt_s + _HOLD_S,
         vacuum=(all_channels(_JAM_S, options.vacuum_pa),) if options.foot == JAMMED else (),
         evaluate=lambda topics: _results(topics, halt_s),
-        topics=(names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name),
+        topics=LEG_TOPICS,
         overload_advice=_overload_advice(options, ankle),
         watched=_HEELS,
     )
