@@ -73,7 +73,7 @@ def drop_choices() -> tuple[Choice, ...]:
         ),
         Choice(
             "range of the accelerometer",
-            f"{SensorParameters().acceleration_limit_m_s2:g} m/s² raw",
+            f"{SensorParameters().acceleration_limit_m_s2:.2f} m/s² raw",
             "what is clipped reads as in the paper",
             _HARD,
         ),
