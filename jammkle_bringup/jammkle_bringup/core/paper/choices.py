@@ -62,7 +62,8 @@ def drop_choices() -> tuple[Choice, ...]:
         Choice(
             "damping of the squash ball",
             f"{ball.damping_n_s_m:g} N s/m",
-            "it rebounds to about 13 % of the height, as the rules of the game ask",
+            "as above; the leg then rebounds to 22 % of the height, where the rules of the game ask 12 % of a ball by "
+            "itself",
             _BALL,
         ),
         Choice(
