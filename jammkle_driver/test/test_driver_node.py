@@ -146,7 +146,6 @@ class Graph:
         for node in self.executor.get_nodes():
             self.executor.remove_node(node)
             node.destroy_node()
-        self.executor.shutdown()
         self.context.try_shutdown()
         # The garbage collector does not see through an events executor, and with it the whole participant stays alive.
         del self.executor
