@@ -1,0 +1,188 @@
+"""How much a signal differs from run to run and from sample to sample when nothing is wrong.
+
+From repeats of the same run where there are any, else from still stretches: never from the signal's own size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_sim.gap.recording import BadRecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.recording import Recording, Signal
+
+STILL_SAMPLES = 24
+"""Length of a stretch that is looked at for stillness, samples. Assumed: long enough for a scatter within 15 %."""
+STILL_SHARE = 0.2
+"""The calmest share of the stretches is taken as still. Assumed: a recording rests, or moves steadily, this long."""
+FEWEST_STRETCHES = 3
+MOVING = 0.8
+"""Correlation of neighbours in the calmest stretches, their curve taken out, above which the signal never rests."""
+SAME_RUN = 0.02
+"""Two recordings are repeats if their nominal simulations differ by less than this share of their range (root mean
+square). Assumed: measured starts scatter by less."""
+_GAUSS = 1.4826
+
+
+@dataclass(frozen=True)
+class NoiseSource:
+    """The noise of one signal, and where it comes from."""
+
+    signal: str
+    unit: str
+    noise: float
+    source: str
+    """In words, such as `3 repeats of the same run`."""
+
+
+def still_noise(signal: Signal) -> float:
+    """Return the standard deviation of a signal within its still stretches, in its unit.
+
+    The curve of each stretch (a parabola) is taken out, its scatter is corrected for that, and the calmest stretches
+    count. A signal of few digits has at least the noise of its rounding, step / sqrt(12).
+
+    Raises:
+        BadRecordingError: it is too short, constant, or never rests.
+
+    """
+    stretches = signal.values.size // STILL_SAMPLES
+    if stretches < FEWEST_STRETCHES:
+        msg = f"signal '{signal.name}' has {signal.values.size} samples, too few to tell its noise"
+        raise BadRecordingError(f"{msg}; record at least {FEWEST_STRETCHES * STILL_SAMPLES}, or repeat the run")
+    if np.ptp(signal.values) == 0.0:
+        msg = f"signal '{signal.name}' is {signal.values[0]:g} {signal.unit} throughout; record a sensor that moves"
+        raise BadRecordingError(msg)
+    table = signal.values[: stretches * STILL_SAMPLES].reshape(stretches, STILL_SAMPLES)
+    basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, STILL_SAMPLES), 2)
+    q, _ = np.linalg.qr(basis)
+    left = table - (table @ q) @ q.T
+    spread = np.sqrt((left**2).sum(axis=1) / (STILL_SAMPLES - q.shape[1]))
+    steps = np.abs(np.diff(np.unique(signal.values)))
+    rounding = float(steps.min()) / np.sqrt(12.0)
+    rounding = rounding if np.unique(signal.values).size < signal.values.size / 2 else 0.0
+    calm = np.argsort(spread)[: max(FEWEST_STRETCHES, round(STILL_SHARE * stretches))]
+    # The median of the calmest share is low even among equal stretches; their median over all would see motion.
+    noise = float(np.median(spread[calm])) * _calmest_correction()
+    if noise <= rounding:
+        return rounding
+    calmest = left[calm]
+    neighbours = float((calmest[:, 1:] * calmest[:, :-1]).sum() / (calmest**2).sum())
+    if neighbours > MOVING:
+        msg = f"signal '{signal.name}' never rests, so that its noise cannot be told from its motion"
+        raise BadRecordingError(f"{msg}; record the same run three times, or a second of standing still")
+    return max(noise, rounding)
+
+
+def _calmest_correction() -> float:
+    """Return by how much the median scatter of the calmest share lies below the true scatter of white noise."""
+    # The scatter of m samples is spread by about 1 / sqrt(2 m); the middle of the lowest share q lies at quantile q / 2.
+    quantile = -1.2816  # of the normal distribution at STILL_SHARE / 2 = 0.1
+    return 1.0 / (1.0 + quantile / np.sqrt(2.0 * (STILL_SAMPLES - 3)))
+
+
+def repeats(
+    recordings: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]]
+) -> tuple[tuple[int, ...], ...]:
+    """Group the recordings of one and the same run, told by what the nominal simulator makes of their inputs."""
+    groups: list[list[int]] = []
+    for index in range(len(recordings)):
+        for group in groups:
+            if _same_run(recordings, simulated, group[0], index):
+                group.append(index)
+                break
+        else:
+            groups.append([index])
+    return tuple(tuple(group) for group in groups)
+
+
+def _same_run(
+    recordings: Sequence[Recording],
+    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
+    first: int,
+    second: int,
+) -> bool:
+    if recordings[first].regime != recordings[second].regime:
+        return False
+    shared = sorted(set(simulated[first]) & set(simulated[second]))
+    for name in shared:
+        one, two = recordings[first].signal(name), recordings[second].signal(name)
+        if abs(one.time_s[-1] - two.time_s[-1]) > SAME_RUN * max(one.time_s[-1], two.time_s[-1]):
+            return False
+        other = np.interp(one.time_s, two.time_s, simulated[second][name])
+        span = max(float(np.ptp(simulated[first][name])), float(np.ptp(other)))
+        apart = float(np.sqrt(np.mean((simulated[first][name] - other) ** 2)))
+        if apart > SAME_RUN * span:
+            return False
+    return bool(shared)
+
+
+def repeat_noise(
+    recordings: Sequence[Recording],
+    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
+    group: Sequence[int],
+    name: str,
+) -> float:
+    """Return the standard deviation of one signal from run to run at the same time, over the repeats of one run."""
+    base = recordings[group[0]].signal(name).time_s
+    rows = [
+        np.interp(base, recordings[i].signal(name).time_s, recordings[i].signal(name).values - simulated[i][name])
+        for i in group
+    ]
+    return float(np.sqrt(np.mean(np.var(np.array(rows), axis=0, ddof=1))))
+
+
+def find_noise(
+    recordings: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]]
+) -> tuple[dict[str, NoiseSource], tuple[str, ...]]:
+    """Return the noise of every signal that can be compared, and a note on each that has to be left out.
+
+    A noise that a recording brings with it is kept. The noise is one number per signal, the same for all recordings.
+
+    Raises:
+        BadRecordingError: no signal at all has a noise.
+
+    """
+    groups = repeats(recordings, simulated)
+    sources: dict[str, NoiseSource] = {}
+    notes: list[str] = []
+    names = sorted({name for each in simulated for name in each})
+    for name in names:
+        holders = [i for i in range(len(recordings)) if name in simulated[i]]
+        given = [recordings[i].signal(name).noise for i in holders if recordings[i].signal(name).noise > 0.0]
+        unit = recordings[holders[0]].signal(name).unit
+        if given:
+            sources[name] = NoiseSource(name, unit, float(np.median(given)), "given with the recording")
+            continue
+        still: list[float] = []
+        reason = ""
+        for i in holders:
+            try:
+                still.append(still_noise(recordings[i].signal(name)))
+            except BadRecordingError as error:
+                reason = str(error)
+        repeated = [
+            (len(held), repeat_noise(recordings, simulated, held, name))
+            for held in ([i for i in group if i in holders] for group in groups)
+            if len(held) > 1
+        ]
+        if repeated and max(value for _, value in repeated) > 0.0:
+            weights = np.array([count - 1 for count, _ in repeated], dtype=float)
+            value = float(np.sqrt(np.average([value**2 for _, value in repeated], weights=weights)))
+            count = max(count for count, _ in repeated)
+            sources[name] = NoiseSource(name, unit, value, f"{count} repeats of the same run")
+        elif still:
+            sources[name] = NoiseSource(name, unit, float(np.median(still)), "still stretches")
+        else:
+            notes.append(f"left out: {reason}")
+    if not sources:
+        msg = notes[0].removeprefix("left out: ") if notes else "no signal is both measured and simulated"
+        raise BadRecordingError(msg)
+    return sources, tuple(notes)

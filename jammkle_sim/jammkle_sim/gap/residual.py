@@ -1,0 +1,211 @@
+"""Measured minus simulated, in units of the noise: laid out flat, cut into blocks, counted for what it is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_sim.gap.recording import BadRecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.recording import Recording
+
+ENOUGH_RECORDINGS = 4
+"""From here on each recording is one block; fewer are cut into long stretches."""
+FEWEST_BLOCKS = 6
+FEWEST_SEGMENTS = 24
+"""Blocks are what parameters are held out from; differences of scores are paired over segments of them."""
+FEWEST_SAMPLES = 20
+"""Per block, over all signals: with fewer there is nothing to hold out."""
+LARGEST = 1e6
+"""A residual is cut off here, in noise units, so that a diverging run stays a number."""
+_TAILS = 4.0
+_WINDOW = 5.0
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One signal of one recording, as a stretch of the flat residual."""
+
+    recording: int
+    signal: str
+    unit: str
+    noise: float
+    where: slice
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the residuals of all recordings and signals lie in one vector, and what belongs together."""
+
+    pieces: tuple[Piece, ...]
+    names: tuple[str, ...]
+    """Signals, sorted."""
+    measured: NDArray[np.float64]
+    """Shape (n,), each in its own unit; a correction from reference recordings is already taken off."""
+    noise: NDArray[np.float64]
+    """Shape (n,), each in its own unit."""
+    time_s: NDArray[np.float64]
+    signal_of: NDArray[np.intp]
+    """Index into `names`, shape (n,)."""
+    block_of: NDArray[np.intp]
+    segment_of: NDArray[np.intp]
+    blocks: tuple[str, ...]
+    block_of_segment: NDArray[np.intp]
+
+    def residual(self, simulated: Sequence[Mapping[str, NDArray[np.float64]] | None]) -> NDArray[np.float64]:
+        """Return (measured - simulated) / noise, shape (n,); a failed run counts as the largest residual."""
+        flat = np.full(self.measured.shape, np.inf)
+        for piece in self.pieces:
+            signals = simulated[piece.recording]
+            if signals is not None and piece.signal in signals:
+                flat[piece.where] = signals[piece.signal]
+        with np.errstate(invalid="ignore", over="ignore"):
+            scaled = (self.measured - flat) / self.noise
+        return np.clip(np.nan_to_num(scaled, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST)
+
+    def gap(self, residual: NDArray[np.float64]) -> float:
+        """Return the root mean square over all signals, each signal counting the same; 1 is the noise floor."""
+        return float(np.sqrt(np.mean([value**2 for value in self.gaps(residual).values()])))
+
+    def gaps(self, residual: NDArray[np.float64]) -> dict[str, float]:
+        """Return the root mean square of each signal, in its noise."""
+        squares = np.bincount(self.signal_of, residual**2, len(self.names))
+        counts = np.bincount(self.signal_of, minlength=len(self.names))
+        return {name: float(np.sqrt(squares[i] / counts[i])) for i, name in enumerate(self.names)}
+
+
+def lay_out(
+    recordings: Sequence[Recording],
+    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
+    noise: Mapping[str, float],
+    corrections: Sequence[Mapping[str, NDArray[np.float64]]] | None = None,
+) -> Layout:
+    """Lay out what can be compared.
+
+    Args:
+        recordings: Measured.
+        simulated: Nominal, per recording; only its signals with a noise are compared.
+        noise: Standard deviation per signal, in its unit.
+        corrections: What reference recordings say the simulator is off by anyway, per recording and signal.
+
+    Raises:
+        BadRecordingError: there is nothing to compare, or too little to hold anything out.
+
+    """
+    per = 1 if len(recordings) >= ENOUGH_RECORDINGS else -(-FEWEST_BLOCKS // len(recordings))
+    count = per * len(recordings)
+    segments = max(2, -(-FEWEST_SEGMENTS // count))
+    pieces: list[Piece] = []
+    columns: list[tuple[NDArray[np.float64], ...]] = []
+    names = tuple(sorted({name for each in simulated for name in each if name in noise}))
+    place = 0
+    for index, (recording, signals) in enumerate(zip(recordings, simulated, strict=True)):
+        used = [recording.signal(name) for name in names if name in signals]
+        if not used:
+            msg = f"recording '{recording.name}' has no signal that the simulator gives"
+            raise BadRecordingError(f"{msg}; record one of: {', '.join(names) or 'those that it gives'}")
+        first = min(float(signal.time_s[0]) for signal in used)
+        span = max(float(signal.time_s[-1]) for signal in used) - first
+        for signal in used:
+            off = corrections[index].get(signal.name, 0.0) if corrections else 0.0
+            fine = np.clip((signal.time_s - first) / max(span, 1e-12) * per * segments, 0, per * segments - 1)
+            fine = fine.astype(np.intp) + index * per * segments
+            size = signal.time_s.size
+            pieces.append(
+                Piece(index, signal.name, signal.unit, noise[signal.name], slice(place, place + size))
+            )
+            columns.append(
+                (
+                    signal.values - off,
+                    np.full(size, noise[signal.name]),
+                    signal.time_s,
+                    np.full(size, names.index(signal.name)),
+                    fine,
+                )
+            )
+            place += size
+    measured, scale, time_s, signal_of, segment_of = (np.concatenate(each) for each in zip(*columns, strict=True))
+    block_of = segment_of // segments
+    held = np.bincount(block_of, minlength=count)
+    if held.min() < FEWEST_SAMPLES:
+        recording = recordings[int(np.argmin(held)) // per]
+        msg = f"recording '{recording.name}' is too short to hold anything out ({held.min()} samples in a stretch)"
+        raise BadRecordingError(f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per} stretches")
+    labels = [recording.name if per == 1 else f"{recording.name}/{k + 1}" for recording in recordings for k in range(per)]
+    return Layout(
+        pieces=tuple(pieces),
+        names=names,
+        measured=measured,
+        noise=scale,
+        time_s=time_s,
+        signal_of=signal_of.astype(np.intp),
+        block_of=block_of.astype(np.intp),
+        segment_of=segment_of.astype(np.intp),
+        blocks=tuple(labels),
+        block_of_segment=np.arange(count * segments) // segments,
+    )
+
+
+def autocorrelation_factor(residual: NDArray[np.float64]) -> float:
+    """Return how many neighbouring samples count as one: 1 + 2 sum of the autocorrelation, at least 1.
+
+    The sum ends where the lag exceeds five times it (Sokal's window). Moments are taken about zero, so that a constant
+    offset counts as one single sample.
+
+    Args:
+        residual: Evenly sampled or nearly so, shape (n,).
+
+    """
+    size = residual.size
+    power = float(residual @ residual)
+    if size < 2 or power == 0.0:  # noqa: PLR2004  # one sample has no neighbour
+        return 1.0
+    spectrum = np.fft.rfft(residual, 2 * size)
+    correlation = np.fft.irfft(spectrum * np.conj(spectrum))[: size // 2 + 1] / power
+    running = 1.0 + 2.0 * np.cumsum(correlation[1:])
+    enough = np.arange(1, running.size + 1) >= _WINDOW * running
+    factor = float(running[np.argmax(enough)]) if enough.any() else float(size)
+    return float(np.clip(factor, 1.0, size))
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """What each signal's residual is worth."""
+
+    scale: NDArray[np.float64]
+    """Per signal: what the best candidate leaves, in noise units, at least 1."""
+    factor: NDArray[np.float64]
+    """Per signal: samples that count as one."""
+
+
+def weigh(layout: Layout, residual: NDArray[np.float64]) -> Weighting:
+    """Judge the signals by a residual: the scale it has (robust) and how its samples hang together."""
+    scale, factor = np.ones(len(layout.names)), np.ones(len(layout.names))
+    for index, name in enumerate(layout.names):
+        held = residual[layout.signal_of == index]
+        scale[index] = max(1.0, 1.4826 * float(np.median(np.abs(held))))
+        pieces = [piece for piece in layout.pieces if piece.signal == name]
+        factors = [
+            autocorrelation_factor(np.clip(residual[piece.where] / scale[index], -_TAILS, _TAILS)) for piece in pieces
+        ]
+        sizes = [piece.where.stop - piece.where.start for piece in pieces]
+        factor[index] = float(np.average(factors, weights=sizes))
+    return Weighting(scale, factor)
+
+
+def independent_samples(layout: Layout, residual: NDArray[np.float64]) -> dict[tuple[str, str], float]:
+    """Return the effective number of independent samples per block and signal."""
+    found: dict[tuple[str, str], float] = {}
+    for block, label in enumerate(layout.blocks):
+        for index, name in enumerate(layout.names):
+            held = residual[(layout.block_of == block) & (layout.signal_of == index)]
+            if held.size:
+                found[label, name] = held.size / autocorrelation_factor(np.clip(held, -_TAILS, _TAILS))
+    return found
