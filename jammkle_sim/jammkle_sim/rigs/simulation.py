@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import ANKLE_JOINTS, CARRIAGE_JOINT, CHANNELS
+from jammkle_graph.names import CHANNELS
 from jammkle_sim.physics import kernels, records
-from jammkle_sim.physics.engine import address_of_function, mujoco
-from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
-from jammkle_sim.physics.sensors import Noise, imu_law
-from jammkle_sim.physics.tendon import relaxed_state
-from jammkle_sim.rigs.rig import ACCELEROMETER, LOAD_CELL
+from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.physics.sensors import Noise
+from jammkle_sim.rigs.assembly import assembled, pose
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,20 +60,15 @@ class Simulation:
         """
         self._rig = rig
         self._model = rig.model
-        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.timestep_s = float(self._model.opt.timestep)
         """Time step, s."""
-        self._data = mujoco.MjData(self._model)
-        self._pose()
-        pneumatics = pneumatic_law(rig.pneumatics, self.timestep_s)
-        self._laws = records.Laws(pneumatics, rig.tendon_laws, imu_law(rig.sensors, self.timestep_s))
-        self._body = self._body_of(self._model, self._data)
-        self._load_cell = self._data.sensor(LOAD_CELL).data
-        known = {self._model.joint(i).name for i in range(self._model.njnt)}
-        self._joints = {name: self._data.joint(name) for name in (*ANKLE_JOINTS, CARRIAGE_JOINT) if name in known}
-        self._probe = self._probe_of(self._model, self._data)
+        assembly = assembled(rig)
+        self._data, self._laws = assembly.data, assembly.laws
+        self._body, self._probe = assembly.body, assembly.probe
+        self._load_cell = assembly.probe.load_cell_n
+        self._joints = {name: self._data.joint(name) for name in assembly.joints}
         self._noise = Noise(rig.sensors)
-        self._start = self._start_states()
+        self._start = assembly.start
         self._states = records.States(*(part.copy() for part in self._start))
         self._total_steps = 0
         self._rig_steps = 0
@@ -134,7 +127,7 @@ class Simulation:
 
     def reset(self) -> None:
         """Start the rig again, with the same noise; the time goes on."""
-        self._pose()
+        pose(self._model, self._data)
         for part, start in zip(self._states, self._start, strict=True):
             part[:] = start
         self._noise.reset()
@@ -221,13 +214,6 @@ class Simulation:
         """Simulated time since the latest start of the rig, s."""
         return self._rig_steps * self.timestep_s
 
-    def _pose(self) -> None:
-        """Put the bodies where the rig starts."""
-        mujoco.mj_resetData(self._model, self._data)
-        if self._model.nkey:
-            mujoco.mj_resetDataKeyframe(self._model, self._data, 0)
-        mujoco.mj_forward(self._model, self._data)
-
     def _rows_without_event(self, rows: int, steps_per_row: int) -> int:
         """How many of the next rows can be taken before the rig does something."""
         coming = [event.step for event in self._rig.events if event.step >= self._rig_steps]
@@ -238,43 +224,6 @@ class Simulation:
             self._states.pneumatics["pressure_pa"][0] + self._noise.pressure_pa(self._rig_steps)
         ).tolist()
         return measured
-
-    def _start_states(self) -> records.States:
-        """Vented, pump off, at rest in the pose of the model as if it had been there for long."""
-        extensions_m = self._body.length_m - self._laws.tendons["free_length_m"]
-        tendons = np.zeros(len(self._laws.tendons), dtype=records.TENDON_STATE)
-        for i, extension_m in enumerate(extensions_m.tolist()):
-            tendons[i : i + 1] = relaxed_state(self._laws.tendons[i : i + 1], extension_m)
-        imu = np.zeros(1, dtype=records.IMU_STATE)
-        imu["first"] = imu["second"] = self._body.raw_imu
-        return records.States(vented_state(self._laws.pneumatics), tendons, imu)
-
-    def _body_of(self, model: Any, data: Any) -> records.Body:
-        imu = int(model.sensor(ACCELEROMETER).adr[0])
-        addresses = [
-            address_of_function("mj_step1"),
-            address_of_function("mj_step2"),
-            model._address,  # noqa: SLF001  # the bindings' own way to hand a model to C
-            data._address,  # noqa: SLF001  # as above
-        ]
-        return records.Body(
-            addresses=np.array(addresses, dtype=np.intp),
-            length_m=data.ten_length,
-            rate_m_s=data.ten_velocity,
-            pull_n=data.ctrl,
-            speed=data.qvel,
-            raw_imu=data.sensordata[imu : imu + records.IMU_AXES],
-        )
-
-    def _probe_of(self, model: Any, data: Any) -> records.Probe:
-        joints = [model.joint(name) for name in self._joints]
-        return records.Probe(
-            position=data.qpos,
-            speed=data.qvel,
-            position_index=np.array([joint.qposadr[0] for joint in joints], dtype=np.intp),
-            speed_index=np.array([joint.dofadr[0] for joint in joints], dtype=np.intp),
-            load_cell_n=self._load_cell,
-        )
 
     def _run(self, steps: int) -> None:
         if steps == 0:
