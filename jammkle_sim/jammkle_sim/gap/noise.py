@@ -95,7 +95,7 @@ def repeats(
     groups: list[list[int]] = []
     for index in range(len(recordings)):
         for group in groups:
-            if _same_run(recordings, simulated, group[0], index):
+            if is_same_run(recordings[group[0]], simulated[group[0]], recordings[index], simulated[index]):
                 group.append(index)
                 break
         else:
@@ -103,23 +103,23 @@ def repeats(
     return tuple(tuple(group) for group in groups)
 
 
-def _same_run(
-    recordings: Sequence[Recording],
-    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
-    first: int,
-    second: int,
+def is_same_run(
+    first: Recording,
+    first_nominal: Mapping[str, NDArray[np.float64]],
+    second: Recording,
+    second_nominal: Mapping[str, NDArray[np.float64]],
 ) -> bool:
-    if recordings[first].regime != recordings[second].regime:
+    """Whether two recordings are of the same run, told by what the nominal simulator makes of their inputs."""
+    shared = sorted(set(first_nominal) & set(second_nominal))
+    if first.regime != second.regime:
         return False
-    shared = sorted(set(simulated[first]) & set(simulated[second]))
     for name in shared:
-        one, two = recordings[first].signal(name), recordings[second].signal(name)
-        if abs(one.time_s[-1] - two.time_s[-1]) > SAME_RUN * max(one.time_s[-1], two.time_s[-1]):
+        one, two = first.signal(name).time_s, second.signal(name).time_s
+        if abs(one[-1] - two[-1]) > SAME_RUN * max(one[-1], two[-1]):
             return False
-        other = np.interp(one.time_s, two.time_s, simulated[second][name])
-        span = max(float(np.ptp(simulated[first][name])), float(np.ptp(other)))
-        apart = float(np.sqrt(np.mean((simulated[first][name] - other) ** 2)))
-        if apart > SAME_RUN * span:
+        other = np.interp(one, two, second_nominal[name])
+        span = max(float(np.ptp(first_nominal[name])), float(np.ptp(other)))
+        if float(np.sqrt(np.mean((first_nominal[name] - other) ** 2))) > SAME_RUN * span:
             return False
     return bool(shared)
 

@@ -7,9 +7,10 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
 from joblib import Parallel, cpu_count, delayed  # type: ignore[import-untyped]  # carries no types
-from joblib.externals import cloudpickle  # type: ignore[import-untyped]  # carries no types
+
 
 from jammkle_sim.gap.recording import BadRecordingError
 
