@@ -16,6 +16,8 @@ from jammkle_sim.physics.tendon import relaxed_state
 from jammkle_sim.rigs.rig import ACCELEROMETER, LOAD_CELL
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from jammkle_sim.rigs.rig import Rig
 
 
@@ -70,10 +72,21 @@ def _start(laws: records.Laws, body: records.Body) -> records.States:
     tendons = np.zeros(len(laws.tendons), dtype=records.TENDON_STATE)
     for i, extension_m in enumerate(extensions_m.tolist()):
         tendons[i : i + 1] = relaxed_state(laws.tendons[i : i + 1], extension_m)
-    imu = np.zeros(1, dtype=records.IMU_STATE)
-    turned = body.raw_imu.reshape(2, 3) @ laws.imu["turn"][0].T
-    imu["first"] = imu["second"] = turned.ravel() + laws.imu["offset"][0]
-    return records.States(vented_state(laws.pneumatics), tendons, imu)
+    return records.States(vented_state(laws.pneumatics), tendons, imu_at_rest(laws.imu, body.raw_imu))
+
+
+def imu_at_rest(law: NDArray[Any], raw: NDArray[np.float64]) -> NDArray[Any]:
+    """Return the memory, shape (1,) of IMU_STATE, of a filter that has seen nothing but this raw sample for long.
+
+    Args:
+        law: Its constants, shape (1,) of IMU_LAW.
+        raw: Specific force, m/s^2, and angular velocity, rad/s, shape (6,).
+
+    """
+    state = np.zeros(1, dtype=records.IMU_STATE)
+    turned = raw.reshape(2, 3) @ law["turn"][0].T
+    state["first"] = state["second"] = turned.ravel() + law["offset"][0]
+    return state
 
 
 def _body(model: Any, data: Any) -> records.Body:

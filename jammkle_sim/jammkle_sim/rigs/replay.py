@@ -138,6 +138,8 @@ class Bodies:
         """What is advanced; its data may be changed."""
         self.states = records.States(*(part.copy() for part in self.parts.start))
         """Memory of the laws, which may be changed."""
+        self.raw_imu_at_start = self.parts.body.raw_imu.copy()
+        """Raw sample of the IMU before the first step, shape (6,)."""
         self._step = 0
 
     def follow(self, pressure_pa: NDArray[np.float64]) -> BodyTrack:
@@ -190,10 +192,3 @@ class Bodies:
                 msg = f"simulation of rig '{self._rig.name}' became unstable {time_s:g} s after its start"
                 raise UnstableSimulationError(msg)
         return BodyTrack(self.parts.joints, self._rig.tendon_names, rows)
-
-
-def imu_readings(parts: Assembly, raw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what the IMU makes of raw samples, one per time step since the start, shape (n, 6), without noise."""
-    filtered = np.zeros(raw.shape)
-    kernels.imu_history(parts.laws.imu, parts.start.imu.copy(), np.ascontiguousarray(raw), filtered)
-    return filtered

@@ -13,7 +13,8 @@ from jammkle_sim.gap.ankle import checks
 from jammkle_sim.gap.ankle.bag import read_bag
 from jammkle_sim.gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
 from jammkle_sim.gap.ankle.instruments import UNITS, declared_noise, quantity_of
-from jammkle_sim.gap.ankle.phases import air_phases, motion_phases, pressure_signals
+from jammkle_sim.gap.ankle.phases import FALLING_RIGS, air_phases, motion_phases, pressure_signals
+from jammkle_sim.gap.ankle.predictability import with_replay_scatter
 from jammkle_sim.gap.ankle.starting import rig_start_s
 from jammkle_sim.gap.recording import BadRecordingError, Recording, Signal
 from jammkle_sim.physics.constants import AMBIENT_PA
@@ -37,6 +38,11 @@ _NOT_VENTED_PA = 3e3
 scatter of the sensors' offsets."""
 _WEATHER_PA = 500.0
 """Distance from the standard atmosphere from which on the recording's own is taken. Assumed: three such scatters."""
+_CONSTANT = 1e-3
+"""Share of its noise below which a signal that moves counts as constant: rounding errors of a simulation."""
+_SLOW_HZ = 200.0
+"""Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
+hundreds of runs."""
 _REGIME = ("foot", "material", "membrane", "jam", "channel", "vacuum_pa", "speed_m_s")
 """Options that make a regime of their own; the others only scatter or are the same for all."""
 
@@ -80,14 +86,16 @@ def load_recording(
     checks.check_rig(bag.name, built, signals, parts.joints, start_m)
     inputs = dataclasses.replace(inputs, commands=commands)
     inputs = _with_air(inputs, bag, signals, built.pneumatics.ambient_pa, notes)
-    kept = {each: signal for each, signal in signals.items() if np.ptp(signal.values) > 0.0}
+    kept = {each: signal for each, signal in signals.items() if np.ptp(signal.values) > _CONSTANT * signal.noise}
     if len(kept) < len(signals):
         notes.append(f"constant, and left out: {', '.join(sorted(set(signals) - set(kept)))}")
     missing = [topic for topic in _EXPECTED if topic not in topics]
     if missing:
         notes.append(f"not recorded: {', '.join(missing)}")
     phases = _phases(name, kept, commands)
-    return Recording(bag.name, tuple(kept.values()), inputs, tuple(phases), _regime(inputs), tuple(notes))
+    thin = tuple(signal if name in FALLING_RIGS else _thinned(signal) for signal in kept.values())
+    recording = Recording(bag.name, thin, inputs, tuple(phases), _regime(inputs), tuple(notes))
+    return with_replay_scatter(recording)
 
 
 _COMMANDS = (names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values()))
@@ -190,6 +198,13 @@ def _check_finite(bag: str, name: str, time_s: NDArray[np.float64], values: NDAr
         when_s = float(time_s[int(np.argmax(bad))])
         msg = f"{name} in bag {bag} is not a number at {int(bad.sum())} of {len(values)} samples, first at {when_s:.3f} s"
         raise BadRecordingError(f"{msg}; leave such samples out when recording, and check the sensor")
+
+
+def _thinned(signal: Signal) -> Signal:
+    """Return every n-th sample of a signal, for at most _SLOW_HZ."""
+    length_s = float(signal.time_s[-1] - signal.time_s[0])
+    every = max(int((len(signal.time_s) - 1) / (length_s * _SLOW_HZ) + 1e-6), 1) if length_s > 0.0 else 1
+    return dataclasses.replace(signal, time_s=signal.time_s[::every].copy(), values=signal.values[::every].copy())
 
 
 def _check_length(bag: str, signals: Mapping[str, Signal]) -> None:

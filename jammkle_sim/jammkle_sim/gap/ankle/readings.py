@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_graph import names
 from jammkle_sim.gap.ankle.instruments import ACCELERATION, ANGLE, EXTENSION, FORCE, PRESSURE, RATE, SLIDE, quantity_of
 from jammkle_sim.physics import kernels
-from jammkle_sim.rigs.assembly import laws_of
+from jammkle_sim.rigs.assembly import imu_at_rest, laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,8 +34,8 @@ class Truth:
     """Absolute, shape (n + 1, 4), Pa: at the start, then after each step."""
     bodies: BodyTrack | None
     """After each step; None where only the air was run."""
-    imu_start: Any = None
-    """Memory of the IMU's filter at the start."""
+    raw_imu_at_start: NDArray[np.float64] | None = None
+    """Raw sample of the IMU before the first step, shape (6,), where its filter begins."""
 
 
 def readings(recording: Recording, rig: Rig, truth: Truth) -> dict[str, NDArray[np.float64]]:
@@ -109,9 +109,8 @@ class _Readings:
     def _filtered(self) -> NDArray[np.float64]:
         if self._imu is None and self._truth.bodies is not None:
             raw = np.ascontiguousarray(self._truth.bodies.raw_imu)
-            law, state = laws_of(self._rig).imu, np.array(self._truth.imu_start)
-            turned = self._truth.bodies.raw_imu[:1].reshape(2, 3) @ law["turn"][0].T
-            state["first"] = state["second"] = turned.ravel() + law["offset"][0]
+            law, at_start = laws_of(self._rig).imu, self._truth.raw_imu_at_start
+            state = imu_at_rest(law, raw[0] if at_start is None else at_start)
             self._imu = np.zeros(raw.shape)
             kernels.imu_history(law, state, raw, self._imu)
         assert self._imu is not None  # the bodies were asked for before

@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections import OrderedDict
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from jammkle_sim.gap.ankle.effects import apply_effects
-from jammkle_sim.gap.ankle.inputs import AnkleInputs, nominal_rig
-from jammkle_sim.gap.ankle.readings import Truth, readings
-from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.rigs import replay
-from jammkle_sim.rigs.assembly import laws_of
+from jammkle_sim.gap.ankle.inputs import nominal_rig
+from jammkle_sim.gap.ankle.readings import readings
+from jammkle_sim.gap.ankle.restarts import restarted_readings
+from jammkle_sim.gap.ankle.truth import inputs_of, truth_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording
     from jammkle_sim.rigs.rig import Rig
-
-_KEPT = 8
-"""Truths kept per process; one of a 10 s recording takes 6 MB."""
 
 
 @dataclass(frozen=True)
@@ -46,86 +38,20 @@ class AnkleSimulator:
 
         """
         rig = self.rig(recording, values)
-        return readings(recording, rig, self._truth(recording, rig))
+        return readings(recording, rig, truth_of(recording, rig))
+
+    def restarted(
+        self, recording: Recording, values: Mapping[str, float], horizon_s: float
+    ) -> dict[str, NDArray[np.float64]]:
+        """As a call, set to the measured state every `horizon_s`; see `gap.simulator.RestartingSimulator`.
+
+        Raises:
+            BadEffectError: a parameter that no effect of the library has.
+            UnstableSimulationError: the simulation blew up.
+
+        """
+        return restarted_readings(recording, self.rig(recording, values), horizon_s)
 
     def rig(self, recording: Recording, values: Mapping[str, float]) -> Rig:
         """Return the rig of a recording with effects in it."""
         return apply_effects(nominal_rig(inputs_of(recording)), self.library, values)
-
-    def _truth(self, recording: Recording, rig: Rig) -> Truth:
-        """Return what really happens, whatever the sensors make of it; kept, as most effects change only a part."""
-        inputs, steps = inputs_of(recording), steps_of(recording, rig)
-        air_key = _digest(
-            inputs.key, steps, laws_of(rig).pneumatics.tobytes(), rig.wiring.command_delay_s
-        )
-        pressure_pa = _stages().get(
-            f"air {air_key}", lambda: replay.air(rig, inputs.commands, steps, inputs.start_pa)
-        )
-        body_key = _digest(air_key, rig.tendon_laws.tobytes(), _model_bytes(rig, nominal_rig(inputs)))
-
-        def run_bodies() -> Truth:
-            bodies = replay.Bodies(rig)
-            track = bodies.follow(pressure_pa[1:])
-            return Truth(replay.timestep_s(rig), pressure_pa, track, bodies.parts.start.imu)
-
-        truth: Truth = _stages().get(f"body {body_key}", run_bodies)
-        return truth
-
-
-def inputs_of(recording: Recording) -> AnkleInputs:
-    """Return the inputs of a recording.
-
-    Raises:
-        TypeError: it is not one of an ankle.
-
-    """
-    if not isinstance(recording.inputs, AnkleInputs):
-        msg = f"recording '{recording.name}' has inputs of type {type(recording.inputs).__name__}, not AnkleInputs"
-        raise TypeError(msg)
-    return recording.inputs
-
-
-def steps_of(recording: Recording, rig: Rig) -> int:
-    """Return how many time steps it takes to reach the end of a recording."""
-    end_s = max(float(signal.time_s[-1]) for signal in recording.signals)
-    return int(np.ceil(end_s / replay.timestep_s(rig))) + 1
-
-
-class _Stages:
-    """Keeps the latest results of each stage, for as long as the process lives."""
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._kept: OrderedDict[str, Any] = OrderedDict()
-
-    def get(self, key: str, make: Callable[[], Any]) -> Any:
-        """Return what was made under a key, made now if it is not there."""
-        found = self._kept.get(key)
-        if found is None:
-            found = make()
-            self._kept[key] = found
-            while len(self._kept) > self._most:
-                self._kept.popitem(last=False)
-        return found
-
-
-@lru_cache(maxsize=1)
-def _stages() -> _Stages:
-    """Return the store of this process; a simulator that travels between processes takes nothing with it."""
-    return _Stages(2 * _KEPT)
-
-
-def _digest(*parts: Any) -> str:
-    digest = hashlib.blake2b(digest_size=16)
-    for part in parts:
-        digest.update(part if isinstance(part, bytes) else repr(part).encode())
-        digest.update(b"|")
-    return digest.hexdigest()
-
-
-def _model_bytes(rig: Rig, nominal: Rig) -> bytes:
-    if rig.model is nominal.model:
-        return b""
-    buffer = np.zeros(mujoco.mj_sizeModel(rig.model), dtype=np.uint8)
-    mujoco.mj_saveModel(rig.model, None, buffer)
-    return buffer.tobytes()
