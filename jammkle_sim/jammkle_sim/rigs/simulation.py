@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,8 @@ from jammkle_sim.physics.sensors import Noise
 from jammkle_sim.rigs.assembly import assembled, pose
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from numpy.typing import NDArray
 
     from jammkle_sim.rigs.rig import Rig
@@ -70,6 +74,8 @@ class Simulation:
         self._noise = Noise(rig.sensors)
         self._start = assembly.start
         self._states = records.States(*(part.copy() for part in self._start))
+        self._offset_pa = np.array(rig.wiring.pressure_offset_pa)
+        self._waiting: list[tuple[int, Callable[[NDArray[Any]], None]]] = []
         self._total_steps = 0
         self._rig_steps = 0
 
@@ -93,7 +99,7 @@ class Simulation:
         if not 0.0 <= duty <= 1.0:
             msg = f"pump duty is {duty}; it must be 0 to 1"
             raise ValueError(msg)
-        self._states.pneumatics["duty"] = duty
+        self._obey(lambda air: operator.setitem(air, "duty", duty))
 
     def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001  # the state of a coil, as Bool is
         """Energise or release a channel's solenoid.
@@ -105,7 +111,8 @@ class Simulation:
         if channel not in CHANNELS:
             msg = f"channel '{channel}' does not exist; known are: {', '.join(CHANNELS)}"
             raise ValueError(msg)
-        self._states.pneumatics["command"][0, CHANNELS.index(channel)] = energised
+        at = CHANNELS.index(channel)
+        self._obey(lambda air: operator.setitem(air["command"], (0, at), energised))
 
     def advance(self, steps: int) -> None:
         """Take `steps` time steps.
@@ -119,10 +126,9 @@ class Simulation:
             msg = f"steps is {steps}; it must be 0 or more"
             raise ValueError(msg)
         end = self._rig_steps + steps
-        for event in self._rig.events:
-            if self._rig_steps <= event.step < end:
-                self._run(event.step - self._rig_steps)
-                event.act(self._data)
+        for step, act in self._due_before(end):
+            self._run(step - self._rig_steps)
+            act()
         self._run(end - self._rig_steps)
 
     def reset(self) -> None:
@@ -132,6 +138,7 @@ class Simulation:
             part[:] = start
         self._noise.reset()
         self._rig_steps = 0
+        self._waiting.clear()
 
     def record(self, rows: int, steps_per_row: int) -> NDArray[np.float64]:
         """Advance by `rows * steps_per_row` steps and write a row after every `steps_per_row`.
@@ -197,7 +204,7 @@ class Simulation:
         """Force between rig and leg, N, as the cell gives it, clipped at its range: tension on z is positive."""
         limit_n = self._rig.sensors.load_cell_limit_n
         force_n = self._noise.load_cell_n(self._rig_steps)
-        force_n[-len(self._load_cell) :] += self._load_cell
+        force_n[-len(self._load_cell) :] += self._rig.wiring.load_cell_gain * self._load_cell
         np.clip(force_n, -limit_n, limit_n, out=force_n)
         return (float(force_n[0]), float(force_n[1]), float(force_n[2]))
 
@@ -217,13 +224,33 @@ class Simulation:
     def _rows_without_event(self, rows: int, steps_per_row: int) -> int:
         """How many of the next rows can be taken before the rig does something."""
         coming = [event.step for event in self._rig.events if event.step >= self._rig_steps]
+        coming += [step for step, _ in self._waiting]
         return min(rows, (min(coming) - self._rig_steps) // steps_per_row) if coming else rows
 
     def _measured_pressures_pa(self) -> list[float]:
         measured: list[float] = (
-            self._states.pneumatics["pressure_pa"][0] + self._noise.pressure_pa(self._rig_steps)
+            self._states.pneumatics["pressure_pa"][0] + self._noise.pressure_pa(self._rig_steps) + self._offset_pa
         ).tolist()
         return measured
+
+    def _obey(self, change: Callable[[NDArray[Any]], None]) -> None:
+        """Tell the air something, after the wiring's delay, to the nearest step."""
+        wait = round(self._rig.wiring.command_delay_s / self.timestep_s)
+        if wait == 0:
+            change(self._states.pneumatics)
+        else:
+            self._waiting.append((self._rig_steps + wait, change))
+
+    def _due_before(self, end: int) -> Iterator[tuple[int, Callable[[], None]]]:
+        """Give what the rig does and what arrives before a step, in order; what arrives is no longer waited for."""
+        due: list[tuple[int, Callable[[], None]]] = [
+            (event.step, functools.partial(event.act, self._data))
+            for event in self._rig.events
+            if self._rig_steps <= event.step < end
+        ]
+        due += [(step, functools.partial(change, self._states.pneumatics)) for step, change in self._waiting if step < end]
+        self._waiting = [(step, change) for step, change in self._waiting if step >= end]
+        yield from sorted(due, key=operator.itemgetter(0))
 
     def _run(self, steps: int) -> None:
         if steps == 0:
