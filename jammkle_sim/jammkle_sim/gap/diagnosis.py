@@ -10,7 +10,7 @@ import numpy as np
 
 from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing, ceiling, closings, held_out_regimes
 from jammkle_sim.gap.experiments import NextExperiment, next_experiment
-from jammkle_sim.gap.fitting import covariance, loss_of
+from jammkle_sim.gap.fitting import half_widths
 from jammkle_sim.gap.probability import probabilities
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.references import with_references, without_references
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.scoring import Score
     from jammkle_sim.gap.simulator import Simulator
 
-_Z95 = 1.96
 _FITTED = 0.8
 
 
@@ -216,12 +215,16 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     ambiguous = judgement.chosen if judgement.verdict is Verdict.AMBIGUOUS else ()
     following = next_experiment(ambiguous, experiments, recordings, simulator, noise)
     nominal_score = next(score for score in found.scores if not score.names)
+    described = [_effects(each, found.weighting, layout, limit) for each in judgement.chosen]
     progress("done", 1.0)
     return Diagnosis(
         verdict=judgement.verdict,
         reasons=judgement.reasons,
-        effects=_effects(best, found.weighting, layout),
-        candidates=tuple(_candidate(each, best, nominal_score, found.weighting, layout) for each in judgement.chosen),
+        effects=described[0],
+        candidates=tuple(
+            _candidate(each, best, nominal_score, effects)
+            for each, effects in zip(judgement.chosen, described, strict=True)
+        ),
         probabilities=probabilities(
             judgement, found.scores, [effect.name for effect in library], criteria, limit=limit
         ),
@@ -248,20 +251,18 @@ def _moves(moves: Mapping[str, float]) -> str:
     return f"moves no signal: {name} most, by {moves[name]:.2g} of its noise"
 
 
-def _effects(score: Score, weighting: Weighting, layout: Layout) -> tuple[FittedEffect, ...]:
+def _effects(score: Score, weighting: Weighting, layout: Layout, limit: float) -> tuple[FittedEffect, ...]:
     fit = score.fit
-    errors = np.sqrt(np.diag(covariance(fit, loss_of(layout, weighting), layout)))
-    span = fit.space.maximum - fit.space.minimum
+    wide = half_widths(fit, layout, weighting, limit) * (fit.space.maximum - fit.space.minimum)
     values = fit.space.all_values(fit.point)
     found = []
     for effect in fit.space.effects:
         parameters = []
         for parameter in effect.parameters:
             key = effect.key(parameter)
-            place = fit.space.keys.index(key)
-            wide = _Z95 * float(errors[place] * span[place])
-            low = max(values[key] - wide, parameter.minimum)
-            high = min(values[key] + wide, parameter.maximum)
+            half = float(wide[fit.space.keys.index(key)])
+            low = max(values[key] - half, parameter.minimum)
+            high = min(values[key] + half, parameter.maximum)
             parameters.append(
                 FittedParameter(parameter.name, parameter.unit, values[key], (low, high), key in fit.at_bounds)
             )
@@ -269,12 +270,10 @@ def _effects(score: Score, weighting: Weighting, layout: Layout) -> tuple[Fitted
     return tuple(found)
 
 
-def _candidate(each: Score, best: Score, nominal: Score, weighting: Weighting, layout: Layout) -> Candidate:
+def _candidate(each: Score, best: Score, nominal: Score, effects: tuple[FittedEffect, ...]) -> Candidate:
     behind = best.segments - each.segments
     error = float(np.sqrt(behind.size) * np.std(behind, ddof=1))
-    return Candidate(
-        each.names, each.total - nominal.total, float(behind.sum()), error, _effects(each, weighting, layout)
-    )
+    return Candidate(each.names, each.total - nominal.total, float(behind.sum()), error, effects)
 
 
 def _overlays(

@@ -30,6 +30,7 @@ PRIOR = 1.0
 """Weight of a parameter's null value against the data, at a distance of its whole range, nats. Keeps a parameter that
 the rest of the data does not show from running away when a block is held out."""
 _DIFFERENCE = 0.02
+_Z95 = 1.96
 _WORTH_NATS = 0.2
 _WORTH_SHARE = 3e-4
 _SMALLEST_STEP = 1e-3
@@ -171,15 +172,22 @@ def fit_side_by_side(starts: Sequence[Fit], loss: Loss, runs: Runs, layout: Layo
     return [done[index] for index in range(len(starts))]
 
 
-def jacobian_at(
-    space: Space, point: NDArray[np.float64], residual: NDArray[np.float64], runs: Runs, layout: Layout
-) -> NDArray[np.float64]:
-    """Return the Jacobian by one-sided differences towards the inside, run side by side, shape (n, p)."""
-    steps = np.where(point <= 0.5, _DIFFERENCE, -_DIFFERENCE)  # noqa: PLR2004  # the middle of the range
-    points = [point + steps[k] * np.eye(point.size)[k] for k in range(point.size)]
-    results = runs.evaluate([space.values(each) for each in points])
-    columns = [(layout.residual(each) - residual) / step for each, step in zip(results, steps, strict=True)]
-    return np.column_stack(columns)
+def jacobians_at(fits: Sequence[Fit], runs: Runs, layout: Layout) -> list[NDArray[np.float64]]:
+    """Return Jacobians by one-sided differences towards the inside, all run side by side, each of shape (n, p)."""
+    asked = [
+        (index, k, _DIFFERENCE if fit.point[k] <= 0.5 else -_DIFFERENCE)  # noqa: PLR2004  # the middle of the range
+        for index, fit in enumerate(fits)
+        for k in range(fit.point.size)
+    ]
+    points = []
+    for index, k, step in asked:
+        point = fits[index].point.copy()
+        point[k] += step
+        points.append(fits[index].space.values(point))
+    jacobians = [np.empty_like(fit.jacobian) for fit in fits]
+    for (index, k, step), result in zip(asked, runs.evaluate(points), strict=True):
+        jacobians[index][:, k] = (layout.residual(result) - fits[index].residual) / step
+    return jacobians
 
 
 def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout) -> Fit:
@@ -199,11 +207,14 @@ def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout) -> Fit:
         cost = 2.0 * ROBUST**2 * (np.sqrt(inner) - 1.0) / loss.factor
         return np.array([cost, first, -0.5 * loss.factor / ROBUST**2 * inner**-1.5])
 
+    def jacobian_of(point: NDArray[np.float64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        return jacobians_at([replace(start, point=point, residual=residual)], runs, layout)[0]
+
     inside = np.clip(start.point, 2.0 * _SMALLEST_STEP, 1.0 - 2.0 * _SMALLEST_STEP)
     found = least_squares(
         lambda point: residual_at(point) * root,
         inside,
-        jac=lambda point: jacobian_at(space, point, residual_at(point), runs, layout) * root[:, None],
+        jac=lambda point: jacobian_of(point, residual_at(point)) * root[:, None],
         bounds=(0.0, 1.0),
         method="trf",
         loss=robust,
@@ -214,8 +225,7 @@ def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout) -> Fit:
     point, residual = np.asarray(found.x, dtype=np.float64), np.asarray(found.fun, dtype=np.float64) / root
     if loss.cost(start.residual) < loss.cost(residual):
         point, residual = start.point, start.residual
-    jacobian = jacobian_at(space, point, residual, runs, layout)
-    return Fit(space, point, residual, jacobian, loss.cost(residual), polished=True)
+    return Fit(space, point, residual, jacobian_of(point, residual), loss.cost(residual), polished=True)
 
 
 def covariance(fit: Fit, loss: Loss, layout: Layout) -> NDArray[np.float64]:
@@ -242,3 +252,26 @@ def covariance(fit: Fit, loss: Loss, layout: Layout) -> NDArray[np.float64]:
     grow = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(inverse), 1.0))
     result: NDArray[np.float64] = inverse * np.outer(grow, grow)
     return result
+
+
+def half_widths(fit: Fit, layout: Layout, weighting: Weighting, limit: float) -> NDArray[np.float64]:
+    """Return half the width of each parameter's 95 % interval, in shares of the ranges, shape (p,).
+
+    Beside the scatter, a parameter is not known better than by what moves the signals as far as a gap that counts as
+    none: a simulator that is off by that much anyway shifts it.
+
+    Args:
+        fit: With a Jacobian.
+        layout: Of the residual.
+        weighting: Of the signals.
+        limit: Largest gap that counts as none, noise units.
+
+    """
+    if not fit.space.keys:
+        return np.zeros(0)
+    scatter = _Z95 * np.sqrt(np.diag(covariance(fit, loss_of(layout, weighting), layout)))
+    counts = np.bincount(layout.signal_of, minlength=len(layout.names)) * len(layout.names)
+    each = fit.jacobian / np.sqrt(counts[layout.signal_of])[:, None]
+    curvature = np.linalg.inv(each.T @ each + 1e-9 * np.eye(fit.point.size))
+    shift = np.sqrt(max(limit**2 - 1.0, 0.0) * np.diag(curvature))
+    return np.minimum(np.hypot(scatter, shift), 1.0)

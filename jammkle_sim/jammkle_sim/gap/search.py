@@ -6,13 +6,13 @@ may each be worth little and explain most together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.fitting import Fit, Loss, fit_side_by_side, linear_step, loss_of, polish
+from jammkle_sim.gap.fitting import Fit, Loss, fit_side_by_side, jacobians_at, linear_step, loss_of, polish
 from jammkle_sim.gap.residual import Weighting, weigh
 from jammkle_sim.gap.runs import StoppedError
 from jammkle_sim.gap.scoring import CLEAR_NATS, Score, best_set, difference, score
@@ -32,6 +32,8 @@ RUNS_PER_PAIR = 5
 MOST_PAIRS = 14
 """Pairs fitted in full: those that promise most over all, and those with one of the best singles."""
 BEST_SINGLES = 2
+MOST_RENEWED = 5
+"""Of them, fitted once more with derivatives of their own."""
 MOST_EFFECTS = 3
 MOST_FINALISTS = 5
 """Candidates that are fitted again with derivatives of their own."""
@@ -146,6 +148,9 @@ class Search:
             matrix = np.column_stack([columns.get(key, jacobian[:, k]) for k, key in enumerate(space.keys)])
             place = np.array([places.get(key, point[k]) for k, key in enumerate(space.keys)])
             starts.append(Fit(space, place, rest.residual, matrix, loss.cost(rest.residual)))
+        fitted = self._fits.get(tuple(sorted(names)))
+        if fitted is not None:
+            starts.append(replace(fitted, cost=loss.cost(fitted.residual), polished=False))
         return min(starts, key=lambda each: each.cost)
 
     def _promise(self, start: Fit, loss: Loss) -> float:
@@ -200,8 +205,26 @@ class Search:
         chosen = list(dict.fromkeys(worth[:half] + with_top[:half]))
         chosen += [names for names in worth if names not in chosen][: MOST_PAIRS - len(chosen)]
         if chosen:
-            self._fit(chosen, RUNS_PER_PAIR, 0.7)
+            self._fit(chosen, RUNS_PER_PAIR, 0.55)
             self._judge()
+            self._again(chosen)
+
+    def _again(self, candidates: Sequence[tuple[str, ...]]) -> None:
+        """Fit the most promising combinations once more, with derivatives of their own and signals judged anew.
+
+        Two effects that nearly make up for each other lie in a narrow valley, which the probes' derivatives miss.
+        """
+        loss = self._loss()
+        starts = [self._start(names, loss) for names in candidates]
+        ranked = sorted(zip([self._promise(start, loss) for start in starts], candidates, strict=True))
+        places = {names: start for names, start in zip(candidates, starts, strict=True)}
+        best = [places[names] for _, names in ranked[:MOST_RENEWED]]
+        fresh = jacobians_at(best, self._runs, self._layout)
+        renewed = [replace(start, jacobian=jacobian) for start, jacobian in zip(best, fresh, strict=True)]
+        for fit in fit_side_by_side(renewed, loss, self._runs, self._layout, RUNS_PER_PAIR):
+            self._fits[fit.names] = fit
+        self._judge()
+        self._progress("fitting effects", 0.7)
 
     def _linear_start(self, names: tuple[str, ...], loss: Loss) -> Fit:
         """Return the start that promises most, without running anything."""

@@ -36,14 +36,14 @@ class Verdict(Enum):
 class Criteria:
     """What a gap has to be before it is named, and what a candidate has to explain. Assumed, and to be calibrated."""
 
-    worth_gap: float = 1.3
+    worth_gap: float = 1.5
     """Largest gap of any signal that counts as none, noise units; also what a named effect may leave. No simulator is
     perfect, and a noise is known to some 10 %."""
     worth_gap_with_references: float = 1.15
     """The same, where references took the simulator's own faults off."""
     explained_share: float = 0.9
     """Share of the gap above the floor that a candidate has to close, held out, where it leaves more than that."""
-    material_share: float = 0.05
+    material_share: float = 0.02
     """A further effect has to close at least this share of the gap, or it is not named."""
     temperature: float = 2.0
     """Of the probabilities: differences of scores are divided by it. Above 1: scores are too sure of themselves."""
@@ -74,8 +74,13 @@ def worst_gap(layout: Layout, residual: NDArray[np.float64]) -> tuple[str, float
     return name, gaps[name]
 
 
-def material(layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria) -> list[Score]:
-    """Take effects off that close next to nothing of the gap: the simulator's own small faults are no finding."""
+def material(
+    layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, *, limit: float
+) -> list[Score]:
+    """Take effects off that close next to nothing of the gap, or are not needed to bring it to where it counts as none.
+
+    The simulator's own small faults are no finding.
+    """
     by_names = {score.names: score for score in scores}
     nominal = layout.gap(by_names[()].held_out)
     kept: list[Score] = []
@@ -87,7 +92,8 @@ def material(layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], c
                 break
             simpler = min(parts, key=lambda part: layout.gap(part.held_out))
             gained = layout.gap(simpler.held_out) - layout.gap(current.held_out)
-            if gained > criteria.material_share * max(nominal - 1.0, 0.0):
+            enough = worst_gap(layout, simpler.held_out)[1] <= limit
+            if not enough and gained > criteria.material_share * max(nominal - 1.0, 0.0):
                 break
             current = simpler
         if current.names not in [one.names for one in kept]:
@@ -114,7 +120,7 @@ def judge(
     """
     nominal = next(score for score in scores if not score.names)
     signal, nominal_gap = worst_gap(layout, nominal.held_out)
-    kept = material(layout, chosen, scores, criteria)
+    kept = material(layout, chosen, scores, criteria, limit=limit)
     best = kept[0]
     left_signal, left_gap = worst_gap(layout, best.held_out)
     closed = closed_share(layout.gap(nominal.held_out), layout.gap(best.held_out))
