@@ -57,6 +57,9 @@ class SimParameters:
     )
     mass_kg: float = parameter(1.8, "Mass of all that falls, ankle included", "kg", 0.5, 20.0)
     friction: float = parameter(0.55, "Coulomb friction between foot and slope", "", 0.0, 2.0)
+    effects_file: str = parameter(
+        "", "File of effects that the simulation is corrected by, as a gap diagnosis writes it; empty: none"
+    )
 
     def __post_init__(self) -> None:
         """Check what the values say of each other; each alone was checked before.

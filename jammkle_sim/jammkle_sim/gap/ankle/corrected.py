@@ -19,10 +19,11 @@ from jammkle_sim.gap.effect import BadEffectError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_sim.gap.effect import Library
+    from jammkle_sim.gap.effect import Effect, Library
     from jammkle_sim.rigs.rig import Rig
 
 _LIBRARY = "library"
+_TIMING, _COMMAND_DELAY = "timing", "command_delay"
 _HEADER = "# Effects that bring the simulation closer to the robot. `jammkle rig ... --effects FILE` and the sim node load it.\n"
 
 
@@ -38,6 +39,19 @@ class Correction:
         """Return a rig with the effects in it, which its description tells."""
         changed = apply_effects(rig, self.library, self.values)
         return dataclasses.replace(changed, description={**rig.description, "effects": dict(self.values)})
+
+
+def check_live(correction: Correction) -> None:
+    """Refuse effects that only a recording can show: the stamps of a live simulation are those of its own clock.
+
+    Raises:
+        BadEffectError: readings come late, or by another clock.
+
+    """
+    for effect in correction.library:
+        if effect.subsystem == _TIMING and effect.name != _COMMAND_DELAY and _is_on(effect, correction.values):
+            msg = f"effect '{effect.name}' acts on stamps, which a live simulation does not change"
+            raise BadEffectError(f"{msg}; take it out of the file, or run the rig with `jammkle rig`")
 
 
 def corrected_text(library: Library, values: Mapping[str, float], library_file: Path | None = None) -> str:
@@ -103,3 +117,7 @@ def load_correction(file: Path) -> Correction:
                 raise BadEffectError(f"{msg}; it must be a number from {limits}")
             values[effect.key(parameter)] = float(number)
     return Correction(library, values)
+
+
+def _is_on(effect: Effect, values: Mapping[str, float]) -> bool:
+    return any(values.get(effect.key(each), each.null) != each.null for each in effect.parameters)
