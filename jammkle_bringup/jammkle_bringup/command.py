@@ -25,6 +25,13 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+gap_app = typer.Typer(
+    help="Find out where simulation and robot disagree, and why.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
+)
+app.add_typer(gap_app, name="gap")
+
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="ROS namespace of the ankle, for example lf_ankle.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the results to this file as JSON too.")]
 ChannelsArgument = Annotated[
@@ -208,6 +215,39 @@ def paper(
     from jammkle_bringup.paper import paper as compare
 
     return compare(PaperRequest(output, json, refit, repeats, seed))
+
+
+@gap_app.command()
+def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
+    bags: Annotated[list[Path], typer.Argument(help="Recordings: repeats, or several settings.", metavar="BAG ...")],
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(help="Recording of the same machine in good order; may be repeated. Asks what has changed."),
+    ] = None,
+    rig: Annotated[str | None, typer.Option(help="What was recorded, where the bags do not tell.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="NAME=VALUE: how the simulated rig is set, whatever the bags say; may be repeated."),
+    ] = None,
+    library: Annotated[Path | None, typer.Option(help="Effects of your own (YAML), beside the built-in ones.")] = None,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.")
+    ] = Path("runs/gap"),
+    namespace: Annotated[str | None, typer.Option(help="Namespace of the ankle, if the bags hold several.")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Processes. [default: one per core where that pays]")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs.")] = None,
+    json: JsonOption = None,
+) -> int:
+    """Say where recordings and simulator disagree, which effect explains it, and how far the gap shrinks.
+
+    Ctrl-C ends the search and keeps what is known by then.
+    """
+    from jammkle_bringup.gap import DiagnoseRequest
+    from jammkle_bringup.gap import diagnose as run
+
+    return run(
+        DiagnoseRequest(bags, reference or [], rig, settings or [], namespace, library, output, json, jobs, scheduler)
+    )
 
 
 @app.command()
