@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.rigs.assembly import Assembly
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.timeline import Timeline
 

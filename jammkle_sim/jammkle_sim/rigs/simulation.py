@@ -75,7 +75,7 @@ class Simulation:
         self._start = assembly.start
         self._states = records.States(*(part.copy() for part in self._start))
         self._offset_pa = np.array(rig.wiring.pressure_offset_pa)
-        self._waiting: list[tuple[int, Callable[[NDArray[Any]], None]]] = []
+        self._waiting: list[tuple[int, Callable[[], None]]] = []
         self._total_steps = 0
         self._rig_steps = 0
 
@@ -99,7 +99,7 @@ class Simulation:
         if not 0.0 <= duty <= 1.0:
             msg = f"pump duty is {duty}; it must be 0 to 1"
             raise ValueError(msg)
-        self._obey(lambda air: operator.setitem(air, "duty", duty))
+        self._obey("duty", (0,), duty)
 
     def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001  # the state of a coil, as Bool is
         """Energise or release a channel's solenoid.
@@ -111,8 +111,7 @@ class Simulation:
         if channel not in CHANNELS:
             msg = f"channel '{channel}' does not exist; known are: {', '.join(CHANNELS)}"
             raise ValueError(msg)
-        at = CHANNELS.index(channel)
-        self._obey(lambda air: operator.setitem(air["command"], (0, at), energised))
+        self._obey("command", (0, CHANNELS.index(channel)), float(energised))
 
     def advance(self, steps: int) -> None:
         """Take `steps` time steps.
@@ -233,13 +232,14 @@ class Simulation:
         ).tolist()
         return measured
 
-    def _obey(self, change: Callable[[NDArray[Any]], None]) -> None:
+    def _obey(self, field: str, at: tuple[int, ...], value: float) -> None:
         """Tell the air something, after the wiring's delay, to the nearest step."""
         wait = round(self._rig.wiring.command_delay_s / self.timestep_s)
         if wait == 0:
-            change(self._states.pneumatics)
+            self._states.pneumatics[field][at] = value
         else:
-            self._waiting.append((self._rig_steps + wait, change))
+            tell = functools.partial(operator.setitem, self._states.pneumatics[field], at, value)
+            self._waiting.append((self._rig_steps + wait, tell))
 
     def _due_before(self, end: int) -> Iterator[tuple[int, Callable[[], None]]]:
         """Give what the rig does and what arrives before a step, in order; what arrives is no longer waited for."""
@@ -248,8 +248,8 @@ class Simulation:
             for event in self._rig.events
             if self._rig_steps <= event.step < end
         ]
-        due += [(step, functools.partial(change, self._states.pneumatics)) for step, change in self._waiting if step < end]
-        self._waiting = [(step, change) for step, change in self._waiting if step >= end]
+        due += [(step, tell) for step, tell in self._waiting if step < end]
+        self._waiting = [(step, tell) for step, tell in self._waiting if step >= end]
         yield from sorted(due, key=operator.itemgetter(0))
 
     def _run(self, steps: int) -> None:

@@ -82,7 +82,13 @@ def opened(path: Path) -> Iterator[AnyReader]:
 
 def namespaces_in(topics: set[str]) -> tuple[str, ...]:
     """Return the namespaces in which topics of an ankle stand, sorted; `/` for the outermost."""
-    known = (names.IMU, names.LOAD_CELL, names.JOINT_STATES, names.MANIFOLD_PRESSURE, names.PUMP_DUTY)
+    known: tuple[names.Topic, ...] = (
+        names.IMU,
+        names.LOAD_CELL,
+        names.JOINT_STATES,
+        names.MANIFOLD_PRESSURE,
+        names.PUMP_DUTY,
+    )
     known += (*names.PRESSURES.values(), *names.SOLENOIDS.values())
     endings = tuple(f"/{topic.name}" for topic in known)
     found = {topic[: -len(end)] or "/" for topic in topics for end in endings if topic.endswith(end)}
@@ -104,11 +110,13 @@ def read_bag(path: Path, namespace: str | None = None) -> Bag:
         found = namespaces_in(set(reader.topics))
         if not found:
             msg = f"bag {path} holds no topic of an ankle, such as {names.JOINT_STATES.name}"
-            raise BadRecordingError(f"{msg}; record the topics that `jammkle record` takes")
+            msg += "; record the topics that `jammkle record` takes"
+            raise BadRecordingError(msg)
         chosen = namespace or found[0]
         if chosen not in found or (namespace is None and len(found) > 1):
             msg = f"bag {path} holds the namespaces {', '.join(found)}"
-            raise BadRecordingError(f"{msg}; choose one of them, not '{namespace or 'none'}'")
+            msg += f"; choose one of them, not '{namespace or 'none'}'"
+            raise BadRecordingError(msg)
         takers = {f"{chosen.rstrip('/')}/{name}": (name, take) for name, take in _TAKERS.items()}
         takers[names.CLOCK.name] = (names.CLOCK.name, _take_clock)
         tables: dict[str, _Table] = {}

@@ -48,7 +48,8 @@ def check_commands(bag: Bag) -> None:
     missing += [] if any(name in bag.topics for name in solenoids) else ["any of " + ", ".join(solenoids)]
     if missing:
         msg = f"bag {bag.name} holds no commands: {' nor '.join(missing)}"
-        raise BadRecordingError(f"{msg}; record them too, from before the first one is given")
+        msg += "; record them too, from before the first one is given"
+        raise BadRecordingError(msg)
 
 
 def check_clocks(bag: str, topic: str, samples: Samples) -> None:
@@ -62,13 +63,15 @@ def check_clocks(bag: str, topic: str, samples: Samples) -> None:
     apart_s = float(np.median(behind_s))
     if abs(apart_s) > _LARGEST_OFFSET_S:
         msg = f"clocks disagree in bag {bag}: {topic} is logged {apart_s:.3g} s after its header's stamp"
-        raise BadRecordingError(f"{msg}, at most {_LARGEST_OFFSET_S:g} s; record with one clock (or with /clock)")
+        msg += f", at most {_LARGEST_OFFSET_S:g} s; record with one clock (or with /clock)"
+        raise BadRecordingError(msg)
     tenth = max(len(behind_s) // 10, 1)
     drift_s = float(np.median(behind_s[-tenth:]) - np.median(behind_s[:tenth]))
     limit_s = max(_DRIFT_FLOOR_S, _LARGEST_DRIFT * float(np.ptp(samples.log_s)))
     if abs(drift_s) > limit_s:
         msg = f"clocks drift apart in bag {bag}: {topic}'s log time and header time part by {drift_s:.3g} s"
-        raise BadRecordingError(f"{msg}, at most {limit_s:.2g} s; synchronise the clocks and record again")
+        msg += f", at most {limit_s:.2g} s; synchronise the clocks and record again"
+        raise BadRecordingError(msg)
 
 
 def in_order(bag: str, topic: str, samples: Samples) -> Samples:
@@ -83,7 +86,8 @@ def in_order(bag: str, topic: str, samples: Samples) -> Samples:
     lost = 1.0 - rising.mean()
     if lost > _STEPS_BACK:
         msg = f"stamps of {topic} in bag {bag} run backwards or stand still at {100.0 * lost:.2g} % of its samples"
-        raise BadRecordingError(f"{msg}; record one publisher with a steady clock, without a reset of the simulation")
+        msg += "; record one publisher with a steady clock, without a reset of the simulation"
+        raise BadRecordingError(msg)
     columns = {name: values[rising] for name, values in samples.columns.items()}
     return type(samples)(samples.log_s[rising], samples.stamp_s[rising], columns)
 
@@ -99,8 +103,9 @@ def check_numbers(bag: str, signals: Iterable[Signal]) -> None:
         largest, start = float(np.abs(signal.values).max()), float(np.median(signal.values[:20]))
         quantity = quantity_of(signal.name)
         if quantity == ANGLE and largest > _LARGEST_ANGLE_RAD:
-            msg = f"{signal.name} in bag {bag} reaches {largest:.3g}, and no ankle turns beyond {_LARGEST_ANGLE_RAD:g} rad"
-            raise BadRecordingError(f"{msg}; it looks like degrees: record rad")
+            msg = f"{signal.name} in bag {bag} reaches {largest:.3g}; no ankle turns beyond {_LARGEST_ANGLE_RAD:g} rad"
+            msg += "; it looks like degrees: record rad"
+            raise BadRecordingError(msg)
         if quantity == PRESSURE:
             _check_pressure(bag, signal.name, start, float(signal.values.max()), float(signal.values.min()))
 
@@ -115,7 +120,8 @@ def _check_pressure(bag: str, name: str, start_pa: float, highest_pa: float, low
     else:
         return
     msg = f"{name} in bag {bag} lies between {lowest_pa:.4g} and {highest_pa:.4g} Pa and starts at {start_pa:.4g}"
-    raise BadRecordingError(f"{msg}; it looks like {guess}: record absolute pressure in Pa (vented: about 101325)")
+    msg += f"; it looks like {guess}: record absolute pressure in Pa (vented: about 101325)"
+    raise BadRecordingError(msg)
 
 
 def check_alive(bag: str, signals: Mapping[str, Signal], solenoids: Mapping[str, Timeline]) -> None:
@@ -130,10 +136,12 @@ def check_alive(bag: str, signals: Mapping[str, Signal], solenoids: Mapping[str,
         drawn_s = float(np.clip(np.diff(solenoid.time_s), 0.0, None).max(initial=0.0))
         if signal is not None and solenoid.values.max() > 0.0 and drawn_s > 0.0 and np.ptp(signal.values) == 0.0:
             msg = f"{signal.name} in bag {bag} is {signal.values[0]:g} Pa throughout while its solenoid switches"
-            raise BadRecordingError(f"{msg}; check that sensor and record again")
+            msg += "; check that sensor and record again"
+            raise BadRecordingError(msg)
     if all(np.ptp(signal.values) == 0.0 for signal in signals.values()):
         msg = f"no signal of bag {bag} changes at all"
-        raise BadRecordingError(f"{msg}; record live sensors while the ankle is moved or jammed")
+        msg += "; record live sensors while the ankle is moved or jammed"
+        raise BadRecordingError(msg)
 
 
 def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[str, ...], start_m: float) -> None:
@@ -154,15 +162,16 @@ def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[s
     measured = {name.split("/")[0] for name in signals if name.endswith("/position")}
     problem = ""
     if tendons - set(rig.tendon_names):
-        problem = f"it has no tendon {sorted(tendons - set(rig.tendon_names))[0]}"
+        problem = f"it has no tendon {min(tendons - set(rig.tendon_names))}"
     elif (measured & set(names.ANKLE_JOINTS)) - set(joints):
-        problem = f"it has no joint {sorted(measured - set(joints))[0]}"
+        problem = f"it has no joint {min(measured - set(joints))}"
     elif not measured & set(joints) and measured:
-        problem = f"it has no joint {sorted(measured)[0]}"
+        problem = f"it has no joint {min(measured)}"
     else:
         slide = signals.get(f"{names.CARRIAGE_JOINT}/position")
         if slide is not None and abs(float(slide.values[0]) - start_m) > _LARGEST_START_M:
             problem = f"its slide starts at {start_m:.3f} m, the recording's at {float(slide.values[0]):.3f} m"
     if problem:
         msg = f"bag {bag} cannot be from rig '{rig.name}': {problem}"
-        raise BadRecordingError(f"{msg}; name the rig that it was recorded on with --rig")
+        msg += "; name the rig that it was recorded on with --rig"
+        raise BadRecordingError(msg)

@@ -1,8 +1,8 @@
 """`corrected.yaml`: effects that bring the simulation closer to the robot, as people read and simulators load them.
 
-    library: my_effects.yaml          # optional: effects beside those of the package
-    line_leak_achilles:
-      conductance_dm3_s_bar: 0.0021   # dm3/(s bar), 0 to 0.01, off at 0
+library: my_effects.yaml          # optional: effects beside those of the package
+line_leak_achilles:
+conductance_dm3_s_bar: 0.0021   # dm3/(s bar), 0 to 0.01, off at 0
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 _LIBRARY = "library"
 _TIMING, _COMMAND_DELAY = "timing", "command_delay"
-_HEADER = "# Effects that bring the simulation closer to the robot. `jammkle rig ... --effects FILE` and the sim node load it.\n"
+_HEADER = (
+    "# Effects that bring the simulation closer to the robot: for `jammkle rig ... --effects FILE` and the sim node."
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +53,8 @@ def check_live(correction: Correction) -> None:
     for effect in correction.library:
         if effect.subsystem == _TIMING and effect.name != _COMMAND_DELAY and _is_on(effect, correction.values):
             msg = f"effect '{effect.name}' acts on stamps, which a live simulation does not change"
-            raise BadEffectError(f"{msg}; take it out of the file, or run the rig with `jammkle rig`")
+            msg += "; take it out of the file, or run the rig with `jammkle rig`"
+            raise BadEffectError(msg)
 
 
 def corrected_text(library: Library, values: Mapping[str, float], library_file: Path | None = None) -> str:
@@ -63,7 +66,7 @@ def corrected_text(library: Library, values: Mapping[str, float], library_file: 
         library_file: Of the user's own effects, if the library has any.
 
     """
-    lines = [_HEADER.rstrip()]
+    lines = [_HEADER]
     if library_file is not None:
         lines.append(f"{_LIBRARY}: {library_file.resolve()}")
     for effect in library:
@@ -114,7 +117,8 @@ def load_correction(file: Path) -> Correction:
             if not parameter.minimum <= number <= parameter.maximum:
                 msg = f"{effect.key(parameter)} in {file} is {value}"
                 limits = f"{parameter.minimum:g} to {parameter.maximum:g} {parameter.unit}"
-                raise BadEffectError(f"{msg}; it must be a number from {limits}")
+                msg += f"; it must be a number from {limits}"
+                raise BadEffectError(msg)
             values[effect.key(parameter)] = float(number)
     return Correction(library, values)
 

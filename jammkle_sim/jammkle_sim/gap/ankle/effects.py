@@ -102,7 +102,8 @@ def apply_effects(rig: Rig, library: Library, values: Mapping[str, float]) -> Ri
             rig = effect.change(rig, own)
     if left:
         msg = f"'{next(iter(left))}' is no parameter of any effect in the library"
-        raise BadEffectError(f"{msg}; write EFFECT.PARAMETER, such as line_leak_achilles.conductance_dm3_s_bar")
+        msg += "; write EFFECT.PARAMETER, such as line_leak_achilles.conductance_dm3_s_bar"
+        raise BadEffectError(msg)
     return rig
 
 
@@ -156,9 +157,11 @@ def _parameters(family: str, table: Any) -> tuple[EffectParameter, ...]:
     for name, fields in table.items():
         given = set(fields) if isinstance(fields, dict) else set()
         if given != _PARAMETER_FIELDS:
-            wrong = sorted(given ^ _PARAMETER_FIELDS)[0]
-            msg = f"parameter '{name}' of effect '{family}' {'lacks' if wrong not in given else 'cannot have'} '{wrong}'"
-            raise BadEffectError(f"{msg}; it needs {', '.join(sorted(_PARAMETER_FIELDS))}")
+            wrong = min(given ^ _PARAMETER_FIELDS)
+            verb = "cannot have" if wrong in given else "lacks"
+            msg = f"parameter '{name}' of effect '{family}' {verb} '{wrong}'"
+            msg += f"; it needs {', '.join(sorted(_PARAMETER_FIELDS))}"
+            raise BadEffectError(msg)
         try:
             numbers = {key: float(fields[key]) for key in ("null", "minimum", "maximum")}
         except (TypeError, ValueError) as error:
@@ -178,7 +181,8 @@ def _change_of(family: str, file: Path | None, text: str) -> tuple[str, str]:
         _function(source, function)
     except (OSError, AttributeError, SyntaxError, ImportError) as error:
         msg = f"effect '{family}' names the change '{text}', which is not there ({error})"
-        raise BadEffectError(f"{msg}; give a function of {_CHANGES}, or FILE.py:FUNCTION") from error
+        msg += f"; give a function of {_CHANGES}, or FILE.py:FUNCTION"
+        raise BadEffectError(msg) from error
     return source, function
 
 

@@ -1,4 +1,4 @@
-"""What it takes to run a recording of an ankle again: which rig, how it was set, what it was commanded, how it began."""
+"""What it takes to run a recording of an ankle again: which rig, how it was set, what it was told, how it began."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.rigs.catalogue import rig_kind
@@ -18,6 +16,7 @@ from jammkle_sim.rigs.rig import ACCELEROMETER
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from jammkle_sim.rigs.replay import CommandTrack

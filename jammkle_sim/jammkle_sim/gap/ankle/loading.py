@@ -72,7 +72,8 @@ def load_recording(
         checks.check_clocks(bag.name, topic, samples)
     if not set(topics) - set(_COMMANDS):
         msg = f"bag {bag.name} holds commands alone"
-        raise BadRecordingError(f"{msg}; record pressures, {names.JOINT_STATES.name} and {names.IMU.name} too")
+        msg += f"; record pressures, {names.JOINT_STATES.name} and {names.IMU.name} too"
+        raise BadRecordingError(msg)
     inputs = AnkleInputs(name, settings, CommandTrack(_nothing(), {}))
     built = nominal_rig(inputs)
     start_s = rig_start_s(bag, topics, built, notes)
@@ -115,10 +116,12 @@ def _rig_of(bag: Bag, rig: str | None, options: Mapping[str, Any], notes: list[s
     told = str(described.get("rig", ""))
     if rig is None and not told:
         msg = f"bag {bag.name} does not tell what it was recorded on"
-        raise BadRecordingError(f"{msg}; name it with --rig, one of: {', '.join(RIGS)}")
+        msg += f"; name it with --rig, one of: {', '.join(RIGS)}"
+        raise BadRecordingError(msg)
     if rig is not None and told and rig != told:
         msg = f"bag {bag.name} was recorded on rig '{told}', not '{rig}'"
-        raise BadRecordingError(f"{msg}; leave --rig out, or give the right bag")
+        msg += "; leave --rig out, or give the right bag"
+        raise BadRecordingError(msg)
     given = {**dict(described.get("options") or {}), **options}
     if not given:
         notes.append(f"how rig '{rig}' was set is not known: its defaults are taken")
@@ -152,15 +155,11 @@ def _commands(topics: Mapping[str, Samples], start_s: float) -> CommandTrack:
         order = np.argsort(samples.log_s, kind="stable")
         return Timeline(samples.log_s[order] - start_s, samples.columns["data"][order])
 
-    solenoids = {
-        channel: timeline(topic.name) for channel, topic in names.SOLENOIDS.items() if topic.name in topics
-    }
+    solenoids = {channel: timeline(topic.name) for channel, topic in names.SOLENOIDS.items() if topic.name in topics}
     return CommandTrack(timeline(names.PUMP_DUTY.name), solenoids)
 
 
-def _signals(
-    bag: str, topics: Mapping[str, Samples], start_s: float, noise: Mapping[str, float]
-) -> dict[str, Signal]:
+def _signals(bag: str, topics: Mapping[str, Samples], start_s: float, noise: Mapping[str, float]) -> dict[str, Signal]:
     signals: dict[str, Signal] = {}
     for topic, samples in topics.items():
         if topic in _COMMANDS:
@@ -179,14 +178,15 @@ def _signals(
 
 
 def _signal_name(topic: str, column: str) -> str | None:
-    """Return the name of a signal: a pressure's topic, a tendon's or joint's column, else topic's first part and column."""
+    """Return the name of a signal: a pressure's topic, a tendon's or joint's column, else topic and column."""
     if column == "pressure":
         return topic
-    if column.endswith("/velocity") or (topic == names.JOINT_STATES.name and column.split("/")[0] not in _JOINTS):
+    owner, _, what = column.rpartition("/")
+    if what == "velocity" or (topic == names.JOINT_STATES.name and owner not in _JOINTS):
         return None
     if "/" in column:
         return column
-    return f"{topic.split('/')[0]}/{column}"
+    return f"{topic.split('/', maxsplit=1)[0]}/{column}"
 
 
 _JOINTS = (*names.ANKLE_JOINTS, names.CARRIAGE_JOINT)
@@ -196,8 +196,11 @@ def _check_finite(bag: str, name: str, time_s: NDArray[np.float64], values: NDAr
     bad = ~np.isfinite(values)
     if bad.any():
         when_s = float(time_s[int(np.argmax(bad))])
-        msg = f"{name} in bag {bag} is not a number at {int(bad.sum())} of {len(values)} samples, first at {when_s:.3f} s"
-        raise BadRecordingError(f"{msg}; leave such samples out when recording, and check the sensor")
+        msg = (
+            f"{name} in bag {bag} is not a number at {int(bad.sum())} of {len(values)} samples, first at {when_s:.3f} s"
+        )
+        msg += "; leave such samples out when recording, and check the sensor"
+        raise BadRecordingError(msg)
 
 
 def _thinned(signal: Signal) -> Signal:
@@ -211,7 +214,8 @@ def _check_length(bag: str, signals: Mapping[str, Signal]) -> None:
     length_s = max(float(signal.time_s[-1] - signal.time_s[0]) for signal in signals.values())
     if length_s < checks.SHORTEST_S:
         msg = f"bag {bag} lasts {length_s:.2g} s, too short to hold anything out"
-        raise BadRecordingError(f"{msg}; record at least {checks.SHORTEST_S:g} s, better ten, or several runs")
+        msg += f"; record at least {checks.SHORTEST_S:g} s, better ten, or several runs"
+        raise BadRecordingError(msg)
 
 
 def _with_air(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +14,6 @@ from jammkle_sim.physics import kernels
 from jammkle_sim.rigs.assembly import imu_at_rest, laws_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from jammkle_sim.gap.recording import Recording, Signal
@@ -62,41 +61,48 @@ class _Readings:
     def __init__(self, rig: Rig, truth: Truth) -> None:
         self._rig = rig
         self._truth = truth
-        self._imu: NDArray[np.float64] | None = None
-        self._start_s = truth.step_s * np.arange(len(truth.pressure_pa))
-        self._after_s = self._start_s[1:]
+        self._start_s: NDArray[np.float64] = truth.step_s * np.arange(len(truth.pressure_pa), dtype=np.float64)
         self._pressures = (names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[each].name for each in names.CHANNELS))
 
     def reading(self, signal: Signal) -> NDArray[np.float64] | None:
         """Return one signal; None where the rig has no such sensor."""
-        wiring, quantity = self._rig.wiring, quantity_of(signal.name)
+        quantity = quantity_of(signal.name)
         if quantity == PRESSURE:
-            if signal.name not in self._pressures:
-                return None
-            i = self._pressures.index(signal.name)
-            values = self._at(signal, self._start_s, self._truth.pressure_pa[:, i], wiring.pressure_delay_s)
-            return values + wiring.pressure_offset_pa[i]
+            return self._pressure(signal)
         bodies = self._truth.bodies
         if bodies is None:
             return None
-        owner, _, column = signal.name.rpartition("/")
         if quantity in (ACCELERATION, RATE):
-            if column not in _AXES:
-                return None
-            return self._at(signal, self._after_s, self._filtered()[:, _AXES.index(column)], wiring.imu_delay_s)
+            return self._imu(signal)
         if quantity == FORCE:
-            limit_n = self._rig.sensors.load_cell_limit_n
-            force_n = bodies.load_cell_n[:, "xyz".index(column[-1])]
-            cell_n = self._at(signal, self._after_s, force_n, wiring.load_cell_delay_s)
-            clipped: NDArray[np.float64] = np.clip(wiring.load_cell_gain * cell_n, -limit_n, limit_n)
-            return clipped
-        columns: Callable[[str], NDArray[np.float64]]
-        if quantity in (ANGLE, SLIDE):
-            columns, known = bodies.position, bodies.joints
-        else:
-            columns = bodies.extension_m if quantity == EXTENSION else bodies.tension_n
-            known = bodies.tendons
-        return self._at(signal, self._after_s, columns(owner), wiring.joint_delay_s) if owner in known else None
+            return self._force(signal, bodies)
+        owner = signal.name.rpartition("/")[0]
+        if owner not in (bodies.joints if quantity in (ANGLE, SLIDE) else bodies.tendons):
+            return None
+        columns = {ANGLE: bodies.position, SLIDE: bodies.position, EXTENSION: bodies.extension_m}
+        values = columns.get(quantity, bodies.tension_n)(owner)
+        return self._at(signal, self._start_s[1:], values, self._rig.wiring.joint_delay_s)
+
+    def _pressure(self, signal: Signal) -> NDArray[np.float64] | None:
+        if signal.name not in self._pressures:
+            return None
+        i, wiring = self._pressures.index(signal.name), self._rig.wiring
+        values = self._at(signal, self._start_s, self._truth.pressure_pa[:, i], wiring.pressure_delay_s)
+        return values + wiring.pressure_offset_pa[i]
+
+    def _imu(self, signal: Signal) -> NDArray[np.float64] | None:
+        column = signal.name.rpartition("/")[2]
+        if column not in _AXES:
+            return None
+        values = self._filtered[:, _AXES.index(column)]
+        return self._at(signal, self._start_s[1:], values, self._rig.wiring.imu_delay_s)
+
+    def _force(self, signal: Signal, bodies: BodyTrack) -> NDArray[np.float64]:
+        limit_n, wiring = self._rig.sensors.load_cell_limit_n, self._rig.wiring
+        force_n = bodies.load_cell_n[:, "xyz".index(signal.name[-1])]
+        cell_n = wiring.load_cell_gain * self._at(signal, self._start_s[1:], force_n, wiring.load_cell_delay_s)
+        clipped: NDArray[np.float64] = np.clip(cell_n, -limit_n, limit_n)
+        return clipped
 
     def _at(
         self, signal: Signal, time_s: NDArray[np.float64], values: NDArray[np.float64], delay_s: float
@@ -106,12 +112,12 @@ class _Readings:
         found: NDArray[np.float64] = np.interp(true_s, time_s, values)
         return found
 
+    @cached_property
     def _filtered(self) -> NDArray[np.float64]:
-        if self._imu is None and self._truth.bodies is not None:
-            raw = np.ascontiguousarray(self._truth.bodies.raw_imu)
-            law, at_start = laws_of(self._rig).imu, self._truth.raw_imu_at_start
-            state = imu_at_rest(law, raw[0] if at_start is None else at_start)
-            self._imu = np.zeros(raw.shape)
-            kernels.imu_history(law, state, raw, self._imu)
-        assert self._imu is not None  # the bodies were asked for before
-        return self._imu
+        """All axes of the IMU after each step, shape (n, 6)."""
+        bodies, at_start = self._truth.bodies, self._truth.raw_imu_at_start
+        raw = np.zeros((1, 6)) if bodies is None else np.ascontiguousarray(bodies.raw_imu)
+        law = laws_of(self._rig).imu
+        filtered = np.zeros(raw.shape)
+        kernels.imu_history(law, imu_at_rest(law, raw[0] if at_start is None else at_start), raw, filtered)
+        return filtered

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -97,7 +98,7 @@ def _air(inputs: AnkleInputs, rig: Rig, measured: Measured, cuts: list[int]) -> 
     pressure_pa = np.zeros((cuts[-1] + 1, records.VOLUMES))
     pressure_pa[0] = state["pressure_pa"][0]
     offset_pa = np.array(rig.wiring.pressure_offset_pa)
-    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+    for first, last in itertools.pairwise(cuts):
         if first > 0:
             state["pressure_pa"][0] = given_pa[first - 1] - offset_pa
             state["mass_kg"] = state["pressure_pa"] * law["volume_m3"] / law["specific_energy_j_kg"][:, np.newaxis]
@@ -121,7 +122,7 @@ def _bodies(
         return None, None
     memories = _tendon_memories(rig, measured, pressure_pa, cuts)
     rows = []
-    for index, (first, last) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
+    for index, (first, last) in enumerate(itertools.pairwise(cuts)):
         if first > 0:
             for name, state in states.items():
                 # An ankle's angle that was left out stood still.
@@ -152,7 +153,7 @@ def _tendon_memories(
             continue
         vacuum_pa = np.maximum(ambient_pa - pressure_pa[1:, int(law["channel"][0]) + 1], 0.0)
         state, kept = relaxed_state(law, float(extension_m[0])), []
-        for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+        for first, last in itertools.pairwise(cuts):
             kept.append(state.copy())
             tension_n = np.zeros(last - first)
             kernels.tendon_history(law, state, extension_m[first:last], vacuum_pa[first:last], tension_n)

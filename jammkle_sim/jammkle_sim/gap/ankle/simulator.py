@@ -1,4 +1,4 @@
-"""The rigs as a simulator for the diagnosis: a recording's commands played into the same rig, effects in it, no noise."""
+"""The rigs as a simulator for the diagnosis: a recording's commands in the same rig, effects in it, no noise."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Each subsystem on its own, fed with what was measured at its inputs: one that fits then is not to blame.
 
-    pneumatics   commands -> pressures
-    tendon       measured pressure and extension -> tension
-    mechanics    measured tension -> joints, slide and load cell, from the measured state every 0.1 s
-    sensing      measured motion -> IMU, where nothing moves; measured tension -> load cell, where that is all it carries
+pneumatics   commands -> pressures
+tendon       measured pressure and extension -> tension
+mechanics    measured tension -> joints, slide and load cell, from the measured state every 0.1 s
+sensing      measured motion -> IMU, where nothing moves; measured tension -> load cell, where that is all it carries
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Subsystem(enum.Enum):
 
 @dataclass(frozen=True)
 class SubsystemSimulator:
-    """One subsystem as a simulator; signals that are not its outputs, or whose inputs were not measured, are left out."""
+    """One subsystem as a simulator; signals that it does not make, or whose inputs were not measured, are left out."""
 
     library: Library
     subsystem: Subsystem
@@ -105,7 +105,7 @@ def _tensions(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]]:
 
 
 def _motion(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]]:
-    """Pull with what was measured; from the measured state again and again, as a body that is only pulled drifts off."""
+    """Pull with what was measured, from the measured state again and again: a body that is only pulled drifts off."""
     made = restarted_readings(recording, rig, _MOTION_HORIZON_S, Drive.MEASURED)
     outputs = ("position", "force_x", "force_y", "force_z")
     return {name: values for name, values in made.items() if name.rpartition("/")[2] in outputs}

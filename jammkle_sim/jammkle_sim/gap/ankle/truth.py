@@ -30,7 +30,7 @@ _KEPT = 8
 def truth_of(recording: Recording, rig: Rig) -> Truth:
     """Return what really happens when a recording's commands are played into a rig, whatever its sensors make of it.
 
-    Kept per stage, as most effects change only a part: sensors cost nothing, tendons and bodies leave the air as it was.
+    Kept per stage, as most effects change only a part: sensors cost nothing, tendons and bodies leave the air as is.
 
     Raises:
         UnstableSimulationError: the simulation blew up.
