@@ -33,7 +33,10 @@ _DIFFERENCE = 0.02
 _Z95 = 1.96
 _WORTH_NATS = 0.2
 _WORTH_SHARE = 3e-4
-_SMALLEST_STEP = 1e-3
+_SMALLEST_STEP = 1e-7
+_INWARDS = 2e-3
+_MOVED = 2.0
+_FINEST = 1e-6
 _REWEIGHTINGS = 4
 _POLISHING_RUNS = 5
 
@@ -86,7 +89,7 @@ class Fit:
     @property
     def at_bounds(self) -> tuple[str, ...]:
         """Parameters that ended at a bound, where the truth may lie outside."""
-        edge = (self.point <= _SMALLEST_STEP) | (self.point >= 1.0 - _SMALLEST_STEP)
+        edge = (self.point <= _FINEST) | (self.point >= 1.0 - _FINEST)
         return tuple(key for key, at in zip(self.space.keys, edge & (self.point != self.space.null), strict=True) if at)
 
 
@@ -173,12 +176,17 @@ def fit_side_by_side(starts: Sequence[Fit], loss: Loss, runs: Runs, layout: Layo
 
 
 def jacobians_at(fits: Sequence[Fit], runs: Runs, layout: Layout) -> list[NDArray[np.float64]]:
-    """Return Jacobians by one-sided differences towards the inside, all run side by side, each of shape (n, p)."""
-    asked = [
-        (index, k, _DIFFERENCE if fit.point[k] <= 0.5 else -_DIFFERENCE)  # noqa: PLR2004  # the middle of the range
-        for index, fit in enumerate(fits)
-        for k in range(fit.point.size)
-    ]
+    """Return Jacobians by one-sided differences towards the inside, all run side by side, each of shape (n, p).
+
+    A step is a small share of the range, and smaller where the Jacobian known so far says that this would move the
+    signals by more than a few times their noise.
+    """
+    asked = []
+    for index, fit in enumerate(fits):
+        moves = np.sqrt(np.mean(fit.jacobian**2, axis=0))
+        for k in range(fit.point.size):
+            step = max(min(_DIFFERENCE, _MOVED / max(moves[k], 1e-12)), _FINEST)
+            asked.append((index, k, step if fit.point[k] <= 0.5 else -step))  # noqa: PLR2004  # the middle of the range
     points = []
     for index, k, step in asked:
         point = fits[index].point.copy()
@@ -210,7 +218,9 @@ def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout) -> Fit:
     def jacobian_of(point: NDArray[np.float64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
         return jacobians_at([replace(start, point=point, residual=residual)], runs, layout)[0]
 
-    inside = np.clip(start.point, 2.0 * _SMALLEST_STEP, 1.0 - 2.0 * _SMALLEST_STEP)
+    # Never from a bound, where a trust region stalls.
+    at_bound = (start.point <= _FINEST) | (start.point >= 1.0 - _FINEST)
+    inside = np.where(at_bound, np.clip(start.point, _INWARDS, 1.0 - _INWARDS), start.point)
     found = least_squares(
         lambda point: residual_at(point) * root,
         inside,

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 FREEDOM = 4.0
 """Degrees of freedom of the Student-t density: a far sample counts, but does not decide alone. Assumed."""
 STANDARD_ERRORS = 2.0
-SMALLEST_ERROR_NATS = 1.0
-"""A difference of scores is never known better than this."""
+SMALLEST_ERROR_NATS = 1.5
+"""A difference of scores is never known better than this: less than odds of 20 tell nothing apart. Assumed."""
 CLEAR_NATS = 3.0
 """What another effect must gain at least, beyond the logarithm of how many were tried. Assumed: odds of 20."""
 

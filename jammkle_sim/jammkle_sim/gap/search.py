@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.residual import Layout
     from jammkle_sim.gap.runs import Runs
-    from jammkle_sim.gap.sensitivity import Probe
+    from jammkle_sim.gap.sensitivity import Probe, Space
 
 RUNS_PER_SINGLE = 5
 RUNS_PER_PAIR = 5
@@ -167,8 +167,16 @@ class Search:
 
     def _singles(self) -> None:
         self._progress("fitting single effects", 0.0)
-        self._fit([(name,) for name in sorted(self._probes)], RUNS_PER_SINGLE, 0.3)
+        self._fit([(name,) for name in sorted(self._probes)], RUNS_PER_SINGLE, 0.2)
+        loss = self._loss()
+        away = [probe for probe in self._probes.values() if probe.residual is not self._nominal.residual]
+        nulls = [Fit(s, s.null, r, p.alone, loss.cost(r)) for p, s, r in self._null_starts(away)]
+        for fit in fit_side_by_side(nulls, loss, self._runs, self._layout, RUNS_PER_SINGLE):
+            if fit.cost < loss.cost(self._fits[fit.names].residual):
+                self._fits[fit.names] = fit
         self._judge()
+        if away:
+            self._again([(probe.effect.name,) for probe in away])
         # Once more with signals judged by the best, for those that gained something.
         loss = self._loss()
         again = [fit for names, fit in self._fits.items() if names and loss.cost(fit.residual) < self._cost(())]
@@ -176,6 +184,9 @@ class Search:
         for fit in fit_side_by_side(renewed, loss, self._runs, self._layout, 2):
             self._fits[fit.names] = fit
         self._judge()
+
+    def _null_starts(self, probes: Sequence[Probe]) -> list[tuple[Probe, Space, NDArray[np.float64]]]:
+        return [(probe, space_of([probe.effect]), self._nominal.residual) for probe in probes]
 
     def _cost(self, names: tuple[str, ...]) -> float:
         return self._loss().cost(self._fits[names].residual)

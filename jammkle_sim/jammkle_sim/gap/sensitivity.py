@@ -74,6 +74,8 @@ class Probe:
     """At `start`, shape (n,)."""
     jacobian: NDArray[np.float64]
     """Of the residual by the shares of the range, shape (n, parameters)."""
+    alone: NDArray[np.float64]
+    """The same at the null value, shape (n, parameters): a second place to start from."""
     moves: Mapping[str, float]
     """Root mean square by which each signal moved, in its noise, at the largest of the steps."""
 
@@ -133,6 +135,7 @@ def probe(library: Library, runs: Runs, layout: Layout, nominal: NDArray[np.floa
     others = [at for at in flat if dead(at) and PROBE_SHARE < spaces[at[0]].null[at[1]] < 1.0 - PROBE_SHARE]
     for at, residual in zip(others, residuals([(at[0], unit(at, -steps[at])) for at in others]), strict=True):
         take(at, -steps[at], residual, nominal)
+    alone = dict(columns)
     # Effects with a parameter that is silent alone: all on at once, and the silent ones stepped from there.
     joint = sorted({at[0] for at in flat if dead(at) and len(spaces[at[0]].keys) > 1})
     starts = {index: space.null for index, space in enumerate(spaces)}
@@ -159,6 +162,7 @@ def probe(library: Library, runs: Runs, layout: Layout, nominal: NDArray[np.floa
             start=starts[index],
             residual=at_start[index],
             jacobian=np.column_stack([columns[index, k] for k in range(len(spaces[index].keys))]),
+            alone=np.column_stack([alone[index, k] for k in range(len(spaces[index].keys))]),
             moves=moves[index],
         )
         for index in range(len(spaces))
