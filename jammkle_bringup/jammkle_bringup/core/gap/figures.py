@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.diagnosis import Overlay
 
-MOST_SIGNALS = 24
-MOST_RECORDINGS = 4
+MOST_SIGNALS = 12
+MOST_RECORDINGS = 3
 """Drawn per signal: those that are off most."""
 _BYTES = 2.6e6
 """What all curves together may take. The page stays below 5 MB, as base64 and the axes take the rest."""
-_BYTES_PER_STRETCH = 140.0
+_BYTES_PER_STRETCH = 200.0
 """Of the five curves of one recording. Measured."""
 _FEWEST_STRETCHES, _MOST_STRETCHES = 60, 300
 _COLOURS = {"measured": "#333333", "nominal": "#d9741a", "corrected": "#1f5fa8"}
@@ -52,18 +52,19 @@ def overlay_svg(overlays: Sequence[Overlay], noise: float, stretches: int) -> st
 
     """
     with mpl.rc_context({**STYLE, **_TEXT}):
-        figure = Figure(figsize=(10.0, 3.9), layout="constrained")
+        figure = Figure(figsize=(10.0, 3.9))
+        figure.subplots_adjust(left=0.085, right=0.995, bottom=0.12, top=0.87, hspace=0.1, wspace=0.05)
         grid = figure.subplots(2, len(overlays), squeeze=False, sharex="col", sharey="row", height_ratios=[2.2, 1.0])
         for column, overlay in enumerate(overlays):
             _curves(grid[0, column], overlay, stretches)
             _residuals(grid[1, column], overlay, noise, stretches)
             grid[1, column].set_xlabel("time [s]")
-            if len(overlays) > 1:
-                grid[0, column].set_title(overlay.recording)
+            grid[0, column].set_title(overlay.recording, loc="left")
         grid[0, 0].set_ylabel(f"[{overlays[0].unit}]")
         grid[1, 0].set_ylabel("off by\n[noise]")
+        figure.align_ylabels(grid[:, 0])
         handles, labels = grid[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper right", ncols=3)
+        figure.legend(handles, labels, loc="upper right", ncols=3, bbox_to_anchor=(0.995, 1.01))
         file = io.StringIO()
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
         return file.getvalue()

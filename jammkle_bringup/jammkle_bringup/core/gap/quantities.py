@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 _DASH = "-"
-_PREFIXES = {3: "k", 0: "", -3: "m", -6: "µ"}
+_PREFIXES = {3: "k", 0: "", -3: "m", -6: "µ", -9: "n"}
 _PREFIXED = ("Pa", "m", "s", "N", "rad", "V", "A")
 """Units that take a prefix; others are shown as they are."""
 _DIGITS = 3

@@ -67,7 +67,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"Something real is left that no effect of the library explains: {most}{but}."
     if diagnosis.verdict is Verdict.EFFECTS:
         found = [finding(effect) for effect in diagnosis.effects]
-        return f"{_sentence_of(found)}: that explains the gap, and nothing else in the library does."
+        return f"{_sentence_of(found)}: that explains the gap, and no other candidate does as well."
     found = ["; ".join(finding(effect) for effect in each.effects) or _NO_EFFECT for each in diagnosis.candidates]
     options = "; or ".join(found)
     return f"One of {len(found)} explanations, which these recordings cannot tell apart: {options}."
@@ -104,7 +104,7 @@ def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
         return (*texts, "Up to about 1 is noise, and a simulator is never perfect: this does not count as a gap.")
     place = diagnosis.where.places[0]
     texts.append(
-        f"{percent(place.share)} of the gap ({percents(place.interval)}) is in {place_label(place)}{_blame(diagnosis)}."
+        f"{percent(place.share)} of the gap ({percents(place.interval)}) is in {place_label(place)}.{_blame(diagnosis)}"
     )
     texts.append(closed_sentence(diagnosis))
     if diagnosis.next_experiment is not None:
@@ -140,13 +140,18 @@ def corrected_note(diagnosis: Diagnosis, file: str) -> str:
 
 def _blame(diagnosis: Diagnosis) -> str:
     blamed = [each.name for each in diagnosis.where.subsystems if each.to_blame]
-    innocent = [each.name for each in diagnosis.where.subsystems if not each.to_blame]
-    if not diagnosis.where.subsystems:
+    innocent = [each.name for each in diagnosis.where.subsystems if each.gaps and not each.to_blame]
+    if not blamed and not innocent:
         return ""
     if not blamed:
-        return "; fed with what was measured, every subsystem is at its floor"
-    text = f"; fed with what was measured, {', '.join(blamed)} {'is' if len(blamed) == 1 else 'are'} off"
-    return f"{text}, {', '.join(innocent)} not" if innocent else text
+        return " No subsystem is off on its own, fed with what was measured at its inputs."
+    text = f" Fed with what was measured at their inputs, {_listed(blamed)} {'is' if len(blamed) == 1 else 'are'} off"
+    return f"{text}; {_listed(innocent)} {'is' if len(innocent) == 1 else 'are'} not." if innocent else f"{text}."
+
+
+def _listed(names: list[str]) -> str:
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
 
 
 def _sentence_of(found: list[str]) -> str:
