@@ -14,6 +14,9 @@ from jammkle_sim.physics.records import BRANCHES, ELEMENTS, IMU_AXES, LOAD_CELL_
 if TYPE_CHECKING:
     from jammkle_sim.physics.records import Body, Laws, Probe, States
 
+SMALLEST_SHARE = 1e-6
+"""Share of a time step below which a valve does not begin to move: the rounding of times that are whole steps."""
+
 LARGEST_SPEED = 1.0e3
 """Joint speed, m/s or rad/s, beyond which a simulation counts as unstable. Assumed: no rig comes near it."""
 
@@ -113,8 +116,14 @@ def orifice_flow_kg_s(
 
 @compiled
 def move_valves(law: Any, state: Any) -> None:
-    """Let each solenoid follow its command after the dead time; a command taken back before that has no effect."""
+    """Let each solenoid follow its command after the dead time; a command taken back before that has no effect.
+
+    A dead time that ends between two steps leaves a valve between its two positions for one step, for the share of it.
+    """
     for i in range(VALVES):
+        if 0.0 < state.position[i] < 1.0:
+            state.position[i] = state.target[i]
+            state.waiting_s[i] = 0.0
         if state.command[i] == state.position[i]:
             state.waiting_s[i] = 0.0
             continue
@@ -122,6 +131,11 @@ def move_valves(law: Any, state: Any) -> None:
         if state.waiting_s[i] >= law.valve_dead_time_s[i]:
             state.position[i] = state.command[i]
             state.waiting_s[i] = 0.0
+            continue
+        share = 1.0 - (law.valve_dead_time_s[i] - state.waiting_s[i]) / law.step_s
+        if share > SMALLEST_SHARE:
+            state.target[i] = state.command[i]
+            state.position[i] += share * (state.command[i] - state.position[i])
 
 
 @compiled

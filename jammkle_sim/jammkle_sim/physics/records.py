@@ -90,6 +90,7 @@ PNEUMATIC_STATE = np.dtype(
         ("command", np.float64, VALVES),
         ("position", np.float64, VALVES),
         ("waiting_s", np.float64, VALVES),
+        ("target", np.float64, VALVES),
     ],
 )
 """Air in each volume, the ledger of what pump and atmosphere exchanged, the commands, and the valves."""

@@ -62,7 +62,17 @@ def load_recording(
         BadRecordingError: it cannot be used; the message says why and what to record instead.
 
     """
-    bag = _on_one_clock(read_bag(path, namespace))
+    return recording_of(read_bag(path, namespace), rig, options or {})
+
+
+def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | None = None) -> Recording:
+    """Return the recording that a bag holds; see `load_recording`.
+
+    Raises:
+        BadRecordingError: it cannot be used.
+
+    """
+    bag = _on_one_clock(bag)
     notes: list[str] = []
     name, settings = _rig_of(bag, rig, options or {}, notes)
     checks.check_commands(bag)
@@ -111,7 +121,11 @@ _EXPECTED = (
 
 
 def _rig_of(bag: Bag, rig: str | None, options: Mapping[str, Any], notes: list[str]) -> tuple[str, Options]:
-    described: Any = yaml.safe_load(bag.description) if bag.description else {}
+    try:
+        described: Any = yaml.safe_load(bag.description) if bag.description else {}
+    except yaml.YAMLError as error:
+        msg = f"bag {bag.name} has {names.SIM_PARAMETERS.name} that are not YAML: {' '.join(str(error).split())}"
+        raise BadRecordingError(msg) from error
     described = described if isinstance(described, dict) else {}
     told = str(described.get("rig", ""))
     if rig is None and not told:
