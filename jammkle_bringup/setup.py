@@ -24,6 +24,7 @@ setup(
         files_in("config"),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # tells colcon what runs the tests
     zip_safe=True,
     maintainer="Jammkle maintainers",
     maintainer_email="maintainers@jammkle.example",

@@ -13,6 +13,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # tells colcon what runs the tests
     zip_safe=True,
     maintainer="Jammkle maintainers",
     maintainer_email="maintainers@jammkle.example",

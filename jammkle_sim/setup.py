@@ -9,12 +9,12 @@ setup(
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
     package_data={f"{NAME}.gap.ankle": ["library/*.yaml"]},
-    package_data={f"{NAME}.gap.ankle": ["library/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # tells colcon what runs the tests
     zip_safe=True,
     maintainer="Jammkle maintainers",
     maintainer_email="maintainers@jammkle.example",

@@ -16,6 +16,7 @@ import psutil
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rosbags.highlevel import AnyReader
 
 from jammkle_graph.names import CHANNELS, JAM_STATE, Service, Topic
 from jammkle_graph.qos import publisher_qos, subscriber_qos
@@ -41,6 +42,13 @@ def interface(name: str) -> Any:
 def environment(domain_id: int) -> dict[str, str]:
     """Environment in which a child sees only its own domain on this machine."""
     return {**os.environ, "ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def messages_of(bag: Path, topic: str) -> list[Any]:
+    """Every message of a topic of a bag, in order."""
+    with AnyReader([bag]) as reader:
+        connections = [each for each in reader.connections if each.topic == topic]
+        return [reader.deserialize(raw, each.msgtype) for each, _, raw in reader.messages(connections=connections)]
 
 
 class Probe:

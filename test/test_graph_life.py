@@ -12,7 +12,7 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
-from graph import TIMEOUT_S
+from graph import TIMEOUT_S, messages_of
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
 from jammkle_msgs.msg import ChannelJamState, ContactEvent
 
@@ -63,16 +63,16 @@ def test_up_says_which_node_died(graph: tuple[Up, Probe], package: str) -> None:
     assert not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
 
 
-def test_up_detects_its_landing(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+def test_up_detects_its_landing(start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path) -> None:
     """The ankle falls only once the graph is connected: the controller feels the impact and everything gets jammed."""
-    up = start("up")
+    bag = tmp_path / "bag"
+    up = start("up", "--record", str(bag))
     probe = make_probe()
-    probe.listen(JAM_STATE, CONTACT_EVENTS)
-    probe.spin_until(
-        lambda: any(event.type == ContactEvent.IMPACT for event in probe.heard[CONTACT_EVENTS.name]), "the impact"
-    )
+    probe.listen(JAM_STATE)
     probe.wait_for_channels(ChannelJamState.JAMMED)
+    assert up.stop() == 0
     assert "jammkle: up\n" in up.text()
+    assert ContactEvent.IMPACT in [event.type for event in messages_of(bag, f"/{CONTACT_EVENTS.name}")]
 
 
 def test_up_stays_paused_if_a_file_says_so(

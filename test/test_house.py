@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("jammkle_driver", "jammkle_controller", "jammkle_sim", "jammkle_bringup")
 NODE_LINES = 300
 PURE = (
+    "jammkle_graph.constants",
     "jammkle_graph.names",
     "jammkle_graph.parameters",
     "jammkle_driver.core",
@@ -137,3 +138,15 @@ print(sorted({*vars(LifecycleNode("bare")), *dir(LifecycleNode)}))
         if isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name) and target.value.id == "self"
     }
     assert not assigned & taken
+
+
+def test_the_rigs_regulate_as_the_driver_does() -> None:
+    """A rig that runs without the graph takes the driver's own default gains, and its word for what is vented."""
+    from jammkle_driver.parameters import DriverParameters  # noqa: PLC0415 - after the tests that block modules
+    from jammkle_sim.rigs import pressure, vacuum  # noqa: PLC0415 - as above
+
+    driver = DriverParameters()
+    assert driver.regulator_gain_per_pa == vacuum.GAIN_PER_PA
+    assert driver.regulator_integral_time_s == vacuum.INTEGRAL_TIME_S
+    assert driver.manifold_lead_pa == vacuum.MANIFOLD_LEAD_PA
+    assert driver.vented_vacuum_pa == pressure.VENTED_PA

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import ActionClient
-from rosbags.highlevel import AnyReader
 
+from graph import messages_of
 from jammkle_graph.names import CLOCK, DIAGNOSTICS, JAM_STATE, RUN_RIG, TENDON_STATES
 from jammkle_msgs.action import RunRig
 from jammkle_msgs.msg import TendonState
@@ -18,13 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from graph import Probe, Up
-
-
-def messages_of(bag: Path, topic: str) -> list[Any]:
-    """Every message of a topic of a bag, in order."""
-    with AnyReader([bag]) as reader:
-        connections = [each for each in reader.connections if each.topic == topic]
-        return [reader.deserialize(raw, each.msgtype) for each, _, raw in reader.messages(connections=connections)]
 
 
 def test_a_torn_tendon_is_in_the_bag(

@@ -14,6 +14,7 @@ from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.namespace import normalised
 from jammkle_bringup.core.node_table import Hardware, Robot
 from jammkle_bringup.core.signals import Interrupted, StopRequest
+from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
 
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
@@ -170,12 +171,14 @@ def info(
     bag: Annotated[Path, typer.Argument(help="The bag.", metavar="BAG")],
     json: JsonOption = None,
 ) -> int:
-    """Show what a bag holds: duration, topics, types, counts, rates, QoS, custom data."""
+    """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
     from jammkle_bringup import report
     from jammkle_bringup.core.bag_info import bag_info
+    from jammkle_bringup.progress import progress_bar
 
     report.check_writable(json)
-    found = bag_info(bag)
+    with progress_bar(f"reading {bag}") as show:
+        found = bag_info(bag, lambda share: show(share, ""))
     console = report.console()
     for table in report.info_tables(found):
         console.print(table)
@@ -203,8 +206,8 @@ def paper(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.")] = Path(
         "runs/paper"
     ),
-    repeats: Annotated[int, typer.Option(help="Scattered repeats of each test, 2 to 1000.")] = 5,
-    seed: Annotated[int, typer.Option(help="Seed of scatter and noise, 0 to 2147483647.")] = 0,
+    repeats: Annotated[int, typer.Option(help=f"Scattered repeats of each test, 2 to {MAX_REPEATS}.")] = 5,
+    seed: Annotated[int, typer.Option(help=f"Seed of scatter and noise, 0 to {MAX_SEED}.")] = 0,
     refit: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--refit", help="Fit the tendon's constants again first; exit 1 if others come out.")
     ] = False,

@@ -12,6 +12,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, Reliabi
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from jammkle_bringup.core.errors import InputError
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
     from jammkle_msgs.msg import JamState
 
-_NS_PER_S = 1_000_000_000
 _PA_PER_KPA = 1000.0
 _PARTS = 3
 
@@ -128,13 +128,13 @@ def bag_qos(profile: QoSProfile) -> Qos:
 
 def clock_ns(clock: Clock) -> int:
     """Return simulated time, ns."""
-    return int(clock.clock.sec) * _NS_PER_S + int(clock.clock.nanosec)
+    return int(clock.clock.sec) * NANOSECONDS_PER_SECOND + int(clock.clock.nanosec)
 
 
 def jam_status(state: JamState) -> JamStatus:
     """Return a jam_state in kPa."""
     return JamStatus(
-        stamp_s=state.header.stamp.sec + state.header.stamp.nanosec / _NS_PER_S,
+        stamp_s=state.header.stamp.sec + state.header.stamp.nanosec / NANOSECONDS_PER_SECOND,
         emergency_stopped=state.emergency_stopped,
         manifold_vacuum_kpa=_measured_kpa(state.manifold_vacuum_pa),
         channels=tuple(
@@ -173,5 +173,5 @@ def _measured_kpa(pascal: float) -> float | None:
 
 
 def _bag_time(duration: Duration) -> QosTime:
-    seconds, nanoseconds = divmod(duration.nanoseconds, _NS_PER_S)
+    seconds, nanoseconds = divmod(duration.nanoseconds, NANOSECONDS_PER_SECOND)
     return QosTime(seconds, nanoseconds)

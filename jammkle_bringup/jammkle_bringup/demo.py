@@ -134,9 +134,14 @@ def _land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool])
 
 def _watch_landing(startup: Startup, heard: _Heard) -> None:
     """Wait until the impact was felt, all channels are jammed and the body is at rest, as far as that comes."""
-    if startup.wait(lambda: ContactEvent.IMPACT in heard.events, LANDING_TIMEOUT_S):
+
+    def all_jammed() -> bool:
+        return heard.jammed == frozenset(CHANNELS)
+
+    # An event is not latched: who was discovered late may miss it, and then sees what came of it.
+    if startup.wait(lambda: ContactEvent.IMPACT in heard.events or all_jammed(), LANDING_TIMEOUT_S):
         say("impact detected")
-        if startup.wait(lambda: heard.jammed == frozenset(CHANNELS), LANDING_TIMEOUT_S):
+        if startup.wait(all_jammed, LANDING_TIMEOUT_S):
             say("all channels are jammed")
             startup.wait(lambda: ContactEvent.SETTLED in heard.events, _SETTLE_TIMEOUT_S)
             startup.wait(lambda: False, _AFTER_S)

@@ -23,6 +23,7 @@ from jammkle_bringup.core.paper.page import Findings, page
 from jammkle_bringup.core.paper.runs import Task, run_all
 from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.progress import progress_bar
+from jammkle_graph.constants import HELD_VACUUM_PA, MAX_REPEATS, MAX_SEED
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.fit.reasons import REASONS
 from jammkle_sim.fit.refit import refit
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
     from jammkle_sim.fit.refit import FitResult
 
 PAGE_NAME = "paper.html"
-MAX_REPEATS, MAX_SEED = 1000, 2**31 - 1
-_JAMMED_PA = 50e3
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def paper(request: PaperRequest) -> int:
     outcomes = Outcomes(_run(tasks(request.repeats, request.seed), stop))
     rows, claims, slips = compare_rows(outcomes), compare_claims(outcomes), slip_statistics(outcomes)
     with report.console().status("drawing"):
-        deformations = [deformation(TENDON_SETS["fitted"], vacuum_pa) for vacuum_pa in (0.0, _JAMMED_PA)]
+        deformations = [deformation(TENDON_SETS["fitted"], vacuum_pa) for vacuum_pa in (0.0, HELD_VACUUM_PA)]
         drawn = pictures(outcomes, rows, deformations)
     reasons = {entry.identifier: entry.sentence for entry in REASONS}
     findings = Findings(request.seed, request.repeats, rows, claims, slips, drawn, reasons, outcomes.broken(), fit)

@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool
 from jammkle_bringup.conversions import clock_ns
 from jammkle_bringup.core.errors import GraphError
 from jammkle_bringup.core.namespace import resolved
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import (
     CHANNELS,
     CLOCK,
@@ -148,7 +149,9 @@ class Startup:
         setter = f"{SIM_NODE}/set_parameters"
         if not self.wait(lambda: bool(ticks), _TICK_TIMEOUT_S):
             return
-        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=clock_ns(ticks[-1]) * 1e-9)
+        value = ParameterValue(
+            type=ParameterType.PARAMETER_DOUBLE, double_value=clock_ns(ticks[-1]) / NANOSECONDS_PER_SECOND
+        )
         request = SetParameters.Request(parameters=[Parameter(name="start_time_s", value=value)])
         (result,) = self.client.call_path(setter, SetParameters, request).results
         if not result.successful:

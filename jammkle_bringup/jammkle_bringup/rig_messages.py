@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Bool, Float32
 
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.diagnostics import Health, Level, diagnostic_array
 from jammkle_graph.names import (
     CHANNELS,
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
     from jammkle_sim.rigs.run import RigRun, Series
 
-NS_PER_S = 1_000_000_000
 _HARDWARE_ID = "jammkle_sim"
 _DIAGNOSTICS_PERIOD_S = 1.0
 _PRESSURE_TOPICS = (MANIFOLD_PRESSURE, *PRESSURES.values())
@@ -163,4 +163,4 @@ def _tendons(row: dict[str, float], tendons: tuple[str, ...]) -> tuple[TendonSam
 
 
 def _nanoseconds(time_s: float) -> int:
-    return round(time_s * NS_PER_S)
+    return round(time_s * NANOSECONDS_PER_SECOND)

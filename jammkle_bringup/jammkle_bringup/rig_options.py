@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jammkle_bringup.core.errors import InputError
+from jammkle_graph.constants import MAX_REPEATS
 from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.rigs.catalogue import RIGS
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
     from jammkle_graph.parameters import ParameterRow
     from jammkle_sim.rigs.catalogue import RigKind
-
-MAX_REPEATS = 1000
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,13 @@ _COMMON: dict[str, tuple[Any, Any]] = {
     ),
     "json": (Annotated[Path | None, typer.Option(help="Write the results to this file as JSON too.")], None),
     "save_mjcf": (
-        Annotated[Path | None, typer.Option(help="Write the model that is simulated to this file (MJCF).")],
+        Annotated[
+            Path | None,
+            typer.Option(
+                help="Write the model that is simulated to this file (MJCF): bodies and contacts, without the law of "
+                "the tendons, the air, or the release and drive of the carriage."
+            ),
+        ],
         None,
     ),
 }

@@ -17,7 +17,8 @@ from jammkle_bringup.core.namespace import normalised
 from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.progress import progress_bar
 from jammkle_bringup.rig_bag import write_bag
-from jammkle_bringup.rig_options import MAX_REPEATS, RigRequest, as_options, rig_app
+from jammkle_bringup.rig_options import RigRequest, as_options, rig_app
+from jammkle_graph.constants import MAX_REPEATS
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.gap.ankle.corrected import load_correction
@@ -145,7 +146,7 @@ def _run(
     except RigCancelledError as error:
         raise Interrupted from error
     except UnstableSimulationError as error:
-        raise GraphError(str(error)) from error
+        raise GraphError(as_options(str(error))) from error
 
 
 def _show(request: RigRequest, done: list[_Done]) -> None:

@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from mcap.writer import CompressionType, Writer
 
 from jammkle_bringup.command import main
 from jammkle_bringup.core.errors import InputError
@@ -122,7 +123,10 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("rig tensile -o {folder}/bag --json {folder}/no/where.json", ("where.json", "no folder")),
         ("rig drop -o {folder}/bag --foot clown", ("--foot", "clown", "squash_ball")),
         ("rig drop --save-mjcf {folder}/no/drop.xml", ("--save-mjcf", "drop.xml", "no folder")),
-        ("rig slip -o {folder}/bag --foot rigid_ankle --edge-friction 0.8", ("--edge-friction", "0.8", "wedges")),
+        (
+            "rig slip -o {folder}/bag --foot rigid_ankle --edge-friction 0.8",
+            ("--edge-friction is 0.8", "wedges", "--edge-friction of 0.31"),
+        ),
         ("rig slip -o {folder}/bag --namespace 1st", ("1st", "lf_ankle")),
         ("paper -o {folder}/page --repeats 1", ("--repeats", "1", "2 to 1000")),
         ("paper -o {folder}/page --seed -1", ("--seed", "-1")),
@@ -204,6 +208,28 @@ def test_a_truncated_bag_gets_one_line(bag_maker: Callable[[str], Any], capsys: 
         file.write_bytes(whole[:length])
         assert main(["info", str(path)]) == 2
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_damaged_chunk_gets_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One bit that flipped inside a chunk with a checksum is noticed, though index and lengths are as they were."""
+    file = tmp_path / "bag.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE, chunk_size=2000)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Float32", "ros2msg", b"float32 data\n")
+        channel = writer.register_channel("/fast", "cdr", schema, {"offered_qos_profiles": ""})
+        for step in range(200):
+            writer.add_message(channel, step * 10**7, b"\0\1\0\0MARK", step * 10**7)
+        writer.finish()
+    assert main(["info", str(file)]) == 0
+    capsys.readouterr()
+    whole = bytearray(file.read_bytes())
+    whole[whole.index(b"MARK", len(whole) // 2)] ^= 1
+    file.write_bytes(whole)
+    assert main(["info", str(file)]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert f"bag {file} is damaged after " in line
+    assert "checksum" in line
 
 
 def test_a_namespace_is_held_once(tmp_path: Path) -> None:

@@ -36,7 +36,10 @@ from jammkle_bringup.core.signals import Interrupted
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.fit.reasons import REASONS
 from jammkle_sim.paper_tables import DROP_ROWS, ROWS, SLIP_CLAIMS, TENSILE_ROWS, paper_row
+from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.constants import TENDON_SETS
+from jammkle_sim.rigs.slip import SlipOptions
+from jammkle_sim.rigs.wedging import Footing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -61,7 +64,7 @@ def made_up(task: Task) -> Outcome:
     row = known.get(task.experiment.identifier)
     mean, error = (row.mean, row.standard_error) if row else (30.0, 1.0)
     peak = mean + (0.5 if task.repeat else -0.5) * error
-    results = {"peak_force_n": peak, "peak_deceleration_m_s2": peak, ENERGY: 1.0}
+    results = {"peak_force_n": peak, "peak_before_heel_n": peak, "peak_deceleration_m_s2": peak, ENERGY: 1.0}
     return Outcome(task, results, (), NO_CURVE)
 
 
@@ -132,15 +135,21 @@ def test_the_standard_error_is_that_of_the_mean() -> None:
         (26.0, 28.0, 50.0, (1.0, 1.2, 2.2), [True, True, True]),
         (60.0, 28.0, 50.0, (1.0, 1.2, 2.2), [False, False, True]),
         (26.0, 28.0, 50.0, (1.0, 1.2, 1.4), [True, True, False]),
+        (3.0, 28.0, 50.0, (0.2, 1.2, 2.2), [True, False, True]),
     ],
 )
 def test_claims_hold_when_the_numbers_say_so(
     rigid: float, unjammed: float, jammed: float, energies: tuple[float, float, float], holds: list[bool]
 ) -> None:
-    """Largest peak, similar peak and significantly more energy are told apart."""
+    """Largest peak, similar peak and more energy are told apart; a peak after the heel landed counts for none."""
     feet = zip((SLIP_RIGID, SLIP_UNJAMMED, SLIP_JAMMED), (rigid, unjammed, jammed), energies, strict=True)
     outcomes = [
-        Outcome(Task(experiment, parameter_set, 0, 0), {"peak_force_n": peak, ENERGY: energy}, (), NO_CURVE)
+        Outcome(
+            Task(experiment, parameter_set, 0, 0),
+            {"peak_before_heel_n": peak, "peak_force_n": 2e3 - peak, ENERGY: energy},
+            (),
+            NO_CURVE,
+        )
         for experiment, peak, energy in feet
         for parameter_set in PARAMETER_SETS
     ]
@@ -176,15 +185,47 @@ def test_every_row_claim_and_reason_is_on_the_page(written: tuple[str, dict[str,
 
 
 def test_the_score_leaves_out_what_no_tendon_decides(written: tuple[str, dict[str, Any]]) -> None:
-    """Eight tensile rows and the two of the ankle are counted; no score is of all rows."""
-    scores = re.findall(r"<b>(\d+) of (\d+) (tensile|drop) rows", written[0])
-    assert scores == [("8", "8", "tensile"), ("2", "2", "drop")]
+    """Eight tensile rows are counted; no drop row, each of which is met by construction, and no score is of all."""
+    scores = re.findall(r"<b>(\d+) of (\d+) (\w+) rows", written[0])
+    assert scores == [("8", "8", "tensile")]
     assert f"of {len(ROWS)}" not in written[0]
+
+
+def test_what_was_chosen_for_the_drop_rows_is_listed_as_it_stands_in_the_code(written: tuple[str, Any]) -> None:
+    """Below the drop table stands each choice with its value: levers, pose, pretension, ball, contacts, sensor."""
+    text = html.unescape(written[0])
+    (table,) = re.findall(r'<table id="choices">.*?</table>', text, re.DOTALL)
+    assert "chosen so that" in table
+    assert text.index('<table id="choices">') > text.index(f'<tr id="{DROP_ROWS[-1].identifier}">')
+    assert text.index('<table id="choices">') < text.index("<h2>Slip test")
+    for what, value in (
+        ("lever of the toe", "49.4 mm"),
+        ("pretension of the Achilles tendons", "0.5 mm"),
+        ("arm of the Achilles tendons", "37.4 mm"),
+        ("pose at landing", "40°"),
+        ("contact of the toe", "8 ms"),
+        ("friction of the floor", "0.1"),
+        ("squash ball, cubic part", "1.6e+07 N/m³"),
+        ("damping of the squash ball", "35 N s/m"),
+        ("contact of the hard feet", "12 ms"),
+        ("range of the accelerometer", "80.83"),
+    ):
+        assert re.search(rf"{what}</td><td>{re.escape(value)}", table)
+
+
+def test_the_page_shows_the_edge_friction_and_its_limit(written: tuple[str, Any]) -> None:
+    """With the slip test stands the condition of the rigid ankle: its friction, and that from which on it wedges."""
+    slip_test = html.unescape(written[0]).partition("<h2>Slip test")[2].partition("<h2>")[0]
+    options = SlipOptions()
+    limit = Footing(options.slope_deg, options.leg_m, AnkleParameters()).wedging_friction
+    assert f"is {options.edge_friction:g} " in slip_test
+    assert f"is {limit:.3f} " in slip_test
+    assert "peak before the heel lands" in slip_test
 
 
 @pytest.mark.parametrize(
     "words",
-    ["low-discrepancy", "met by construction", "49.4 mm", "35.2 N", "29 to 52 N", "critically damped", "116 N"],
+    ["low-discrepancy", "met by construction", "at most 4.2 N", "heel lands flat", "critically damped", "116 N"],
 )
 def test_the_page_says_what_it_does_not_show(written: tuple[str, dict[str, Any]], words: str) -> None:
     """What was chosen for its row, how repeats scatter and what is not reproduced stand among the notes."""

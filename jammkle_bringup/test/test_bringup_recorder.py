@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+CHUNK_BYTES = 2**20
 TIMEOUT_S = 30.0
 
 READ_ELSEWHERE = """
@@ -194,10 +195,14 @@ def test_metadata_says_version_types_hashes_and_how_topics_were_offered(
         "the recorder matches a best-effort publisher",
     )
     wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
-    # best effort: the other end may not know of the match yet, so one message would prove nothing
-    for _ in range(50):
-        imu.publish(Imu())
-        time.sleep(0.01)
+    # best effort: the other end may not know of the match yet, so it is told until it has filled a chunk of the bag
+
+    def has_written() -> bool:
+        for _ in range(100):
+            imu.publish(Imu())
+        return (recording.bag / "bag.mcap").stat().st_size > CHUNK_BYTES
+
+    wait_until(has_written, "the recorder writes what it hears")
     reached(state)
     reached(parameters)
     recording.end()

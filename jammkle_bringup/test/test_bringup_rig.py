@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 from typing import TYPE_CHECKING, Any
 
@@ -161,6 +162,21 @@ def test_a_torn_tendon_is_said_and_recorded(tmp_path: Path, capsys: pytest.Captu
         time_ns: 2 if time_ns >= torn_ns else 0 for time_ns in levels
     }
     assert "peroneal_left" in levels[torn_ns][1]
+
+
+def test_help_says_what_a_saved_model_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    """The help of --save-mjcf says that tendon law, air and the release of the carriage are not in the file."""
+    assert main(["rig", "drop", "--help"]) == 0
+    words = re.sub(r"[\s│|]+", " ", capsys.readouterr().out)
+    assert "without the law of the tendons, the air, or the release and drive of the carriage" in words
+
+
+def test_a_ball_pressed_flat_is_told_in_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run that its foot cannot bear ends with exit code 1 and one line whose way out is written as options."""
+    arguments = ["rig", "drop", "--foot", "squash_ball", "--mass-kg", "20", "--drop-height-m", "0.5"]
+    assert main([*arguments, "-o", str(tmp_path / "bag")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "limit is 28.9 mm; give --mass-kg of 0.79 or less (it is 20)" in line
 
 
 def test_repeats_differ_and_seeds_repeat(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_controller.core.imu import ImuSample
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import CHANNELS
 from jammkle_msgs.msg import ChannelJamCommand, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from sensor_msgs.msg import Imu
 
-_NS_PER_S = 1_000_000_000
 _NOT_MEASURED = -1.0
 """Value of a covariance's first entry that says that the quantity is not measured (sensor_msgs/Imu)."""
 
@@ -39,7 +39,9 @@ def imu_sample(message: Imu) -> ImuSample:
     stamp = message.header.stamp
     force = message.linear_acceleration
     rate = message.angular_velocity
-    sample = ImuSample(stamp.sec * _NS_PER_S + stamp.nanosec, force.x, force.y, force.z, rate.x, rate.y, rate.z)
+    sample = ImuSample(
+        stamp.sec * NANOSECONDS_PER_SECOND + stamp.nanosec, force.x, force.y, force.z, rate.x, rate.y, rate.z
+    )
     if message.linear_acceleration_covariance[0] == _NOT_MEASURED:
         return sample._replace(force_x=math.nan)
     if message.angular_velocity_covariance[0] == _NOT_MEASURED:
@@ -50,7 +52,7 @@ def imu_sample(message: Imu) -> ImuSample:
 def contact_event_message(event: ContactEvent, frame_id: str) -> ContactEventMessage:
     """Write a contact event, stamped with the sample that decided, in the IMU's frame."""
     message = ContactEventMessage()
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(event.time_ns, _NS_PER_S)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(event.time_ns, NANOSECONDS_PER_SECOND)
     message.header.frame_id = frame_id
     message.type = _TYPES[event.kind]
     message.magnitude = event.magnitude

@@ -16,6 +16,7 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.freshness import Freshness
 from jammkle_controller.health import StreamTrouble, imu_health, policy_health
 from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher, Health
 from jammkle_graph.names import CONTACT_EVENTS, CONTROLLER_NODE, IMU, JAM_COMMAND, SET_AUTO
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 HARDWARE_ID = "ankle"
-_NS = 1e-9
 
 
 class ControllerNode(Node):
@@ -105,4 +105,4 @@ class ControllerNode(Node):
         return [imu, policy_health(self._controller, auto=self._auto)]
 
     def _graph_time_s(self) -> float:
-        return self.get_clock().now().nanoseconds * _NS
+        return self.get_clock().now().nanoseconds / NANOSECONDS_PER_SECOND

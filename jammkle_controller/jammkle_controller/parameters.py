@@ -10,6 +10,7 @@ from jammkle_controller.core.liftoff import LiftoffSettings
 from jammkle_controller.core.policy import PolicySettings
 from jammkle_controller.core.settled import SettledSettings
 from jammkle_controller.core.slip import SlipSettings
+from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.parameters import parameter
 
 
@@ -46,10 +47,10 @@ class ControllerParameters:
         dynamic=True,
     )
     hold_vacuum_pa: float = parameter(
-        50e3, "Vacuum of a stance; at most the driver's max_vacuum_pa", "Pa", 5e3, 80e3, dynamic=True
+        HELD_VACUUM_PA, "Vacuum of a stance; at most the driver's max_vacuum_pa", "Pa", 5e3, 80e3, dynamic=True
     )
     full_vacuum_pa: float = parameter(
-        50e3,
+        HELD_VACUUM_PA,
         "Vacuum after a slip; at most the driver's max_vacuum_pa. The paper's pump is known to hold 50 kPa",
         "Pa",
         5e3,

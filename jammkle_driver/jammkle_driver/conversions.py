@@ -12,6 +12,7 @@ from std_msgs.msg import Bool, Float32
 
 from jammkle_driver.core.hardware import PressureSample
 from jammkle_driver.core.requests import Wish
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_msgs.msg import ChannelJamState, JamCommand, JamState
 
 if TYPE_CHECKING:
@@ -21,17 +22,15 @@ if TYPE_CHECKING:
 
     from jammkle_driver.core.status import DriverStatus
 
-_NS_PER_S = 1_000_000_000
-
 
 def seconds(time: rclpy.time.Time) -> float:
     """Return a clock's reading in s."""
-    return float(time.nanoseconds / _NS_PER_S)
+    return float(time.nanoseconds / NANOSECONDS_PER_SECOND)
 
 
 def stamp_seconds(stamp: Time) -> float:
     """Return a header's stamp in s; 0 if it was not stamped."""
-    return float(stamp.sec + stamp.nanosec / _NS_PER_S)
+    return float(stamp.sec + stamp.nanosec / NANOSECONDS_PER_SECOND)
 
 
 def vacuum_from_pressure(absolute_pa: float, ambient_pa: float) -> float:

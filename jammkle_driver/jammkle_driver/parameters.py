@@ -8,6 +8,7 @@ from jammkle_driver.core.channel import ChannelSettings
 from jammkle_driver.core.driver import DriverSettings
 from jammkle_driver.core.regulator import RegulatorSettings
 from jammkle_driver.core.requests import VacuumLimits
+from jammkle_graph.constants import HELD_VACUUM_PA, STANDARD_ATMOSPHERE_PA
 from jammkle_graph.parameters import ParameterError, parameter
 
 
@@ -23,10 +24,15 @@ class DriverParameters:
     autostart: bool = parameter(default=True, description="Configure and activate the node by itself at start")
     hardware: str = parameter("sim", "What is driven; sim: the topics of the simulation", choices=("sim",))
     ambient_pressure_pa: float = parameter(
-        101325.0, "Pressure of the atmosphere, from which vacuum is counted", "Pa", 50e3, 110e3, dynamic=True
+        STANDARD_ATMOSPHERE_PA,
+        "Pressure of the atmosphere, from which vacuum is counted",
+        "Pa",
+        50e3,
+        110e3,
+        dynamic=True,
     )
     default_vacuum_pa: float = parameter(
-        50e3, "Vacuum of a jam request that names none", "Pa", 1e3, 100e3, dynamic=True
+        HELD_VACUUM_PA, "Vacuum of a jam request that names none", "Pa", 1e3, 100e3, dynamic=True
     )
     min_vacuum_pa: float = parameter(5e3, "Least vacuum that may be asked for", "Pa", 1e3, 100e3)
     max_vacuum_pa: float = parameter(70e3, "Most vacuum that may be asked for", "Pa", 1e3, 100e3)

@@ -289,7 +289,10 @@ def test_jam_commands_are_followed_until_they_go_stale(graph: Graph) -> None:
     graph.node.destroy_timer(timer)
     graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.UNJAMMED)
     assert "command_timeout_s" in graph.ankle.state_of("achilles").reason
-    assert graph.ankle.solenoids == {"peroneal_left": True, "peroneal_right": False, "achilles": False}
+    # the other channel may be a little too deep just now, and be let up to its set point
+    still = {"peroneal_left": True, "peroneal_right": False, "achilles": False}
+    graph.spin_until(lambda: graph.ankle.solenoids == still)
+    assert graph.ankle.state_of("peroneal_left").commanded_vacuum_pa == 40e3
 
 
 def test_a_silent_pressure_is_a_fault_until_cleared(graph: Graph) -> None:

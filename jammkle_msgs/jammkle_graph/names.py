@@ -145,13 +145,11 @@ TOPICS: tuple[Topic, ...] = (
 
 
 @dataclass(frozen=True)
-class Service:
-    """One service: the node that offers it, its name below that node, its type as `package/srv/Name`, what it does."""
+class _Offer:
+    """What a node offers to whoever calls: the node, and the name below that node."""
 
     node: str
     suffix: str
-    service_type: str
-    note: str
 
     @property
     def name(self) -> str:
@@ -162,6 +160,14 @@ class Service:
     def path(self) -> str:
         """Name relative to the namespace, for clients: `driver/jam`."""
         return f"{self.node}/{self.suffix}"
+
+
+@dataclass(frozen=True)
+class Service(_Offer):
+    """One service: its type as `package/srv/Name`, and what it does."""
+
+    service_type: str
+    note: str
 
 
 _TRIGGER = "std_srvs/srv/Trigger"
@@ -201,23 +207,11 @@ SERVICES: tuple[Service, ...] = (
 
 
 @dataclass(frozen=True)
-class Action:
-    """One action: who offers it, its name below that node, its type as `package/action/Name`, what it does."""
+class Action(_Offer):
+    """One action: its type as `package/action/Name`, and what it does."""
 
-    node: str
-    suffix: str
     action_type: str
     note: str
-
-    @property
-    def name(self) -> str:
-        """Name as the node itself creates it: private, so that it follows the node's name and namespace."""
-        return f"~/{self.suffix}"
-
-    @property
-    def path(self) -> str:
-        """Name relative to the namespace, for clients: `sim/run_rig`."""
-        return f"{self.node}/{self.suffix}"
 
 
 RUN_RIG = Action(

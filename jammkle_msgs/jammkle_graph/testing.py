@@ -1,14 +1,17 @@
-"""For tests: a ROS domain of one's own. Needs `domain_coordinator` and `psutil`, which are test dependencies only."""
+"""For tests: a ROS domain of one's own, the same random examples every time. Needs what only tests depend on."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import importlib
 import secrets
 from typing import TYPE_CHECKING
 
 import psutil
+import pytest
 from domain_coordinator import domain_id
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -16,9 +19,33 @@ if TYPE_CHECKING:
 DOMAINS = 100
 """Domains 1 to 100 are handed out, as domain_coordinator does by itself."""
 
+_PACKAGES = ("jammkle_msgs", "jammkle_driver", "jammkle_controller", "jammkle_sim", "jammkle_bringup")
+
 _FIRST_PORT = 7400
 _PORTS_PER_DOMAIN = 250
 """Port numbers of a domain's participants: the DDS-RTPS specification, 2.5, section 9.6.2.3."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests() -> None:
+    """Import the packages before any test; pytest calls this, see pyproject.toml.
+
+    Else its importlib mode takes the folder of the same name around a package instead. What is not built is left out:
+    `colcon test` may see no more than one package and what that depends on.
+    """
+    for package in _PACKAGES:
+        with contextlib.suppress(ModuleNotFoundError):
+            importlib.import_module(package)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure() -> None:
+    """Let hypothesis draw the same examples in every run, and count no time: pytest calls this, see pyproject.toml.
+
+    A run that fails then fails again; whoever wants others gives `--hypothesis-profile=default`.
+    """
+    settings.register_profile("jammkle", derandomize=True, database=None, deadline=None)
+    settings.load_profile("jammkle")
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu, JointState
 from std_msgs.msg import Header, String
 
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import IMU_FRAME, LOAD_CELL_FRAME, TENDONS
 from jammkle_msgs.action import RunRig
 from jammkle_msgs.msg import RigFigure, TendonState, TendonStates
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from jammkle_sim.core.rig_goal import Figure
     from jammkle_sim.rigs.simulation import ImuSample, TendonSample
 
-_NANOSECONDS = 1_000_000_000
 _NO_ORIENTATION = -1.0
 """REP-145 and sensor_msgs/Imu: the first element of a covariance that belongs to nothing measured."""
 
@@ -101,7 +101,7 @@ class OutgoingMessages:
 
 def time_message(time_ns: int) -> Time:
     """Return a simulated time, ns, as a stamp."""
-    seconds, nanoseconds = divmod(time_ns, _NANOSECONDS)
+    seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
@@ -149,7 +149,7 @@ def duty_from(message: Float32) -> float:
 
 
 def _stamped(message, stamp: Time, time_ns: int):  # noqa: ANN001, ANN202 - any message, and the very same back
-    stamp.sec, stamp.nanosec = divmod(time_ns, _NANOSECONDS)
+    stamp.sec, stamp.nanosec = divmod(time_ns, NANOSECONDS_PER_SECOND)
     return message
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.diagnostics import Health, Level
 from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE
 from jammkle_sim.core.run_control import RunState
@@ -24,7 +25,7 @@ def simulation_health(engine: Engine) -> Health:
     factor = engine.real_time_factor
     values = {
         "state": control.state.value,
-        "simulated time (s)": f"{engine.time_ns * 1e-9:.4f}",
+        "simulated time (s)": f"{engine.time_ns / NANOSECONDS_PER_SECOND:.4f}",
         "target real-time factor": "as fast as possible" if pacer.speed == AS_FAST_AS_POSSIBLE else f"{pacer.speed:g}",
         "achieved real-time factor": "not measured yet" if math.isnan(factor) else f"{factor:.3f}",
         "late cycles": str(pacer.late_cycles),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,20 +31,7 @@ def make_simulation(parameters: SimParameters) -> Simulation:
 
     """
     change = _effects(parameters.effects_file)
-    try:
-        options = LandingOptions(
-            slope_deg=parameters.slope_deg,
-            drop_height_m=parameters.drop_height_m,
-            mass_kg=parameters.mass_kg,
-            friction=parameters.friction,
-            release_time_s=parameters.release_time_s,
-            seed=parameters.seed,
-            parameter_set=parameters.parameter_set,
-            timestep_s=parameters.timestep_s,
-        )
-    except ValueError as error:
-        msg = f"parameter {error}"
-        raise ParameterError(msg) from error
+    options = LandingOptions(**{field.name: getattr(parameters, field.name) for field in fields(LandingOptions)})
     # The first step of a process compiles or loads the laws. It is taken by a rig that is thrown away, or else the
     # simulated time of the real one would start with a backlog.
     warm_up = Simulation(change(landing_parts(options)))

@@ -11,6 +11,12 @@ from dataclasses import dataclass
 TENSILE_TEST, DROP_TEST, SLIP_TEST = "tensile_test", "drop_test", "slip_test"
 REPEATS = 5
 """Of every test in the paper."""
+STANDARD_ERRORS, RELATIVE = 2.0, 0.03
+"""A row is reproduced when it is within so many standard errors of the paper's mean, or within this share of it."""
+SIMILAR = 0.2
+"""Relative difference up to which two peak forces are called similar. Chosen: the paper says no number."""
+SIGNIFICANT = 1.5
+"""Ratio from which on one dissipates significantly more than the other. Chosen: the paper says no number."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,23 @@ SLIP_CLAIMS = (
     PaperClaim("dissipates_more_jammed", "jammed ankle dissipates significantly more than the rigid ankle"),
 )
 """Slope of 40 degrees, 5 mm/s down for 110 mm."""
+
+
+def is_reproduced(simulated: float, mean: float, standard_error: float) -> bool:
+    """Whether a simulated mean counts as the paper's.
+
+    Args:
+        simulated: Mean of the repeats.
+        mean: The paper's.
+        standard_error: Of the paper's mean.
+
+    """
+    return abs(simulated - mean) <= max(STANDARD_ERRORS * standard_error, RELATIVE * mean)
+
+
+def are_similar(peak_n: float, other_n: float) -> bool:
+    """Whether two peak forces are similar: the first within SIMILAR of the second."""
+    return abs(peak_n / other_n - 1.0) <= SIMILAR
 
 
 def paper_row(identifier: str) -> PaperRow:

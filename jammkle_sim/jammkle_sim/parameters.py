@@ -6,6 +6,16 @@ from dataclasses import dataclass
 
 from jammkle_graph.parameters import ParameterError, parameter
 from jammkle_sim.core.schedule import RateError, steps_per_output, timestep_ns
+from jammkle_sim.rigs.options import (
+    drop_height_option,
+    mass_option,
+    parameter_set_option,
+    release_time_option,
+    seed_option,
+    slope_friction_option,
+    slope_option,
+    timestep_option,
+)
 
 MAX_RATE_HZ = 1000
 """Highest rate of an output: what the IMU of the paper's robot gives."""
@@ -41,22 +51,14 @@ class SimParameters:
         50,
         MAX_RATE_HZ,
     )
-    timestep_s: float = parameter(
-        0.0005, "Length of a simulation step; every rate must divide the step rate", "s", 1e-4, 1e-3
-    )
-    seed: int = parameter(0, "Seed of all sensor noise; the same seed gives the same noise", "", 0, 2**31 - 1)
-    parameter_set: str = parameter(
-        "fitted",
-        "Constants of the tendons: fitted to the paper's measurements, or as printed in it",
-        choices=("fitted", "as_printed"),
-    )
-    slope_deg: float = parameter(40.0, "Inclination of the slope to land on", "deg", 0.0, 50.0)
-    drop_height_m: float = parameter(0.05, "Fall of the foot's lowest point onto the slope", "m", 0.0, 0.5)
-    release_time_s: float = parameter(
-        1.0, "Time after the start or a reset at which the carriage is released", "s", 0.0, 3600.0
-    )
-    mass_kg: float = parameter(1.8, "Mass of all that falls, ankle included", "kg", 0.5, 20.0)
-    friction: float = parameter(0.55, "Coulomb friction between foot and slope", "", 0.0, 2.0)
+    timestep_s: float = timestep_option("every rate must divide the step rate")
+    seed: int = seed_option()
+    parameter_set: str = parameter_set_option()
+    slope_deg: float = slope_option()
+    drop_height_m: float = drop_height_option("slope")
+    release_time_s: float = release_time_option("the start or a reset", 3600.0)
+    mass_kg: float = mass_option()
+    friction: float = slope_friction_option()
     effects_file: str = parameter(
         "", "File of effects that the simulation is corrected by, as a gap diagnosis writes it; empty: none"
     )

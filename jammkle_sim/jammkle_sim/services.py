@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from std_srvs.srv import SetBool, Trigger
 
 from jammkle_graph import names
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_msgs.srv import Step
 from jammkle_sim.core.run_control import RefusedError, RunState
 
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from rclpy.service import Service
 
     from jammkle_sim.core.engine import Engine
-
-_SECONDS_PER_NANOSECOND = 1e-9
 
 
 class LateAnswer:
@@ -131,4 +130,4 @@ class Services:
         response.simulated_time_s = self._simulated_s()
 
     def _simulated_s(self) -> float:
-        return self._engine.time_ns * _SECONDS_PER_NANOSECOND
+        return self._engine.time_ns / NANOSECONDS_PER_SECOND

@@ -193,6 +193,32 @@ class Graph:
     def reset(self) -> Any:
         return self.call(Trigger, names.RESET, Trigger.Request())
 
+    @staticmethod
+    def stamp_ns(stamp: Any) -> int:
+        """Nanoseconds of a stamp."""
+        return stamp.sec * 10**9 + stamp.nanosec
+
+    @staticmethod
+    def stamps_ns(messages: list[Any]) -> list[int]:
+        """Nanoseconds of every message's header."""
+        return [Graph.stamp_ns(message.header.stamp) for message in messages]
+
+    @staticmethod
+    def ticks_ns(clocks: list[Any]) -> list[int]:
+        """Nanoseconds of every /clock."""
+        return [Graph.stamp_ns(message.clock) for message in clocks]
+
+    @staticmethod
+    def latest_status(reports: list[Any], about: str) -> Any:
+        """Return the newest status about something, or None."""
+        found = [status for report in reports for status in report.status if status.name.endswith(f": {about}")]
+        return found[-1] if found else None
+
+    @staticmethod
+    def values_of(status: Any) -> dict[str, str]:
+        """Values of a status by key."""
+        return {value.key: value.value for value in status.values}
+
 
 @pytest.fixture
 def sim_domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:

@@ -8,7 +8,15 @@ import pytest
 
 from jammkle_sim.fit.reasons import REASONS, Miss, reason
 from jammkle_sim.fit.rows import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
-from jammkle_sim.paper_tables import DROP_ROWS, ROWS, SLIP_CLAIMS, paper_row
+from jammkle_sim.paper_tables import (
+    DROP_ROWS,
+    ROWS,
+    SIGNIFICANT,
+    SLIP_CLAIMS,
+    are_similar,
+    is_reproduced,
+    paper_row,
+)
 from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
@@ -24,7 +32,7 @@ FOOT_OF_ROW = {
 
 def miss_of(simulated: float, mean: float, standard_error: float) -> Miss:
     """Judge a number as physics asks it of the fitted ones: two standard errors or 3 %."""
-    if abs(simulated - mean) <= max(2.0 * standard_error, 0.03 * mean):
+    if is_reproduced(simulated, mean, standard_error):
         return Miss.NONE
     return Miss.TOO_HIGH if simulated > mean else Miss.TOO_LOW
 
@@ -48,7 +56,7 @@ def test_every_row_and_claim_has_its_sentence() -> None:
     for entry in REASONS:
         assert entry.sentence.endswith(".")
         assert len(entry.sentence) < 250
-        assert bool(entry.culprits) == (entry.miss is not Miss.NONE)
+        assert bool(entry.culprits) == (entry.miss in {Miss.TOO_LOW, Miss.TOO_HIGH})
 
 
 def test_an_unknown_row_is_refused_by_name() -> None:
@@ -78,11 +86,13 @@ def test_drop_rows_miss_as_said(identifier: str) -> None:
 
 
 def test_claims_on_the_slip_test_fail_as_said() -> None:
-    """As printed the jammed ankle still has the largest peak and takes up most; the unjammed one is far too soft."""
+    """As printed jammed still peaks highest and takes up most; rigid is not like unjammed with either set."""
     rigid, jammed, unjammed = (run("slip", foot, "as_printed") for foot in ("rigid_ankle", "jammed", "unjammed"))
-    assert jammed["peak_force_n"] > max(rigid["peak_force_n"], unjammed["peak_force_n"])
-    assert jammed["energy_n_m"] > 1.5 * rigid["energy_n_m"]
-    assert unjammed["peak_force_n"] < 0.75 * rigid["peak_force_n"]
-    assert unjammed["peak_force_n"] < 0.5 * run("slip", "unjammed", "fitted")["peak_force_n"]
+    fitted, peak = run("slip", "unjammed", "fitted"), "peak_before_heel_n"
+    assert jammed[peak] > max(rigid[peak], unjammed[peak])
+    assert jammed["energy_n_m"] >= SIGNIFICANT * rigid["energy_n_m"]
+    assert not are_similar(unjammed[peak], rigid[peak])
+    assert not are_similar(fitted[peak], rigid[peak])
+    assert rigid[peak] < unjammed[peak] < 0.5 * fitted[peak]
     assert reason("largest_peak_jammed").miss is reason("dissipates_more_jammed").miss is Miss.NONE
-    assert reason("peak_unjammed_like_rigid").miss is Miss.TOO_LOW
+    assert reason("peak_unjammed_like_rigid").miss is Miss.ELSEWHERE

@@ -1,4 +1,4 @@
-"""The sim node on real DDS: rates, clock, pause, step, reset, bad input, health."""
+"""The sim node on real DDS: rates, clock, pause, step, reset, namespace."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -26,37 +26,11 @@ if TYPE_CHECKING:
 STEP_NS = 500_000
 
 
-def stamp_ns(stamp: Any) -> int:
-    """Nanoseconds of a stamp."""
-    return stamp.sec * 10**9 + stamp.nanosec
-
-
-def stamps_ns(messages: list[Any]) -> list[int]:
-    """Nanoseconds of every message's header."""
-    return [stamp_ns(message.header.stamp) for message in messages]
-
-
-def ticks_ns(clocks: list[Any]) -> list[int]:
-    """Nanoseconds of every /clock."""
-    return [stamp_ns(message.clock) for message in clocks]
-
-
-def latest_status(reports: list[Any], about: str) -> Any:
-    """Return the newest status about something, or None."""
-    found = [status for report in reports for status in report.status if status.name.endswith(f": {about}")]
-    return found[-1] if found else None
-
-
-def values_of(status: Any) -> dict[str, str]:
-    """Values of a status by key."""
-    return {value.key: value.value for value in status.values}
-
-
-def shifted(messages: list[Any], start_ns: int) -> list[tuple[int, list[tuple[float, ...]]]]:
+def shifted(graph: Any, messages: list[Any], start_ns: int) -> list[tuple[int, list[tuple[float, ...]]]]:
     """Tendon states as time since a start and plain numbers."""
     return [
         (
-            stamp_ns(message.header.stamp) - start_ns,
+            graph.stamp_ns(message.header.stamp) - start_ns,
             [(t.extension_m, t.extension_rate_m_s, t.tension_n) for t in message.tendons],
         )
         for message in messages
@@ -79,7 +53,7 @@ def test_every_topic_has_its_rate_to_the_nanosecond(start_graph: Callable[..., A
     for messages, period_ns in streams:
         expected = [period_ns * (index + 1) for index in range(500_000_000 // period_ns)]
         graph.spin_until(lambda m=messages, e=expected: len(m) >= len(e), f"{len(expected)} messages")
-        assert stamps_ns(messages) == expected
+        assert graph.stamps_ns(messages) == expected
 
 
 def test_clock_rises_and_follows_its_state(start_graph: Callable[..., Any]) -> None:
@@ -88,12 +62,16 @@ def test_clock_rises_and_follows_its_state(start_graph: Callable[..., Any]) -> N
     clocks = graph.record(Clock, names.CLOCK.name)
     states = graph.record(TendonStates, names.TENDON_STATES.name)
     graph.spin_until(lambda: len(clocks) > 300 and len(states) > 300, "300 ticks")
-    ticks = ticks_ns(clocks)
+    ticks = graph.ticks_ns(clocks)
     assert all(earlier < later for earlier, later in itertools.pairwise(ticks))
     state_sent = {
-        stamp_ns(message.header.stamp): sent for sent, topic, message in graph.sent if topic == names.TENDON_STATES.name
+        graph.stamp_ns(message.header.stamp): sent
+        for sent, topic, message in graph.sent
+        if topic == names.TENDON_STATES.name
     }
-    clock_sent = {stamp_ns(message.clock): sent for sent, topic, message in graph.sent if topic == names.CLOCK.name}
+    clock_sent = {
+        graph.stamp_ns(message.clock): sent for sent, topic, message in graph.sent if topic == names.CLOCK.name
+    }
     common = state_sent.keys() & clock_sent.keys()
     assert len(common) > 250
     assert all(state_sent[time_ns] < clock_sent[time_ns] for time_ns in common)
@@ -104,8 +82,8 @@ def test_at_speed_one_simulated_time_stays_behind_real_time(start_graph: Callabl
     before_s = time.monotonic()
     graph = start_graph(speed=1.0)
     clocks = graph.record(Clock, names.CLOCK.name)
-    graph.spin_until(lambda: bool(clocks) and ticks_ns(clocks)[-1] > 500_000_000, "half a second")
-    assert ticks_ns(clocks)[-1] * 1e-9 <= time.monotonic() - before_s
+    graph.spin_until(lambda: bool(clocks) and graph.ticks_ns(clocks)[-1] > 500_000_000, "half a second")
+    assert graph.ticks_ns(clocks)[-1] * 1e-9 <= time.monotonic() - before_s
 
 
 def test_as_fast_as_possible_beats_real_time(start_graph: Callable[..., Any]) -> None:
@@ -114,16 +92,18 @@ def test_as_fast_as_possible_beats_real_time(start_graph: Callable[..., Any]) ->
     clocks = graph.record(Clock, names.CLOCK.name)
     reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
     graph.spin_until(lambda: bool(clocks), "the first tick")
-    first_ns, first_s = ticks_ns(clocks)[-1], time.monotonic()
-    graph.spin_until(lambda: ticks_ns(clocks)[-1] - first_ns > 3 * 10**9, "three simulated seconds")
+    first_ns, first_s = graph.ticks_ns(clocks)[-1], time.monotonic()
+    graph.spin_until(lambda: graph.ticks_ns(clocks)[-1] - first_ns > 3 * 10**9, "three simulated seconds")
     assert time.monotonic() - first_s < 3.0
 
     def factor() -> str:
-        status = latest_status(reports, "simulation")
-        return values_of(status)["achieved real-time factor"] if status else ""
+        status = graph.latest_status(reports, "simulation")
+        return graph.values_of(status)["achieved real-time factor"] if status else ""
 
     graph.spin_until(lambda: factor()[:1].isdigit() and float(factor()) > 1.0, "a measured factor above 1")
-    assert values_of(latest_status(reports, "simulation"))["target real-time factor"] == "as fast as possible"
+    assert (
+        graph.values_of(graph.latest_status(reports, "simulation"))["target real-time factor"] == "as fast as possible"
+    )
 
 
 def test_pause_stands_and_step_moves_exactly(start_graph: Callable[..., Any]) -> None:
@@ -137,19 +117,26 @@ def test_pause_stands_and_step_moves_exactly(start_graph: Callable[..., Any]) ->
     assert "pause first with ~/set_paused" in refused.message
     assert graph.set_paused(True).success
     standing_ns = round(graph.step(1).simulated_time_s * 1e9)
-    graph.spin_until(lambda: ticks_ns(clocks)[-1] == standing_ns, "the clock of the step")
+    graph.spin_until(lambda: graph.ticks_ns(clocks)[-1] == standing_ns, "the clock of the step")
     for steps in (1, 3, 2000):
         answer = graph.step(steps)
         assert answer.success
         standing_ns += steps * STEP_NS
         assert round(answer.simulated_time_s * 1e9) == standing_ns
         graph.spin_until(
-            lambda at=standing_ns: ticks_ns(clocks)[-1] == at and stamps_ns(states)[-1] == at, "clock and state"
+            lambda at=standing_ns: graph.ticks_ns(clocks)[-1] == at and graph.stamps_ns(states)[-1] == at,
+            "clock and state",
         )
     count = len(clocks)
     # A standing clock is repeated for those who join late.
     graph.spin_until(lambda: len(clocks) > count, "the clock once more")
-    assert set(ticks_ns(clocks)[count:]) == {standing_ns}
+    assert set(graph.ticks_ns(clocks)[count:]) == {standing_ns}
+
+
+def test_the_time_after_a_step_is_the_nearest_number(start_graph: Callable[..., Any]) -> None:
+    """What ~/step answers is the decimal number itself, without the last bit of a sum or a product."""
+    graph = start_graph(start_paused=True)
+    assert [graph.step(steps).simulated_time_s for steps in (9, 2, 2, 7)] == [0.0045, 0.0055, 0.0065, 0.01]
 
 
 def test_a_number_of_steps_out_of_range_is_refused(start_graph: Callable[..., Any]) -> None:
@@ -190,7 +177,7 @@ def test_reset_brings_the_same_run_again(start_graph: Callable[..., Any]) -> Non
         assert graph.step(600).success
         graph.spin_until(lambda: len(imu) == 150 and len(states) == 150, "150 of each")
         noise = [(message.linear_acceleration.z, message.angular_velocity.x) for message in imu]
-        runs.append((shifted(states, start_ns), noise))
+        runs.append((shifted(graph, states, start_ns), noise))
         if not extra:
             assert graph.step(3).success  # off the grid of the outputs
             graph.spin_until(lambda: len(states) == 151, "the state off the grid")
@@ -211,104 +198,6 @@ def test_commands_survive_a_reset(start_graph: Callable[..., Any], fake: Any) ->
     assert fake.energised == {"peroneal_left": False, "peroneal_right": False, "achilles": True}
 
 
-def test_a_bad_duty_is_refused_aloud(start_graph: Callable[..., Any], fake: Any) -> None:
-    """NaN and out of range: WARN with value and limit, the last good value kept; a good one clears it."""
-    graph = start_graph(lambda _: fake, start_paused=True)
-    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
-    duty = graph.publisher(Float32, names.PUMP_DUTY)
-    duty.publish(Float32(data=0.25))
-    graph.spin_until(lambda: fake.duty == 0.25, "the good duty")
-    for bad, text in ((math.nan, "nan"), (1.5, "1.5"), (-0.1, "-0.1")):
-        duty.publish(Float32(data=bad))
-
-        def refused(text: str = text) -> bool:
-            status = latest_status(reports, "commands")
-            return status is not None and f"pump/duty is {text}; it must be 0 to 1" in status.message
-
-        graph.spin_until(refused, f"the refusal of {text}")
-        assert latest_status(reports, "commands").level == DiagnosticStatus.WARN
-        assert fake.duty == 0.25
-    duty.publish(Float32(data=0.75))
-    graph.spin_until(lambda: fake.duty == 0.75, "the next good duty")
-    graph.spin_until(lambda: latest_status(reports, "commands").level == DiagnosticStatus.OK, "the all-clear")
-
-
-def test_an_unstable_simulation_pauses_and_says_so(start_graph: Callable[..., Any], fake: Any) -> None:
-    """ERROR with the reason, the clock stands, going on is refused; a reset helps."""
-    fake.unstable_at = 100
-    graph = start_graph(lambda _: fake, speed=0.0)
-    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
-    graph.spin_until(
-        lambda: bool(reports) and latest_status(reports, "simulation").level == DiagnosticStatus.ERROR, "ERROR"
-    )
-    assert "rig 'fake' became unstable; paused until ~/reset" in latest_status(reports, "simulation").message
-    steps = fake.steps
-    answer = graph.set_paused(False)
-    assert not answer.success
-    assert "call ~/reset" in answer.message
-    assert fake.steps == steps
-    assert graph.reset().success
-    assert graph.set_paused(False).success
-    graph.spin_until(lambda: fake.steps > steps, "time to go on")
-
-
-def test_a_failure_answers_the_step_that_met_it(start_graph: Callable[..., Any], fake: Any) -> None:
-    """Who asked for steps hears that they were not all taken, and why."""
-    fake.unstable_at = 100
-    graph = start_graph(lambda _: fake, start_paused=True)
-    answer = graph.step(1000)
-    assert not answer.success
-    assert "became unstable" in answer.message
-
-
-def test_nan_never_leaves(start_graph: Callable[..., Any], fake: Any) -> None:
-    """A sensor that gives NaN ends in ERROR and a pause, without a message and without a tick."""
-    graph = start_graph(lambda _: fake, start_paused=True)
-    imu = graph.record(Imu, names.IMU.name)
-    clocks = graph.record(Clock, names.CLOCK.name)
-    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
-    assert graph.step(4).success
-    fake.force_z = math.nan
-    answer = graph.step(4)
-    assert not answer.success
-    assert "the IMU gave a value that is not finite" in answer.message
-    graph.spin_until(
-        lambda: bool(reports) and latest_status(reports, "simulation").level == DiagnosticStatus.ERROR, "ERROR"
-    )
-    assert stamps_ns(imu) == [4 * STEP_NS]
-    assert all(math.isfinite(message.linear_acceleration.z) for message in imu)
-    assert ticks_ns(clocks)[0] == 4 * STEP_NS
-
-
-def test_a_broken_tendon_is_an_error(start_graph: Callable[..., Any], fake: Any) -> None:
-    """ERROR names the tendon as soon as it breaks; a reset makes it whole."""
-    graph = start_graph(lambda _: fake, start_paused=True)
-    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
-    fake.broken = {"achilles_left"}
-    assert graph.step(4).success
-    graph.spin_until(
-        lambda: bool(reports) and latest_status(reports, "tendons").level == DiagnosticStatus.ERROR, "ERROR"
-    )
-    assert "achilles_left" in latest_status(reports, "tendons").message
-    assert graph.reset().success
-    assert graph.step(4).success
-    graph.spin_until(lambda: latest_status(reports, "tendons").level == DiagnosticStatus.OK, "the all-clear")
-
-
-def test_diagnostics_tell_the_state_in_simulated_time(start_graph: Callable[..., Any], fake: Any) -> None:
-    """A report has the simulated time as stamp and value, and names state, pace and late cycles."""
-    graph = start_graph(lambda _: fake, start_paused=True, speed=2.0)
-    reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
-    assert graph.step(3000).success
-    graph.spin_until(lambda: bool(reports) and stamps_ns(reports)[-1] == 3000 * STEP_NS, "a report after the steps")
-    values = values_of(latest_status(reports, "simulation"))
-    assert values["state"] == "paused"
-    assert values["simulated time (s)"] == "1.5000"
-    assert values["target real-time factor"] == "2"
-    assert values["achieved real-time factor"] == "0.000"
-    assert values["late cycles"] == "0"
-
-
 def test_late_joiners_get_parameters_and_time(start_graph: Callable[..., Any]) -> None:
     """Who comes during a pause still gets sim_parameters, as YAML, and the standing /clock."""
     graph = start_graph(start_paused=True, slope_deg=30.0)
@@ -317,7 +206,7 @@ def test_late_joiners_get_parameters_and_time(start_graph: Callable[..., Any]) -
     clocks = graph.record(Clock, names.CLOCK.name)
     graph.spin_until(lambda: bool(parameters) and bool(clocks), "parameters and clock")
     assert yaml.safe_load(parameters[0].data)["options"]["slope_deg"] == 30.0
-    assert ticks_ns(clocks)[0] == 10 * STEP_NS
+    assert graph.ticks_ns(clocks)[0] == 10 * STEP_NS
 
 
 def test_speed_changes_while_running(start_graph: Callable[..., Any], fake: Any) -> None:

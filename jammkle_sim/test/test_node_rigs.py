@@ -61,17 +61,6 @@ class Goal:
         self._graph.spin_until(lambda: bool(self.feedback), "the first feedback")
 
 
-def stamp_ns(stamp: Any) -> int:
-    """Nanoseconds of a stamp."""
-    return stamp.sec * 10**9 + stamp.nanosec
-
-
-def latest_status(reports: list[Any], about: str) -> Any:
-    """Return the newest status about something, or None."""
-    found = [status for report in reports for status in report.status if status.name.endswith(f": {about}")]
-    return found[-1] if found else None
-
-
 @pytest.mark.parametrize(
     ("rig", "options", "given"),
     [
@@ -97,7 +86,7 @@ def test_a_rig_measures_the_same_as_without_the_graph(
     if names.IMU.name in alone.topics:
         series = alone.topics[names.IMU.name]
         graph.spin_until(lambda: len(imu) >= len(series.time_s), "every sample of the IMU")
-        assert [stamp_ns(message.header.stamp) for message in imu] == [
+        assert [graph.stamp_ns(message.header.stamp) for message in imu] == [
             1_000_000 * (index + 1) for index in range(len(series.time_s))
         ]
         upward = [message.linear_acceleration.z for message in imu]
@@ -136,7 +125,7 @@ def test_the_ankle_stands_still_meanwhile_and_time_goes_on(start_graph: Callable
     assert rig_ns == 2_000_000_000  # 1.5 s until the pull, 0.2 s up, 0.2 s back, 0.1 s of rest
     assert graph.set_paused(False).success
     graph.spin_until(lambda: fake.steps > 200, "the ankle to go on")
-    ticks = [stamp_ns(message.clock) for message in clocks]
+    ticks = [graph.stamp_ns(message.clock) for message in clocks]
     rising = [tick for tick in ticks if tick > 50_000_000]
     assert all(earlier < later for earlier, later in itertools.pairwise(rising))
     assert 50_000_000 + rig_ns in rising
@@ -240,10 +229,12 @@ def test_a_torn_tendon_shows(start_graph: Callable[..., Any]) -> None:
     assert conditions == sorted(conditions), "a torn tendon healed"
 
     def level_of_rig(level: bytes) -> Callable[[], bool]:
-        return lambda: latest_status(reports, "rig") is not None and latest_status(reports, "rig").level == level
+        return lambda: (
+            graph.latest_status(reports, "rig") is not None and graph.latest_status(reports, "rig").level == level
+        )
 
     graph.spin_until(level_of_rig(DiagnosticStatus.ERROR), "ERROR")
-    assert "peroneal_left" in latest_status(reports, "rig").message
+    assert "peroneal_left" in graph.latest_status(reports, "rig").message
     named = [status.message for report in reports for status in report.status if status.name.endswith(": tendons")]
     assert any("broken: peroneal_left; the next run of rig 'tensile'" in message for message in named)
     assert graph.reset().success
@@ -271,12 +262,13 @@ def test_an_unstable_rig_says_what_it_was(
     assert "foot='standard'" in result.message
     graph.spin_until(
         lambda: (
-            latest_status(reports, "rig") is not None and latest_status(reports, "rig").level == DiagnosticStatus.ERROR
+            graph.latest_status(reports, "rig") is not None
+            and graph.latest_status(reports, "rig").level == DiagnosticStatus.ERROR
         ),
         "ERROR",
     )
-    assert "became unstable" in latest_status(reports, "rig").message
-    assert latest_status(reports, "simulation").level != DiagnosticStatus.ERROR
+    assert "became unstable" in graph.latest_status(reports, "rig").message
+    assert graph.latest_status(reports, "simulation").level != DiagnosticStatus.ERROR
     steps = fake.steps
     graph.spin_until(lambda: fake.steps > steps, "the ankle to go on")
 

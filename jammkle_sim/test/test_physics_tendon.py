@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jammkle_sim.paper_tables import is_reproduced
 from jammkle_sim.physics.constants import Fibre, tendon_parameters
 from jammkle_sim.physics.tendon import Tendon
 
@@ -14,6 +15,8 @@ DT_S = 0.0005
 MULTI, A30, A85 = Fibre.MULTI_MATERIAL, Fibre.SHORE_A30, Fibre.SHORE_A85
 
 vacuums_pa = st.floats(0.0, 101_325.0)
+fibres = st.sampled_from(Fibre)
+sets = st.sampled_from(["fitted", "as_printed"])
 paths_m = st.lists(st.floats(-0.01, 0.054), min_size=2, max_size=8)
 
 
@@ -51,7 +54,7 @@ def work_j(x_m: np.ndarray, tension_n: np.ndarray) -> np.ndarray:
 def test_fitted_set_reproduces_tensile_rows(fibre: Fibre, vacuum_pa: float, mean_n: float, error_n: float) -> None:
     """Each row of the paper comes out within 2 standard errors or 3 %."""
     peak_n = pull(ramp(0.020), vacuum_pa, fibre).max()
-    assert abs(peak_n - mean_n) <= max(2.0 * error_n, 0.03 * mean_n)
+    assert is_reproduced(peak_n, mean_n, error_n)
 
 
 def test_without_vacuum_the_membrane_adds_nothing() -> None:
@@ -119,33 +122,71 @@ def test_time_step_does_not_matter(vacuum_pa: float) -> None:
     assert fine_n == pytest.approx(coarse_n, rel=0.01)
 
 
-@settings(max_examples=40, deadline=None)
-@given(path_m=paths_m, vacuum_pa=vacuums_pa, steps=st.integers(20, 2000))
-def test_gives_back_no_more_than_it_got(path_m: list[float], vacuum_pa: float, steps: int) -> None:
-    """Passivity: along any path at constant vacuum the work done on a fresh tendon is never negative."""
+def along(path_m: list[float], steps: int) -> np.ndarray:
+    """Extensions from 0 through the corners of a path, so many steps from one to the next."""
     corners = np.arange(len(path_m) + 1) * steps
-    x_m = np.interp(np.arange(corners[-1] + 1), corners, [0.0, *path_m])
-    work = work_j(x_m, pull(x_m, vacuum_pa))
+    return np.interp(np.arange(corners[-1] + 1), corners, [0.0, *path_m])
+
+
+@settings(max_examples=60)
+@given(path_m=paths_m, vacuum_pa=vacuums_pa, steps=st.integers(20, 2000), fibre=fibres, name=sets)
+def test_gives_back_no_more_than_it_got(
+    path_m: list[float], vacuum_pa: float, steps: int, fibre: Fibre, name: str
+) -> None:
+    """Passivity: along any path at constant vacuum the work done on a fresh tendon is never negative."""
+    x_m = along(path_m, steps)
+    work = work_j(x_m, pull(x_m, vacuum_pa, fibre, name))
     assert work.min() >= -1e-6 - 1e-3 * np.abs(work).max()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30)
+@given(
+    cycle_m=st.lists(st.floats(0.0, 0.054), min_size=1, max_size=5),
+    vacuum_pa=vacuums_pa,
+    steps=st.integers(50, 500),
+    fibre=fibres,
+    name=sets,
+)
+def test_every_turn_of_a_cycle_costs_work(
+    cycle_m: list[float], vacuum_pa: float, steps: int, fibre: Fibre, name: str
+) -> None:
+    """Passivity: three turns of any cycle from slack to slack each take work, none gives any."""
+    turn_m = along([*cycle_m, 0.0], steps)[1:]
+    x_m = np.concatenate([[0.0], turn_m, turn_m, turn_m])
+    work = work_j(x_m, pull(x_m, vacuum_pa, fibre, name))
+    spent_j = np.diff(work[[0, len(turn_m) - 1, 2 * len(turn_m) - 1, 3 * len(turn_m) - 1]])
+    assert (spent_j >= -1e-6 - 1e-3 * np.abs(work).max()).all()
+
+
+@settings(max_examples=30)
+@given(path_m=paths_m, vacuum_pa=vacuums_pa, steps=st.integers(20, 1000), fibre=fibres, name=sets)
+def test_half_the_step_draws_the_same_curve(
+    path_m: list[float], vacuum_pa: float, steps: int, fibre: Fibre, name: str
+) -> None:
+    """Along any path half the time step moves the force nowhere by more than 0.1 % of its largest value."""
+    coarse_n = pull(along(path_m, steps)[1:], vacuum_pa, fibre, name)
+    fine_n = pull(along(path_m, 2 * steps)[1:], vacuum_pa, fibre, name, DT_S / 2.0)[1::2]
+    assert np.abs(coarse_n - fine_n).max() <= 1e-6 + 1e-3 * fine_n.max()
+
+
+@settings(max_examples=60)
 @given(
     x_m=st.lists(st.floats(-1.0, 1.0) | st.floats(-0.005, 0.055), min_size=1, max_size=50),
     vacuum_pa=st.lists(vacuums_pa, min_size=50, max_size=50),
-    name=st.sampled_from(["fitted", "as_printed"]),
+    fibre=fibres,
+    name=sets,
 )
-def test_pulls_and_never_pushes(x_m: list[float], vacuum_pa: list[float], name: str) -> None:
+def test_pulls_and_never_pushes(x_m: list[float], vacuum_pa: list[float], fibre: Fibre, name: str) -> None:
     """Whatever the history, jumps and overstretching included, the force is finite and not negative."""
-    tendon = Tendon(tendon_parameters(name), DT_S)
+    tendon = Tendon(tendon_parameters(name, fibre), DT_S)
     tension_n = tendon.follow(np.array(x_m), np.array(vacuum_pa[: len(x_m)]))
     assert np.isfinite(tension_n).all()
     assert (tension_n >= 0.0).all()
     assert not tension_n[np.array(x_m) <= 0.0].any()
 
 
-@settings(max_examples=30, deadline=None)
-@given(low_pa=vacuums_pa, high_pa=vacuums_pa, fibre=st.sampled_from(Fibre))
+@settings(max_examples=30)
+@given(low_pa=vacuums_pa, high_pa=vacuums_pa, fibre=fibres)
 def test_more_vacuum_never_pulls_less(low_pa: float, high_pa: float, fibre: Fibre) -> None:
     """While it is stretched, the force grows with vacuum at every extension."""
     low_pa, high_pa = sorted((low_pa, high_pa))

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, event, given, settings
-from hypothesis import strategies as st
 
 from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.catalogue import RIGS, rig_kind, run_rig, save_mjcf, scattered
 from jammkle_sim.rigs.run import RigCancelledError, RigRun
-from jammkle_sim.rigs.simulation import OverloadError, Simulation
+from jammkle_sim.rigs.simulation import Simulation
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,16 +63,6 @@ def test_same_seed_same_bytes_another_seed_others(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", RIGS)
-def test_reset_brings_the_same_trajectory_back(name: str) -> None:
-    """A rig that is reset in mid-run repeats itself to the last bit."""
-    rig, _ = RIGS[name].build(quick(name))
-    simulation = Simulation(rig)
-    first = simulation.record(600, 2)
-    simulation.reset()
-    assert (simulation.record(600, 2) == first).all()
-
-
-@pytest.mark.parametrize("name", RIGS)
 def test_recording_does_not_disturb(name: str) -> None:
     """A run recorded in rows, across its events, ends where one that is only advanced ends."""
     recorded, advanced = (Simulation(RIGS[name].build(quick(name))[0]) for _ in range(2))
@@ -117,9 +105,11 @@ def test_run_is_complete_and_can_be_written(name: str) -> None:
 
 @pytest.mark.parametrize("name", RIGS)
 def test_saved_model_opens_in_mujoco(name: str, tmp_path: Path) -> None:
-    """The MJCF that is written has the bodies, tendons and start of what was simulated."""
+    """The MJCF has the bodies, tendons and start of what was simulated, and says at its top what it does not have."""
     options = quick(name)
     save_mjcf(name, options, tmp_path / "rig.xml")
+    top = (tmp_path / "rig.xml").read_text().partition("<mujoco")[0]
+    assert all(word in top for word in (f"Rig {name}.", "law of the tendons", "air", "release"))
     read, made = mujoco.MjModel.from_xml_path(str(tmp_path / "rig.xml")), RIGS[name].build(options)[0].model
     assert (read.nq, read.nbody, read.ntendon, read.nu, read.nkey) == (
         made.nq,
@@ -156,42 +146,3 @@ def test_bad_input_gets_one_line() -> None:
         go("tensile", dataclasses.replace(quick("tensile"), vacuum_pa=float("nan")))
     with pytest.raises(ParameterError, match=r"'timestep_s' is 0.0003; it must divide 0.001 s"):
         go("drop", quick("drop", timestep_s=0.0003))
-
-
-SHORTEST: dict[str, dict[str, tuple[float, float]]] = {
-    "tensile": {"speed_m_s": (0.1, 1.0)},
-    "pressure": {"cycles": (1, 2), "jam_time_s": (0.1, 0.5), "vent_time_s": (0.1, 0.5)},
-    "drop": {},
-    "slip": {"speed_m_s": (0.03, 0.05), "descent_m": (0.01, 0.12)},
-    "landing": {"release_time_s": (0.0, 0.5)},
-}
-"""Ranges cut so that no run takes long; all others are as wide as the options allow."""
-
-
-def any_options(name: str) -> st.SearchStrategy[dict[str, object]]:
-    """Any value in range of every option but the time step."""
-    values: dict[str, st.SearchStrategy[object]] = {}
-    for row in rows(RIGS[name].options):
-        low, high = SHORTEST[name].get(row.name, (row.minimum, row.maximum))
-        if row.choices:
-            values[row.name] = st.sampled_from(row.choices)
-        elif isinstance(row.default, int):
-            values[row.name] = st.integers(int(low or 0), int(high or 0))
-        elif row.name != "timestep_s":
-            values[row.name] = st.floats(low, high)
-    return st.fixed_dictionaries(values)
-
-
-@pytest.mark.parametrize("name", RIGS)
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_any_options_in_range_give_finite_figures(name: str, data: st.DataObject) -> None:
-    """Whatever is chosen within the ranges, a run gives finite figures, or a line that says what does not fit."""
-    try:
-        run = go(name, from_mapping(RIGS[name].options, data.draw(any_options(name))))
-    except (ParameterError, OverloadError) as error:
-        event(str(error))  # a line of its own instead of a run; its words are tested where they belong
-        return
-    assert np.isfinite(list(run.results.values())).all()
-    for series in run.topics.values():
-        assert np.isfinite(series.values).all()

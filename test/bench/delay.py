@@ -19,6 +19,7 @@ from std_msgs.msg import Bool
 
 from echo import ECHO_TOPIC, MARK
 from graph import Probe, environment
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import CHANNELS, IMU, IMU_FRAME, JAM_STATE, MANIFOLD_PRESSURE, PRESSURES, SOLENOIDS, Topic
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ChannelJamState
@@ -32,9 +33,7 @@ PRESSURE_EVERY = 5
 REST_SAMPLES = 30
 FLIGHT_SAMPLES = 60
 GROUND_SAMPLES = 40
-STANDARD_GRAVITY_M_S2 = 9.80665
 IMPACT_M_S2 = 40.0
-AMBIENT_PA = 101_325.0
 ROUND_TRIP_HOPS = 2
 PATH_HOPS = 3
 
@@ -92,7 +91,7 @@ class Stimulus(Probe):
         sent_s = time.perf_counter()
         self._imu.publish(sample)
         if self._samples % PRESSURE_EVERY == 0:
-            pressure = FluidPressure(header=sample.header, fluid_pressure=AMBIENT_PA)
+            pressure = FluidPressure(header=sample.header, fluid_pressure=STANDARD_ATMOSPHERE_PA)
             for publisher in self._pressures:
                 publisher.publish(pressure)
         self._samples += 1

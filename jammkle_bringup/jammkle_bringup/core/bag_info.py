@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import ConnectionExtRosbag2
 
-from jammkle_bringup.core.bag_file import opened
+from jammkle_bringup.core.bag_file import messages, opened
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection, Qos
 
-_NS_PER_S = 1e9
+
+_PROGRESS_MESSAGES = 10_000
 
 
 @dataclass(frozen=True)
@@ -46,19 +49,26 @@ class BagInfo:
         return asdict(self)
 
 
-def bag_info(path: Path) -> BagInfo:
-    """Read a bag's description.
+def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
+    """Read a bag's description, and all its messages once, to see that it is whole.
+
+    Args:
+        path: The bag.
+        on_progress: Called now and then with the share that was read, 0 to 1.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: it cannot be read, or is damaged.
 
     """
     with opened(path) as reader:
         empty = reader.message_count == 0
-        duration_s = 0.0 if empty else reader.duration / _NS_PER_S
+        for count, _ in enumerate(messages(reader, path)):
+            if count % _PROGRESS_MESSAGES == 0:
+                on_progress(count / reader.message_count)
+        duration_s = 0.0 if empty else reader.duration / NANOSECONDS_PER_SECOND
         return BagInfo(
             bag=str(path),
-            start_s=0.0 if empty else reader.start_time / _NS_PER_S,
+            start_s=0.0 if empty else reader.start_time / NANOSECONDS_PER_SECOND,
             duration_s=duration_s,
             messages=reader.message_count,
             topics=tuple(

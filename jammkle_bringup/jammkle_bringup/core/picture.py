@@ -9,10 +9,9 @@ from matplotlib.figure import Figure
 
 from jammkle_bringup.core.run_summary import (
     REACHED_FRACTION,
-    STANDARD_GRAVITY_M_S2,
-    STANDARD_PRESSURE_PA,
     vacuum_pa,
 )
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -163,7 +162,7 @@ def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
             }
             axes.plot(channel.reached_s, reached_kpa, "o", **ring)
     if run.manifold_pressure is not None:
-        ambient_pa = float(run.manifold_pressure.values[0]) if len(run.manifold_pressure) else STANDARD_PRESSURE_PA
+        ambient_pa = float(run.manifold_pressure.values[0]) if len(run.manifold_pressure) else STANDARD_ATMOSPHERE_PA
         vacuum_kpa = (ambient_pa - run.manifold_pressure.values) / _PA_PER_KPA
         axes.plot(run.manifold_pressure.time_s, vacuum_kpa, color="#999999", linewidth=0.8, label="manifold")
     axes.set_ylabel("vacuum [kPa]\n(dotted: set point,\nring: reached)")

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jammkle_bringup.core.bag_file import opened
+from jammkle_bringup.core.bag_file import messages, opened
 from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.namespace import resolved
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import (
     CARRIAGE_JOINT,
     CHANNELS,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-_NS_PER_S = 1e9
 
 Array = NDArray[np.float64]
 
@@ -109,10 +109,10 @@ def read_run(path: Path, namespace: str | None = None) -> RunSeries:
             raise InputError(msg)
         collector = _Collector(namespace, reader.start_time)
         wanted = [connection for connection in reader.connections if connection.topic in collector.takers]
-        for connection, log_time_ns, data in reader.messages(wanted):
+        for connection, log_time_ns, data in messages(reader, path, wanted):
             message: Any = reader.deserialize(data, connection.msgtype)
             collector.takers[connection.topic](message, log_time_ns)
-        return collector.run((reader.end_time - reader.start_time) / _NS_PER_S)
+        return collector.run((reader.end_time - reader.start_time) / NANOSECONDS_PER_SECOND)
 
 
 def namespaces_in(topics: set[str]) -> tuple[str, ...]:
@@ -191,11 +191,11 @@ class _Collector:
         self._samples.setdefault(key, []).append((time_s, value))
 
     def _log_s(self, log_time_ns: int) -> float:
-        return (log_time_ns - self._start_ns) / _NS_PER_S
+        return (log_time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
 
     def _stamp_s(self, header: Any, log_time_ns: int) -> float:
         """Return the measurement's time; the log's where nothing was stamped."""
-        stamp_ns = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+        stamp_ns = int(header.stamp.sec) * NANOSECONDS_PER_SECOND + int(header.stamp.nanosec)
         return self._log_s(stamp_ns or log_time_ns)
 
     def _take_imu(self, message: Any, log_time_ns: int) -> None:

@@ -8,18 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_bringup.core.run_series import read_run
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, IMU, LOAD_CELL, PRESSURES, SOLENOIDS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_bringup.core.run_series import Array, RunSeries, Series
-
-STANDARD_GRAVITY_M_S2 = 9.80665
-"""CGPM 1901."""
-
-STANDARD_PRESSURE_PA = 101325.0
-"""Ambient pressure where a bag does not show it: ISO 2533."""
 
 REACHED_FRACTION = 0.95
 """A channel has reached its vacuum at this part of the command. Chosen: the driver's tolerance is of that order."""
@@ -28,7 +23,9 @@ TOUCH_DOWN_FORCE_N = 2.0
 """Push on the load cell that counts as touch-down: 40 times the noise of 0.05 N rms that the simulated
 cell has (SensorParameters of jammkle_sim). Chosen."""
 
-PEAK_DEFINITION = "largest linear_acceleration.z of the IMU minus 9.80665 m/s^2 (net, upward) from touch-down on"
+PEAK_DEFINITION = (
+    f"largest linear_acceleration.z of the IMU minus {STANDARD_GRAVITY_M_S2} m/s^2 (net, upward) from touch-down on"
+)
 
 
 @dataclass(frozen=True)
@@ -143,7 +140,7 @@ def vacuum_pa(run: RunSeries, channel: str) -> Array | None:
     if pressure is None:
         return None
     ambient = ambient_pressure_pa(run, channel)
-    vacuum: Array = (STANDARD_PRESSURE_PA if ambient is None else ambient) - pressure.values
+    vacuum: Array = (STANDARD_ATMOSPHERE_PA if ambient is None else ambient) - pressure.values
     return vacuum
 
 
@@ -157,7 +154,10 @@ def _channel(run: RunSeries, channel: str, missing: list[str]) -> ChannelSummary
     if vacuum is None:
         missing.append(f"{PRESSURES[channel].name}: not known when it reached its vacuum")
     elif ambient_pressure_pa(run, channel) is None:
-        missing.append(f"{PRESSURES[channel].name} before the channel was evacuated: ambient taken as 101325 Pa")
+        missing.append(
+            f"{PRESSURES[channel].name} before the channel was evacuated: "
+            f"ambient taken as {STANDARD_ATMOSPHERE_PA:.0f} Pa"
+        )
     energised_s = _energised_s(run, channel)
     wanted_pa = float(commanded.values.max()) if commanded is not None else None
     reached_s = None

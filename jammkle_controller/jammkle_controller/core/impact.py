@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 FOLLOW_TIME_S = 0.02
 """Time constant with which the level before a hit follows a rise, s. Longer than the rise of a shock (5 to 15 ms for
@@ -13,8 +14,6 @@ a soft ankle), shorter than the heave of a walking body (100 ms and more)."""
 ONSET_M_S2 = 1.0
 """Rise from which on a sample is said to carry the impact, m/s^2: 30 times the noise of the magnitude
 (80 ug/sqrt(Hz) over 225 Hz is 0.015 m/s^2 per axis), so that noise never opens an impact."""
-
-_NS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class ImpactDetector:
         if self._rise <= self.settings.impact_jump_m_s2:
             return None
         last_ns = self._last_impact_ns
-        if last_ns is not None and (time_ns - last_ns) * _NS < self.settings.refractory_s:
+        if last_ns is not None and (time_ns - last_ns) / NANOSECONDS_PER_SECOND < self.settings.refractory_s:
             return None
         return self._impact(time_ns, force_m_s2)
 
@@ -90,4 +89,6 @@ class ImpactDetector:
         onset_ns = time_ns if self._onset_ns is None else self._onset_ns
         level = self._level if self._onset_ns is None else self._level_before
         self._last_impact_ns = time_ns
-        return ContactEvent(ContactKind.IMPACT, time_ns, force_m_s2 - level, M_S2, (time_ns - onset_ns) * _NS)
+        return ContactEvent(
+            ContactKind.IMPACT, time_ns, force_m_s2 - level, M_S2, (time_ns - onset_ns) / NANOSECONDS_PER_SECOND
+        )

@@ -7,13 +7,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-STANDARD_GRAVITY_M_S2 = 9.80665
-"""Specific force at rest, m/s^2 (standard gravity, CGPM 1901). Local gravity differs by at most 0.03 m/s^2."""
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 REORDERING_LIMIT_S = 0.1
 """A stamp further back than this is a new time line, not a late sample (assumed: ten times the worst jitter seen)."""
 
-_NS = 1e-9
 _RATE_FORGETTING = 0.02
 
 
@@ -99,7 +97,7 @@ class ImuGate:
         if self.last_ns is None:
             self.last_ns = sample.time_ns
             return Admission.AFTER_GAP
-        interval_s = (sample.time_ns - self.last_ns) * _NS
+        interval_s = (sample.time_ns - self.last_ns) / NANOSECONDS_PER_SECOND
         if interval_s <= 0.0:
             return self._judge_backward(sample.time_ns, interval_s)
         self.last_ns = sample.time_ns

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 MIN_SAMPLES = 3
 """A flight is seen by at least this many samples, so that a gap in the stream does not make one."""
-
-_NS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class LiftoffDetector:
             self._since_ns = time_ns
             self._samples = 0
         self._samples += 1
-        lasted_s = (time_ns - self._since_ns) * _NS
+        lasted_s = (time_ns - self._since_ns) / NANOSECONDS_PER_SECOND
         if self._samples < MIN_SAMPLES or lasted_s < self.settings.flight_confirm_s:
             return None
         self._since_ns = None

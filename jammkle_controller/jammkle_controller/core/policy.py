@@ -6,8 +6,7 @@ import enum
 from dataclasses import dataclass
 
 from jammkle_controller.core.events import ContactEvent, ContactKind
-
-_NS_PER_S = 1_000_000_000
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 
 class JamMode(enum.Enum):
@@ -81,5 +80,5 @@ class JammingPolicy:
             self._jam_when_due(event.time_ns)
 
     def _jam_when_due(self, now_ns: int) -> None:
-        if now_ns - self._impact_ns >= round(self.settings.jam_delay_s * _NS_PER_S):
+        if now_ns - self._impact_ns >= round(self.settings.jam_delay_s * NANOSECONDS_PER_SECOND):
             self.mode = JamMode.HOLDING

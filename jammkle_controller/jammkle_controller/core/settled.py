@@ -6,12 +6,10 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from jammkle_controller.core.imu import STANDARD_GRAVITY_M_S2
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 
 MIN_SAMPLES = 10
 """A window with fewer samples says nothing of rest."""
-
-_NS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class RestDetector:
         window.append((time_ns, force_squared, rate_squared))
         self._force_sum += force_squared
         self._rate_sum += rate_squared
-        lasted_s = (time_ns - window[0][0]) * _NS
+        lasted_s = (time_ns - window[0][0]) / NANOSECONDS_PER_SECOND
         settings = self.settings
         if lasted_s < settings.settle_window_s:
             return None

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from jammkle_controller.core.events import M_S, ContactEvent, ContactKind
-from jammkle_controller.core.imu import STANDARD_GRAVITY_M_S2, ImuSample
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    from jammkle_controller.core.imu import ImuSample
 
 LEAK_TIME_S = 0.05
 """Time constant with which the speed is forgotten, s. Sensor bias then stays harmless (0.2 m/s^2 reads 0.01 m/s), and
@@ -23,7 +27,6 @@ UPWARD = 0.5
 """A speed whose upward part is more than this is pushing off or stepping, not sliding; cosine, 60 deg off the
 vertical."""
 
-_NS = 1e-9
 _ONSET_FRACTION = 0.1
 
 
@@ -88,7 +91,7 @@ class SlipDetector:
             self._onset_ns = time_ns
         if speed <= self.settings.slip_speed_m_s or self._upward() > UPWARD * speed:
             return None
-        return ContactEvent(ContactKind.SLIP, time_ns, speed, M_S, (time_ns - self._onset_ns) * _NS)
+        return ContactEvent(ContactKind.SLIP, time_ns, speed, M_S, (time_ns - self._onset_ns) / NANOSECONDS_PER_SECOND)
 
     def _upward(self) -> float:
         """Part of the speed along the reference, which points up, m/s."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_sim.core.pacing import Pacer, RealTimeFactor
 from jammkle_sim.core.run_control import RunControl, RunState
 from jammkle_sim.core.schedule import STATES, Output, Schedule, timestep_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-_SECONDS_PER_NANOSECOND = 1e-9
 
 
 class SteppedSimulation(Protocol):
@@ -244,4 +243,4 @@ class Engine:
         self.restart_pace()
 
     def _time_s_at(self, step: int) -> float:
-        return self._course.time_ns_at(step) * _SECONDS_PER_NANOSECOND
+        return self._course.time_ns_at(step) / NANOSECONDS_PER_SECOND

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_graph import names
+from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
 from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.core.schedule import Output
 from jammkle_sim.rigs.catalogue import begin_run, rig_kind, scattered
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from jammkle_graph.parameters import ParameterClass, ParameterRow
     from jammkle_sim.rigs.run import RigRun, RunInProgress
 
-MAX_REPEATS = 1000
-"""Most runs of one goal, as jammkle_msgs/RunRig says and as `jammkle rig` has it."""
-MAX_SEED = 2**31 - 1
 _SEED = "seed"
 
 _PERIODS = {

@@ -5,11 +5,12 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING
 
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _RATE_TOLERANCE = 1e-9
-_NANOSECONDS = 1_000_000_000
 
 
 class Output(enum.Enum):
@@ -37,7 +38,7 @@ def timestep_ns(timestep_s: float) -> int:
         RateError: it is not a whole number of nanoseconds.
 
     """
-    nanoseconds = timestep_s * _NANOSECONDS
+    nanoseconds = timestep_s * NANOSECONDS_PER_SECOND
     if round(nanoseconds) < 1 or abs(nanoseconds - round(nanoseconds)) > _RATE_TOLERANCE * nanoseconds:
         msg = f"timestep_s is {timestep_s!r}; it must be a whole number of nanoseconds, as 0.0005 is"
         raise RateError(msg)

@@ -13,12 +13,6 @@ from dataclasses import dataclass
 
 from jammkle_sim.physics.materials.elastic import bundle_area_m2
 
-GRAVITY_M_S2 = 9.81
-"""Standard gravity, rounded as the paper's limits are."""
-
-AMBIENT_PA = 101_325.0
-"""Standard atmosphere (ISO 2533)."""
-
 FIBRE_COUNT = 18
 """Fibres of a tendon. Paper."""
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 RIGID_ANKLE, STANDARD, SQUASH_BALL, JAMMED, UNJAMMED = "rigid_ankle", "standard", "squash_ball", "jammed", "unjammed"
 """Names of the paper's feet; the last two are the ankle, with and without vacuum."""
+SQUASH = "squash"
+"""Joint of the squash ball: how far it is pressed, m."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class SquashBallParameters:
     """Of a ball by the rules of the World Squash Federation: 39.5 to 40.5 mm across."""
     mass_kg: float = 0.024
     """By the same rules: 23 to 25 g."""
+    rubber_density_kg_m3: float = 1150.0
+    """Of its wall. Assumed: filled natural rubber, 1100 to 1200. With radius and mass: a wall of 5.5 mm."""
     stiffness_n_m: float = 3.2e3
     """Linear. The same rules ask for 3.2 N/mm at 23 degC with a slow ball, and less for a hot one."""
     cubic_stiffness_n_m3: float = 1.6e7
@@ -60,6 +64,20 @@ class SquashBallParameters:
     23 degC)."""
     contact_time_s: float = 0.002
     """Time constant of the contact of its skin (MuJoCo's solref). Assumed: short against the squash itself."""
+
+    @property
+    def largest_squash_m(self) -> float:
+        """How far it can be pressed before its walls meet, m: 28.9 mm, the hollow within a shell of its mass.
+
+        Spring and cube, chosen for a drop that presses it by 16 mm, do not tell what it does beyond.
+        """
+        rubber_m3 = self.mass_kg / self.rubber_density_kg_m3
+        hollow_m3 = 4.0 / 3.0 * math.pi * self.radius_m**3 - rubber_m3
+        return 2.0 * math.pow(3.0 * hollow_m3 / (4.0 * math.pi), 1.0 / 3.0)
+
+    def energy_j(self, squash_m: float) -> float:
+        """Energy that spring and cube hold at a squash, J; the damper takes up more."""
+        return self.stiffness_n_m * squash_m**2 / 2.0 + self.cubic_stiffness_n_m3 * squash_m**4 / 4.0
 
 
 def add_rigid_ankle(leg: Any, ankle: AnkleParameters, contact: HardContact, friction: float, pitch_rad: float) -> None:
@@ -93,21 +111,20 @@ def add_standard_foot(leg: Any, tip: TipParameters, contact: HardContact, fricti
     _harden(foot, contact)
 
 
-def add_squash_ball(leg: Any, ball: SquashBallParameters, friction: float, length_m: float) -> None:
-    """Add a rigid leg with a squash ball, which yields along the leg and pushes back by spring, cube and damper.
+def add_squash_ball(leg: Any, ball: SquashBallParameters, friction: float) -> None:
+    """Add a rigid leg with a squash ball under its end, which yields along it: spring, cube and damper.
 
     Args:
         leg: Body that it hangs on.
         ball: Geometry, mass and stiffness.
         friction: Coefficient of sliding friction.
-        length_m: From the height of the joint to the ground.
 
     """
-    foot = leg.add_body(name="foot", pos=(0.0, 0.0, ball.radius_m - length_m))
+    foot = leg.add_body(name="foot", pos=(0.0, 0.0, -ball.radius_m))
     _add_ball(foot, ball.radius_m, ball.mass_kg, friction)
     foot.geoms[0].solref = (ball.contact_time_s, 1.0)
     foot.geoms[0].priority = 1  # the ball's contact counts, not the mean with the ground's
-    squash = foot.add_joint(name="squash", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
+    squash = foot.add_joint(name=SQUASH, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
     # MuJoCo's polynomial is k0 + k1 |x| + k2 x^2, times x.
     squash.stiffness = (ball.stiffness_n_m, 0.0, ball.cubic_stiffness_n_m3)
     squash.damping = (ball.damping_n_s_m, 0.0, 0.0)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_sim.physics import kernels, records
-from jammkle_sim.physics.constants import AMBIENT_PA
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,8 +34,8 @@ _STABLE_STEP = 0.9
 class PneumaticParameters:
     """Volumes, conductances, pump and valves of one ankle."""
 
-    ambient_pa: float = AMBIENT_PA
-    """Pressure of the atmosphere, Pa. Standard (ISO 2533)."""
+    ambient_pa: float = STANDARD_ATMOSPHERE_PA
+    """Pressure of the atmosphere, Pa. Assumed: the standard one."""
     temperature_k: float = 293.15
     """Temperature of all air, K. Assumed: 20 degC, as the tendon's constants are."""
     manifold_volume_m3: float = 15e-6

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.physics import records
-from jammkle_sim.physics.constants import GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,15 +23,19 @@ _TWO_POLE_FACTOR = math.sqrt(math.sqrt(2.0) - 1.0)
 """Cut-off of two equal poles over that of each."""
 
 
+CLIP_NET_M_S2 = 71.02
+"""Largest upward acceleration, net of gravity, that the IMU of the paper's drops gives. Paper."""
+
+
 @dataclass(frozen=True)
 class SensorParameters:
     """Noise, range and bandwidth of the sensors."""
 
     seed: int = 0
     """Start of all noise."""
-    acceleration_limit_m_s2: float = 80.83
-    """Range of the accelerometer, raw, per axis. The paper's drops clip at 71.02 m/s^2 net of gravity: 8.24 g raw."""
-    acceleration_noise_m_s2_rthz: float = 80e-6 * GRAVITY_M_S2
+    acceleration_limit_m_s2: float = CLIP_NET_M_S2 + STANDARD_GRAVITY_M_S2
+    """Range of the accelerometer, raw, per axis: 8.24 g. Paper: where its drops clip, with gravity."""
+    acceleration_noise_m_s2_rthz: float = 80e-6 * STANDARD_GRAVITY_M_S2
     """Noise density. Assumed: 80 ug/rtHz, as small industrial IMUs state."""
     angular_rate_limit_rad_s: float = math.radians(900.0)
     """Range of the gyro. Assumed."""

@@ -10,8 +10,9 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.parameters import ParameterError, from_mapping
+from jammkle_graph.parameters import ParameterError
 from jammkle_sim.rigs import drop, landing_run, pressure, slip, tensile
+from jammkle_sim.rigs.options import checked
 from jammkle_sim.rigs.run import RigRun, RunInProgress, run, steps_per_row
 from jammkle_sim.rigs.scatter import scatter_numbers, scatter_seed
 
@@ -38,6 +39,13 @@ class RigKind:
     scatter: Callable[[Any, tuple[float, float]], Any]
     """Makes the options of one repeat, from the options and two standard normal numbers."""
 
+
+NOT_IN_MJCF = (
+    "Bodies, joints, contacts and sensors alone. Not in this file: the law of the tendons (each actuator of a tendon's "
+    "name pulls with its control, N, which is 0 here, so that the tendons are without force), the air (pump, "
+    "solenoids, vacuum), and what the rig does by itself (release of a held carriage, speed of a driven one)."
+)
+"""What somebody must know who opens a saved model; it stands at the top of the file."""
 
 RIGS: dict[str, RigKind] = {
     kind.name: kind
@@ -161,7 +169,7 @@ def scattered(name: str, options: Any, repeat: int) -> Any:
 
 
 def save_mjcf(name: str, options: Any, path: Path) -> None:
-    """Write the model of a rig as MJCF, which MuJoCo's own viewer opens. The laws of tendons and air are not in it.
+    """Write the model of a rig as MJCF, which MuJoCo's own viewer opens. What is not in it stands at its top.
 
     Raises:
         ParameterError: as `run_rig`.
@@ -169,7 +177,7 @@ def save_mjcf(name: str, options: Any, path: Path) -> None:
 
     """
     rig, _ = _built(name, options)
-    path.write_text(rig.spec.to_xml())
+    path.write_text(f"<!-- Rig {name}. {NOT_IN_MJCF} -->\n{rig.spec.to_xml()}")
 
 
 def _built(name: str, options: Any) -> tuple[Rig, Programme]:
@@ -177,7 +185,6 @@ def _built(name: str, options: Any) -> tuple[Rig, Programme]:
     if not isinstance(options, kind.options):
         msg = f"options of rig '{name}' must be {kind.options.__name__}, not {type(options).__name__}"
         raise ParameterError(msg)
-    given = dataclasses.asdict(options)
-    checked = from_mapping(kind.options, given)
-    steps_per_row(given["timestep_s"])
-    return kind.build(checked)
+    in_range: Any = checked(options)
+    steps_per_row(in_range.timestep_s)
+    return kind.build(in_range)

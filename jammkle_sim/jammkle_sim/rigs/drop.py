@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_graph import names
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.parameters import parameter
 from jammkle_sim.physics.ankle import PITCH, AnkleParameters, add_ankle
-from jammkle_sim.physics.constants import TENDON_SETS, tendon_parameters
+from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.feet import (
     JAMMED,
     RIGID_ANKLE,
+    SQUASH,
     SQUASH_BALL,
     STANDARD,
     UNJAMMED,
@@ -39,8 +41,17 @@ from jammkle_sim.rigs.model import (
     release,
     weigh,
 )
+from jammkle_sim.rigs.options import (
+    drop_height_option,
+    jammed_vacuum_option,
+    mass_option,
+    parameter_set_option,
+    replaced_within_range,
+    run_timestep_option,
+    seed_option,
+)
 from jammkle_sim.rigs.rig import Event, Rig
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import LEG_TOPICS, Programme, Series, TravelLimit
 from jammkle_sim.rigs.vacuum import all_channels
 
 if TYPE_CHECKING:
@@ -62,9 +73,9 @@ class DropOptions:
     """What can be chosen about a drop."""
 
     foot: str = parameter("unjammed", "What the leg lands on", choices=FEET)
-    vacuum_pa: float = parameter(50e3, "Vacuum of the jammed ankle", "Pa", 5e3, 75e3)
-    drop_height_m: float = parameter(0.05, "Fall of the foot's lowest point onto the ground", "m", 0.0, 0.5)
-    mass_kg: float = parameter(1.8, "Mass of all that falls, foot included", "kg", 0.5, 20.0)
+    vacuum_pa: float = jammed_vacuum_option()
+    drop_height_m: float = drop_height_option("ground")
+    mass_kg: float = mass_option()
     pitch_deg: float = parameter(40.0, "Pitch at which an ankle's foot lands, toe-down", "deg", 0.0, 60.0)
     """The paper does not tell the pose. Chosen toe-down so that the ankle has way to yield: 31 m/s^2 takes 16 mm at
     least, which a flat landing on a ball joint does not have; 40 so that the heel does not strike in any repeat."""
@@ -74,13 +85,9 @@ class DropOptions:
     """Chosen, with the toe's lever, so that the means of both ankles come out."""
     friction: float = parameter(0.1, "Coulomb friction between foot and ground", "", 0.0, 2.0)
     """Chosen: from 0.2 on the toe begins to lock at first touch."""
-    parameter_set: str = parameter(
-        "fitted",
-        "Constants of the tendons: fitted to the paper's measurements, or as printed in it",
-        choices=tuple(TENDON_SETS),
-    )
-    seed: int = parameter(0, "Seed of all sensor noise and of the scatter", "", 0, 2**31 - 1)
-    timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
+    parameter_set: str = parameter_set_option()
+    seed: int = seed_option()
+    timestep_s: float = run_timestep_option()
 
 
 DROP_ANKLE = dataclasses.replace(
@@ -105,10 +112,10 @@ and 0.7 m/s^2; here 0.8 and 0.6, as with more the heel strikes in some repeats).
 def scattered(options: DropOptions, numbers: tuple[float, float]) -> DropOptions:
     """Return the options of one repeat: height and pretension differ."""
     height, pretension = numbers
-    return dataclasses.replace(
+    return replaced_within_range(
         options,
-        drop_height_m=min(max(options.drop_height_m + HEIGHT_SCATTER_M * height, 0.0), 0.5),
-        pretension_m=min(max(options.pretension_m + PRETENSION_SCATTER_M * pretension, -0.005), 0.01),
+        drop_height_m=options.drop_height_m + HEIGHT_SCATTER_M * height,
+        pretension_m=options.pretension_m + PRETENSION_SCATTER_M * pretension,
     )
 
 
@@ -122,9 +129,10 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
     pitch_rad = math.radians(options.pitch_deg)
     spec = new_spec("drop", options.timestep_s)
     add_slope(spec, 0.0, options.friction, ankle.contact_time_s)
-    if options.foot in (STANDARD, SQUASH_BALL):
-        start_m = tip.length_m + options.drop_height_m
-        foot_kg = tip.mass_kg if options.foot == STANDARD else ball.mass_kg
+    if options.foot == STANDARD:
+        start_m, foot_kg = tip.length_m + options.drop_height_m, tip.mass_kg
+    elif options.foot == SQUASH_BALL:
+        start_m, foot_kg = 2.0 * ball.radius_m + options.drop_height_m, ball.mass_kg
     else:
         start_m = sole_below_joint_m(ankle, pitch_rad) + options.drop_height_m
         foot_kg = ankle.foot_mass_kg
@@ -138,7 +146,7 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
     elif options.foot == STANDARD:
         add_standard_foot(leg, tip, hard, options.friction)
     elif options.foot == SQUASH_BALL:
-        add_squash_ball(leg, ball, options.friction, tip.length_m)
+        add_squash_ball(leg, ball, options.friction)
     else:
         add_ankle(spec, leg, ankle, options.friction)
         start = {PITCH: pitch_rad}
@@ -153,24 +161,24 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
         pneumatics=pneumatics,
         sensors=sensors,
         events=(Event(round(_RELEASE_S / options.timestep_s), release),),
-        description={
-            "options": dataclasses.asdict(options),
-            "ankle": dataclasses.asdict(ankle),
-            "hard_contact": dataclasses.asdict(hard),
-            "standard_foot": dataclasses.asdict(tip),
-            "squash_ball": dataclasses.asdict(ball),
-            "tendon": dataclasses.asdict(tendon),
-            "pneumatics": dataclasses.asdict(pneumatics),
-            "sensors": dataclasses.asdict(sensors),
+        options=options,
+        parts={
+            "ankle": ankle,
+            "hard_contact": hard,
+            "standard_foot": tip,
+            "squash_ball": ball,
+            "tendon": tendon,
+            "pneumatics": pneumatics,
+            "sensors": sensors,
         },
         tendon_names=names.TENDONS if has_tendons else (),
     )
-    topics = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name)
     programme = Programme(
         duration_s=_RELEASE_S + _REST_S,
         vacuum=(all_channels(_JAM_S, options.vacuum_pa),) if options.foot == JAMMED else (),
         evaluate=_results,
-        topics=topics,
+        topics=LEG_TOPICS,
+        travel_limit=_walls_meet(options, ball) if options.foot == SQUASH_BALL else None,
     )
     return rig, programme
 
@@ -182,6 +190,18 @@ def sole_below_joint_m(ankle: AnkleParameters, pitch_rad: float) -> float:
     toe_m = ankle.toe_m * math.sin(pitch_rad) + centre_m * math.cos(pitch_rad)
     heel_m = -ankle.heel_m * math.sin(pitch_rad) + centre_m * math.cos(pitch_rad)
     return max(toe_m, heel_m) + radius_m
+
+
+def _walls_meet(options: DropOptions, ball: SquashBallParameters) -> TravelLimit:
+    """Limit the squash, and advise falls whose whole energy spring and cube hold before; with the damper more goes."""
+    squash_m = ball.largest_squash_m
+    held_j = ball.energy_j(squash_m)
+    mass_kg = math.floor(100.0 * held_j / (STANDARD_GRAVITY_M_S2 * (options.drop_height_m + squash_m))) / 100.0
+    height_m = math.floor(1e3 * (held_j / (STANDARD_GRAVITY_M_S2 * options.mass_kg) - squash_m)) / 1e3
+    ways = [f"parameter 'mass_kg' of {mass_kg:g} or less (it is {options.mass_kg:g})"]
+    if height_m >= 0.0:
+        ways.append(f"parameter 'drop_height_m' of {height_m:g} or less (it is {options.drop_height_m:g})")
+    return TravelLimit(SQUASH, squash_m, "squash ball is pressed until its walls meet", f"give {' or '.join(ways)}")
 
 
 def _results(topics: Mapping[str, Series]) -> dict[str, float]:

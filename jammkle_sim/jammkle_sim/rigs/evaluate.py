@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.physics.constants import GRAVITY_M_S2
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 _SMOOTHED_ROWS = 5
 """Rows of 2 ms that a reported force is the mean of: 10 ms, as a test machine's filter. Assumed."""
+SMOOTHED_S = 0.010
+"""The same as a time, s."""
 
 
 def smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -32,7 +34,7 @@ def work_j(position_m: NDArray[np.float64], force_n: NDArray[np.float64]) -> flo
 def peak_deceleration_m_s2(imu: Series, release_s: float) -> float:
     """Return the largest upward acceleration, net of gravity, that the IMU gave after the release, m/s^2."""
     upward = imu.column("linear_acceleration_z_m_s2")[imu.time_s > release_s]
-    return float(upward.max()) - GRAVITY_M_S2
+    return float(upward.max()) - STANDARD_GRAVITY_M_S2
 
 
 def rebound_m(height_m: NDArray[np.float64]) -> float:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
-from jammkle_sim.physics.constants import AMBIENT_PA, TENDON_SETS, tendon_parameters
+from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import (
@@ -22,6 +21,17 @@ from jammkle_sim.rigs.model import (
     touch_down_height_m,
     weigh,
 )
+from jammkle_sim.rigs.options import (
+    checked,
+    drop_height_option,
+    mass_option,
+    parameter_set_option,
+    release_time_option,
+    seed_option,
+    slope_friction_option,
+    slope_option,
+    timestep_option,
+)
 from jammkle_sim.rigs.rig import Event, Rig
 from jammkle_sim.rigs.simulation import Simulation
 
@@ -30,54 +40,14 @@ from jammkle_sim.rigs.simulation import Simulation
 class LandingOptions:
     """What can be chosen about a landing."""
 
-    slope_deg: float = 40.0
-    """Angle of the slope, degrees, toe uphill. The paper's slip test has 40."""
-    drop_height_m: float = 0.05
-    """Height of fall of the foot's lowest point, m. The paper's drop test has 50 mm."""
-    mass_kg: float = 1.8
-    """All that falls, ankle included, kg. Paper."""
-    friction: float = 0.55
-    """Coefficient of sliding friction between foot and slope. Assumed, as in the slip rig. It matters: near 0.55 the
-    toe almost locks at first touch, which gives the first peak; at 0.3 and below
-    the heel strikes the slope in the end."""
-    release_time_s: float = 1.0
-    """Time after each start at which the carriage is let go, s."""
-    seed: int = 0
-    """Start of all sensor noise."""
-    parameter_set: str = "fitted"
-    """Constants of the tendons: `fitted` or `as_printed`."""
-    ambient_pa: float = AMBIENT_PA
-    """Pressure of the atmosphere, Pa."""
-    timestep_s: float = 0.0005
-    """Time step, s. At twice that a drop's peak reads 1 to 1.5 m/s^2 high."""
-
-    def __post_init__(self) -> None:
-        """Check every value.
-
-        Raises:
-            ValueError: one is out of range; the message names it and the range.
-
-        """
-        for name, low, high in (
-            ("slope_deg", 0.0, 50.0),
-            ("drop_height_m", 0.0, 0.5),
-            ("mass_kg", 0.5, 20.0),
-            ("friction", 0.0, 2.0),
-            ("release_time_s", 0.0, 3600.0),
-            ("seed", 0, 2**63 - 1),
-            ("ambient_pa", 50e3, 120e3),
-            ("timestep_s", 1e-5, 2e-3),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                msg = f"{name} is {value}; it must be {low:g} to {high:g}"
-                raise ValueError(msg)
-        if not isinstance(self.seed, int):
-            msg = f"seed is {self.seed}; it must be a whole number"
-            raise ValueError(msg)  # noqa: TRY004  # one kind of error for all options
-        if self.parameter_set not in TENDON_SETS:
-            msg = f"parameter_set is '{self.parameter_set}'; it must be one of: {', '.join(TENDON_SETS)}"
-            raise ValueError(msg)
+    slope_deg: float = slope_option()
+    friction: float = slope_friction_option()
+    drop_height_m: float = drop_height_option("slope")
+    release_time_s: float = release_time_option("each start", 3600.0)
+    mass_kg: float = mass_option()
+    parameter_set: str = parameter_set_option()
+    seed: int = seed_option()
+    timestep_s: float = timestep_option("a whole number of nanoseconds")
 
 
 def landing_simulation(options: LandingOptions) -> Simulation:
@@ -85,6 +55,9 @@ def landing_simulation(options: LandingOptions) -> Simulation:
 
     Args:
         options: What to land on, with what, from where.
+
+    Raises:
+        ParameterError: an option out of range.
 
     """
     return Simulation(landing_parts(options))
@@ -96,10 +69,14 @@ def landing_parts(options: LandingOptions) -> Rig:
     Args:
         options: What to land on, with what, from where.
 
+    Raises:
+        ParameterError: an option out of range.
+
     """
+    options = checked(options)
     ankle = AnkleParameters()
     tendon = tendon_parameters(options.parameter_set)
-    pneumatics = PneumaticParameters(ambient_pa=options.ambient_pa)
+    pneumatics = PneumaticParameters()
     sensors = SensorParameters(seed=options.seed)
     spec = _spec(options, ankle, sensors)
     return Rig(
@@ -110,13 +87,8 @@ def landing_parts(options: LandingOptions) -> Rig:
         pneumatics=pneumatics,
         sensors=sensors,
         events=(Event(round(options.release_time_s / options.timestep_s), release),),
-        description={
-            "options": dataclasses.asdict(options),
-            "ankle": dataclasses.asdict(ankle),
-            "tendon": dataclasses.asdict(tendon),
-            "pneumatics": dataclasses.asdict(pneumatics),
-            "sensors": dataclasses.asdict(sensors),
-        },
+        options=options,
+        parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
     )
 
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_sim.physics.ankle import free_lengths_m
-from jammkle_sim.physics.constants import GRAVITY_M_S2
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.tendon import tendon_law
-from jammkle_sim.rigs.rig import ACCELEROMETER, GYRO, LOAD_CELL
+from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, GYRO, LOAD_CELL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -44,10 +44,10 @@ def new_spec(name: str, timestep_s: float) -> Any:
     spec.modelname = name
     spec.compiler.degree = False
     spec.option.timestep = timestep_s
-    spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
+    spec.option.gravity = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0  # less creep of a foot that sticks; 100 changes nothing more
+    spec.option.impratio = 10.0  # less creep of a foot that sticks for a moment
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     return spec
 
@@ -78,7 +78,7 @@ def add_slope(spec: Any, slope_deg: float, friction: float, contact_time_s: floa
     """
     slope = math.radians(slope_deg)
     spec.worldbody.add_geom(
-        name="slope",
+        name=GROUND,
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=(1.0, 1.0, 0.1),
         quat=(math.cos(slope / 2.0), 0.0, -math.sin(slope / 2.0), 0.0),

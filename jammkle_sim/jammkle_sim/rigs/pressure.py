@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_graph import names
+from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
-from jammkle_sim.physics.constants import TENDON_SETS, tendon_parameters
+from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import (
@@ -21,6 +21,7 @@ from jammkle_sim.rigs.model import (
     new_spec,
     weigh,
 )
+from jammkle_sim.rigs.options import parameter_set_option, replaced_within_range, run_timestep_option, seed_option
 from jammkle_sim.rigs.rig import Rig
 from jammkle_sim.rigs.run import Programme, Series
 from jammkle_sim.rigs.vacuum import VacuumStep
@@ -47,7 +48,7 @@ class PressureOptions:
     """What can be chosen about jam and vent cycles."""
 
     channel: str = parameter("all", "Which channels are evacuated", choices=(_ALL, *names.CHANNELS))
-    vacuum_pa: float = parameter(50e3, "Vacuum of each cycle", "Pa", 6e3, 75e3)
+    vacuum_pa: float = parameter(HELD_VACUUM_PA, "Vacuum of each cycle", "Pa", 6e3, 75e3)
     cycles: int = parameter(3, "How many cycles", "", 1, 100)
     jam_time_s: float = parameter(1.0, "How long each cycle holds the vacuum", "s", 0.1, 60.0)
     vent_time_s: float = parameter(0.5, "How long each cycle vents", "s", 0.1, 60.0)
@@ -55,19 +56,14 @@ class PressureOptions:
     pump_ultimate_vacuum_pa: float = parameter(80e3, "Vacuum at which the pump stops drawing", "Pa", 20e3, 100e3)
     valve_dead_time_s: float = parameter(0.010, "Time from command to movement of a solenoid", "s", 0.0, 0.1)
     leak_dm3_s_bar: float = parameter(1e-4, "Sonic conductance of the leak into each volume", "dm3/(s bar)", 0.0, 0.05)
-    seed: int = parameter(0, "Seed of all sensor noise and of the scatter", "", 0, 2**31 - 1)
-    parameter_set: str = parameter(
-        "fitted",
-        "Constants of the tendons: fitted to the paper's measurements, or as printed in it",
-        choices=tuple(TENDON_SETS),
-    )
-    timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
+    seed: int = seed_option()
+    parameter_set: str = parameter_set_option()
+    timestep_s: float = run_timestep_option()
 
 
 def scattered(options: PressureOptions, numbers: tuple[float, float]) -> PressureOptions:
     """Return the options of one repeat: the valves' dead time differs by 1 ms (standard deviation, assumed)."""
-    dead_time_s = options.valve_dead_time_s + 0.001 * numbers[0]
-    return dataclasses.replace(options, valve_dead_time_s=min(max(dead_time_s, 0.0), 0.1))
+    return replaced_within_range(options, valve_dead_time_s=options.valve_dead_time_s + 0.001 * numbers[0])
 
 
 def pressure_rig(options: PressureOptions) -> tuple[Rig, Programme]:
@@ -96,13 +92,8 @@ def pressure_rig(options: PressureOptions) -> tuple[Rig, Programme]:
         pneumatics=pneumatics,
         sensors=sensors,
         events=(),
-        description={
-            "options": dataclasses.asdict(options),
-            "ankle": dataclasses.asdict(ankle),
-            "tendon": dataclasses.asdict(tendon),
-            "pneumatics": dataclasses.asdict(pneumatics),
-            "sensors": dataclasses.asdict(sensors),
-        },
+        options=options,
+        parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
     )
     channels = names.CHANNELS if options.channel == _ALL else (options.channel,)
     period_s = options.jam_time_s + options.vent_time_s
@@ -127,7 +118,10 @@ def pressure_rig(options: PressureOptions) -> tuple[Rig, Programme]:
 def _results(
     topics: Mapping[str, Series], options: PressureOptions, channels: tuple[str, ...], starts_s: list[float]
 ) -> dict[str, float]:
-    """Slowest channel of the slowest cycle; a time is left out where none ever got there."""
+    """Slowest channel of the slowest cycle; a time is left out where none ever got there.
+
+    What never reached its set point has nothing to vent from that could be compared: it has no time of venting either.
+    """
     jam_times_s: list[float] = []
     vent_times_s: list[float] = []
     deepest_pa: list[float] = []
@@ -142,7 +136,8 @@ def _results(
             reached = vacuum_pa[jamming] >= options.vacuum_pa - _REACHED_PA
             vented = vacuum_pa[venting] < VENTED_PA
             jam_times_s += [moment_s - start_s for moment_s in _first_s(series.time_s[jamming], reached)]
-            vent_times_s += [moment_s - turn_s for moment_s in _first_s(series.time_s[venting], vented)]
+            if reached.any():
+                vent_times_s += [moment_s - turn_s for moment_s in _first_s(series.time_s[venting], vented)]
             deepest_pa.append(float(vacuum_pa[jamming].max()))
     results = {"deepest_vacuum_pa": max(deepest_pa), "share_reached": len(jam_times_s) / len(deepest_pa)}
     if jam_times_s:

@@ -25,6 +25,10 @@ STATE_ROWS = 2
 CONTROL_ROWS = 10
 """Rows of the IMU per row of the pressures, and per command: 100 Hz."""
 
+GROUND_CLEARANCE = "ground clearance"
+"""Where an evaluation finds how far the watched parts are off the ground, m, one column each, a row per row of the load
+cell. No topic: nothing on a real rig measures it, and it is in no bag."""
+
 _IMU_COLUMNS = (
     "linear_acceleration_x_m_s2",
     "linear_acceleration_y_m_s2",
@@ -64,15 +68,18 @@ class Series:
 class Recorder:
     """Collects rows and commands of one run, and sorts them by topic at the end."""
 
-    def __init__(self, rig: Rig, simulation: Simulation) -> None:
+    def __init__(self, rig: Rig, simulation: Simulation, watched: tuple[str, ...]) -> None:
         """Start with nothing.
 
         Args:
             rig: What is recorded.
             simulation: Where it runs.
+            watched: Geoms whose clearance from the ground is kept.
 
         """
         self._rig = rig
+        self._watched = watched
+        self._clearances_m: list[tuple[float, ...]] = []
         self._simulation = simulation
         self._rows: list[NDArray[np.float64]] = []
         self._load_cell_n: list[tuple[float, float, float]] = []
@@ -100,8 +107,14 @@ class Recorder:
         self._rows.append(self._simulation.record(rows, steps_per_row))
 
     def note_load_cell(self) -> None:
-        """Keep what the load cell gives now."""
+        """Keep what the load cell gives now, and how far the watched geoms are off the ground."""
         self._load_cell_n.append(self._simulation.load_cell_force_n())
+        self._clearances_m.append(tuple(self._simulation.ground_clearance_m(geom) for geom in self._watched))
+
+    def clearance(self) -> Series:
+        """Return how far the watched geoms were off the ground, m."""
+        time_s = STATE_ROWS * IMU_PERIOD_S * np.arange(1, len(self._clearances_m) + 1, dtype=np.float64)
+        return Series(self._watched, time_s, np.array(self._clearances_m))
 
     def topics(self, wanted: tuple[str, ...]) -> dict[str, Series]:
         """Return everything by topic."""

@@ -10,15 +10,18 @@ from jammkle_graph.names import TENDONS
 from jammkle_sim.rigs.wiring import Wiring
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
+    from jammkle_graph.parameters import ParameterClass
     from jammkle_sim.physics.pneumatics import PneumaticParameters
     from jammkle_sim.physics.sensors import SensorParameters
 
 ACCELEROMETER, GYRO, LOAD_CELL = "accelerometer", "gyro", "load_cell"
 """Names that a rig's model gives its sensors."""
+GROUND = "slope"
+"""Name that it gives the ground, where it has one."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,10 @@ class Rig:
     sensors: SensorParameters
     events: tuple[Event, ...]
     """By rising step."""
-    description: dict[str, object]
+    options: ParameterClass
+    """What it was built from."""
+    parts: Mapping[str, Any]
+    """Every dataclass of constants that went into it, by name."""
     tendon_names: tuple[str, ...] = TENDONS
     """Names of the tendons; empty for a foot without any."""
     pneumatic_law: NDArray[Any] | None = None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError
-from jammkle_sim.rigs.recording import CONTROL_ROWS, IMU_PERIOD_S, STATE_ROWS, Recorder, Series
+from jammkle_sim.rigs.recording import CONTROL_ROWS, GROUND_CLEARANCE, IMU_PERIOD_S, STATE_ROWS, Recorder, Series
 from jammkle_sim.rigs.simulation import OverloadError, Simulation
 from jammkle_sim.rigs.vacuum import VacuumKeeper
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CONTROL_ROWS",
     "IMU_PERIOD_S",
+    "LEG_TOPICS",
     "STATE_ROWS",
     "Programme",
     "RigCancelledError",
@@ -30,12 +31,26 @@ __all__ = [
     "steps_per_row",
 ]
 
+LEG_TOPICS = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name)
+"""What a rig with a whole leg has sensors for, beside pressures and commands."""
 _ROUNDING_S = 1e-12
 """What a sum of time steps may differ by, s."""
 
 
 class RigCancelledError(RuntimeError):
     """A run was cancelled before its end."""
+
+
+@dataclass(frozen=True)
+class TravelLimit:
+    """How far a joint can go before its law means nothing any more; going further ends the run."""
+
+    joint: str
+    largest_m: float
+    what: str
+    """What is at its end, and why there: `squash ball is pressed until its walls meet`."""
+    advice: str
+    """What to change: `give parameter 'mass_kg' of 5 or less`."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +62,16 @@ class Programme:
     vacuum: tuple[VacuumStep, ...]
     """Set points by rising time."""
     evaluate: Callable[[Mapping[str, Series]], dict[str, float]]
-    """Makes the results of a run, SI units, from its topics."""
+    """Makes the results of a run, SI units, from its topics, and from GROUND_CLEARANCE if anything is watched."""
     topics: tuple[str, ...]
     """Topics, of those that the rig could give, that it has sensors for, beside pressures and commands."""
     overload_advice: str = ""
     """What to change if a force grows past the range of the load cell, which ends the run; empty: it goes on, clipped,
     as where a blow is part of the test."""
+    watched: tuple[str, ...] = ()
+    """Geoms whose clearance from the ground the evaluation needs."""
+    travel_limit: TravelLimit | None = None
+    """A joint that may not go further than what it stands for can; none: all may."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +125,7 @@ def run(
     Raises:
         RigCancelledError: it was cancelled.
         UnstableSimulationError: the simulation blew up; an OverloadError: past the range of the load cell, where the
-            programme does not allow for it.
+            programme does not allow for it, or past its travel limit.
         ParameterError: the time step does not divide the period of the IMU.
 
     """
@@ -142,7 +161,7 @@ class RunInProgress:
         self._programme = programme
         self._options = options
         self._simulation = Simulation(rig)
-        self._recorder = Recorder(rig, self._simulation)
+        self._recorder = Recorder(rig, self._simulation, programme.watched)
         self._keeper = VacuumKeeper(programme.vacuum, rig.pneumatics.ambient_pa)
         self._steps = steps_per_row(self._simulation.timestep_s)
         self._rows = CONTROL_ROWS * max(1, round(programme.duration_s / (CONTROL_ROWS * IMU_PERIOD_S)))
@@ -180,7 +199,7 @@ class RunInProgress:
 
         Raises:
             UnstableSimulationError: the simulation blew up; an OverloadError: past the range of the load cell, where
-                the programme does not allow for it.
+                the programme does not allow for it, or past its travel limit.
 
         """
         while rows > 0 and not self.is_finished:
@@ -193,16 +212,18 @@ class RunInProgress:
             if self._done % STATE_ROWS == 0:
                 self._recorder.note_load_cell()
                 self._check_load()
+                self._check_travel()
 
     def result(self) -> RigRun:
         """Return what was measured; to be asked when the run is finished."""
         topics = self._recorder.topics(self._programme.topics)
+        watched = {GROUND_CLEARANCE: self._recorder.clearance()} if self._programme.watched else {}
         return RigRun(
             rig=self._rig.name,
             options=self._options,
             topics=topics,
             description=self._simulation.description(),
-            results=self._programme.evaluate(topics),
+            results=self._programme.evaluate({**topics, **watched}),
             broken=tuple(tendon.name for tendon in self._simulation.tendons() if tendon.broken),
         )
 
@@ -216,6 +237,20 @@ class RunInProgress:
             msg = (
                 f"rig '{self._rig.name}': the force passed {self._rig.sensors.load_cell_limit_n:g} N, the range of the "
                 f"load cell, at a descent of {descent_mm:.1f} mm; {self._programme.overload_advice}"
+            )
+            raise OverloadError(msg)
+
+    def _check_travel(self) -> None:
+        """End the run where a joint went further than what it stands for can."""
+        limit = self._programme.travel_limit
+        if limit is None:
+            return
+        travel_m = self._simulation.joint_position(limit.joint)
+        if travel_m > limit.largest_m:
+            msg = (
+                f"rig '{self._rig.name}': the {limit.what}: by {1e3 * travel_m:.1f} mm "
+                f"{self._simulation.rig_time_s:.3f} s after the start, the limit is {1e3 * limit.largest_m:.1f} mm; "
+                f"{limit.advice}"
             )
             raise OverloadError(msg)
 

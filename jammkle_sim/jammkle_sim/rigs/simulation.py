@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import operator
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.sensors import Noise
 from jammkle_sim.rigs.assembly import assembled, pose
+from jammkle_sim.rigs.options import changed_text
+from jammkle_sim.rigs.rig import GROUND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -23,12 +26,16 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.rig import Rig
 
 
+_FAR_M = 1.0
+"""Clearances beyond it read as this."""
+
+
 class UnstableSimulationError(RuntimeError):
     """The simulation blew up. The message names what was simulated and when."""
 
 
 class OverloadError(UnstableSimulationError):
-    """A force grew past what the rig can measure, as where a foot wedges. The message names force, place, way out."""
+    """Something grew past what the rig can measure or a part can bear. The message names value, limit, way out."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,7 @@ class ImuSample:
     """What the IMU gives now, in its own frame."""
 
     specific_force_m_s2: tuple[float, float, float]
-    """Acceleration less gravity: +9.81 along z at rest."""
+    """Acceleration less gravity: +g along z at rest."""
     angular_velocity_rad_s: tuple[float, float, float]
 
 
@@ -199,6 +206,25 @@ class Simulation:
             for name, state in zip(self._rig.tendon_names, self._states.tendons, strict=True)
         )
 
+    def joint_position(self, name: str) -> float:
+        """Position of any joint with one degree of freedom, rad or m.
+
+        Raises:
+            KeyError: there is no such joint.
+
+        """
+        return float(self._data.joint(name).qpos[0])
+
+    def ground_clearance_m(self, geom: str) -> float:
+        """How far a geom's surface is off the ground, m, at the start of the latest step; negative: within it.
+
+        Raises:
+            KeyError: there is no such geom, or the rig has no ground.
+
+        """
+        ground, part = self._model.geom(GROUND).id, self._model.geom(geom).id
+        return float(mujoco.mj_geomDistance(self._model, self._data, ground, part, _FAR_M, None))
+
     def load_cell_force_n(self) -> tuple[float, float, float]:
         """Force between rig and leg, N, as the cell gives it, clipped at its range: tension on z is positive."""
         limit_n = self._rig.sensors.load_cell_limit_n
@@ -213,7 +239,9 @@ class Simulation:
 
     def description(self) -> dict[str, object]:
         """Name of the rig and all its parameters, ready for YAML."""
-        return {"rig": self._rig.name, "timestep_s": self.timestep_s, **self._rig.description}
+        parts = {"options": self._rig.options, **self._rig.parts}
+        plain = {name: dataclasses.asdict(part) for name, part in parts.items()}
+        return {"rig": self._rig.name, "timestep_s": self.timestep_s, **plain}
 
     @property
     def rig_time_s(self) -> float:
@@ -282,7 +310,7 @@ class Simulation:
     def _unstable_text(self) -> str:
         speed = float(np.abs(self._body.speed).max())
         return (
-            f"simulation of rig '{self._rig.name}' became unstable {self._rig_steps * self.timestep_s:g} s after its "
-            f"start: a joint moves at {speed:g}, the limit is {kernels.LARGEST_SPEED:g}; try a smaller timestep_s or "
-            f"milder parameters; it was: {self._rig.description}"
+            f"simulation of rig '{self._rig.name}' (options: {changed_text(self._rig.options)}) became unstable "
+            f"{self.rig_time_s:g} s after its start: a joint moves at {speed:g} rad/s or m/s, the limit is "
+            f"{kernels.LARGEST_SPEED:g}; try a smaller timestep_s or milder options"
         )

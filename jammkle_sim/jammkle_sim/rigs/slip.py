@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_graph import names
-from jammkle_graph.parameters import ParameterError, parameter
+from jammkle_graph.parameters import ParameterError, parameter, rows
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
-from jammkle_sim.physics.constants import TENDON_SETS, tendon_parameters
+from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.feet import JAMMED, RIGID_ANKLE, UNJAMMED, HardContact, add_rigid_ankle
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.rigs.evaluate import smoothed, work_j
+from jammkle_sim.rigs.evaluate import SMOOTHED_S, smoothed, work_j
 from jammkle_sim.rigs.model import (
     add_carriage,
     add_drive,
@@ -26,12 +25,20 @@ from jammkle_sim.rigs.model import (
     compile_with_start,
     new_spec,
     set_speed,
-    touch_down_height_m,
     weigh,
 )
+from jammkle_sim.rigs.options import (
+    jammed_vacuum_option,
+    parameter_set_option,
+    replaced_within_range,
+    run_timestep_option,
+    seed_option,
+)
+from jammkle_sim.rigs.recording import GROUND_CLEARANCE
 from jammkle_sim.rigs.rig import Event, Rig
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import LEG_TOPICS, Programme, Series
 from jammkle_sim.rigs.vacuum import all_channels
+from jammkle_sim.rigs.wedging import Footing, ways_out
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,9 +58,15 @@ _SERVO_RAD_S = 700.0
 """Stiff: 100 N move the carriage by 20 um."""
 _CELL_KG = 0.2
 _BALL_DAMPING_N_M_S = 0.005
-"""Viscous friction of the ball joint at the top. Assumed: enough to still the leg's swing. It is not without effect:
-the rigid ankle peaks at 35.2 N without it, at 26.0 N with it, at 10.4 N with 0.05; and with it at 8.8 N if pushed at
-1 mm/s and 35.1 N at 20 mm/s. So that peak is as much a choice as a result."""
+"""Viscous friction of the ball joint at the top. Assumed. The leg starts hanging still, so that it has no swing to
+calm; from 0 to 0.05 the figures stay within the bounds of `SlipOptions.edge_friction`."""
+_IMPEDANCE_RATIO = 100.0
+"""MuJoCo's impratio. A foot that sticks for ten seconds creeps by 2 to 4 mm with the 10 of the other rigs, by 0.2 to
+0.4 mm with this; with 1000 no peak changes by 1 %."""
+_HEELS = ("heel_left", "heel_right")
+_SLIDING_SLOPE_DEG, _SLIDING_FRICTION = 40.0, 0.55
+"""From which slope on and up to which friction an ankle with tendons slides with every leg and vacuum in range: found
+by runs at the ends of the ranges."""
 
 
 @dataclass(frozen=True)
@@ -61,40 +74,57 @@ class SlipOptions:
     """What can be chosen about a slip test."""
 
     foot: str = parameter("unjammed", "What the leg stands on", choices=FEET)
-    vacuum_pa: float = parameter(50e3, "Vacuum of the jammed ankle", "Pa", 5e3, 75e3)
+    vacuum_pa: float = jammed_vacuum_option()
     slope_deg: float = parameter(40.0, "Inclination of the plywood, toe uphill", "deg", 5.0, 50.0)
     friction: float = parameter(0.55, "Coulomb friction between the ankle's foot and the plywood", "", 0.0, 1.0)
     edge_friction: float = parameter(
-        0.40, "Coulomb friction between the rigid ankle's toe edge and the plywood; with more it wedges", "", 0.0, 1.0
+        0.30,
+        "Coulomb friction between the rigid ankle's toe edge and the plywood; it wedges from 0.433 on",
+        "",
+        0.0,
+        1.0,
     )
-    """Chosen just below 0.411, from which on the rigid foot wedges in the default geometry: only there does it push
-    with a force of the unjammed ankle's order before it slides, as the paper says it does, and that peak hangs on the
-    ball joint's assumed damping too. At 0.30 it pushes with a
-    third of that; beyond the limit with whatever the rig can bear."""
+    """Assumed, and the condition under which the rigid ankle is well-posed: a hard edge on wood, well below the 0.433
+    from which on it wedges at the default slope and leg. There it slides at the first touch and pushes with no more
+    than its own weight makes: the work over the descent is 0.166 to 0.172 J and the peak at most 4.2 N with time steps
+    of 0.2 to 1 ms, a ball joint's damping of 0 to 0.05 N m s and 1 to 5 mm/s (at 10 mm/s: 6 N). No friction makes it
+    push like the unjammed ankle, which bears 30 N before it slides: nearer to the limit the peak is the blow of the
+    touch and goes with the speed (at 0.43 and 5 mm/s 34 N), and from the limit on, as with the 0.55 of the other feet,
+    it is whatever the rig bears."""
     speed_m_s: float = parameter(0.005, "Speed of the carriage, down", "m/s", 0.001, 0.05)
     descent_m: float = parameter(0.110, "Way of the carriage from the first touch to the halt", "m", 0.01, 0.12)
     leg_m: float = parameter(0.18, "From the ankle's joint to the ball joint at the top", "m", 0.12, 0.4)
-    parameter_set: str = parameter(
-        "fitted",
-        "Constants of the tendons: fitted to the paper's measurements, or as printed in it",
-        choices=tuple(TENDON_SETS),
-    )
-    seed: int = parameter(0, "Seed of all sensor noise and of the scatter", "", 0, 2**31 - 1)
-    timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
+    parameter_set: str = parameter_set_option()
+    seed: int = seed_option()
+    timestep_s: float = run_timestep_option()
 
 
 def scattered(options: SlipOptions, numbers: tuple[float, float]) -> SlipOptions:
     """Return the options of one repeat: friction by 0.01, slope by 0.2 degrees (standard deviations, assumed).
 
-    The friction of the rigid edge only ever gets less, as with more the foot wedges and there is no run.
+    A rigid foot that would wedge by that gets less friction and a steeper slope by as much instead, as there would be
+    no run; one that wedges as asked for stays as it is, to be refused.
     """
     friction, slope = numbers
-    return dataclasses.replace(
+    changed = _changed(options, friction, slope)
+    if options.foot != RIGID_ANKLE:
+        return changed
+    if _wedges(options):
+        return options
+    return _changed(options, -abs(friction), abs(slope)) if _wedges(changed) else changed
+
+
+def _changed(options: SlipOptions, friction: float, slope: float) -> SlipOptions:
+    return replaced_within_range(
         options,
-        friction=min(max(options.friction + 0.01 * friction, 0.0), 1.0),
-        edge_friction=max(options.edge_friction - 0.001 * abs(friction), 0.0),
-        slope_deg=min(max(options.slope_deg + 0.2 * slope * (options.foot != RIGID_ANKLE), 5.0), 50.0),
+        friction=options.friction + 0.01 * friction,
+        edge_friction=options.edge_friction + 0.01 * friction,
+        slope_deg=options.slope_deg + 0.2 * slope,
     )
+
+
+def _wedges(options: SlipOptions) -> bool:
+    return options.edge_friction >= _footing(options, AnkleParameters()).wedging_friction
 
 
 def slip_rig(options: SlipOptions) -> tuple[Rig, Programme]:
@@ -110,7 +140,8 @@ def slip_rig(options: SlipOptions) -> tuple[Rig, Programme]:
     has_tendons = options.foot != RIGID_ANKLE
     tendon = tendon_parameters(options.parameter_set)
     sensors, pneumatics = SensorParameters(seed=options.seed), PneumaticParameters()
-    start_m = touch_down_height_m(options.slope_deg, ankle) + _CLEARANCE_M
+    forward_m, below_m = _footing(options, ankle).contact_m
+    start_m = forward_m * math.tan(math.radians(options.slope_deg)) + below_m - options.leg_m + _CLEARANCE_M
     spec = _spec(options, ankle, sensors, start_m)
     halt_s = _PUSH_S + (options.descent_m + _CLEARANCE_M) / options.speed_m_s
     rig = Rig(
@@ -124,47 +155,19 @@ def slip_rig(options: SlipOptions) -> tuple[Rig, Programme]:
             Event(round(_PUSH_S / options.timestep_s), lambda data: set_speed(data, -options.speed_m_s)),
             Event(round(halt_s / options.timestep_s), lambda data: set_speed(data, 0.0)),
         ),
-        description={
-            "options": dataclasses.asdict(options),
-            "ankle": dataclasses.asdict(ankle),
-            "tendon": dataclasses.asdict(tendon),
-            "pneumatics": dataclasses.asdict(pneumatics),
-            "sensors": dataclasses.asdict(sensors),
-        },
+        options=options,
+        parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
         tendon_names=names.TENDONS if has_tendons else (),
     )
     programme = Programme(
         duration_s=halt_s + _HOLD_S,
         vacuum=(all_channels(_JAM_S, options.vacuum_pa),) if options.foot == JAMMED else (),
         evaluate=lambda topics: _results(topics, halt_s),
-        topics=(names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name),
-        overload_advice=(
-            f"the foot wedges between slope and ball joint: give less friction (it is {_friction(options):g}), a "
-            f"steeper slope (slope_deg {options.slope_deg:g}) or a shorter way (descent_m {options.descent_m:g})"
-        ),
+        topics=LEG_TOPICS,
+        overload_advice=_overload_advice(options, ankle),
+        watched=_HEELS,
     )
     return rig, programme
-
-
-def wedging_friction(slope_deg: float, leg_m: float, ankle: AnkleParameters) -> float:
-    """Return the friction from which on a rigid foot's toe wedges between slope and ball joint.
-
-    A leg without weight carries force only along the line from the toe's contact to the ball joint. If that line lies
-    within the cone of friction around the slope's normal no force makes the toe slide.
-
-    Args:
-        slope_deg: Inclination, degrees.
-        leg_m: From the ankle's joint to the ball joint, m.
-        ankle: Geometry.
-
-    """
-    slope = math.radians(slope_deg)
-    radius_m = ankle.contact_radius_m
-    # From the contact to the ball joint, in the upright pose, in which the line is nearest to the normal.
-    back_m = ankle.toe_m + radius_m * math.sin(slope)
-    up_m = leg_m + ankle.sole_m - radius_m + radius_m * math.cos(slope)
-    angle_to_normal = slope - math.atan2(back_m, up_m)
-    return max(math.tan(angle_to_normal), 0.0)
 
 
 def check_slides(options: SlipOptions, ankle: AnkleParameters) -> None:
@@ -174,14 +177,36 @@ def check_slides(options: SlipOptions, ankle: AnkleParameters) -> None:
         ParameterError: with the friction at which it would slide.
 
     """
-    limit = wedging_friction(options.slope_deg, options.leg_m, ankle)
-    if options.edge_friction >= limit:
+    footing = _footing(options, ankle)
+    if options.edge_friction >= footing.wedging_friction:
         msg = (
-            f"parameter 'edge_friction' is {options.edge_friction:g}; the rigid foot wedges from {limit:.3f} on at a "
-            f"slope of {options.slope_deg:g} deg and a leg of {options.leg_m:g} m, and no force makes it slide: give "
-            "less friction, a steeper slope or a longer leg"
+            f"parameter 'edge_friction' is {options.edge_friction:g}; the rigid foot wedges from "
+            f"{footing.wedging_friction:.3f} on at a slope of {options.slope_deg:g} deg and a leg of "
+            f"{options.leg_m:g} m, and no force makes it slide: {_ways_out(options, ankle)}"
         )
         raise ParameterError(msg)
+
+
+def _footing(options: SlipOptions, ankle: AnkleParameters) -> Footing:
+    return Footing(options.slope_deg, options.leg_m, ankle)
+
+
+def _ways_out(options: SlipOptions, ankle: AnkleParameters) -> str:
+    largest = {row.name: row.maximum or 0.0 for row in rows(SlipOptions)}
+    return ways_out(_footing(options, ankle), options.edge_friction, largest["slope_deg"], largest["leg_m"])
+
+
+def _overload_advice(options: SlipOptions, ankle: AnkleParameters) -> str:
+    if options.foot == RIGID_ANKLE:
+        return (
+            f"its edge's friction of {options.edge_friction:g} is so near to wedging that the touch alone does it: "
+            f"{_ways_out(options, ankle)}"
+        )
+    return (
+        f"the foot wedges between slope and ball joint: give parameter 'slope_deg' of {_SLIDING_SLOPE_DEG:g} or more "
+        f"(it is {options.slope_deg:g}) and parameter 'friction' of {_SLIDING_FRICTION:g} or less (it is "
+        f"{options.friction:g})"
+    )
 
 
 def _friction(options: SlipOptions) -> float:
@@ -191,12 +216,18 @@ def _friction(options: SlipOptions) -> float:
 def _spec(options: SlipOptions, ankle: AnkleParameters, sensors: SensorParameters, start_m: float) -> Any:
     friction = _friction(options)
     spec = new_spec("slip", options.timestep_s)
+    spec.option.impratio = _IMPEDANCE_RATIO
     add_slope(spec, options.slope_deg, friction, ankle.contact_time_s)
     carriage = add_carriage(spec, start_m, _CARRIAGE_KG)
     cell = carriage.add_body(name="cell", pos=(0.0, 0.0, options.leg_m))
     weigh(cell, _CELL_KG)
-    leg = cell.add_body(name="leg", pos=(0.0, 0.0, -options.leg_m))
     leg_kg = ankle.mass_kg - ankle.foot_mass_kg
+    tilt = _footing(options, ankle).tilt_rad
+    leg = cell.add_body(
+        name="leg",
+        pos=(-options.leg_m * math.sin(tilt), 0.0, -options.leg_m * math.cos(tilt)),
+        quat=(math.cos(tilt / 2.0), 0.0, math.sin(tilt / 2.0), 0.0),
+    )
     leg.mass = leg_kg
     leg.ipos = (0.0, 0.0, ankle.tendon_length_m / 2.0)
     leg.inertia = (leg_kg * ankle.tendon_length_m**2 / 12.0,) * 2 + (leg_kg * ankle.half_width_m**2 / 2.0,)
@@ -204,7 +235,8 @@ def _spec(options: SlipOptions, ankle: AnkleParameters, sensors: SensorParameter
     ball = leg.add_joint(name="ball", type=mujoco.mjtJoint.mjJNT_BALL, pos=(0.0, 0.0, options.leg_m))
     ball.damping = (_BALL_DAMPING_N_M_S, 0.0, 0.0)
     if options.foot == RIGID_ANKLE:
-        add_rigid_ankle(leg, ankle, HardContact(), friction, 0.0)
+        # The contact of the ankle's own foot: that of the drop rig was chosen to bounce.
+        add_rigid_ankle(leg, ankle, HardContact(ankle.contact_time_s, damping_ratio=1.0), friction, 0.0)
     else:
         add_ankle(spec, leg, ankle, friction)
     add_drive(spec, _CARRIAGE_KG, _SERVO_RAD_S)
@@ -214,18 +246,29 @@ def _spec(options: SlipOptions, ankle: AnkleParameters, sensors: SensorParameter
 
 
 def _results(topics: Mapping[str, Series], halt_s: float) -> dict[str, float]:
-    """Push on the slope and its work over the descent: load cell less what hangs on it before the touch."""
+    """Push on the slope and its work over the descent: load cell less what hangs on it before the touch.
+
+    Where the heel lands the foot stands flat, the force jumps and the foot starts to slide: the peak before is named
+    on its own. A heel that never lands has no descent of its landing.
+    """
     cell = topics[names.LOAD_CELL.name]
     height_m = topics[names.JOINT_STATES.name].column(f"{names.CARRIAGE_JOINT}.position")
     force_n = smoothed(cell.column("force_z_n"))
     push_n = force_n[cell.time_s < _PUSH_S].mean() - force_n
     going_down = (cell.time_s >= _PUSH_S) & (cell.time_s <= halt_s)
     at_peak = int(push_n[going_down].argmax())
-    return {
+    landed = topics[GROUND_CLEARANCE].values.min(axis=1) <= 0.0
+    heel_s = cell.time_s[int(landed.argmax())] if landed.any() else math.inf
+    results = {
         "peak_force_n": float(push_n[going_down].max()),
         "descent_at_peak_m": float(height_m[going_down][0] - height_m[going_down][at_peak]),
+        # A smoothed force is the mean of some time around; none of that may be after the landing.
+        "peak_before_heel_n": float(push_n[going_down & (cell.time_s < heel_s - SMOOTHED_S)].max()),
         "mean_force_n": float(push_n[going_down].mean()),
         "energy_n_m": -work_j(height_m[going_down], push_n[going_down]),
         "descent_m": float(height_m[going_down][0] - height_m[going_down][-1]),
         "final_force_n": float(push_n[-1]),
     }
+    if landed.any():
+        results["descent_at_heel_m"] = float(height_m[going_down][0] - height_m[int(landed.argmax())])
+    return results

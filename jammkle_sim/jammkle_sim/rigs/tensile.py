@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +9,14 @@ import numpy as np
 
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError, parameter
-from jammkle_sim.physics.constants import TENDON_SETS, Fibre, tendon_parameters
+from jammkle_sim.physics.constants import Fibre, tendon_parameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.physics.tendon import tendon_law
 from jammkle_sim.rigs.evaluate import smoothed, work_j
 from jammkle_sim.rigs.model import add_carriage, add_drive, add_imu_sensors, new_spec, set_speed
+from jammkle_sim.rigs.options import parameter_set_option, replaced_within_range, run_timestep_option, seed_option
 from jammkle_sim.rigs.rig import LOAD_CELL, Event, Rig
 from jammkle_sim.rigs.run import Programme, Series
 from jammkle_sim.rigs.vacuum import VacuumStep
@@ -49,17 +49,19 @@ class TensileOptions:
     membrane: str = parameter("yes", "Whether the membrane is on; without it there is no vacuum", choices=("yes", "no"))
     vacuum_pa: float = parameter(0.0, "Vacuum held in the tendon while it is pulled", "Pa", 0.0, 75e3)
     speed_m_s: float = parameter(0.005, "Speed of the crosshead, up and back", "m/s", 0.0005, 1.0)
-    extension_m: float = parameter(0.020, "Where the crosshead turns; a tendon breaks at 0.055", "m", 0.001, 0.08)
+    extension_m: float = parameter(
+        0.020,
+        "Where the crosshead turns; a tendon breaks at 0.055",
+        "m",
+        0.001,
+        0.08,
+    )
     mounting_error_m: float = parameter(
         0.0, "How far the crosshead starts above the tendon's free length", "m", -0.005, 0.005
     )
-    parameter_set: str = parameter(
-        "fitted",
-        "Constants of the tendon: fitted to the paper's measurements, or as printed in it",
-        choices=tuple(TENDON_SETS),
-    )
-    seed: int = parameter(0, "Seed of all sensor noise and of the scatter", "", 0, 2**31 - 1)
-    timestep_s: float = parameter(0.0005, "Length of a simulation step; must divide 1 ms", "s", 1e-4, 1e-3)
+    parameter_set: str = parameter_set_option()
+    seed: int = seed_option()
+    timestep_s: float = run_timestep_option()
 
 
 MOUNTING_SCATTER_M = 0.00019
@@ -69,8 +71,7 @@ in the paper (standard error 0.038 N). The stiffer ones scatter more there than 
 
 def scattered(options: TensileOptions, numbers: tuple[float, float]) -> TensileOptions:
     """Return the options of one repeat: the tendon is never clamped twice at the same length."""
-    error_m = options.mounting_error_m + MOUNTING_SCATTER_M * numbers[0]
-    return dataclasses.replace(options, mounting_error_m=min(max(error_m, -0.005), 0.005))
+    return replaced_within_range(options, mounting_error_m=options.mounting_error_m + MOUNTING_SCATTER_M * numbers[0])
 
 
 def tensile_rig(options: TensileOptions) -> tuple[Rig, Programme]:
@@ -108,12 +109,8 @@ def tensile_rig(options: TensileOptions) -> tuple[Rig, Programme]:
         pneumatics=pneumatics,
         sensors=sensors,
         events=events,
-        description={
-            "options": dataclasses.asdict(options),
-            "tendon": dataclasses.asdict(tendon),
-            "pneumatics": dataclasses.asdict(pneumatics),
-            "sensors": dataclasses.asdict(sensors),
-        },
+        options=options,
+        parts={"tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
         tendon_names=(_TENDON,),
     )
     programme = Programme(
@@ -149,7 +146,11 @@ def _spec(options: TensileOptions, sensors: SensorParameters) -> Any:
 
 
 def _results(topics: Mapping[str, Series], start_s: float, turn_s: float) -> dict[str, float]:
-    """Peak, work and loss from load cell and crosshead, as a test machine reports them."""
+    """Peak, work and loss from load cell and crosshead, as a test machine reports them.
+
+    The share lost is left out where the tendon was slack all the way, the extension at the break, of the tendon itself,
+    where it did not break.
+    """
     cell = topics[names.LOAD_CELL.name]
     force_n = smoothed(cell.column("force_z_n"))
     extension_m = topics[names.JOINT_STATES.name].column(f"{names.CARRIAGE_JOINT}.position")
@@ -157,15 +158,19 @@ def _results(topics: Mapping[str, Series], start_s: float, turn_s: float) -> dic
     going_up = pulled & (cell.time_s <= turn_s)
     loaded_j = work_j(extension_m[going_up], force_n[going_up])
     lost_j = work_j(extension_m[pulled], force_n[pulled])
-    torn = topics[names.TENDON_STATES.name].column(f"{_TENDON}.broken") > 0.0
+    tendon = topics[names.TENDON_STATES.name]
+    torn = tendon.column(f"{_TENDON}.broken") > 0.0
     results = {
         "peak_force_n": float(force_n[pulled].max()),
         "largest_extension_m": float(extension_m.max()),
         "energy_in_n_m": loaded_j,
         "energy_lost_n_m": lost_j,
     }
-    if loaded_j > 0.0:
+    if tendon.column(f"{_TENDON}.tension_n").max() > 0.0 and loaded_j > 0.0:  # slack, both are noise alone
         results["share_lost"] = lost_j / loaded_j
     if torn.any():
-        results["break_extension_m"] = float(extension_m[np.argmax(torn)])
+        # It tore between the last row that has it whole and the first that has it torn.
+        first = int(np.argmax(torn))
+        stretched_m = tendon.column(f"{_TENDON}.extension_m")
+        results["break_extension_m"] = float(stretched_m[max(first - 1, 0) : first + 1].mean())
     return results

@@ -11,12 +11,10 @@ from matplotlib.lines import Line2D
 from jammkle_bringup.core.paper.drawing import SET_COLOURS, SET_NAMES, WIDTH_IN, Picture, draw, finished, label_axes
 from jammkle_bringup.core.paper.experiments import ENERGY, PARAMETER_SETS, SLIP_EXPERIMENTS
 from jammkle_sim.paper_tables import DROP_ROWS
+from jammkle_sim.physics.sensors import CLIP_NET_M_S2
 
 if TYPE_CHECKING:
     from jammkle_bringup.core.paper.comparison import Outcomes
-
-_CLIP_M_S2 = 71.02
-"""Limit of the sensor, net of gravity. Paper."""
 
 
 def drops(outcomes: Outcomes) -> Picture:
@@ -24,7 +22,7 @@ def drops(outcomes: Outcomes) -> Picture:
     figure = Figure(figsize=(WIDTH_IN, 5.4), layout="constrained")
     grid = figure.subplots(2, 3, sharex=True, sharey=True)
     for i, (axes, row) in enumerate(zip(grid.flat, DROP_ROWS, strict=False)):
-        axes.axhline(_CLIP_M_S2, color="#888888", linestyle=":", linewidth=1.0)
+        axes.axhline(CLIP_NET_M_S2, color="#888888", linestyle=":", linewidth=1.0)
         axes.axhline(row.mean, color="black", linestyle="--", linewidth=0.9, label="paper, mean peak")
         draw(axes, outcomes.curves(row.identifier, "fitted"), SET_COLOURS["fitted"], "simulation, fitted")
         axes.set_title(f"({'abcde'[i]}) {row.title}")
@@ -85,6 +83,6 @@ def slips(outcomes: Outcomes) -> Picture:
     bars.legend()
     return finished(
         "fig8", figure, "Slip test: force over descent, and what is dissipated", "Figure 10 (fig8)",
-        "40 degree slope, 5 mm/s down for 110 mm, every repeat. The paper prints no numbers here. The rigid ankle has "
-        "no tendons, so that both sets give the same.",
+        "40 degree slope, 5 mm/s down for 110 mm, every repeat. The paper prints no numbers here. The two ankles' "
+        "force jumps when the heel lands. The rigid ankle has no tendons, so that both sets give the same.",
     )  # fmt: skip

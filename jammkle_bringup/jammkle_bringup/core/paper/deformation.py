@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_sim.fit.reference import REFERENCE_OPTIONS, contact_pressure_pa, fibres_at_rate
+from jammkle_sim.fit.rows import EXTENSION_M
 from jammkle_sim.physics.shear_lag import ShearLagTendon
 
 if TYPE_CHECKING:
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
     from jammkle_sim.physics.constants import TendonParameters
 
-EXTENSION_M = 0.020
-"""As in the paper's figure."""
 _STEPS = 20
 
 

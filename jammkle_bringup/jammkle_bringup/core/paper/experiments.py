@@ -24,11 +24,11 @@ VACUUMS_KPA = (0, 10, 30, 50)
 """Vacuums of the paper's force-displacement curves."""
 
 RIG_OF_TEST = {TENSILE_TEST: "tensile", DROP_TEST: "drop", SLIP_TEST: "slip"}
-PEAK_OF_TEST = {TENSILE_TEST: "peak_force_n", DROP_TEST: "peak_deceleration_m_s2", SLIP_TEST: "peak_force_n"}
-"""Which of a rig's results stands beside the paper's number."""
+PEAK_OF_TEST = {TENSILE_TEST: "peak_force_n", DROP_TEST: "peak_deceleration_m_s2", SLIP_TEST: "peak_before_heel_n"}
+"""Which of a rig's results stands beside the paper's number; in the slip test, beside what it claims."""
 
-ENERGY = "energy_n_m"
-"""The slip rig's other result: work of the push over the descent, J."""
+PEAK_OF_DESCENT, ENERGY = "peak_force_n", "energy_n_m"
+"""The slip rig's other results: peak of the whole descent, N, and work of the push over it, J."""
 
 
 @dataclass(frozen=True)

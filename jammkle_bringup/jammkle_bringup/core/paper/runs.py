@@ -14,8 +14,8 @@ import numpy as np
 from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.core.tether import end_with_parent
 from jammkle_graph import names
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.paper_tables import DROP_TEST, TENSILE_TEST
-from jammkle_sim.physics.constants import GRAVITY_M_S2
 from jammkle_sim.rigs.catalogue import run_rig, scattered
 from jammkle_sim.rigs.evaluate import smoothed
 
@@ -160,7 +160,7 @@ def _shock(run: RigRun) -> Curve:
     landed = released + _first(~falls[released:])
     time_s = imu.time_s - imu.time_s[landed]
     shown = (time_s > -_BEFORE_S) & (time_s < _AFTER_S)
-    return Curve(time_s[shown], upward_m_s2[shown] - GRAVITY_M_S2)
+    return Curve(time_s[shown], upward_m_s2[shown] - STANDARD_GRAVITY_M_S2)
 
 
 def _thinned(x: NDArray[np.float64], y: NDArray[np.float64]) -> Curve:

@@ -1,0 +1,54 @@
+"""A driver with a finger on its clocks and sensors, for the tests of its core."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.hardware import MANIFOLD, PressureSample
+from jammkle_driver.core.requests import Wish
+from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.parameters import DriverParameters
+
+if TYPE_CHECKING:
+    from jammkle_driver.core.channel import ChannelStatus
+
+CHANNELS = ("left", "right", "achilles")
+
+
+class Rig:
+    """A driver with its clocks and a finger on every pressure sensor."""
+
+    def __init__(self, **parameters: float) -> None:
+        self.now = Instant(10.0, 100.0)
+        self.driver = Driver(CHANNELS, DriverParameters(**parameters).settings())
+
+    def active(self) -> Rig:
+        self.driver.activate(self.now)
+        self.measure(0.0)
+        return self
+
+    def wait(self, steady_s: float, graph_s: float | None = None) -> None:
+        passed_s = steady_s if graph_s is None else graph_s
+        self.now = Instant(self.now.steady_s + steady_s, self.now.graph_s + passed_s)
+
+    def measure(self, vacuum_pa: float, *places: str) -> None:
+        for place in places or (*CHANNELS, MANIFOLD):
+            self.driver.measure(PressureSample(place, vacuum_pa, self.now.graph_s), self.now)
+
+    def follow(self, **vacuums_pa: float) -> None:
+        self.driver.follow([Wish(name, value) for name, value in vacuums_pa.items()], self.now, "jam_command")
+
+    def channel(self, name: str) -> ChannelStatus:
+        return self.driver.status.channels[CHANNELS.index(name)]
+
+    def wanted_pa(self, name: str) -> float:
+        return self.channel(name).commanded_vacuum_pa
+
+
+@pytest.fixture(scope="session")
+def make_rig() -> type[Rig]:
+    """Return what makes a driver of three channels, from parameters that differ from their defaults."""
+    return Rig
