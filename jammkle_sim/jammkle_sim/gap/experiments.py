@@ -78,9 +78,7 @@ def next_experiment(
         if times < 100.0  # noqa: PLR2004  # nobody repeats a run more often
         else f"no run made so far tells them apart; the best of them is '{best.name}', where {best.sentence}"
     )
-    return NextExperiment(
-        best.name, best.signal, best.difference, best.difference_physical, best.unit, sentence
-    )
+    return NextExperiment(best.name, best.signal, best.difference, best.difference_physical, best.unit, sentence)
 
 
 def _hardest(

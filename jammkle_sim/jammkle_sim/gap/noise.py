@@ -29,7 +29,8 @@ MOVING = 0.8
 SAME_RUN = 0.02
 """Two recordings are repeats if their nominal simulations differ by less than this share of their range (root mean
 square). Assumed: measured starts scatter by less."""
-_GAUSS = 1.4826
+_SAME_NEIGHBOURS = 0.1
+_USUAL_STEP = 0.2
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,7 @@ def still_noise(signal: Signal) -> float:
     q, _ = np.linalg.qr(basis)
     left = table - (table @ q) @ q.T
     spread = np.sqrt((left**2).sum(axis=1) / (STILL_SAMPLES - q.shape[1]))
-    steps = np.abs(np.diff(np.unique(signal.values)))
-    rounding = float(steps.min()) / np.sqrt(12.0)
-    rounding = rounding if np.unique(signal.values).size < signal.values.size / 2 else 0.0
+    rounding = _rounding(signal.values)
     calm = np.argsort(spread)[: max(FEWEST_STRETCHES, round(STILL_SHARE * stretches))]
     # The median of the calmest share is low even among equal stretches; their median over all would see motion.
     noise = float(np.median(spread[calm])) * _calmest_correction()
@@ -79,6 +78,15 @@ def still_noise(signal: Signal) -> float:
         msg = f"signal '{signal.name}' never rests, so that its noise cannot be told from its motion"
         raise BadRecordingError(f"{msg}; record the same run three times, or a second of standing still")
     return max(noise, rounding)
+
+
+def _rounding(values: NDArray[np.float64]) -> float:
+    """Return the noise of few digits: step / sqrt(12), 0 where neighbours hardly ever are the same."""
+    steps = np.abs(np.diff(values))
+    moved = steps[steps > 0.0]
+    if moved.size == 0 or moved.size > (1.0 - _SAME_NEIGHBOURS) * steps.size:
+        return 0.0
+    return float(np.quantile(moved, _USUAL_STEP)) / np.sqrt(12.0)
 
 
 def _calmest_correction() -> float:

@@ -76,7 +76,9 @@ def with_references(
             holders = [k for k in same if name in reference_nominal[k]]
             if holders:
                 curves = [
-                    np.interp(time_s, references[k].signal(name).time_s, _off(references[k], reference_nominal[k], name))
+                    np.interp(
+                        time_s, references[k].signal(name).time_s, _off(references[k], reference_nominal[k], name)
+                    )
                     for k in holders
                 ]
                 corrections[index][name] = np.mean(curves, axis=0)
@@ -94,9 +96,7 @@ def with_references(
     return Baseline(tuple(corrections), noise, notes)
 
 
-def _off(
-    recording: Recording, nominal: Mapping[str, NDArray[np.float64]], name: str
-) -> NDArray[np.float64]:
+def _off(recording: Recording, nominal: Mapping[str, NDArray[np.float64]], name: str) -> NDArray[np.float64]:
     return recording.signal(name).values - nominal[name]
 
 

@@ -118,9 +118,7 @@ def lay_out(
             fine = np.clip((signal.time_s - first) / max(span, 1e-12) * per * segments, 0, per * segments - 1)
             fine = fine.astype(np.intp) + index * per * segments
             size = signal.time_s.size
-            pieces.append(
-                Piece(index, signal.name, signal.unit, noise[signal.name], slice(place, place + size))
-            )
+            pieces.append(Piece(index, signal.name, signal.unit, noise[signal.name], slice(place, place + size)))
             columns.append(
                 (
                     signal.values - off,
@@ -138,7 +136,9 @@ def lay_out(
         recording = recordings[int(np.argmin(held)) // per]
         msg = f"recording '{recording.name}' is too short to hold anything out ({held.min()} samples in a stretch)"
         raise BadRecordingError(f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per} stretches")
-    labels = [recording.name if per == 1 else f"{recording.name}/{k + 1}" for recording in recordings for k in range(per)]
+    labels = [
+        recording.name if per == 1 else f"{recording.name}/{k + 1}" for recording in recordings for k in range(per)
+    ]
     return Layout(
         pieces=tuple(pieces),
         names=names,

@@ -11,7 +11,6 @@ import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
 from joblib import Parallel, cpu_count, delayed  # type: ignore[import-untyped]  # carries no types
 
-
 from jammkle_sim.gap.recording import BadRecordingError
 
 if TYPE_CHECKING:

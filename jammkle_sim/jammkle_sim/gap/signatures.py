@@ -87,7 +87,13 @@ def _of_signal(
         ("offset", offset, unit, offset_share, f"{name} lies {offset:+.3g} {unit} off throughout: a bias or a load"),
         ("drift", drift, f"{unit}/s", drift_share, f"{name} drifts by {drift:+.3g} {unit}/s: warming, creep or a leak"),
         ("lag", lag, "s", lag_share, f"{name} comes {1e3 * lag:+.3g} ms later than simulated: a delay or a compliance"),
-        ("gain", gain, "1", gain_share, f"{name} is {100.0 * gain:+.3g} % larger than simulated: a gain or a stiffness"),
+        (
+            "gain",
+            gain,
+            "1",
+            gain_share,
+            f"{name} is {100.0 * gain:+.3g} % larger than simulated: a gain or a stiffness",
+        ),
         (
             "sign of rate",
             sign,
