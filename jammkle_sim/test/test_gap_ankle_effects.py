@@ -178,10 +178,12 @@ def test_an_effect_begins_small(effect: AnkleEffect) -> None:
 
 @pytest.mark.parametrize("effect", ONE_OF_EACH, ids=lambda effect: effect.family)
 def test_a_rig_with_an_effect_is_run_again_with_it(effect: AnkleEffect) -> None:
-    """What `jammkle rig --effects` records, the simulator reproduces to the noise with that effect, and only with it."""
+    """What `jammkle rig --effects` records, the simulator reproduces to the noise with that effect, and only so."""
     values = well_on(effect, 0.3)
     correction = Correction(LIBRARY, values)
-    recording = recording_of_run(run_rig("landing", RIGS["landing"].options(), lambda _: None, lambda: False, correction))
+    recording = recording_of_run(
+        run_rig("landing", RIGS["landing"].options(), lambda _: None, lambda: False, correction)
+    )
     with_effect, without = gap(recording, values), gap(recording, {})
     assert with_effect < 1.0
     assert without > with_effect
