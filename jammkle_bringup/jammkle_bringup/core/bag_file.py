@@ -5,15 +5,15 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
-from rosbags.highlevel import AnyReader, AnyReaderError
-
 from jammkle_bringup.core.errors import InputError
+from jammkle_sim.gap.ankle import bag
+from jammkle_sim.gap.recording import BadRecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-_METADATA = "metadata.yaml"
+    from rosbags.highlevel import AnyReader
 
 
 @contextlib.contextmanager
@@ -25,29 +25,7 @@ def opened(path: Path) -> Iterator[AnyReader]:
 
     """
     try:
-        there, whole = path.exists(), not path.is_dir() or (path / _METADATA).is_file()
-    except OSError as error:  # a name too long, a folder that may not be looked into
-        raise InputError(_unreadable(path, error)) from error
-    if not there:
-        msg = f"bag {path} does not exist"
-        raise InputError(msg)
-    if not whole:
-        msg = f"{path} is not a bag: it holds no {_METADATA}"
-        raise InputError(msg)
-    try:
-        reader = AnyReader([path])
-        reader.open()
-    # The library lets errors of its parsers, of struct and of the file system through, depending on what is broken.
-    except Exception as error:
-        raise InputError(_unreadable(path, error)) from error
-    try:
-        yield reader
-    except AnyReaderError as error:
-        raise InputError(_unreadable(path, error)) from error
-    finally:
-        reader.close()
-
-
-def _unreadable(path: Path, error: Exception) -> str:
-    why = " ".join(str(error).split()) or type(error).__name__
-    return f"bag {path} cannot be read: {why}"
+        with bag.opened(path) as reader:
+            yield reader
+    except BadRecordingError as error:
+        raise InputError(str(error)) from error
