@@ -168,7 +168,11 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     criteria = criteria or Criteria()
     started = time.perf_counter()
 
+    furthest = 0.0
+
     def progress(stage: str, share: float) -> None:
+        nonlocal furthest
+        furthest = share = max(share, furthest)
         passed = time.perf_counter() - started
         on_progress(stage, share, passed * (1.0 - share) / max(share, 0.02))
 
@@ -181,7 +185,8 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     else:
         baseline = without_references(recordings, nominal)
     noise = {name: source.noise for name, source in baseline.noise.items()}
-    layout = lay_out(recordings, nominal, noise, baseline.corrections)
+    hanging = {name: source.factor for name, source in baseline.noise.items()}
+    layout = lay_out(recordings, nominal, noise, baseline.corrections, hanging)
     residual = layout.residual(nominal)
     calibrated = uncalibrated(residual)
     if calibration is not None:

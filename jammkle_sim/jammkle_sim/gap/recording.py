@@ -31,6 +31,10 @@ class Signal:
     """Shape (n,), in `unit`."""
     noise: float = 0.0
     """Standard deviation of what differs from sample to sample and from run to run, in `unit`; 0: not known yet."""
+    bias: float = 0.0
+    """Constant offset that the sensor may have by its data sheet (standard deviation), in `unit`: not worth a name."""
+    noise_time_s: float = 0.0
+    """Time over which the noise hangs together, so that it counts as one sample; the whole run if runs drift apart."""
 
     def __post_init__(self) -> None:
         """Check the shapes.

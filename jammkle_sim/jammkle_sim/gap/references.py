@@ -92,7 +92,7 @@ def with_references(
     for name, factor in grown.items():
         source = noise[name]
         words = f"{source.source}, and what differs in the references" if factor > _SMALLEST_FLOOR else source.source
-        noise[name] = NoiseSource(name, source.unit, source.noise * factor, words)
+        noise[name] = NoiseSource(name, source.unit, source.noise * factor, words, source.factor)
     return Baseline(tuple(corrections), noise, notes)
 
 

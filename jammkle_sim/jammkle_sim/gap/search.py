@@ -48,7 +48,7 @@ _AT_FLOOR = 1.2
 BEST_SINGLES = 2
 MOST_RENEWED = 5
 """Of them, fitted once more with derivatives of their own."""
-MOST_EFFECTS = 3
+MOST_EFFECTS = 4
 MOST_FINALISTS = 5
 """Candidates that are fitted again with derivatives of their own."""
 MOST_CORRELATED = 10.0

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 WORTH = 0.05
 """Signatures that go along with less of the squared residual than this are not listed."""
+AT_FLOOR = 1.2
+"""Signals whose gap is not above this have none; noise units."""
 _HOLDING = "hold"
 
 
@@ -49,9 +51,11 @@ def signatures(
     residual: NDArray[np.float64],
 ) -> tuple[Signature, ...]:
     """Look for every signature in every signal, and return those worth listing, strongest first."""
+    gaps = layout.gaps(residual)
     found = [
         signature
         for name in layout.names
+        if gaps[name] > AT_FLOOR
         for signature in _of_signal(layout, recordings, simulated, residual, name)
         if signature.share >= WORTH
     ]

@@ -43,6 +43,8 @@ class Criteria:
     """The same, where references took the simulator's own faults off."""
     explained_share: float = 0.9
     """Share of the gap above the floor that a candidate has to close, held out."""
+    explained_share_each: float = 0.8
+    """The same, of every single signal that is left with a gap."""
     material_share: float = 0.035
     """A further effect has to close at least this share of the gap, or it is not named."""
     temperature: float = 2.0
@@ -153,6 +155,14 @@ def judge(
     share = f"{names} closes {100.0 * closed:.0f} % of the gap on held-out data"
     # Also what a small gap leaves, though it would count as none, must not be much of it.
     utmost = closed_share(layout.gap(nominal.held_out), layout.gap(chosen[0].held_out))
+    before, after = layout.gaps(nominal.held_out), layout.gaps(best.held_out)
+    poor = [
+        name
+        for name in layout.names
+        if after[name] > limit and not closed_share(before[name], after[name]) >= criteria.explained_share_each
+    ]
+    if poor:
+        return leads(where, f"{share}, but {poor[0]} is still off by {after[poor[0]]:.1f} times its noise")
     if not max(closed, utmost) >= criteria.explained_share:
         return leads(
             where,
