@@ -102,13 +102,13 @@ def moves(
 
 
 def gap(recording: Recording, values: Mapping[str, float]) -> float:
-    """Difference of measured and simulated over all signals, root mean square in noise."""
+    """Difference of measured and simulated over all signals, root mean square in noise, offsets of sensors counted."""
     simulated = SIMULATOR(recording, values)
-    return float(
-        np.sqrt(
-            np.mean([np.mean(((each.values - simulated[each.name]) / each.noise) ** 2) for each in recording.signals])
-        )
-    )
+    squares = []
+    for signal in recording.signals:
+        noise = np.hypot(signal.noise, signal.bias)
+        squares.append(np.mean(((signal.values - simulated[signal.name]) / noise) ** 2))
+    return float(np.sqrt(np.mean(squares)))
 
 
 def test_the_library_is_the_one_of_the_specification() -> None:

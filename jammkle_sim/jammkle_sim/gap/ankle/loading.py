@@ -12,7 +12,7 @@ from jammkle_graph import names
 from jammkle_sim.gap.ankle import checks
 from jammkle_sim.gap.ankle.bag import read_bag
 from jammkle_sim.gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
-from jammkle_sim.gap.ankle.instruments import UNITS, declared_noise, quantity_of
+from jammkle_sim.gap.ankle.instruments import UNITS, declared_bias, declared_noise, quantity_of
 from jammkle_sim.gap.ankle.phases import FALLING_RIGS, air_phases, motion_phases, pressure_signals
 from jammkle_sim.gap.ankle.predictability import with_replay_scatter
 from jammkle_sim.gap.ankle.starting import rig_start_s
@@ -24,7 +24,7 @@ from jammkle_sim.rigs.replay import CommandTrack, timestep_s
 from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -43,6 +43,8 @@ _CONSTANT = 1e-3
 _SLOW_HZ = 200.0
 """Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
 hundreds of runs."""
+_ROUNDING_S = 1e-9
+"""What stamps of the same time may differ by, s."""
 _REGIME = ("foot", "material", "membrane", "jam", "channel", "vacuum_pa", "speed_m_s")
 """Options that make a regime of their own; the others only scatter or are the same for all."""
 
@@ -88,7 +90,13 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     built = nominal_rig(inputs)
     start_s = rig_start_s(bag, topics, built, notes)
     commands = _commands(topics, start_s)
-    signals = _signals(bag.name, topics, start_s, declared_noise(built, timestep_s(built)))
+    noise, bias = declared_noise(built, timestep_s(built)), declared_bias(built)
+    signals = {
+        each.name: dataclasses.replace(
+            each, noise=noise[quantity_of(each.name)], bias=bias.get(quantity_of(each.name), 0.0)
+        )
+        for each in _signals(bag.name, topics, start_s)
+    }
     checks.check_numbers(bag.name, signals.values())
     checks.check_alive(bag.name, signals, commands.solenoids)
     _check_length(bag.name, signals)
@@ -173,22 +181,16 @@ def _commands(topics: Mapping[str, Samples], start_s: float) -> CommandTrack:
     return CommandTrack(timeline(names.PUMP_DUTY.name), solenoids)
 
 
-def _signals(bag: str, topics: Mapping[str, Samples], start_s: float, noise: Mapping[str, float]) -> dict[str, Signal]:
-    signals: dict[str, Signal] = {}
+def _signals(bag: str, topics: Mapping[str, Samples], start_s: float) -> Iterator[Signal]:
     for topic, samples in topics.items():
-        if topic in _COMMANDS:
-            continue
         time_s = samples.stamp_s - start_s
+        inside = time_s >= -_ROUNDING_S
         for column, values in samples.columns.items():
             name = _signal_name(topic, column)
-            if name is None:
+            if name is None or topic in _COMMANDS or not inside.any():
                 continue
             _check_finite(bag, name, time_s, values)
-            quantity = quantity_of(name)
-            inside = time_s >= -1e-9  # noqa: PLR2004 - rounding of the stamps
-            if inside.any():
-                signals[name] = Signal(name, UNITS[quantity], time_s[inside], values[inside], noise[quantity])
-    return signals
+            yield Signal(name, UNITS[quantity_of(name)], time_s[inside], values[inside])
 
 
 def _signal_name(topic: str, column: str) -> str | None:

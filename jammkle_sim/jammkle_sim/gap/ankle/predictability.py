@@ -42,7 +42,13 @@ def with_replay_scatter(recording: Recording) -> Recording:
     runs += [_readings(recording, _nudged(rig, *nudge)) for nudge in nudges[_FEW_RUNS:]]
     noise = _noise(recording, runs)
     note = f"contact makes the run hard to foretell, which adds to the noise of: {', '.join(noise)}"
-    return dataclasses.replace(recording.with_noise(noise), notes=(*recording.notes, note))
+    # Two runs that have parted stay apart: what scatters counts once, not sample by sample.
+    whole_s = max(float(signal.time_s[-1]) for signal in recording.signals)
+    signals = tuple(
+        dataclasses.replace(each, noise=noise[each.name], noise_time_s=whole_s) if each.name in noise else each
+        for each in recording.signals
+    )
+    return dataclasses.replace(recording, signals=signals, notes=(*recording.notes, note))
 
 
 def _noise(recording: Recording, runs: list[dict[str, NDArray[np.float64]]]) -> dict[str, float]:
