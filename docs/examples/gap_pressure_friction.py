@@ -27,8 +27,10 @@ SMOOTH = 11
 THIN = 5
 """Every so many samples are compared: 20 Hz."""
 SLOW_MM_S = 1.0
-"""Half width of the reversal, where friction changes its sign; assumed."""
+"""Below this the piston counts as resting, and friction keeps the sign of the last motion; assumed."""
 MOVING_MM_S = 3.0
+FORCE_N_BAR = 51.8
+"""Slope of the mean of both directions over pressure, read off the recordings, N/bar."""
 LIBRARY = Library(
     (
         Effect(
@@ -50,16 +52,16 @@ LIBRARY = Library(
             "The grease is stiff.",
         ),
         Effect(
+            "presliding",
+            "seal",
+            (EffectParameter("length", "mm", 0.0, 0.0, 4.0, "assumed: about the seal's thickness"),),
+            "The seal rolls in its groove before it slides: a tighter groove.",
+        ),
+        Effect(
             "spring",
             "rig",
             (EffectParameter("stiffness", "N/mm", 0.0, -0.5, 0.5, "assumed"),),
             "A hose or cable pulls on the piston.",
-        ),
-        Effect(
-            "load_cell_offset",
-            "sensing",
-            (EffectParameter("force", "N", 0.0, -5.0, 5.0, "assumed"),),
-            "Zero the load cell.",
         ),
     )
 )
@@ -68,8 +70,14 @@ CALIBRATION = Library(
         Effect(
             "area",
             "piston",
-            (EffectParameter("force_per_bar", "N/bar", 51.8, 48.0, 56.0, "8 mm bore and what was read; assumed"),),
+            (EffectParameter("force_per_bar", "N/bar", FORCE_N_BAR, 48.0, 56.0, "assumed"),),
             "The piston's area, and the load cell's gain with it.",
+        ),
+        Effect(
+            "load_cell_offset",
+            "sensing",
+            (EffectParameter("force", "N", 0.0, -5.0, 5.0, "assumed"),),
+            "Zero the load cell.",
         ),
     )
 )
@@ -81,9 +89,21 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
     pressure, rate = inputs["pressure"], inputs["rate"]
     rub = inputs["dry"] + values.get("dry_friction.more", 0.0)
     rub = rub + values.get("pressure_friction.per_bar", 0.0) * (pressure - PRESSURES_BAR[0])
-    force = values.get("area.force_per_bar", 51.8) * pressure + rub * np.tanh(rate / SLOW_MM_S)
+    side = turned(inputs["direction"], inputs["position"], values.get("presliding.length", 0.0))
+    force = values.get("area.force_per_bar", FORCE_N_BAR) * pressure + rub * side
     force += values.get("viscous_friction.coefficient", 0.0) * rate + values.get("load_cell_offset.force", 0.0)
     return {"force": force + values.get("spring.stiffness", 0.0) * inputs["position"]}
+
+
+def turned(side: NDArray[np.float64], position: NDArray[np.float64], length_mm: float) -> NDArray[np.float64]:
+    """Let friction turn over a length after each reversal, instead of at once (Dahl)."""
+    if length_mm <= 0.0:
+        return side
+    share = 1.0 - np.exp(-np.abs(np.diff(position, prepend=position[0])) / length_mm)
+    found = side.copy()
+    for k in range(1, side.size):
+        found[k] = found[k - 1] + share[k] * (side[k] - found[k - 1])
+    return found
 
 
 def columns(file: Path) -> tuple[NDArray[np.float64], ...]:
@@ -96,9 +116,10 @@ def columns(file: Path) -> tuple[NDArray[np.float64], ...]:
 
 
 def friction_n(file: Path) -> float:
-    """Return half of what lies between the force of moving up and down."""
-    _, _, rate, _, force = columns(file)
-    return float(np.median(force[rate > MOVING_MM_S]) - np.median(force[rate < -MOVING_MM_S])) / 2.0
+    """Return half of what lies between the force of moving in and out, at the same pressure, N."""
+    _, _, rate, pressure, force = columns(file)
+    rest = force - FORCE_N_BAR * pressure
+    return float(np.median(rest[rate > MOVING_MM_S]) - np.median(rest[rate < -MOVING_MM_S])) / 2.0
 
 
 def rerun_noise_n(folder: Path) -> float:
@@ -110,10 +131,17 @@ def rerun_noise_n(folder: Path) -> float:
     return float(np.sqrt(np.mean(spreads)))
 
 
+def direction(rate_mm_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sign of the motion, or of the last one."""
+    moving = np.abs(rate_mm_s) > SLOW_MM_S
+    last = np.maximum.accumulate(np.where(moving, np.arange(rate_mm_s.size), np.argmax(moving)))
+    return np.sign(rate_mm_s[last])
+
+
 def load(file: Path, bar: int, dry_n: float, noise_n: float) -> Recording:
     """Read one run."""
     time_s, position, rate, pressure, force = (column[::THIN] for column in columns(file))
-    inputs = {"position": position, "rate": rate, "pressure": pressure, "dry": dry_n}
+    inputs = {"position": position, "rate": rate, "pressure": pressure, "dry": dry_n, "direction": direction(rate)}
     return Recording(file.stem, (Signal("force", "N", time_s, force, noise_n),), inputs, regime=f"{bar} bar")
 
 
