@@ -20,6 +20,7 @@ PHASE_WORDS = {
     "loading": "while it is loaded",
     "unloading": "while it is unloaded",
     "reversal": "at the reversal",
+    "falling": "while it falls",
     "impact": "at the impact",
     "rebound": "in the rebound",
     "sliding": "while it slides",
@@ -80,8 +81,6 @@ def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
     if diagnosis.verdict is Verdict.UNKNOWN:
         worst = diagnosis.where.places[0]
         texts = [f"Most of the gap is in {place_label(worst)}: {percent(worst.share)} ({percents(worst.interval)})."]
-        if diagnosis.formula is not None:
-            texts.append(f"What is left there follows {diagnosis.formula.text}.")
         if diagnosis.effects:
             names = " + ".join(label(effect.name) for effect in diagnosis.effects)
             texts.append(f"Closest of the library, and not enough: {names}.")
@@ -107,8 +106,13 @@ def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
         f"{percent(place.share)} of the gap ({percents(place.interval)}) is in {place_label(place)}.{_blame(diagnosis)}"
     )
     texts.append(closed_sentence(diagnosis))
+    if diagnosis.formula is not None:
+        texts.append(
+            f"A formula explains {percent(diagnosis.formula.share)} of what is left of {diagnosis.formula.signal}."
+        )
     if diagnosis.next_experiment is not None:
-        texts.append(f"To tell them apart: {diagnosis.next_experiment.sentence}.")
+        following = diagnosis.next_experiment
+        texts.append(f"To tell them apart, record '{following.name}': there, {following.sentence}.")
     return tuple(texts)
 
 
@@ -125,6 +129,22 @@ def closed_sentence(diagnosis: Diagnosis) -> str:
     if math.isfinite(overall.closed):
         text += f"; over all signals {percent(overall.closed)} ({percents(overall.interval)})"
     return f"{text}."
+
+
+def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return what was noted on the recordings, each thing once."""
+    counted: dict[str, int] = {}
+    for note in diagnosis.notes:
+        counted[note] = counted.get(note, 0) + 1
+    return tuple(f"{note} ({count} recordings)" if count > 1 else note for note, count in counted.items())
+
+
+def effects_title(diagnosis: Diagnosis) -> str:
+    """Return what the table of effects and their sizes shows."""
+    return {
+        Verdict.UNKNOWN: "The closest lead, which does not explain the gap",
+        Verdict.AMBIGUOUS: "The first of the set",
+    }.get(diagnosis.verdict, "What explains the gap")
 
 
 def corrected_note(diagnosis: Diagnosis, file: str) -> str:
