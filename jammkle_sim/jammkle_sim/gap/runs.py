@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import time
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -148,7 +149,12 @@ class Runs:
         if len(tasks) < 2 or not self._picklable or self._jobs == 1 or not spread:  # noqa: PLR2004  # one needs no help
             return [_run(*task) for task in tasks]
         parallel: Any = Parallel(n_jobs=self._jobs if self._jobs is not None else -1)
-        done: list[tuple[Signals | None, float]] = parallel(delayed(_run)(*task) for task in tasks)
+        try:
+            done: list[tuple[Signals | None, float]] = parallel(delayed(_run)(*task) for task in tasks)
+        except BrokenExecutor:
+            # A process died, or could not import what the simulator is made of: here it is at hand.
+            self._picklable = False
+            done = [_run(*task) for task in tasks]
         return done
 
 
