@@ -10,6 +10,7 @@ import yaml
 
 from jammkle_graph import names
 from jammkle_sim.gap.ankle import checks
+from jammkle_sim.gap.ankle.arrivals import is_exact, with_arrivals
 from jammkle_sim.gap.ankle.bag import read_bag
 from jammkle_sim.gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
 from jammkle_sim.gap.ankle.instruments import UNITS, declared_bias, declared_noise, quantity_of
@@ -43,6 +44,9 @@ _CONSTANT = 1e-3
 _SLOW_HZ = 200.0
 """Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
 hundreds of runs."""
+_COMMAND_JITTER_S = 0.001
+"""What is left unknown of when a command of a live graph arrived, standard deviation, s. Assumed: the grid that it is
+searched on."""
 _ROUNDING_S = 1e-9
 """What stamps of the same time may differ by, s."""
 _REGIME = ("foot", "material", "membrane", "jam", "channel", "vacuum_pa", "speed_m_s")
@@ -105,6 +109,9 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     checks.check_rig(bag.name, built, signals, parts.joints, start_m)
     inputs = dataclasses.replace(inputs, commands=commands)
     inputs = _with_air(inputs, bag, signals, built.pneumatics.ambient_pa, notes)
+    exact = is_exact(bag)
+    if not exact:
+        inputs = with_arrivals(inputs, nominal_rig(inputs), signals, notes)
     kept = {each: signal for each, signal in signals.items() if np.ptp(signal.values) > _CONSTANT * signal.noise}
     if len(kept) < len(signals):
         notes.append(f"constant, and left out: {', '.join(sorted(set(signals) - set(kept)))}")
@@ -114,7 +121,7 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     phases = _phases(name, kept, commands)
     thin = tuple(signal if name in FALLING_RIGS else _thinned(signal) for signal in kept.values())
     recording = Recording(bag.name, thin, inputs, tuple(phases), _regime(inputs), tuple(notes))
-    return with_replay_scatter(recording)
+    return with_replay_scatter(recording, 0.0 if exact else _COMMAND_JITTER_S)
 
 
 _COMMANDS = (names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values()))
