@@ -164,6 +164,8 @@ def test_what_was_stopped_says_so_first() -> None:
     """A diagnosis that was ended early warns above its verdict."""
     text = page(dataclasses.replace(made_up(Verdict.EFFECTS), finished=False), SETTING)
     assert 0 < text.index('id="unfinished"') < text.index('id="verdict"')
+    unknown = words.headline(dataclasses.replace(made_up(Verdict.UNKNOWN), finished=False))
+    assert "no effect of the library" not in unknown
 
 
 def test_pages_stay_small_however_much_was_recorded() -> None:

@@ -65,10 +65,13 @@ def headline(diagnosis: Diagnosis) -> str:
         left = max(diagnosis.signals, key=lambda each: each.closing.with_effect)
         most = f"{left.signal} is off by {noise_units(left.closing.with_effect)} times its noise"
         but = " with the best of them" if diagnosis.effects else ""
+        if not diagnosis.finished:
+            return f"Stopped before an explanation was found: {most}{but}."
         return f"Something real is left that no effect of the library explains: {most}{but}."
     if diagnosis.verdict is Verdict.EFFECTS:
         found = [finding(effect) for effect in diagnosis.effects]
-        return f"{_sentence_of(found)}: that explains the gap, and no other candidate does as well."
+        rival = "candidate does as well" if diagnosis.finished else "does as well of what was tried before the stop"
+        return f"{_sentence_of(found)}: that explains the gap, and no other {rival}."
     found = ["; ".join(finding(effect) for effect in each.effects) or _NO_EFFECT for each in diagnosis.candidates]
     options = "; or ".join(found)
     return f"One of {len(found)} explanations, which these recordings cannot tell apart: {options}."
@@ -121,6 +124,8 @@ def closed_sentence(diagnosis: Diagnosis) -> str:
     names = " + ".join(label(effect.name) for effect in diagnosis.effects)
     worst = max(diagnosis.signals, key=lambda each: each.closing.nominal)
     overall, closing = diagnosis.gap, worst.closing
+    if not names and not diagnosis.finished:
+        return "What was fitted before the stop foretells nothing clearly better than the nominal simulator does."
     if not names:
         return "No candidate foretells what it was not fitted to clearly better than the nominal simulator."
     text = f"With {names}, {worst.signal} goes from {noise_units(closing.nominal)} to"
