@@ -32,7 +32,9 @@ LIBRARY = Library(
             "chamber",
             (
                 EffectParameter("rate", "1/s", 0.0, 0.0, 0.3, "assumed: empty within seconds"),
-                EffectParameter("start", "s", 0.0, 0.0, 12.0, "assumed: the supply is shut off within the first seconds"),
+                EffectParameter(
+                    "start", "s", 0.0, 0.0, 12.0, "assumed: the supply is shut off within the first seconds"
+                ),
             ),
             "The chamber leaks: check walls and push-fits.",
         ),
@@ -70,7 +72,7 @@ def load(folder: Path, name: str, noise_mbar: float, noise_time_s: float) -> Rec
 
 
 def repeat_noise(folder: Path) -> tuple[float, float]:
-    """Return how far three runs of one chamber, switched on again, differ at the same time, mbar, and for how long, s."""
+    """Return how far three runs of one chamber differ at the same time, mbar, and how long that lasts, s."""
     lines = (folder / "Resultaten_opnieuwaanzetten.csv").read_text(encoding="latin-1").splitlines()[1:]
     cells = [line.split(";")[1:4] for line in lines if line.strip(";")]
     runs = np.array([[float(cell.replace(",", ".")) for cell in row] for row in cells])

@@ -46,6 +46,8 @@ def measured(name, command, random):
 
 if __name__ == "__main__":
     source, times_s = np.random.default_rng(1), STEP_S * np.arange(500)
-    runs = [measured(f"{hertz} Hz", 0.5 * np.sin(2 * np.pi * hertz * times_s), source) for hertz in (0.3, 0.5, 0.8, 1.2)]
+    runs = [
+        measured(f"{hertz} Hz", 0.5 * np.sin(2 * np.pi * hertz * times_s), source) for hertz in (0.3, 0.5, 0.8, 1.2)
+    ]
     diagnosis = diagnose(runs, simulate, LIBRARY)
     print(diagnosis.verdict.value, *(effect.name for effect in diagnosis.effects), *diagnosis.reasons, sep="\n")

@@ -69,7 +69,7 @@ LIBRARY = Library(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]  # numba carries no types
-def swing(
+def swing(  # noqa: PLR0913, PLR0917  # compiled: plain numbers only
     on: NDArray[np.bool_],
     goal_rad: NDArray[np.float64],
     step_s: float,
@@ -90,7 +90,9 @@ def swing(
             duty = min(1.0, max(-1.0, duty_per_rad * (goal_rad[k] - angle)))
             motor = constant / resistance * (supply_v * duty - constant * rate) if on[k] else 0.0
             weight = -weight_n_m * np.sin(angle)
-            rub = dry + load * abs(motor - weight) + stribeck * np.exp(-((rate / rate_scale) ** 2)) + viscous * abs(rate)
+            rub = (
+                dry + load * abs(motor - weight) + stribeck * np.exp(-((rate / rate_scale) ** 2)) + viscous * abs(rate)
+            )
             free = rate + small * (motor + weight) / inertia
             brake = small * rub / inertia
             rate = 0.0 if abs(free) <= brake else free - brake * np.sign(free)

@@ -44,7 +44,7 @@ def command(kind: str) -> NDArray[np.float64]:
 
 
 @njit
-def swing(late, gain, mass, damping, coulomb):
+def swing(late, gain, mass, damping, coulomb):  # noqa: ANN001, ANN201  # compiled
     """Semi-implicit Euler, four steps a sample, friction as a hyperbolic tangent."""
     inertia, weight, small = mass * 0.04 + 0.002, mass * 9.81 * 0.2, STEP_S / 4
     angle = rate = 0.0
@@ -73,7 +73,7 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
 
 
 @njit
-def acceleration(angle, rate, target, gain, mass, damping, coulomb, drag):
+def acceleration(angle, rate, target, gain, mass, damping, coulomb, drag):  # noqa: ANN001, ANN201  # compiled
     """Other friction: an arcus tangent with a bump at rest, and air drag."""
     rub = coulomb * 2.0 / math.pi * math.atan(rate / 0.01) * (1.0 + 0.1 * math.exp(-((rate / 0.1) ** 2)))
     torque = gain * (target - angle) - 0.05 * rate - damping * rate - rub - drag * rate * abs(rate)
@@ -81,7 +81,7 @@ def acceleration(angle, rate, target, gain, mass, damping, coulomb, drag):
 
 
 @njit
-def swing_really(late, gain, mass, damping, coulomb, drag):
+def swing_really(late, gain, mass, damping, coulomb, drag):  # noqa: ANN001, ANN201  # compiled
     """Runge-Kutta of fourth order, seven steps a sample."""
     angle = rate = 0.0
     h = STEP_S / 7

@@ -126,6 +126,20 @@ def _no_progress(_: str, __: float, ___: float) -> None:
     pass
 
 
+class _Progress:
+    """Says how far it is, never less than before, and how long it will take at this speed."""
+
+    def __init__(self, on_progress: Callable[[str, float, float], None]) -> None:
+        self._tell = on_progress
+        self._started = time.perf_counter()
+        self._furthest = 0.0
+
+    def __call__(self, stage: str, share: float) -> None:
+        self._furthest = max(share, self._furthest)
+        passed_s = time.perf_counter() - self._started
+        self._tell(stage, self._furthest, passed_s * (1.0 - self._furthest) / max(self._furthest, 0.02))
+
+
 def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     recordings: Sequence[Recording],
     simulator: Simulator,
@@ -166,16 +180,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         msg = "no recordings; give at least one"
         raise BadRecordingError(msg)
     criteria = criteria or Criteria()
-    started = time.perf_counter()
-
-    furthest = 0.0
-
-    def progress(stage: str, share: float) -> None:
-        nonlocal furthest
-        furthest = share = max(share, furthest)
-        passed = time.perf_counter() - started
-        on_progress(stage, share, passed * (1.0 - share) / max(share, 0.02))
-
+    progress = _Progress(on_progress)
     progress("simulating the recordings", 0.0)
     runs = Runs(simulator, recordings, jobs=jobs, stop=stop)
     nominal = runs.nominal()

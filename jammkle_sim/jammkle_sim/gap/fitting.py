@@ -184,7 +184,7 @@ def fit_side_by_side(starts: Sequence[Fit], loss: Loss, runs: Runs, layout: Layo
     for index, worker in enumerate(workers):
         try:
             asked[index] = next(worker)
-        except StopIteration as end:
+        except StopIteration as end:  # noqa: PERF203  # how a generator hands over its result
             done[index] = end.value
     while asked:
         order = sorted(asked)
@@ -192,7 +192,7 @@ def fit_side_by_side(starts: Sequence[Fit], loss: Loss, runs: Runs, layout: Layo
         for index, result in zip(order, results, strict=True):
             try:
                 asked[index] = workers[index].send(layout.residual(result))
-            except StopIteration as end:
+            except StopIteration as end:  # noqa: PERF203  # as above
                 done[index] = end.value
                 del asked[index]
     return [done[index] for index in range(len(starts))]

@@ -25,13 +25,14 @@ STILL_SAMPLES = 24
 STILL_SHARE = 0.2
 """The calmest share of the stretches is taken as still. Assumed: a recording rests, or moves steadily, this long."""
 FEWEST_STRETCHES = 3
-MOVING = 0.8
+MOVING = 0.6
 """Correlation of neighbours in the calmest stretches, their curve taken out, above which the signal never rests."""
 SAME_RUN = 0.02
 """Two recordings are repeats if their nominal simulations differ by less than this share of their range (root mean
 square). Assumed: measured starts scatter by less."""
 _SAME_NEIGHBOURS = 0.1
 _USUAL_STEP = 0.2
+_STAIRS = 1.5
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ def still_noise(signal: Signal) -> float:
     stretches = signal.values.size // STILL_SAMPLES
     if stretches < FEWEST_STRETCHES:
         msg = f"signal '{signal.name}' has {signal.values.size} samples, too few to tell its noise"
-        raise BadRecordingError(f"{msg}; record at least {FEWEST_STRETCHES * STILL_SAMPLES}, or repeat the run")
+        msg = f"{msg}; record at least {FEWEST_STRETCHES * STILL_SAMPLES}, or repeat the run"
+        raise BadRecordingError(msg)
     if np.ptp(signal.values) == 0.0:
         msg = f"signal '{signal.name}' is {signal.values[0]:g} {signal.unit} throughout; record a sensor that moves"
         raise BadRecordingError(msg)
@@ -73,13 +75,14 @@ def still_noise(signal: Signal) -> float:
     calm = np.argsort(spread)[: max(FEWEST_STRETCHES, round(STILL_SHARE * stretches))]
     # The median of the calmest share is low even among equal stretches; their median over all would see motion.
     noise = float(np.median(spread[calm])) * _calmest_correction()
-    if noise <= rounding:
+    if noise <= _STAIRS * rounding:
         return rounding
     calmest = left[calm]
     neighbours = float((calmest[:, 1:] * calmest[:, :-1]).sum() / (calmest**2).sum())
     if neighbours > MOVING:
         msg = f"signal '{signal.name}' never rests, so that its noise cannot be told from its motion"
-        raise BadRecordingError(f"{msg}; record the same run three times, or a second of standing still")
+        msg = f"{msg}; record the same run three times, or a second of standing still"
+        raise BadRecordingError(msg)
     return max(noise, rounding)
 
 
@@ -89,14 +92,14 @@ def _rounding(values: NDArray[np.float64]) -> float:
     moved = steps[steps > 0.0]
     if moved.size == 0 or moved.size > (1.0 - _SAME_NEIGHBOURS) * steps.size:
         return 0.0
-    return float(np.quantile(moved, _USUAL_STEP)) / np.sqrt(12.0)
+    return float(np.quantile(moved, _USUAL_STEP) / np.sqrt(12.0))
 
 
 def _calmest_correction() -> float:
     """Return by how much the median scatter of the calmest share lies below the true scatter of white noise."""
-    # The scatter of m samples is spread by about 1 / sqrt(2 m); the middle of the lowest share q lies at quantile q / 2.
+    # The scatter of m samples is spread by 1 / sqrt(2 m); the middle of the lowest share q lies at quantile q / 2.
     quantile = -1.2816  # of the normal distribution at STILL_SHARE / 2 = 0.1
-    return 1.0 / (1.0 + quantile / np.sqrt(2.0 * (STILL_SAMPLES - 3)))
+    return float(1.0 / (1.0 + quantile / np.sqrt(2.0 * (STILL_SAMPLES - 3))))
 
 
 def repeats(
@@ -234,7 +237,7 @@ def _still(signals: Sequence[Signal]) -> NoiseSource:
     for signal in signals:
         try:
             found.append(still_noise(signal))
-        except BadRecordingError as error:
+        except BadRecordingError as error:  # noqa: PERF203  # a few signals
             problem = error
     if not found:
         raise problem

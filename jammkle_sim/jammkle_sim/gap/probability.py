@@ -20,7 +20,7 @@ UNKNOWN = "unknown"
 
 def _beyond(ratio: float, sharpness: float) -> float:
     """Return the probability that something lies beyond a limit, given its ratio to it."""
-    power = min(max(ratio, 1e-6), 1e6) ** sharpness
+    power = float(min(max(ratio, 1e-6), 1e6) ** sharpness)
     return power / (1.0 + power)
 
 

@@ -45,7 +45,8 @@ class Signal:
         """
         if self.time_s.ndim != 1 or self.time_s.shape != self.values.shape or self.time_s.size == 0:
             msg = f"signal '{self.name}' has times of shape {self.time_s.shape} and values of shape {self.values.shape}"
-            raise BadRecordingError(f"{msg}; both must be (n,) with n of 1 or more")
+            msg = f"{msg}; both must be (n,) with n of 1 or more"
+            raise BadRecordingError(msg)
         if not (np.isfinite(self.time_s).all() and np.isfinite(self.values).all()):
             bad = int(np.argmax(~(np.isfinite(self.time_s) & np.isfinite(self.values))))
             msg = f"signal '{self.name}' is not a finite number at sample {bad}; leave such samples out"

@@ -53,11 +53,7 @@ def with_references(
         BadRecordingError: a reference is one of the recordings.
 
     """
-    for one in recordings:
-        for other in references:
-            if _identical(one, other):
-                msg = f"recording '{one.name}' is also given as reference '{other.name}'"
-                raise BadRecordingError(f"{msg}; a reference must be a run of its own")
+    _refuse_the_same(recordings, references)
     noise, notes = find_noise(recordings, nominal)
     reference_noise, _ = find_noise(references, reference_nominal)
     for name, source in reference_noise.items():
@@ -98,6 +94,15 @@ def with_references(
 
 def _off(recording: Recording, nominal: Mapping[str, NDArray[np.float64]], name: str) -> NDArray[np.float64]:
     return recording.signal(name).values - nominal[name]
+
+
+def _refuse_the_same(recordings: Sequence[Recording], references: Sequence[Recording]) -> None:
+    for one in recordings:
+        for other in references:
+            if _identical(one, other):
+                msg = f"recording '{one.name}' is also given as reference '{other.name}'"
+                msg = f"{msg}; a reference must be a run of its own"
+                raise BadRecordingError(msg)
 
 
 def _identical(one: Recording, other: Recording) -> bool:

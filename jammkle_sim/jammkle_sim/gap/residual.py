@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -74,7 +74,9 @@ class Layout:
                 flat[piece.where] = signals[piece.signal]
         with np.errstate(invalid="ignore", over="ignore"):
             scaled = (self.measured - flat) / self.noise
-        found = np.clip(np.nan_to_num(scaled, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST)
+        found: NDArray[np.float64] = np.clip(
+            np.nan_to_num(scaled, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST
+        )
         if not self.tolerance.any():
             return found
         means = np.bincount(self.signal_of, found, len(self.names)) / np.bincount(self.signal_of)
@@ -116,20 +118,21 @@ def lay_out(
     count = per * len(recordings)
     segments = max(2, -(-FEWEST_SEGMENTS // count))
     pieces: list[Piece] = []
-    columns: list[tuple[NDArray[np.float64], ...]] = []
+    columns: list[tuple[NDArray[Any], ...]] = []
     names = tuple(sorted({name for each in simulated for name in each if name in noise}))
     place = 0
     for index, (recording, signals) in enumerate(zip(recordings, simulated, strict=True)):
         used = [recording.signal(name) for name in names if name in signals]
         if not used:
             msg = f"recording '{recording.name}' has no signal that the simulator gives"
-            raise BadRecordingError(f"{msg}; record one of: {', '.join(names) or 'those that it gives'}")
+            msg = f"{msg}; record one of: {', '.join(names) or 'those that it gives'}"
+            raise BadRecordingError(msg)
         first = min(float(signal.time_s[0]) for signal in used)
         span = max(float(signal.time_s[-1]) for signal in used) - first
         for signal in used:
             off = corrections[index].get(signal.name, 0.0) if corrections else 0.0
-            fine = np.clip((signal.time_s - first) / max(span, 1e-12) * per * segments, 0, per * segments - 1)
-            fine = fine.astype(np.intp) + index * per * segments
+            share = (signal.time_s - first) / max(span, 1e-12)
+            fine = np.clip(share * per * segments, 0, per * segments - 1).astype(np.intp) + index * per * segments
             size = signal.time_s.size
             pieces.append(Piece(index, signal.name, signal.unit, noise[signal.name], slice(place, place + size)))
             columns.append(
@@ -148,7 +151,8 @@ def lay_out(
     if held.min() < FEWEST_SAMPLES:
         recording = recordings[int(np.argmin(held)) // per]
         msg = f"recording '{recording.name}' is too short to hold anything out ({held.min()} samples in a stretch)"
-        raise BadRecordingError(f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per} stretches")
+        msg = f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per} stretches"
+        raise BadRecordingError(msg)
     labels = [
         recording.name if per == 1 else f"{recording.name}/{k + 1}" for recording in recordings for k in range(per)
     ]
@@ -168,9 +172,7 @@ def lay_out(
     )
 
 
-def _bias(
-    recordings: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]], name: str
-) -> float:
+def _bias(recordings: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]], name: str) -> float:
     held = [recording.signal(name) for recording, each in zip(recordings, simulated, strict=True) if name in each]
     return max(signal.bias for signal in held)
 

@@ -112,7 +112,8 @@ class Runs:
                 # Run again here, so that the simulator's own error is seen.
                 self._simulator(recording, {})
                 msg = f"the simulator fails on recording '{recording.name}'"
-                raise BadRecordingError(f"{msg} without any effect; check its inputs")
+                msg = f"{msg} without any effect; check its inputs"
+                raise BadRecordingError(msg)
             _check(recording, signals)
         return [signals for signals in done if signals is not None]
 
@@ -164,10 +165,13 @@ def _check(recording: Recording, signals: Mapping[str, NDArray[np.float64]]) -> 
             expected = recording.signal(name).values.shape
         except KeyError:
             msg = f"the simulator gives '{name}', which recording '{recording.name}' does not have"
-            raise BadRecordingError(f"{msg}; return only signals of the recording") from None
+            msg = f"{msg}; return only signals of the recording"
+            raise BadRecordingError(msg) from None
         if values.shape != expected:
             msg = f"the simulator gives '{name}' with shape {values.shape} for recording '{recording.name}'"
-            raise BadRecordingError(f"{msg}; it must be {expected}, one value for each measured time")
+            msg = f"{msg}; it must be {expected}, one value for each measured time"
+            raise BadRecordingError(msg)
         if not np.isfinite(values).all():
             msg = f"the simulator gives '{name}' as not a number for recording '{recording.name}' at no effect"
-            raise BadRecordingError(f"{msg}; check its inputs")
+            msg = f"{msg}; check its inputs"
+            raise BadRecordingError(msg)

@@ -124,7 +124,7 @@ class Search:
         return Found(tuple(scores), tuple(best_set(scores, self._tried)), self._weighting, finished)
 
     def _loss(self) -> Loss:
-        # While searching, all signals count as correlated as the least correlated one, and not more than a good residual
+        # While searching, all signals count as correlated as the least correlated one, and no more than a good residual
         # is: else what takes a lasting error away would look worth little. Held-out scores alone decide in the end.
         factor = np.full_like(self._weighting.factor, min(float(self._weighting.factor.min()), MOST_CORRELATED))
         return loss_of(self._layout, Weighting(self._weighting.scale, factor))
@@ -265,7 +265,7 @@ class Search:
         loss = self._loss()
         starts = [self._start(names, loss) for names in candidates]
         ranked = sorted(zip([self._promise(start, loss) for start in starts], candidates, strict=True))
-        places = {names: start for names, start in zip(candidates, starts, strict=True)}
+        places = dict(zip(candidates, starts, strict=True))
         best = [places[names] for _, names in ranked[:MOST_RENEWED]]
         fresh = jacobians_at(best, self._runs, self._layout)
         renewed = [replace(start, jacobian=jacobian) for start, jacobian in zip(best, fresh, strict=True)]

@@ -1,4 +1,4 @@
-"""Does an effect move anything at all? One run per parameter tells, and gives a first derivative for everything else."""
+"""Does an effect move anything at all? One run per parameter tells, and gives a first derivative for all else."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _step(null: float, sign: float = 1.0) -> float:
     return sign * inwards * PROBE_SHARE
 
 
-def probe(
+def probe(  # noqa: C901  # three rounds, each a line or two
     library: Library,
     runs: Runs,
     layout: Layout,
@@ -132,7 +132,7 @@ def probe(
         moves[at[0]] = {name: max(value, difference[name]) for name, value in moves[at[0]].items()}
 
     def unit(at: tuple[int, int], step: float) -> NDArray[np.float64]:
-        point = spaces[at[0]].null.copy()
+        point: NDArray[np.float64] = spaces[at[0]].null.copy()
         point[at[1]] += step
         return point
 
