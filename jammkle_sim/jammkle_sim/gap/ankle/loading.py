@@ -41,6 +41,10 @@ _WEATHER_PA = 500.0
 """Distance from the standard atmosphere from which on the recording's own is taken. Assumed: three such scatters."""
 _CONSTANT = 1e-3
 """Share of its noise below which a signal that moves counts as constant: rounding errors of a simulation."""
+_FALL_SAMPLES = 2500
+"""Samples per signal that a fall is thinned to at most: at 1 kHz all of the 2.5 s of a drop."""
+_ON_THE_GRID = 1e-6
+"""Rounding of a number of samples."""
 _SLOW_HZ = 200.0
 """Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
 hundreds of runs."""
@@ -119,7 +123,8 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     if missing:
         notes.append(f"not recorded: {', '.join(missing)}")
     phases = _phases(name, kept, commands)
-    thin = tuple(signal if name in FALLING_RIGS else _thinned(signal) for signal in kept.values())
+    fewest = _FALL_SAMPLES if name in FALLING_RIGS else 0
+    thin = tuple(_thinned(signal, fewest) for signal in kept.values())
     recording = Recording(bag.name, thin, inputs, tuple(phases), _regime(inputs), tuple(notes))
     return with_replay_scatter(recording, 0.0 if exact else _COMMAND_JITTER_S)
 
@@ -226,10 +231,10 @@ def _check_finite(bag: str, name: str, time_s: NDArray[np.float64], values: NDAr
         raise BadRecordingError(msg)
 
 
-def _thinned(signal: Signal) -> Signal:
-    """Return every n-th sample of a signal, for at most _SLOW_HZ."""
+def _thinned(signal: Signal, fewest: int) -> Signal:
+    """Return every n-th sample of a signal, so that neither `fewest` samples nor _SLOW_HZ are fallen below."""
     length_s = float(signal.time_s[-1] - signal.time_s[0])
-    every = max(int((len(signal.time_s) - 1) / (length_s * _SLOW_HZ) + 1e-6), 1) if length_s > 0.0 else 1
+    every = max(int((len(signal.time_s) - 1) / max(length_s * _SLOW_HZ, fewest, 1.0) + _ON_THE_GRID), 1)
     return dataclasses.replace(signal, time_s=signal.time_s[::every].copy(), values=signal.values[::every].copy())
 
 
