@@ -258,7 +258,7 @@ def _show(diagnosis: Diagnosis, setting: Setting, request: DiagnoseRequest) -> N
     console.print(_gap_table(diagnosis))
     for sentence in words.explanation(diagnosis):
         say(sentence)
-    for note in diagnosis.notes:
+    for note in words.notes(diagnosis):
         say(f"note: {note}")
     if not diagnosis.finished:
         say("STOPPED EARLY: run it again to its end before anything is taken apart.")
@@ -269,8 +269,7 @@ def _show(diagnosis: Diagnosis, setting: Setting, request: DiagnoseRequest) -> N
 
 
 def _effect_table(diagnosis: Diagnosis) -> Table:
-    lead = diagnosis.verdict is Verdict.UNKNOWN
-    table = Table(title="Closest lead, no explanation" if lead else "Effects", title_justify="left")
+    table = Table(title=words.effects_title(diagnosis), title_justify="left", min_width=_WIDTH // 2)
     table.add_column("effect: parameter", overflow="fold", max_width=40)
     table.add_column("value", justify="right")
     table.add_column("95 % interval", justify="right", max_width=24)

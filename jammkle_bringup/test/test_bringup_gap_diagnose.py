@@ -196,7 +196,6 @@ def test_ctrl_c_keeps_what_is_known(
         (["{bag}", "--library", "{folder}/bad.yaml"], "maximum"),
         (["{bag}", "--json", "{folder}/no/where.json"], "cannot be written"),
         (["{bag}", "-o", "{folder}/bad.yaml"], "cannot be made"),
-        (["{bag}", "--scheduler", "nonsense"], "nonsense"),
     ],
 )
 def test_bad_input_is_one_line(

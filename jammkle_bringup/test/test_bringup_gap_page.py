@@ -10,14 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jammkle_bringup import gap as gap_command
 from jammkle_bringup.core.gap import words
 from jammkle_bringup.core.gap.figures import MOST_SIGNALS
 from jammkle_bringup.core.gap.page import Setting, page
 from jammkle_bringup.core.gap.quantities import percent, percents, quantity, span
 from jammkle_bringup.core.gap.tables import heat_map
+from jammkle_sim.gap.ankle.effects import ankle_library
 from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing
 from jammkle_sim.gap.diagnosis import Candidate, Diagnosis, FittedEffect, FittedParameter, Overlay
 from jammkle_sim.gap.experiments import NextExperiment
@@ -164,6 +167,18 @@ def test_what_was_stopped_says_so_first() -> None:
     """A diagnosis that was ended early warns above its verdict."""
     text = page(dataclasses.replace(made_up(Verdict.EFFECTS), finished=False), SETTING)
     assert 0 < text.index('id="unfinished"') < text.index('id="verdict"')
+    unknown = words.headline(dataclasses.replace(made_up(Verdict.UNKNOWN), finished=False))
+    assert "no effect of the library" not in unknown
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_only_what_is_known_is_loaded(verdict: Verdict) -> None:
+    """The corrected simulator holds the effect where one explains the gap; a mere lead is not put into it."""
+    parameter = FittedParameter("conductance_dm3_s_bar", "dm3/(s bar)", 0.002, (0.001, 0.003), at_bound=False)
+    effects = (dataclasses.replace(LEAK, parameters=(parameter,)),) if verdict is not Verdict.NO_GAP else ()
+    text = gap_command._corrected(dataclasses.replace(made_up(verdict), effects=effects), ankle_library(), None)
+    expected = {"line_leak_achilles": {"conductance_dm3_s_bar": 0.002}}
+    assert yaml.safe_load(text) == (expected if verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS} else None)
 
 
 def test_pages_stay_small_however_much_was_recorded() -> None:

@@ -102,13 +102,13 @@ def moves(
 
 
 def gap(recording: Recording, values: Mapping[str, float]) -> float:
-    """Difference of measured and simulated over all signals, root mean square in noise."""
+    """Difference of measured and simulated over all signals, root mean square in noise, offsets of sensors counted."""
     simulated = SIMULATOR(recording, values)
-    return float(
-        np.sqrt(
-            np.mean([np.mean(((each.values - simulated[each.name]) / each.noise) ** 2) for each in recording.signals])
-        )
-    )
+    squares = []
+    for signal in recording.signals:
+        noise = np.hypot(signal.noise, signal.bias)
+        squares.append(np.mean(((signal.values - simulated[signal.name]) / noise) ** 2))
+    return float(np.sqrt(np.mean(squares)))
 
 
 def test_the_library_is_the_one_of_the_specification() -> None:
@@ -178,10 +178,12 @@ def test_an_effect_begins_small(effect: AnkleEffect) -> None:
 
 @pytest.mark.parametrize("effect", ONE_OF_EACH, ids=lambda effect: effect.family)
 def test_a_rig_with_an_effect_is_run_again_with_it(effect: AnkleEffect) -> None:
-    """What `jammkle rig --effects` records, the simulator reproduces to the noise with that effect, and only with it."""
+    """What `jammkle rig --effects` records, the simulator reproduces to the noise with that effect, and only so."""
     values = well_on(effect, 0.3)
     correction = Correction(LIBRARY, values)
-    recording = recording_of_run(run_rig("landing", RIGS["landing"].options(), lambda _: None, lambda: False, correction))
+    recording = recording_of_run(
+        run_rig("landing", RIGS["landing"].options(), lambda _: None, lambda: False, correction)
+    )
     with_effect, without = gap(recording, values), gap(recording, {})
     assert with_effect < 1.0
     assert without > with_effect

@@ -71,7 +71,8 @@ def closed_share(nominal: float, with_effect: float, floor: float = FLOOR) -> fl
 def _table(layout: Layout, residual: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return sums of squares, shape (blocks, signals)."""
     size, count = len(layout.names), len(layout.blocks)
-    return np.bincount(layout.block_of * size + layout.signal_of, residual**2, count * size).reshape(count, size)
+    sums = np.bincount(layout.block_of * size + layout.signal_of, residual**2, count * size)
+    return sums.astype(np.float64).reshape(count, size)
 
 
 def closings(
@@ -170,7 +171,7 @@ def ceiling(
     Ridge regression on the simulated signals, their rates, products and lags: a black box, which names nothing. Its
     strength is chosen by the same held-out blocks, which flatters it a little.
     """
-    left = nominal.copy()
+    left: NDArray[np.float64] = nominal.copy()
     for name in layout.names:
         pieces = [piece for piece in layout.pieces if piece.signal == name]
         held = np.concatenate([np.arange(piece.where.start, piece.where.stop) for piece in pieces])

@@ -10,7 +10,7 @@ import numpy as np
 
 from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing, ceiling, closings, held_out_regimes
 from jammkle_sim.gap.experiments import NextExperiment, next_experiment
-from jammkle_sim.gap.fitting import half_widths
+from jammkle_sim.gap.fitting import calibrate, half_widths, uncalibrated
 from jammkle_sim.gap.probability import probabilities
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.references import with_references, without_references
@@ -126,12 +126,27 @@ def _no_progress(_: str, __: float, ___: float) -> None:
     pass
 
 
+class _Progress:
+    """Says how far it is, never less than before, and how long it will take at this speed."""
+
+    def __init__(self, on_progress: Callable[[str, float, float], None]) -> None:
+        self._tell = on_progress
+        self._started = time.perf_counter()
+        self._furthest = 0.0
+
+    def __call__(self, stage: str, share: float) -> None:
+        self._furthest = max(share, self._furthest)
+        passed_s = time.perf_counter() - self._started
+        self._tell(stage, self._furthest, passed_s * (1.0 - self._furthest) / max(self._furthest, 0.02))
+
+
 def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     recordings: Sequence[Recording],
     simulator: Simulator,
     library: Library,
     *,
     references: Sequence[Recording] = (),
+    calibration: Library | None = None,
     subsystems: Mapping[str, Simulator] | None = None,
     experiments: Sequence[Experiment] = (),
     criteria: Criteria | None = None,
@@ -146,6 +161,9 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         simulator: Runs a recording again; see `Simulator`.
         library: Effects offered.
         references: Recordings of the same machine in good order: the question is then what has changed.
+        calibration: Parameters of the simulator itself that nobody knows, as effects: they are fitted along with every
+            candidate, also with none, so that no effect is named for a simulator that was tuned without it. Their null
+            values are where the simulator stands, inside their bounds.
         subsystems: By name, simulators of parts that are fed with measured inputs.
         experiments: Runs that could be made, if the recordings cannot split a set.
         criteria: What counts as a gap, and as an explanation.
@@ -162,12 +180,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         msg = "no recordings; give at least one"
         raise BadRecordingError(msg)
     criteria = criteria or Criteria()
-    started = time.perf_counter()
-
-    def progress(stage: str, share: float) -> None:
-        passed = time.perf_counter() - started
-        on_progress(stage, share, passed * (1.0 - share) / max(share, 0.02))
-
+    progress = _Progress(on_progress)
     progress("simulating the recordings", 0.0)
     runs = Runs(simulator, recordings, jobs=jobs, stop=stop)
     nominal = runs.nominal()
@@ -177,23 +190,33 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     else:
         baseline = without_references(recordings, nominal)
     noise = {name: source.noise for name, source in baseline.noise.items()}
-    layout = lay_out(recordings, nominal, noise, baseline.corrections)
+    hanging = {name: source.factor for name, source in baseline.noise.items()}
+    layout = lay_out(recordings, nominal, noise, baseline.corrections, hanging)
     residual = layout.residual(nominal)
+    calibrated = uncalibrated(residual)
+    if calibration is not None:
+        progress("calibrating the simulator", 0.02)
+        calibrated = calibrate(calibration.effects, runs, layout, residual)
+        residual = calibrated.residual
+        ready = runs.evaluate([calibrated.space.values(calibrated.point)])[0]
+        nominal = [signals for signals in ready if signals is not None]
     limit = criteria.worth_gap_with_references if references else criteria.worth_gap
     progress("trying every effect", 0.05)
-    probes = probe(library, runs, layout, residual)
+    probes = probe(library, runs, layout, residual, calibrated.space.values(calibrated.point))
     search = Search(
         layout,
         runs,
         [each for each in probes if each.alive],
         residual,
         lambda stage, share: progress(stage, 0.1 + (_FITTED - 0.1) * share),
+        calibrated,
     )
     found = search.run()
     judgement = judge(layout, found.chosen, found.scores, criteria, limit=limit)
     best = judgement.chosen[0]
     progress("measuring how far the gap closes", _FITTED)
-    overall, signals = closings(layout, residual, best.held_out)
+    without = next(score for score in found.scores if not score.names)
+    overall, signals = closings(layout, without.held_out, best.held_out)
     regimes: tuple[RegimeClosing, ...] = ()
     finished = found.finished
     try:
@@ -214,7 +237,6 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     )
     ambiguous = judgement.chosen if judgement.verdict is Verdict.AMBIGUOUS else ()
     following = next_experiment(ambiguous, experiments, recordings, simulator, noise)
-    nominal_score = next(score for score in found.scores if not score.names)
     described = [_effects(each, found.weighting, layout, limit) for each in judgement.chosen]
     progress("done", 1.0)
     return Diagnosis(
@@ -222,8 +244,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         reasons=judgement.reasons,
         effects=described[0],
         candidates=tuple(
-            _candidate(each, best, nominal_score, effects)
-            for each, effects in zip(judgement.chosen, described, strict=True)
+            _candidate(each, best, without, effects) for each, effects in zip(judgement.chosen, described, strict=True)
         ),
         probabilities=probabilities(
             judgement, found.scores, [effect.name for effect in library], criteria, limit=limit
@@ -238,7 +259,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         formula=left_over,
         next_experiment=following,
         dropped={each.effect.name: _moves(each.moves) for each in probes if not each.alive},
-        ranking=tuple((each.names, each.total - nominal_score.total) for each in found.scores),
+        ranking=tuple((each.names, each.total - without.total) for each in found.scores),
         overlays=_overlays(layout, recordings, residual, best.fit.residual),
         notes=(*baseline.notes, *(note for recording in recordings for note in recording.notes)),
         spent=runs.spent,

@@ -36,9 +36,11 @@ class EffectParameter:
         """
         if not all(map(math.isfinite, (self.null, self.minimum, self.maximum))):
             msg = f"parameter '{self.name}' has no finite bounds ({self.minimum} to {self.maximum}, null {self.null})"
-            raise BadEffectError(f"{msg}; give minimum, maximum and null")
+            msg = f"{msg}; give minimum, maximum and null"
+            raise BadEffectError(msg)
         if not self.minimum <= self.null <= self.maximum or self.minimum >= self.maximum:
-            msg = f"parameter '{self.name}' is off at {self.null:g}, outside its bounds {self.minimum:g} to {self.maximum:g}"
+            bounds = f"{self.minimum:g} to {self.maximum:g}"
+            msg = f"parameter '{self.name}' is off at {self.null:g}, outside its bounds {bounds}"
             raise BadEffectError(msg)
 
 

@@ -58,7 +58,7 @@ def next_experiment(
         experiments: On offer.
         recordings: Those that were made.
         simulator: As diagnosed.
-        noise: Standard deviation per signal.
+        noise: Standard deviation per signal; for signals that only a plan has, the noise it gives counts.
 
     """
     if len(chosen) < 2:  # noqa: PLR2004  # one needs no splitting
@@ -78,14 +78,13 @@ def next_experiment(
         if times < 100.0  # noqa: PLR2004  # nobody repeats a run more often
         else f"no run made so far tells them apart; the best of them is '{best.name}', where {best.sentence}"
     )
-    return NextExperiment(
-        best.name, best.signal, best.difference, best.difference_physical, best.unit, sentence
-    )
+    return NextExperiment(best.name, best.signal, best.difference, best.difference_physical, best.unit, sentence)
 
 
 def _hardest(
     name: str, recording: Recording, chosen: Sequence[Score], simulator: Simulator, noise: Mapping[str, float]
 ) -> NextExperiment | None:
+    noise = {**{signal.name: signal.noise for signal in recording.signals if signal.noise > 0.0}, **noise}
     runs = [simulator(recording, score.fit.space.values(score.fit.point)) for score in chosen]
     hardest: NextExperiment | None = None
     for (one, first), (two, second) in combinations(zip(chosen, runs, strict=True), 2):

@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares, lsq_linear  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_sim.gap.residual import LARGEST
+from jammkle_sim.gap.residual import LARGEST, weigh
+from jammkle_sim.gap.sensitivity import space_of
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
     from numpy.typing import NDArray
 
+    from jammkle_sim.gap.effect import Effect
     from jammkle_sim.gap.residual import Layout, Weighting
     from jammkle_sim.gap.runs import Runs
     from jammkle_sim.gap.sensitivity import Space
@@ -38,7 +40,10 @@ _INWARDS = 2e-3
 _MOVED = 2.0
 _FINEST = 1e-6
 _REWEIGHTINGS = 4
-_POLISHING_RUNS = 5
+POLISHING_RUNS = 5
+"""Derivatives that scipy may ask for when a candidate is fitted again; each is a run per parameter."""
+CALIBRATED_RUNS = 12
+"""The same, where a calibration is fitted along."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,8 @@ class Fit:
     """Of the residual by the shares of the ranges, shape (n, p)."""
     cost: float
     polished: bool = False
+    calibration: tuple[Effect, ...] = ()
+    """Fitted along, but no part of the candidate."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,6 +98,22 @@ class Fit:
         """Parameters that ended at a bound, where the truth may lie outside."""
         edge = (self.point <= _FINEST) | (self.point >= 1.0 - _FINEST)
         return tuple(key for key, at in zip(self.space.keys, edge & (self.point != self.space.null), strict=True) if at)
+
+
+def uncalibrated(nominal: NDArray[np.float64]) -> Fit:
+    """Return the fit of nothing at all."""
+    return Fit(space_of([]), np.zeros(0), nominal, np.zeros((nominal.size, 0)), 0.0, polished=True)
+
+
+def calibrate(calibration: Sequence[Effect], runs: Runs, layout: Layout, nominal: NDArray[np.float64]) -> Fit:
+    """Fit what is always fitted along, from where the simulator stands."""
+    space = space_of([], calibration)
+    fit = Fit(
+        space, space.null, nominal, np.zeros((nominal.size, len(space.keys))), 0.0, calibration=tuple(calibration)
+    )
+    for _ in range(2):
+        fit = polish(fit, loss_of(layout, weigh(layout, fit.residual)), runs, layout, CALIBRATED_RUNS)
+    return fit
 
 
 def linear_step(
@@ -161,7 +184,7 @@ def fit_side_by_side(starts: Sequence[Fit], loss: Loss, runs: Runs, layout: Layo
     for index, worker in enumerate(workers):
         try:
             asked[index] = next(worker)
-        except StopIteration as end:
+        except StopIteration as end:  # noqa: PERF203  # how a generator hands over its result
             done[index] = end.value
     while asked:
         order = sorted(asked)
@@ -169,7 +192,7 @@ def fit_side_by_side(starts: Sequence[Fit], loss: Loss, runs: Runs, layout: Layo
         for index, result in zip(order, results, strict=True):
             try:
                 asked[index] = workers[index].send(layout.residual(result))
-            except StopIteration as end:
+            except StopIteration as end:  # noqa: PERF203  # as above
                 done[index] = end.value
                 del asked[index]
     return [done[index] for index in range(len(starts))]
@@ -198,7 +221,7 @@ def jacobians_at(fits: Sequence[Fit], runs: Runs, layout: Layout) -> list[NDArra
     return jacobians
 
 
-def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout) -> Fit:
+def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout, most_runs: int = POLISHING_RUNS) -> Fit:
     """Fit again from where a fit ended, by scipy's trust region with derivatives of its own."""
     space = start.space
     if not space.keys:
@@ -230,12 +253,13 @@ def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout) -> Fit:
         loss=robust,
         ftol=1e-4,
         xtol=1e-4,
-        max_nfev=_POLISHING_RUNS,
+        max_nfev=most_runs,
     )
     point, residual = np.asarray(found.x, dtype=np.float64), np.asarray(found.fun, dtype=np.float64) / root
     if loss.cost(start.residual) < loss.cost(residual):
         point, residual = start.point, start.residual
-    return Fit(space, point, residual, jacobian_of(point, residual), loss.cost(residual), polished=True)
+    jacobian = jacobian_of(point, residual)
+    return replace(start, point=point, residual=residual, jacobian=jacobian, cost=loss.cost(residual), polished=True)
 
 
 def covariance(fit: Fit, loss: Loss, layout: Layout) -> NDArray[np.float64]:
@@ -252,10 +276,7 @@ def covariance(fit: Fit, loss: Loss, layout: Layout) -> NDArray[np.float64]:
     inverse = np.linalg.inv(normal)
     count = len(layout.blocks)
     slopes = np.array(
-        [
-            np.bincount(layout.block_of, fit.jacobian[:, k] * weights * fit.residual, count)
-            for k in range(size)
-        ]
+        [np.bincount(layout.block_of, fit.jacobian[:, k] * weights * fit.residual, count) for k in range(size)]
     )
     slopes -= slopes.mean(axis=1, keepdims=True)
     sandwich = inverse @ (slopes @ slopes.T) @ inverse * count / max(count - size, 1)

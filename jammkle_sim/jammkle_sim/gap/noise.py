@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_sim.gap.recording import BadRecordingError
+from jammkle_sim.gap.residual import autocorrelation_factor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,12 +25,14 @@ STILL_SAMPLES = 24
 STILL_SHARE = 0.2
 """The calmest share of the stretches is taken as still. Assumed: a recording rests, or moves steadily, this long."""
 FEWEST_STRETCHES = 3
-MOVING = 0.8
+MOVING = 0.6
 """Correlation of neighbours in the calmest stretches, their curve taken out, above which the signal never rests."""
 SAME_RUN = 0.02
 """Two recordings are repeats if their nominal simulations differ by less than this share of their range (root mean
 square). Assumed: measured starts scatter by less."""
-_GAUSS = 1.4826
+_SAME_NEIGHBOURS = 0.1
+_USUAL_STEP = 0.2
+_STAIRS = 1.5
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class NoiseSource:
     noise: float
     source: str
     """In words, such as `3 repeats of the same run`."""
+    factor: float = 1.0
+    """Samples over which it hangs together, and that so count as one."""
 
 
 def still_noise(signal: Signal) -> float:
@@ -56,7 +61,8 @@ def still_noise(signal: Signal) -> float:
     stretches = signal.values.size // STILL_SAMPLES
     if stretches < FEWEST_STRETCHES:
         msg = f"signal '{signal.name}' has {signal.values.size} samples, too few to tell its noise"
-        raise BadRecordingError(f"{msg}; record at least {FEWEST_STRETCHES * STILL_SAMPLES}, or repeat the run")
+        msg = f"{msg}; record at least {FEWEST_STRETCHES * STILL_SAMPLES}, or repeat the run"
+        raise BadRecordingError(msg)
     if np.ptp(signal.values) == 0.0:
         msg = f"signal '{signal.name}' is {signal.values[0]:g} {signal.unit} throughout; record a sensor that moves"
         raise BadRecordingError(msg)
@@ -65,27 +71,35 @@ def still_noise(signal: Signal) -> float:
     q, _ = np.linalg.qr(basis)
     left = table - (table @ q) @ q.T
     spread = np.sqrt((left**2).sum(axis=1) / (STILL_SAMPLES - q.shape[1]))
-    steps = np.abs(np.diff(np.unique(signal.values)))
-    rounding = float(steps.min()) / np.sqrt(12.0)
-    rounding = rounding if np.unique(signal.values).size < signal.values.size / 2 else 0.0
+    rounding = _rounding(signal.values)
     calm = np.argsort(spread)[: max(FEWEST_STRETCHES, round(STILL_SHARE * stretches))]
     # The median of the calmest share is low even among equal stretches; their median over all would see motion.
     noise = float(np.median(spread[calm])) * _calmest_correction()
-    if noise <= rounding:
+    if noise <= _STAIRS * rounding:
         return rounding
     calmest = left[calm]
     neighbours = float((calmest[:, 1:] * calmest[:, :-1]).sum() / (calmest**2).sum())
     if neighbours > MOVING:
         msg = f"signal '{signal.name}' never rests, so that its noise cannot be told from its motion"
-        raise BadRecordingError(f"{msg}; record the same run three times, or a second of standing still")
+        msg = f"{msg}; record the same run three times, or a second of standing still"
+        raise BadRecordingError(msg)
     return max(noise, rounding)
+
+
+def _rounding(values: NDArray[np.float64]) -> float:
+    """Return the noise of few digits: step / sqrt(12), 0 where neighbours hardly ever are the same."""
+    steps = np.abs(np.diff(values))
+    moved = steps[steps > 0.0]
+    if moved.size == 0 or moved.size > (1.0 - _SAME_NEIGHBOURS) * steps.size:
+        return 0.0
+    return float(np.quantile(moved, _USUAL_STEP) / np.sqrt(12.0))
 
 
 def _calmest_correction() -> float:
     """Return by how much the median scatter of the calmest share lies below the true scatter of white noise."""
-    # The scatter of m samples is spread by about 1 / sqrt(2 m); the middle of the lowest share q lies at quantile q / 2.
+    # The scatter of m samples is spread by 1 / sqrt(2 m); the middle of the lowest share q lies at quantile q / 2.
     quantile = -1.2816  # of the normal distribution at STILL_SHARE / 2 = 0.1
-    return 1.0 / (1.0 + quantile / np.sqrt(2.0 * (STILL_SAMPLES - 3)))
+    return float(1.0 / (1.0 + quantile / np.sqrt(2.0 * (STILL_SAMPLES - 3))))
 
 
 def repeats(
@@ -131,12 +145,25 @@ def repeat_noise(
     name: str,
 ) -> float:
     """Return the standard deviation of one signal from run to run at the same time, over the repeats of one run."""
+    rows = _scatter(recordings, simulated, group, name)
+    return float(np.sqrt(np.mean(np.sum(rows**2, axis=0) / (len(group) - 1))))
+
+
+def _scatter(
+    recordings: Sequence[Recording],
+    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
+    group: Sequence[int],
+    name: str,
+) -> NDArray[np.float64]:
+    """Return how each repeat differs from their mean, shape (repeats, samples)."""
     base = recordings[group[0]].signal(name).time_s
     rows = [
         np.interp(base, recordings[i].signal(name).time_s, recordings[i].signal(name).values - simulated[i][name])
         for i in group
     ]
-    return float(np.sqrt(np.mean(np.var(np.array(rows), axis=0, ddof=1))))
+    table = np.array(rows)
+    result: NDArray[np.float64] = table - table.mean(axis=0)
+    return result
 
 
 def find_noise(
@@ -144,7 +171,8 @@ def find_noise(
 ) -> tuple[dict[str, NoiseSource], tuple[str, ...]]:
     """Return the noise of every signal that can be compared, and a note on each that has to be left out.
 
-    A noise that a recording brings with it is kept. The noise is one number per signal, the same for all recordings.
+    A noise that a recording brings with it is not gone below, but repeats may show more. The noise is one number per
+    signal, the same for all recordings.
 
     Raises:
         BadRecordingError: no signal at all has a noise.
@@ -153,36 +181,64 @@ def find_noise(
     groups = repeats(recordings, simulated)
     sources: dict[str, NoiseSource] = {}
     notes: list[str] = []
-    names = sorted({name for each in simulated for name in each})
-    for name in names:
+    for name in sorted({name for each in simulated for name in each}):
         holders = [i for i in range(len(recordings)) if name in simulated[i]]
-        given = [recordings[i].signal(name).noise for i in holders if recordings[i].signal(name).noise > 0.0]
-        unit = recordings[holders[0]].signal(name).unit
-        if given:
-            sources[name] = NoiseSource(name, unit, float(np.median(given)), "given with the recording")
-            continue
-        still: list[float] = []
-        reason = ""
-        for i in holders:
-            try:
-                still.append(still_noise(recordings[i].signal(name)))
-            except BadRecordingError as error:
-                reason = str(error)
-        repeated = [
-            (len(held), repeat_noise(recordings, simulated, held, name))
-            for held in ([i for i in group if i in holders] for group in groups)
-            if len(held) > 1
+        held = [[i for i in group if i in holders] for group in groups]
+        offers = [
+            _given([recordings[i].signal(name) for i in holders]),
+            _repeated(recordings, simulated, [group for group in held if len(group) > 1], name),
         ]
-        if repeated and max(value for _, value in repeated) > 0.0:
-            weights = np.array([count - 1 for count, _ in repeated], dtype=float)
-            value = float(np.sqrt(np.average([value**2 for _, value in repeated], weights=weights)))
-            count = max(count for count, _ in repeated)
-            sources[name] = NoiseSource(name, unit, value, f"{count} repeats of the same run")
-        elif still:
-            sources[name] = NoiseSource(name, unit, float(np.median(still)), "still stretches")
-        else:
-            notes.append(f"left out: {reason}")
+        found = [offer for offer in offers if offer is not None]
+        if found:
+            sources[name] = max(found, key=lambda each: each.noise)
+            continue
+        try:
+            sources[name] = _still([recordings[i].signal(name) for i in holders])
+        except BadRecordingError as error:
+            notes.append(f"left out: {error}")
     if not sources:
         msg = notes[0].removeprefix("left out: ") if notes else "no signal is both measured and simulated"
         raise BadRecordingError(msg)
     return sources, tuple(notes)
+
+
+def _given(signals: Sequence[Signal]) -> NoiseSource | None:
+    known = [signal for signal in signals if signal.noise > 0.0]
+    if not known:
+        return None
+    first = known[0]
+    step_s = float(np.median(np.diff(first.time_s))) if first.time_s.size > 1 else 1.0
+    noise = float(np.median([signal.noise for signal in known]))
+    return NoiseSource(first.name, first.unit, noise, "given with the recording", max(1.0, first.noise_time_s / step_s))
+
+
+def _repeated(
+    recordings: Sequence[Recording],
+    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
+    groups: Sequence[Sequence[int]],
+    name: str,
+) -> NoiseSource | None:
+    if not groups:
+        return None
+    values = [repeat_noise(recordings, simulated, group, name) for group in groups]
+    weights = np.array([len(group) - 1 for group in groups], dtype=float)
+    noise = float(np.sqrt(np.average(np.square(values), weights=weights)))
+    if noise == 0.0:
+        return None
+    scatter = [row for group in groups for row in _scatter(recordings, simulated, group, name)]
+    factor = float(np.median([autocorrelation_factor(row) for row in scatter]))
+    count = max(len(group) for group in groups)
+    unit = recordings[groups[0][0]].signal(name).unit
+    return NoiseSource(name, unit, noise, f"{count} repeats of the same run", factor)
+
+
+def _still(signals: Sequence[Signal]) -> NoiseSource:
+    found, problem = [], BadRecordingError("no recording of this signal")
+    for signal in signals:
+        try:
+            found.append(still_noise(signal))
+        except BadRecordingError as error:  # noqa: PERF203  # a few signals
+            problem = error
+    if not found:
+        raise problem
+    return NoiseSource(signals[0].name, signals[0].unit, float(np.median(found)), "still stretches")

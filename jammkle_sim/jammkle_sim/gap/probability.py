@@ -20,7 +20,7 @@ UNKNOWN = "unknown"
 
 def _beyond(ratio: float, sharpness: float) -> float:
     """Return the probability that something lies beyond a limit, given its ratio to it."""
-    power = min(max(ratio, 1e-6), 1e6) ** sharpness
+    power = float(min(max(ratio, 1e-6), 1e6) ** sharpness)
     return power / (1.0 + power)
 
 
@@ -44,7 +44,7 @@ def probabilities(
     result = dict.fromkeys([*effects, NO_GAP, UNKNOWN], 0.0)
     gap = _beyond(judgement.nominal_gap / limit, criteria.sharpness)
     left = judgement.left_gap / limit
-    if judgement.closed == judgement.closed:  # noqa: PLR0124  # not a number where there was nothing to close
+    if judgement.closed == judgement.closed:  # not a number where there was nothing to close
         left = min(left, max(1.0 - judgement.closed, 0.0) / (1.0 - criteria.explained_share))
     unknown = _beyond(left, criteria.sharpness)
     chosen = {score.names for score in judgement.chosen}

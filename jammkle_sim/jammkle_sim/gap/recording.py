@@ -31,6 +31,10 @@ class Signal:
     """Shape (n,), in `unit`."""
     noise: float = 0.0
     """Standard deviation of what differs from sample to sample and from run to run, in `unit`; 0: not known yet."""
+    bias: float = 0.0
+    """Constant offset that the sensor may have by its data sheet (standard deviation), in `unit`: not worth a name."""
+    noise_time_s: float = 0.0
+    """Time over which the noise hangs together, so that it counts as one sample; the whole run if runs drift apart."""
 
     def __post_init__(self) -> None:
         """Check the shapes.
@@ -41,7 +45,8 @@ class Signal:
         """
         if self.time_s.ndim != 1 or self.time_s.shape != self.values.shape or self.time_s.size == 0:
             msg = f"signal '{self.name}' has times of shape {self.time_s.shape} and values of shape {self.values.shape}"
-            raise BadRecordingError(f"{msg}; both must be (n,) with n of 1 or more")
+            msg = f"{msg}; both must be (n,) with n of 1 or more"
+            raise BadRecordingError(msg)
         if not (np.isfinite(self.time_s).all() and np.isfinite(self.values).all()):
             bad = int(np.argmax(~(np.isfinite(self.time_s) & np.isfinite(self.values))))
             msg = f"signal '{self.name}' is not a finite number at sample {bad}; leave such samples out"

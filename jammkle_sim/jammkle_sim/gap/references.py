@@ -53,11 +53,7 @@ def with_references(
         BadRecordingError: a reference is one of the recordings.
 
     """
-    for one in recordings:
-        for other in references:
-            if _identical(one, other):
-                msg = f"recording '{one.name}' is also given as reference '{other.name}'"
-                raise BadRecordingError(f"{msg}; a reference must be a run of its own")
+    _refuse_the_same(recordings, references)
     noise, notes = find_noise(recordings, nominal)
     reference_noise, _ = find_noise(references, reference_nominal)
     for name, source in reference_noise.items():
@@ -76,7 +72,9 @@ def with_references(
             holders = [k for k in same if name in reference_nominal[k]]
             if holders:
                 curves = [
-                    np.interp(time_s, references[k].signal(name).time_s, _off(references[k], reference_nominal[k], name))
+                    np.interp(
+                        time_s, references[k].signal(name).time_s, _off(references[k], reference_nominal[k], name)
+                    )
                     for k in holders
                 ]
                 corrections[index][name] = np.mean(curves, axis=0)
@@ -90,14 +88,21 @@ def with_references(
     for name, factor in grown.items():
         source = noise[name]
         words = f"{source.source}, and what differs in the references" if factor > _SMALLEST_FLOOR else source.source
-        noise[name] = NoiseSource(name, source.unit, source.noise * factor, words)
+        noise[name] = NoiseSource(name, source.unit, source.noise * factor, words, source.factor)
     return Baseline(tuple(corrections), noise, notes)
 
 
-def _off(
-    recording: Recording, nominal: Mapping[str, NDArray[np.float64]], name: str
-) -> NDArray[np.float64]:
+def _off(recording: Recording, nominal: Mapping[str, NDArray[np.float64]], name: str) -> NDArray[np.float64]:
     return recording.signal(name).values - nominal[name]
+
+
+def _refuse_the_same(recordings: Sequence[Recording], references: Sequence[Recording]) -> None:
+    for one in recordings:
+        for other in references:
+            if _identical(one, other):
+                msg = f"recording '{one.name}' is also given as reference '{other.name}'"
+                msg = f"{msg}; a reference must be a run of its own"
+                raise BadRecordingError(msg)
 
 
 def _identical(one: Recording, other: Recording) -> bool:

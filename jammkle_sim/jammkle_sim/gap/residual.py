@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,8 @@ FEWEST_SAMPLES = 20
 """Per block, over all signals: with fewer there is nothing to hold out."""
 LARGEST = 1e6
 """A residual is cut off here, in noise units, so that a diverging run stays a number."""
+BIASES = 2.0
+"""A constant offset of up to so many times what a sensor's data sheet allows is taken off."""
 _TAILS = 4.0
 _WINDOW = 5.0
 
@@ -58,6 +60,10 @@ class Layout:
     segment_of: NDArray[np.intp]
     blocks: tuple[str, ...]
     block_of_segment: NDArray[np.intp]
+    least_factor: NDArray[np.float64]
+    """Per signal: samples that count as one at least, as the noise itself hangs together."""
+    tolerance: NDArray[np.float64]
+    """Per signal: constant offset that is taken off, at most, before anything is judged; noise units."""
 
     def residual(self, simulated: Sequence[Mapping[str, NDArray[np.float64]] | None]) -> NDArray[np.float64]:
         """Return (measured - simulated) / noise, shape (n,); a failed run counts as the largest residual."""
@@ -68,7 +74,14 @@ class Layout:
                 flat[piece.where] = signals[piece.signal]
         with np.errstate(invalid="ignore", over="ignore"):
             scaled = (self.measured - flat) / self.noise
-        return np.clip(np.nan_to_num(scaled, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST)
+        found: NDArray[np.float64] = np.clip(
+            np.nan_to_num(scaled, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST
+        )
+        if not self.tolerance.any():
+            return found
+        means = np.bincount(self.signal_of, found, len(self.names)) / np.bincount(self.signal_of)
+        result: NDArray[np.float64] = found - np.clip(means, -self.tolerance, self.tolerance)[self.signal_of]
+        return result
 
     def gap(self, residual: NDArray[np.float64]) -> float:
         """Return the root mean square over all signals, each signal counting the same; 1 is the noise floor."""
@@ -86,6 +99,7 @@ def lay_out(
     simulated: Sequence[Mapping[str, NDArray[np.float64]]],
     noise: Mapping[str, float],
     corrections: Sequence[Mapping[str, NDArray[np.float64]]] | None = None,
+    factors: Mapping[str, float] | None = None,
 ) -> Layout:
     """Lay out what can be compared.
 
@@ -94,6 +108,7 @@ def lay_out(
         simulated: Nominal, per recording; only its signals with a noise are compared.
         noise: Standard deviation per signal, in its unit.
         corrections: What reference recordings say the simulator is off by anyway, per recording and signal.
+        factors: Samples of a signal over which its noise hangs together.
 
     Raises:
         BadRecordingError: there is nothing to compare, or too little to hold anything out.
@@ -103,24 +118,23 @@ def lay_out(
     count = per * len(recordings)
     segments = max(2, -(-FEWEST_SEGMENTS // count))
     pieces: list[Piece] = []
-    columns: list[tuple[NDArray[np.float64], ...]] = []
+    columns: list[tuple[NDArray[Any], ...]] = []
     names = tuple(sorted({name for each in simulated for name in each if name in noise}))
     place = 0
     for index, (recording, signals) in enumerate(zip(recordings, simulated, strict=True)):
         used = [recording.signal(name) for name in names if name in signals]
         if not used:
             msg = f"recording '{recording.name}' has no signal that the simulator gives"
-            raise BadRecordingError(f"{msg}; record one of: {', '.join(names) or 'those that it gives'}")
+            msg = f"{msg}; record one of: {', '.join(names) or 'those that it gives'}"
+            raise BadRecordingError(msg)
         first = min(float(signal.time_s[0]) for signal in used)
         span = max(float(signal.time_s[-1]) for signal in used) - first
         for signal in used:
             off = corrections[index].get(signal.name, 0.0) if corrections else 0.0
-            fine = np.clip((signal.time_s - first) / max(span, 1e-12) * per * segments, 0, per * segments - 1)
-            fine = fine.astype(np.intp) + index * per * segments
+            share = (signal.time_s - first) / max(span, 1e-12)
+            fine = np.clip(share * per * segments, 0, per * segments - 1).astype(np.intp) + index * per * segments
             size = signal.time_s.size
-            pieces.append(
-                Piece(index, signal.name, signal.unit, noise[signal.name], slice(place, place + size))
-            )
+            pieces.append(Piece(index, signal.name, signal.unit, noise[signal.name], slice(place, place + size)))
             columns.append(
                 (
                     signal.values - off,
@@ -137,8 +151,11 @@ def lay_out(
     if held.min() < FEWEST_SAMPLES:
         recording = recordings[int(np.argmin(held)) // per]
         msg = f"recording '{recording.name}' is too short to hold anything out ({held.min()} samples in a stretch)"
-        raise BadRecordingError(f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per} stretches")
-    labels = [recording.name if per == 1 else f"{recording.name}/{k + 1}" for recording in recordings for k in range(per)]
+        msg = f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per} stretches"
+        raise BadRecordingError(msg)
+    labels = [
+        recording.name if per == 1 else f"{recording.name}/{k + 1}" for recording in recordings for k in range(per)
+    ]
     return Layout(
         pieces=tuple(pieces),
         names=names,
@@ -150,7 +167,14 @@ def lay_out(
         segment_of=segment_of.astype(np.intp),
         blocks=tuple(labels),
         block_of_segment=np.arange(count * segments) // segments,
+        least_factor=np.array([(factors or {}).get(name, 1.0) for name in names]),
+        tolerance=np.array([_bias(recordings, simulated, name) / noise[name] for name in names]) * BIASES,
     )
+
+
+def _bias(recordings: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]], name: str) -> float:
+    held = [recording.signal(name) for recording, each in zip(recordings, simulated, strict=True) if name in each]
+    return max(signal.bias for signal in held)
 
 
 def autocorrelation_factor(residual: NDArray[np.float64]) -> float:
@@ -196,7 +220,7 @@ def weigh(layout: Layout, residual: NDArray[np.float64]) -> Weighting:
             autocorrelation_factor(np.clip(residual[piece.where] / scale[index], -_TAILS, _TAILS)) for piece in pieces
         ]
         sizes = [piece.where.stop - piece.where.start for piece in pieces]
-        factor[index] = float(np.average(factors, weights=sizes))
+        factor[index] = max(float(np.average(factors, weights=sizes)), float(layout.least_factor[index]))
     return Weighting(scale, factor)
 
 

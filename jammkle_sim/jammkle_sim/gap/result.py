@@ -120,7 +120,9 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
                 for each in diagnosis.regimes
             ],
         },
-        "noise": {each.signal: {"value": each.noise, "unit": each.unit, "source": each.source} for each in diagnosis.noise},
+        "noise": {
+            each.signal: {"value": each.noise, "unit": each.unit, "source": each.source} for each in diagnosis.noise
+        },
         "formula": None
         if formula is None
         else {"signal": formula.signal, "text": formula.text, "share": _number(formula.share)},

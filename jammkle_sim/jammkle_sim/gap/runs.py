@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pickle
 import time
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
 from joblib import Parallel, cpu_count, delayed  # type: ignore[import-untyped]  # carries no types
-
 
 from jammkle_sim.gap.recording import BadRecordingError
 
@@ -112,7 +112,8 @@ class Runs:
                 # Run again here, so that the simulator's own error is seen.
                 self._simulator(recording, {})
                 msg = f"the simulator fails on recording '{recording.name}'"
-                raise BadRecordingError(f"{msg} without any effect; check its inputs")
+                msg = f"{msg} without any effect; check its inputs"
+                raise BadRecordingError(msg)
             _check(recording, signals)
         return [signals for signals in done if signals is not None]
 
@@ -149,7 +150,12 @@ class Runs:
         if len(tasks) < 2 or not self._picklable or self._jobs == 1 or not spread:  # noqa: PLR2004  # one needs no help
             return [_run(*task) for task in tasks]
         parallel: Any = Parallel(n_jobs=self._jobs if self._jobs is not None else -1)
-        done: list[tuple[Signals | None, float]] = parallel(delayed(_run)(*task) for task in tasks)
+        try:
+            done: list[tuple[Signals | None, float]] = parallel(delayed(_run)(*task) for task in tasks)
+        except BrokenExecutor:
+            # A process died, or could not import what the simulator is made of: here it is at hand.
+            self._picklable = False
+            done = [_run(*task) for task in tasks]
         return done
 
 
@@ -159,10 +165,13 @@ def _check(recording: Recording, signals: Mapping[str, NDArray[np.float64]]) -> 
             expected = recording.signal(name).values.shape
         except KeyError:
             msg = f"the simulator gives '{name}', which recording '{recording.name}' does not have"
-            raise BadRecordingError(f"{msg}; return only signals of the recording") from None
+            msg = f"{msg}; return only signals of the recording"
+            raise BadRecordingError(msg) from None
         if values.shape != expected:
             msg = f"the simulator gives '{name}' with shape {values.shape} for recording '{recording.name}'"
-            raise BadRecordingError(f"{msg}; it must be {expected}, one value for each measured time")
+            msg = f"{msg}; it must be {expected}, one value for each measured time"
+            raise BadRecordingError(msg)
         if not np.isfinite(values).all():
             msg = f"the simulator gives '{name}' as not a number for recording '{recording.name}' at no effect"
-            raise BadRecordingError(f"{msg}; check its inputs")
+            msg = f"{msg}; check its inputs"
+            raise BadRecordingError(msg)

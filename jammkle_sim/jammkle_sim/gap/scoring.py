@@ -65,7 +65,7 @@ def log_likelihood(layout: Layout, weighting: Weighting, residual: NDArray[np.fl
     """Return the log-likelihood of each segment up to a constant, nats, shape (segments,)."""
     scale, factor = weighting.scale[layout.signal_of], weighting.factor[layout.signal_of]
     each = -0.5 * (FREEDOM + 1.0) * np.log1p((residual / scale) ** 2 / FREEDOM) / factor
-    return np.bincount(layout.segment_of, each, layout.block_of_segment.size)
+    return np.bincount(layout.segment_of, each, layout.block_of_segment.size).astype(np.float64)
 
 
 def score(fit: Fit, layout: Layout, weighting: Weighting) -> Score:

@@ -12,7 +12,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.fitting import Fit, Loss, fit_side_by_side, jacobians_at, linear_step, loss_of, polish
+from jammkle_sim.gap.fitting import (
+    CALIBRATED_RUNS,
+    POLISHING_RUNS,
+    Fit,
+    Loss,
+    fit_side_by_side,
+    jacobians_at,
+    linear_step,
+    loss_of,
+    polish,
+    uncalibrated,
+)
 from jammkle_sim.gap.residual import Weighting, weigh
 from jammkle_sim.gap.runs import StoppedError
 from jammkle_sim.gap.scoring import CLEAR_NATS, Score, best_set, difference, score
@@ -25,18 +36,23 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.residual import Layout
     from jammkle_sim.gap.runs import Runs
-    from jammkle_sim.gap.sensitivity import Probe, Space
+    from jammkle_sim.gap.sensitivity import Probe
 
 RUNS_PER_SINGLE = 5
 RUNS_PER_PAIR = 5
 MOST_PAIRS = 14
 """Pairs fitted in full: those that promise most over all, and those with one of the best singles."""
+FEWEST_PAIRS = 5
+"""Pairs fitted in any case where the best single leaves a gap: a promise is only a linear one."""
+_AT_FLOOR = 1.2
 BEST_SINGLES = 2
 MOST_RENEWED = 5
 """Of them, fitted once more with derivatives of their own."""
-MOST_EFFECTS = 3
+MOST_EFFECTS = 4
 MOST_FINALISTS = 5
 """Candidates that are fitted again with derivatives of their own."""
+MOST_CORRELATED = 10.0
+"""Samples that count as one while searching, at most. Assumed: as correlated as coloured noise is."""
 _ROOM_NATS = 6.0
 """Candidates this far behind what is told apart are still fitted again."""
 
@@ -64,6 +80,7 @@ class Search:
         probes: Sequence[Probe],
         nominal: NDArray[np.float64],
         on_progress: Callable[[str, float], None],
+        calibrated: Fit | None = None,
     ) -> None:
         """Prepare.
 
@@ -73,13 +90,15 @@ class Search:
             probes: Of the effects that move something.
             nominal: Residual without any effect.
             on_progress: Called with what is being done and the share that is done.
+            calibrated: Fit of the calibration alone, from where it goes along with every candidate.
 
         """
         self._layout = layout
         self._runs = runs
         self._probes = {probe.effect.name: probe for probe in probes}
-        empty = space_of([])
-        self._nominal = Fit(empty, np.zeros(0), nominal, np.zeros((nominal.size, 0)), 0.0, polished=True)
+        self._nominal = calibrated or uncalibrated(nominal)
+        self._calibration = self._nominal.calibration
+        self._polishing = CALIBRATED_RUNS if self._calibration else POLISHING_RUNS
         self._fits: dict[tuple[str, ...], Fit] = {(): self._nominal}
         self._weighting = weigh(layout, nominal)
         self._progress = on_progress
@@ -105,8 +124,9 @@ class Search:
         return Found(tuple(scores), tuple(best_set(scores, self._tried)), self._weighting, finished)
 
     def _loss(self) -> Loss:
-        # While searching, all signals count as correlated as the least correlated one: see _judge.
-        factor = np.full_like(self._weighting.factor, self._weighting.factor.min())
+        # While searching, all signals count as correlated as the least correlated one, and no more than a good residual
+        # is: else what takes a lasting error away would look worth little. Held-out scores alone decide in the end.
+        factor = np.full_like(self._weighting.factor, min(float(self._weighting.factor.min()), MOST_CORRELATED))
         return loss_of(self._layout, Weighting(self._weighting.scale, factor))
 
     def _scores(self) -> list[Score]:
@@ -122,14 +142,16 @@ class Search:
         it away would look worth little.
         """
         weightings = [weigh(self._layout, fit.residual) for fit in self._fits.values()]
-        self._weighting = min(weightings, key=lambda each: float(np.sum(np.log(each.scale) + 1e-3 * np.log(each.factor))))
+        self._weighting = min(
+            weightings, key=lambda each: float(np.sum(np.log(each.scale) + 1e-3 * np.log(each.factor)))
+        )
 
     def _start(self, names: Sequence[str], loss: Loss) -> Fit:
         """Return a start from the probes, or from a fit of all effects but one: whichever is better."""
-        space = space_of([self._probes[name].effect for name in names])
+        space = space_of([self._probes[name].effect for name in names], self._calibration)
         probes = [self._probes[name] for name in names]
-        jacobian = np.column_stack([probe.jacobian for probe in probes])
-        point = np.concatenate([probe.start for probe in probes])
+        jacobian = np.column_stack([*(probe.jacobian for probe in probes), self._nominal.jacobian])
+        point = np.concatenate([*(probe.start for probe in probes), self._nominal.point])
         residual = self._nominal.residual + sum(
             (probe.residual - self._nominal.residual for probe in probes), np.zeros_like(self._nominal.residual)
         )
@@ -138,7 +160,7 @@ class Search:
         # Where several probes start away from null, their sum is only a guess and has to be run.
         if not known:
             residual = self._layout.residual(self._runs.evaluate([space.values(point)])[0])
-        starts = [Fit(space, point, residual, jacobian, loss.cost(residual))]
+        starts = [Fit(space, point, residual, jacobian, loss.cost(residual), calibration=self._calibration)]
         for name in names if len(names) > 1 else ():
             rest = self._fits.get(tuple(sorted(set(names) - {name})))
             if rest is None or self._probes[name].residual is not self._nominal.residual:
@@ -147,11 +169,17 @@ class Search:
             places = {key: rest.point[k] for k, key in enumerate(rest.space.keys)}
             matrix = np.column_stack([columns.get(key, jacobian[:, k]) for k, key in enumerate(space.keys)])
             place = np.array([places.get(key, point[k]) for k, key in enumerate(space.keys)])
-            starts.append(Fit(space, place, rest.residual, matrix, loss.cost(rest.residual)))
+            starts.append(replace(starts[0], point=place, residual=rest.residual, jacobian=matrix))
+            starts[-1] = replace(starts[-1], cost=loss.cost(rest.residual))
         fitted = self._fits.get(tuple(sorted(names)))
         if fitted is not None:
             starts.append(replace(fitted, cost=loss.cost(fitted.residual), polished=False))
         return min(starts, key=lambda each: each.cost)
+
+    def _free_starts(self, names: Sequence[str], loss: Loss) -> list[Fit]:
+        """Return the start from the best fit of a part, if that asks for no run."""
+        away = sum(self._probes[name].residual is not self._nominal.residual for name in names)
+        return [self._start(names, loss)] if away <= 1 else []
 
     def _promise(self, start: Fit, loss: Loss) -> float:
         """Return the cost after a linear step."""
@@ -170,23 +198,29 @@ class Search:
         self._fit([(name,) for name in sorted(self._probes)], RUNS_PER_SINGLE, 0.2)
         loss = self._loss()
         away = [probe for probe in self._probes.values() if probe.residual is not self._nominal.residual]
-        nulls = [Fit(s, s.null, r, p.alone, loss.cost(r)) for p, s, r in self._null_starts(away)]
+        nulls = [self._null_start(probe, loss) for probe in away]
         for fit in fit_side_by_side(nulls, loss, self._runs, self._layout, RUNS_PER_SINGLE):
             if fit.cost < loss.cost(self._fits[fit.names].residual):
                 self._fits[fit.names] = fit
         self._judge()
-        if away:
+        if self._calibration:
+            self._again([(name,) for name in sorted(self._probes)])
+        elif away:
             self._again([(probe.effect.name,) for probe in away])
         # Once more with signals judged by the best, for those that gained something.
         loss = self._loss()
         again = [fit for names, fit in self._fits.items() if names and loss.cost(fit.residual) < self._cost(())]
-        renewed = [Fit(f.space, f.point, f.residual, f.jacobian, loss.cost(f.residual)) for f in again]
+        renewed = [replace(fit, cost=loss.cost(fit.residual), polished=False) for fit in again]
         for fit in fit_side_by_side(renewed, loss, self._runs, self._layout, 2):
             self._fits[fit.names] = fit
         self._judge()
 
-    def _null_starts(self, probes: Sequence[Probe]) -> list[tuple[Probe, Space, NDArray[np.float64]]]:
-        return [(probe, space_of([probe.effect]), self._nominal.residual) for probe in probes]
+    def _null_start(self, probe: Probe, loss: Loss) -> Fit:
+        start = self._start([probe.effect.name], loss)
+        point = np.concatenate([space_of([probe.effect]).null, self._nominal.point])
+        jacobian = np.column_stack([probe.alone, self._nominal.jacobian])
+        residual = self._nominal.residual
+        return replace(start, point=point, residual=residual, jacobian=jacobian, cost=loss.cost(residual))
 
     def _cost(self, names: tuple[str, ...]) -> float:
         return self._loss().cost(self._fits[names].residual)
@@ -206,11 +240,14 @@ class Search:
         least = min(self._cost(names) for names in self._fits)
         promised: list[tuple[float, tuple[str, ...]]] = []
         for place, names in enumerate(offered):
-            promised.append((self._promise(self._linear_start(names, loss), loss), names))
+            starts = [self._linear_start(names, loss), *self._free_starts(names, loss)]
+            promised.append((min(self._promise(start, loss) for start in starts), names))
             if place % 50 == 0:
                 self._progress(f"weighing combinations of {size}", 0.3 + 0.2 * place / len(offered))
         promised.sort()
         worth = [names for cost, names in promised if cost < least - CLEAR_NATS]
+        if len(worth) < FEWEST_PAIRS and min(self._layout.gap(fit.residual) for fit in self._fits.values()) > _AT_FLOOR:
+            worth = [names for _, names in promised[:FEWEST_PAIRS]]
         with_top = [names for names in worth if any(top < set(names) for top in tops)]
         half = MOST_PAIRS // 2
         chosen = list(dict.fromkeys(worth[:half] + with_top[:half]))
@@ -228,7 +265,7 @@ class Search:
         loss = self._loss()
         starts = [self._start(names, loss) for names in candidates]
         ranked = sorted(zip([self._promise(start, loss) for start in starts], candidates, strict=True))
-        places = {names: start for names, start in zip(candidates, starts, strict=True)}
+        places = dict(zip(candidates, starts, strict=True))
         best = [places[names] for _, names in ranked[:MOST_RENEWED]]
         fresh = jacobians_at(best, self._runs, self._layout)
         renewed = [replace(start, jacobian=jacobian) for start, jacobian in zip(best, fresh, strict=True)]
@@ -240,25 +277,31 @@ class Search:
     def _linear_start(self, names: tuple[str, ...], loss: Loss) -> Fit:
         """Return the start that promises most, without running anything."""
         fits = [self._fits[(name,)] for name in names if (name,) in self._fits]
-        space = space_of([self._probes[name].effect for name in names])
-        if len(names) > 2:  # noqa: PLR2004  # a pair is short enough to be laid together from its halves
+        if len(names) > 2 or len(fits) < len(names):  # noqa: PLR2004  # a pair can be laid together from its halves
             return self._start(names, loss)
-        # From null with secants of the fits, which look further than the probes.
-        nominal = self._nominal.residual
-        columns = [fit.jacobian for fit in fits]
-        base = nominal.copy()
-        place = []
+        nominal = self._nominal
+        own = len(nominal.point)
+        columns, place = [], []
         for fit in fits:
-            null = fit.space.null
-            linear = fit.residual - nominal
-            away = fit.point - null
+            # From null, with secants of the fits, which look further than the probes: what the linear model misses on
+            # the way to the single fit is added along that way. What the calibration did meanwhile is its own affair.
+            mine = fit.point.size - own
+            away = fit.point[:mine] - fit.space.null[:mine]
+            moved = fit.residual - nominal.residual - fit.jacobian[:, mine:] @ (fit.point[mine:] - nominal.point)
+            matrix = fit.jacobian[:, :mine]
             length = float(away @ away)
-            # What the linear model misses on the way to the single fit is added along that way.
             if length > 0.0:
-                miss = linear - fit.jacobian @ away
-                columns[fits.index(fit)] = fit.jacobian + np.outer(miss, away) / length
-            place.append(null)
-        return Fit(space, np.concatenate(place), base, np.column_stack(columns), loss.cost(base))
+                matrix = matrix + np.outer(moved - matrix @ away, away) / length
+            columns.append(matrix)
+            place.append(fit.space.null[:mine])
+        return replace(
+            nominal,
+            space=space_of([self._probes[name].effect for name in names], self._calibration),
+            point=np.concatenate([*place, nominal.point]),
+            jacobian=np.column_stack([*columns, nominal.jacobian]),
+            cost=loss.cost(nominal.residual),
+            polished=False,
+        )
 
     def _finish(self) -> None:
         """Fit what may end in the set again, with derivatives of its own."""
@@ -270,7 +313,7 @@ class Search:
                 each
                 for each in scores
                 if each.names
-                and (len(each.names) <= len(leader.names) or each in chosen)
+                and (len(each.names) <= len(leader.names) or each.total > leader.total)
                 and difference(leader, each).nats < 2.0 * difference(leader, each).error + _ROOM_NATS
             ]
             finalists = list(dict.fromkeys([each.names for each in chosen + near if each.names]))[:MOST_FINALISTS]
@@ -278,6 +321,6 @@ class Search:
             if not rough:
                 return
             for place, names in enumerate(rough):
-                self._fits[names] = polish(self._fits[names], self._loss(), self._runs, self._layout)
+                self._fits[names] = polish(self._fits[names], self._loss(), self._runs, self._layout, self._polishing)
                 self._progress("fitting the best once more", 0.7 + 0.3 * (place + 1) / len(rough))
             self._judge()

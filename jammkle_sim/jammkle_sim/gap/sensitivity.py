@@ -1,4 +1,4 @@
-"""Does an effect move anything at all? One run per parameter tells, and gives a first derivative for everything else."""
+"""Does an effect move anything at all? One run per parameter tells, and gives a first derivative for all else."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ class Space:
     """Parameters of some effects, each from 0 (minimum) to 1 (maximum)."""
 
     effects: tuple[Effect, ...]
+    """Those of the candidate; parameters of the calibration, fitted along with any candidate, come after theirs."""
     keys: tuple[str, ...]
     units: tuple[str, ...]
     minimum: NDArray[np.float64]
@@ -47,9 +48,9 @@ class Space:
         return {key: float(values[i]) for i, key in enumerate(self.keys)}
 
 
-def space_of(effects: Sequence[Effect]) -> Space:
-    """Lay the parameters of effects side by side."""
-    pairs = [(effect, parameter) for effect in effects for parameter in effect.parameters]
+def space_of(effects: Sequence[Effect], calibration: Sequence[Effect] = ()) -> Space:
+    """Lay the parameters of effects, and of a calibration after them, side by side."""
+    pairs = [(effect, parameter) for effect in (*effects, *calibration) for parameter in effect.parameters]
     low = np.array([parameter.minimum for _, parameter in pairs], dtype=float)
     high = np.array([parameter.maximum for _, parameter in pairs], dtype=float)
     null = np.array([parameter.null for _, parameter in pairs], dtype=float)
@@ -90,7 +91,13 @@ def _step(null: float, sign: float = 1.0) -> float:
     return sign * inwards * PROBE_SHARE
 
 
-def probe(library: Library, runs: Runs, layout: Layout, nominal: NDArray[np.float64]) -> list[Probe]:
+def probe(  # noqa: C901  # three rounds, each a line or two
+    library: Library,
+    runs: Runs,
+    layout: Layout,
+    nominal: NDArray[np.float64],
+    calibrated: Mapping[str, float] | None = None,
+) -> list[Probe]:
     """Step every parameter of every effect once, from its null value towards the far bound.
 
     A parameter that does nothing alone (a time constant without a strength) is stepped again with the others on; one
@@ -101,13 +108,15 @@ def probe(library: Library, runs: Runs, layout: Layout, nominal: NDArray[np.floa
         runs: Of the simulator.
         layout: Of the residual.
         nominal: Residual without any effect.
+        calibrated: Values of the calibration to probe at.
 
     """
+    fixed = dict(calibrated or {})
     spaces = [space_of([effect]) for effect in library]
     flat = [(index, k) for index, space in enumerate(spaces) for k in range(len(space.keys))]
 
     def residuals(points: Sequence[tuple[int, NDArray[np.float64]]]) -> list[NDArray[np.float64]]:
-        done = runs.evaluate([spaces[index].values(point) for index, point in points])
+        done = runs.evaluate([{**fixed, **spaces[index].values(point)} for index, point in points])
         return [layout.residual(each) for each in done]
 
     def moved(residual: NDArray[np.float64], base: NDArray[np.float64]) -> dict[str, float]:
@@ -123,7 +132,7 @@ def probe(library: Library, runs: Runs, layout: Layout, nominal: NDArray[np.floa
         moves[at[0]] = {name: max(value, difference[name]) for name, value in moves[at[0]].items()}
 
     def unit(at: tuple[int, int], step: float) -> NDArray[np.float64]:
-        point = spaces[at[0]].null.copy()
+        point: NDArray[np.float64] = spaces[at[0]].null.copy()
         point[at[1]] += step
         return point
 

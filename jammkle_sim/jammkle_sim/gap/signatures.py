@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 WORTH = 0.05
 """Signatures that go along with less of the squared residual than this are not listed."""
+AT_FLOOR = 1.2
+"""Signals whose gap is not above this have none; noise units."""
 _HOLDING = "hold"
 
 
@@ -49,9 +51,11 @@ def signatures(
     residual: NDArray[np.float64],
 ) -> tuple[Signature, ...]:
     """Look for every signature in every signal, and return those worth listing, strongest first."""
+    gaps = layout.gaps(residual)
     found = [
         signature
         for name in layout.names
+        if gaps[name] > AT_FLOOR
         for signature in _of_signal(layout, recordings, simulated, residual, name)
         if signature.share >= WORTH
     ]
@@ -87,7 +91,13 @@ def _of_signal(
         ("offset", offset, unit, offset_share, f"{name} lies {offset:+.3g} {unit} off throughout: a bias or a load"),
         ("drift", drift, f"{unit}/s", drift_share, f"{name} drifts by {drift:+.3g} {unit}/s: warming, creep or a leak"),
         ("lag", lag, "s", lag_share, f"{name} comes {1e3 * lag:+.3g} ms later than simulated: a delay or a compliance"),
-        ("gain", gain, "1", gain_share, f"{name} is {100.0 * gain:+.3g} % larger than simulated: a gain or a stiffness"),
+        (
+            "gain",
+            gain,
+            "1",
+            gain_share,
+            f"{name} is {100.0 * gain:+.3g} % larger than simulated: a gain or a stiffness",
+        ),
         (
             "sign of rate",
             sign,

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from jammkle_sim.gap.closing import closed_share
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from jammkle_sim.gap.residual import Layout
@@ -43,6 +42,8 @@ class Criteria:
     """The same, where references took the simulator's own faults off."""
     explained_share: float = 0.9
     """Share of the gap above the floor that a candidate has to close, held out."""
+    explained_share_each: float = 0.8
+    """The same, of every single signal that is left with a gap."""
     material_share: float = 0.035
     """A further effect has to close at least this share of the gap, or it is not named."""
     temperature: float = 2.0
@@ -128,6 +129,17 @@ def judge(
     def answer(verdict: Verdict, *reasons: str) -> Judgement:
         return Judgement(verdict, tuple(kept), nominal_gap, left_gap, closed, reasons)
 
+    def leads(*reasons: str) -> Judgement:
+        """Return what explains most, though no one part of it is proven: with UNKNOWN nothing is named anyway."""
+        top = max(scores, key=lambda score: score.total)
+        spare = criteria.material_share * (layout.gap(nominal.held_out) - 1.0)
+        if layout.gap(top.held_out) < layout.gap(best.held_out) - spare:
+            share = 100.0 * closed_share(layout.gap(nominal.held_out), layout.gap(top.held_out))
+            kept.insert(0, top)
+            names = " + ".join(top.names)
+            reasons = (*reasons, f"as a lead: {names} would close {share:.0f} %, but is not clearly better")
+        return answer(Verdict.UNKNOWN, *reasons)
+
     if nominal_gap <= limit:
         kept = [nominal]
         left_gap = nominal_gap
@@ -137,14 +149,21 @@ def judge(
         )
     where = f"{signal} is off by {nominal_gap:.1f} times its noise"
     if not best.names:
-        return answer(Verdict.UNKNOWN, where, "no candidate foretells held-out data clearly better than no effect")
+        return leads(where, "no candidate foretells held-out data clearly better than no effect")
     names = " + ".join(best.names)
     share = f"{names} closes {100.0 * closed:.0f} % of the gap on held-out data"
     # Also what a small gap leaves, though it would count as none, must not be much of it.
     utmost = closed_share(layout.gap(nominal.held_out), layout.gap(chosen[0].held_out))
+    before, after = layout.gaps(nominal.held_out), layout.gaps(best.held_out)
+    poor = [
+        name
+        for name in layout.names
+        if after[name] > limit and not closed_share(before[name], after[name]) >= criteria.explained_share_each
+    ]
+    if poor:
+        return leads(where, f"{share}, but {poor[0]} is still off by {after[poor[0]]:.1f} times its noise")
     if not max(closed, utmost) >= criteria.explained_share:
-        return answer(
-            Verdict.UNKNOWN,
+        return leads(
             where,
             f"{share}; {left_signal} is still off by {left_gap:.1f} times its noise",
             f"what explains a gap must close {100.0 * criteria.explained_share:.0f} % of it",

@@ -153,9 +153,7 @@ def horizons(
         return (whole,)
     restarting = cast("RestartingSimulator", simulator)
     shorter = [
-        HorizonGap(
-            horizon_s, _partial_gaps(layout, [restarting.restarted(each, {}, horizon_s) for each in recordings])
-        )
+        HorizonGap(horizon_s, _partial_gaps(layout, [restarting.restarted(each, {}, horizon_s) for each in recordings]))
         for horizon_s in HORIZONS_S
     ]
     return (*shorter, whole)

@@ -60,3 +60,5 @@ class Rig:
     """IMU_LAW, shape (1,), where it differs from what `sensors` makes."""
     wiring: Wiring = dataclasses.field(default_factory=Wiring)
     """What lies between commands and valves, and between sensors and topics."""
+    effects: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """What a gap diagnosis put into it, by `effect.parameter`."""

@@ -241,7 +241,8 @@ class Simulation:
         """Name of the rig and all its parameters, ready for YAML."""
         parts = {"options": self._rig.options, **self._rig.parts}
         plain = {name: dataclasses.asdict(part) for name, part in parts.items()}
-        return {"rig": self._rig.name, "timestep_s": self.timestep_s, **plain}
+        effects = {"effects": dict(self._rig.effects)} if self._rig.effects else {}
+        return {"rig": self._rig.name, "timestep_s": self.timestep_s, **plain, **effects}
 
     @property
     def rig_time_s(self) -> float:

@@ -16,7 +16,7 @@ from jammkle_bringup.core.tether import end_with_parent
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_ANSWER_S = 10.0
+ANSWER_S = 10.0
 """How long a scheduler may take to answer."""
 _ALL = -1
 
@@ -51,7 +51,7 @@ def _client(scheduler: str) -> Any:
         msg = f"--scheduler {scheduler} needs Dask, which is not installed; run: pip install distributed"
         raise InputError(msg) from error
     try:
-        return distributed.Client(scheduler, timeout=_ANSWER_S)
+        return distributed.Client(scheduler, timeout=ANSWER_S)
     except (OSError, ValueError) as error:  # a timeout is an OSError
         msg = f"--scheduler {scheduler} does not answer; give the address that `dask scheduler` printed"
         raise InputError(msg) from error

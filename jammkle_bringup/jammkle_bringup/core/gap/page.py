@@ -71,6 +71,7 @@ def page(diagnosis: Diagnosis, setting: Setting) -> str:
         setting=setting,
         corrected=words.corrected_note(diagnosis, setting.corrected),
         is_lead=diagnosis.verdict is Verdict.UNKNOWN,
+        effects_title=words.effects_title(diagnosis),
         effects=tables.parameter_lines(diagnosis.effects),
         signals=tables.signal_lines(diagnosis),
         overall={
@@ -111,7 +112,7 @@ def page(diagnosis: Diagnosis, setting: Setting) -> str:
         most_signals=MOST_SIGNALS,
         most_recordings=MOST_RECORDINGS,
         signatures=tables.signature_lines(diagnosis),
-        notes=diagnosis.notes,
+        notes=words.notes(diagnosis),
         dropped=dict(sorted(diagnosis.dropped.items())),
         noise=[
             {"signal": each.signal, "noise": quantity(each.noise, each.unit), "source": each.source}

@@ -51,6 +51,14 @@ def quantity(value: float, unit: str) -> str:
     return f"{digits(value / factor)} {name}".rstrip()
 
 
+def known(value: float, interval: tuple[float, float], unit: str) -> str:
+    """Return a number with its unit and as many digits as its interval has."""
+    if not all(map(math.isfinite, (value, *interval))):
+        return quantity(value, unit)
+    factor, name = _prefix(value or max(interval, key=abs), unit)
+    return f"{_to(value / factor, (interval[1] - interval[0]) / factor)} {name}".rstrip()
+
+
 def span(value: float, interval: tuple[float, float], unit: str) -> str:
     """Return an interval in the unit that its value is shown in, such as `12.1 to 12.5 kPa`."""
     if not all(map(math.isfinite, interval)):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from jammkle_bringup.core.gap.quantities import noise_units, percent, percents, quantity, span
+from jammkle_bringup.core.gap.quantities import known, noise_units, percent, percents, quantity, span
 from jammkle_bringup.core.gap.words import candidate_label, label
+from jammkle_sim.gap.probability import NO_GAP, UNKNOWN
+from jammkle_sim.gap.verdict import Criteria
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -15,16 +17,17 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.where import HorizonGap, Place
 
 PHASES = (
-    "evacuating", "holding", "venting", "loading", "unloading", "reversal", "impact", "rebound", "sliding", "still",
-    "other", "whole run",
+    "evacuating", "holding", "venting", "falling", "loading", "unloading", "reversal", "impact", "rebound", "sliding",
+    "still", "other", "whole run",
 )  # fmt: skip
 """Columns of the heat map, in the order in which things happen; phases of other names stand before the last two."""
 WORTH_SHARE = 0.005
 """Signals and probabilities below this are put together."""
 _MOST_SIGNATURES = 12
 _MOST_RANKED = 15
-_OFF = 1.0
+_OFF = Criteria().worth_gap
 """Gap from which on a signal is worth a line of its own where there are many, noise units."""
+_ALWAYS_SHOWN = (NO_GAP, UNKNOWN)
 
 
 def parameter_lines(effects: Sequence[FittedEffect]) -> list[dict[str, str]]:
@@ -35,7 +38,7 @@ def parameter_lines(effects: Sequence[FittedEffect]) -> list[dict[str, str]]:
             "subsystem": effect.subsystem,
             "sentence": effect.sentence,
             "parameter": each.name,
-            "value": quantity(each.value, each.unit),
+            "value": known(each.value, each.interval, each.unit),
             "interval": span(each.value, each.interval, each.unit),
             "remark": "at the end of its range: the truth may lie beyond" if each.at_bound else "",
         }
@@ -137,7 +140,7 @@ def candidate_lines(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def probability_lines(probabilities: Mapping[str, float]) -> list[dict[str, Any]]:
     """Return the probabilities that matter, largest first, and the rest as one."""
-    worth = {name: value for name, value in probabilities.items() if value >= WORTH_SHARE}
+    worth = {name: value for name, value in probabilities.items() if value >= WORTH_SHARE or name in _ALWAYS_SHOWN}
     lines = [{"name": label(name), "value": value} for name, value in sorted(worth.items(), key=lambda one: -one[1])]
     rest = sum(probabilities.values()) - sum(worth.values())
     left = len(probabilities) - len(worth)

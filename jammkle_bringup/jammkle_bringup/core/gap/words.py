@@ -20,6 +20,7 @@ PHASE_WORDS = {
     "loading": "while it is loaded",
     "unloading": "while it is unloaded",
     "reversal": "at the reversal",
+    "falling": "while it falls",
     "impact": "at the impact",
     "rebound": "in the rebound",
     "sliding": "while it slides",
@@ -64,10 +65,13 @@ def headline(diagnosis: Diagnosis) -> str:
         left = max(diagnosis.signals, key=lambda each: each.closing.with_effect)
         most = f"{left.signal} is off by {noise_units(left.closing.with_effect)} times its noise"
         but = " with the best of them" if diagnosis.effects else ""
+        if not diagnosis.finished:
+            return f"Stopped before an explanation was found: {most}{but}."
         return f"Something real is left that no effect of the library explains: {most}{but}."
     if diagnosis.verdict is Verdict.EFFECTS:
         found = [finding(effect) for effect in diagnosis.effects]
-        return f"{_sentence_of(found)}: that explains the gap, and no other candidate does as well."
+        rival = "candidate does as well" if diagnosis.finished else "does as well of what was tried before the stop"
+        return f"{_sentence_of(found)}: that explains the gap, and no other {rival}."
     found = ["; ".join(finding(effect) for effect in each.effects) or _NO_EFFECT for each in diagnosis.candidates]
     options = "; or ".join(found)
     return f"One of {len(found)} explanations, which these recordings cannot tell apart: {options}."
@@ -80,8 +84,6 @@ def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
     if diagnosis.verdict is Verdict.UNKNOWN:
         worst = diagnosis.where.places[0]
         texts = [f"Most of the gap is in {place_label(worst)}: {percent(worst.share)} ({percents(worst.interval)})."]
-        if diagnosis.formula is not None:
-            texts.append(f"What is left there follows {diagnosis.formula.text}.")
         if diagnosis.effects:
             names = " + ".join(label(effect.name) for effect in diagnosis.effects)
             texts.append(f"Closest of the library, and not enough: {names}.")
@@ -107,8 +109,13 @@ def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
         f"{percent(place.share)} of the gap ({percents(place.interval)}) is in {place_label(place)}.{_blame(diagnosis)}"
     )
     texts.append(closed_sentence(diagnosis))
+    if diagnosis.formula is not None:
+        texts.append(
+            f"A formula explains {percent(diagnosis.formula.share)} of what is left of {diagnosis.formula.signal}."
+        )
     if diagnosis.next_experiment is not None:
-        texts.append(f"To tell them apart: {diagnosis.next_experiment.sentence}.")
+        following = diagnosis.next_experiment
+        texts.append(f"To tell them apart, record '{following.name}': there, {following.sentence}.")
     return tuple(texts)
 
 
@@ -117,6 +124,8 @@ def closed_sentence(diagnosis: Diagnosis) -> str:
     names = " + ".join(label(effect.name) for effect in diagnosis.effects)
     worst = max(diagnosis.signals, key=lambda each: each.closing.nominal)
     overall, closing = diagnosis.gap, worst.closing
+    if not names and not diagnosis.finished:
+        return "What was fitted before the stop foretells nothing clearly better than the nominal simulator does."
     if not names:
         return "No candidate foretells what it was not fitted to clearly better than the nominal simulator."
     text = f"With {names}, {worst.signal} goes from {noise_units(closing.nominal)} to"
@@ -125,6 +134,22 @@ def closed_sentence(diagnosis: Diagnosis) -> str:
     if math.isfinite(overall.closed):
         text += f"; over all signals {percent(overall.closed)} ({percents(overall.interval)})"
     return f"{text}."
+
+
+def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return what was noted on the recordings, each thing once."""
+    counted: dict[str, int] = {}
+    for note in diagnosis.notes:
+        counted[note] = counted.get(note, 0) + 1
+    return tuple(f"{note} ({count} recordings)" if count > 1 else note for note, count in counted.items())
+
+
+def effects_title(diagnosis: Diagnosis) -> str:
+    """Return what the table of effects and their sizes shows."""
+    return {
+        Verdict.UNKNOWN: "The closest lead, which does not explain the gap",
+        Verdict.AMBIGUOUS: "The first of the set",
+    }.get(diagnosis.verdict, "What explains the gap")
 
 
 def corrected_note(diagnosis: Diagnosis, file: str) -> str:

@@ -28,8 +28,8 @@ _DRIFT_FLOOR_S = 0.05
 """Drift that is never minded, s."""
 _LARGEST_ANGLE_RAD = 2.0
 """Largest angle of an ankle; the joint meets its limit at 1.2 rad."""
-_LOWEST_START_PA, _HIGHEST_PA = 60e3, 130e3
-"""What a vented channel reads on Earth's surface, absolute."""
+_LOWEST_PA, _HIGHEST_PA = 15e3, 130e3
+"""What a channel may read, absolute: from more vacuum than the pump makes to the highest atmosphere and some offset."""
 _LARGEST_START_M = 0.05
 """Largest distance between the slide's start and that of the rig."""
 _STEPS_BACK = 0.01
@@ -111,12 +111,12 @@ def check_numbers(bag: str, signals: Iterable[Signal]) -> None:
 
 
 def _check_pressure(bag: str, name: str, start_pa: float, highest_pa: float, lowest_pa: float) -> None:
-    if highest_pa <= _HIGHEST_PA / 1e3 and highest_pa > _LOWEST_START_PA / 1e3:
+    if _LOWEST_PA / 1e3 < highest_pa <= _HIGHEST_PA / 1e3 and lowest_pa > 0.0:
         guess = "kPa"
-    elif highest_pa < _LOWEST_START_PA:
-        guess = "gauge"
-    elif lowest_pa <= 0.0 or highest_pa > _HIGHEST_PA:
+    elif highest_pa > _HIGHEST_PA:
         guess = "neither gauge nor absolute"
+    elif lowest_pa < _LOWEST_PA:
+        guess = "gauge"
     else:
         return
     msg = f"{name} in bag {bag} lies between {lowest_pa:.4g} and {highest_pa:.4g} Pa and starts at {start_pa:.4g}"

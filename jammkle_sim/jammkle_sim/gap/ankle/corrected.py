@@ -40,7 +40,7 @@ class Correction:
     def __call__(self, rig: Rig) -> Rig:
         """Return a rig with the effects in it, which its description tells."""
         changed = apply_effects(rig, self.library, self.values)
-        return dataclasses.replace(changed, description={**rig.description, "effects": dict(self.values)})
+        return dataclasses.replace(changed, effects=dict(self.values))
 
 
 def check_live(correction: Correction) -> None:

@@ -5,7 +5,6 @@ Pressure, load cell and IMU are those of the simulated sensors (`physics.sensors
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,15 +60,18 @@ def quantity_of(signal: str) -> str:
 
 
 def declared_noise(rig: Rig, timestep_s: float) -> dict[str, float]:
-    """Return the standard deviation of one reading against the truth by quantity, from run to run, SI.
+    """Return the standard deviation from reading to reading by quantity, SI.
 
-    A pressure sensor's offset, which differs from sensor to sensor, counts as scatter: nobody knows it beforehand.
+    Args:
+        rig: Its sensors.
+        timestep_s: Of its simulation, s.
+
     """
     sensors: SensorParameters = rig.sensors
     law = imu_law(sensors, timestep_s)[0]
     passed = _noise_gain(float(law["smoothing"]))
     return {
-        PRESSURE: math.hypot(sensors.pressure_noise_pa, sensors.pressure_offset_pa),
+        PRESSURE: sensors.pressure_noise_pa,
         ANGLE: _ANGLE_RAD,
         SLIDE: _SLIDE_M,
         EXTENSION: _SLIDE_M,
@@ -78,6 +80,11 @@ def declared_noise(rig: Rig, timestep_s: float) -> dict[str, float]:
         ACCELERATION: passed * float(law["noise"][0]),
         RATE: passed * float(law["noise"][3]),
     }
+
+
+def declared_bias(rig: Rig) -> dict[str, float]:
+    """Return the standard deviation of a sensor's constant offset by quantity, SI; those not named have none."""
+    return {PRESSURE: rig.sensors.pressure_offset_pa}
 
 
 def _noise_gain(smoothing: float) -> float:

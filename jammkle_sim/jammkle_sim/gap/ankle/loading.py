@@ -9,22 +9,23 @@ import numpy as np
 import yaml
 
 from jammkle_graph import names
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.gap.ankle import checks
+from jammkle_sim.gap.ankle.arrivals import is_exact, with_arrivals
 from jammkle_sim.gap.ankle.bag import read_bag
 from jammkle_sim.gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
-from jammkle_sim.gap.ankle.instruments import UNITS, declared_noise, quantity_of
+from jammkle_sim.gap.ankle.instruments import UNITS, declared_bias, declared_noise, quantity_of
 from jammkle_sim.gap.ankle.phases import FALLING_RIGS, air_phases, motion_phases, pressure_signals
 from jammkle_sim.gap.ankle.predictability import with_replay_scatter
 from jammkle_sim.gap.ankle.starting import rig_start_s
 from jammkle_sim.gap.recording import BadRecordingError, Recording, Signal
-from jammkle_sim.physics.constants import AMBIENT_PA
 from jammkle_sim.rigs.assembly import assembled
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.rigs.replay import CommandTrack, timestep_s
 from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -40,9 +41,18 @@ _WEATHER_PA = 500.0
 """Distance from the standard atmosphere from which on the recording's own is taken. Assumed: three such scatters."""
 _CONSTANT = 1e-3
 """Share of its noise below which a signal that moves counts as constant: rounding errors of a simulation."""
+_FALL_SAMPLES = 2500
+"""Samples per signal that a fall is thinned to at most: at 1 kHz all of the 2.5 s of a drop."""
+_ON_THE_GRID = 1e-6
+"""Rounding of a number of samples."""
 _SLOW_HZ = 200.0
 """Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
 hundreds of runs."""
+_COMMAND_JITTER_S = 0.001
+"""What is left unknown of when a command of a live graph arrived, standard deviation, s. Assumed: the grid that it is
+searched on."""
+_ROUNDING_S = 1e-9
+"""What stamps of the same time may differ by, s."""
 _REGIME = ("foot", "material", "membrane", "jam", "channel", "vacuum_pa", "speed_m_s")
 """Options that make a regime of their own; the others only scatter or are the same for all."""
 
@@ -88,7 +98,13 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     built = nominal_rig(inputs)
     start_s = rig_start_s(bag, topics, built, notes)
     commands = _commands(topics, start_s)
-    signals = _signals(bag.name, topics, start_s, declared_noise(built, timestep_s(built)))
+    noise, bias = declared_noise(built, timestep_s(built)), declared_bias(built)
+    signals = {
+        each.name: dataclasses.replace(
+            each, noise=noise[quantity_of(each.name)], bias=bias.get(quantity_of(each.name), 0.0)
+        )
+        for each in _signals(bag.name, topics, start_s)
+    }
     checks.check_numbers(bag.name, signals.values())
     checks.check_alive(bag.name, signals, commands.solenoids)
     _check_length(bag.name, signals)
@@ -97,6 +113,9 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     checks.check_rig(bag.name, built, signals, parts.joints, start_m)
     inputs = dataclasses.replace(inputs, commands=commands)
     inputs = _with_air(inputs, bag, signals, built.pneumatics.ambient_pa, notes)
+    exact = is_exact(bag)
+    if not exact:
+        inputs = with_arrivals(inputs, nominal_rig(inputs), signals, notes)
     kept = {each: signal for each, signal in signals.items() if np.ptp(signal.values) > _CONSTANT * signal.noise}
     if len(kept) < len(signals):
         notes.append(f"constant, and left out: {', '.join(sorted(set(signals) - set(kept)))}")
@@ -104,9 +123,10 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     if missing:
         notes.append(f"not recorded: {', '.join(missing)}")
     phases = _phases(name, kept, commands)
-    thin = tuple(signal if name in FALLING_RIGS else _thinned(signal) for signal in kept.values())
+    fewest = _FALL_SAMPLES if name in FALLING_RIGS else 0
+    thin = tuple(_thinned(signal, fewest) for signal in kept.values())
     recording = Recording(bag.name, thin, inputs, tuple(phases), _regime(inputs), tuple(notes))
-    return with_replay_scatter(recording)
+    return with_replay_scatter(recording, 0.0 if exact else _COMMAND_JITTER_S)
 
 
 _COMMANDS = (names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values()))
@@ -173,22 +193,16 @@ def _commands(topics: Mapping[str, Samples], start_s: float) -> CommandTrack:
     return CommandTrack(timeline(names.PUMP_DUTY.name), solenoids)
 
 
-def _signals(bag: str, topics: Mapping[str, Samples], start_s: float, noise: Mapping[str, float]) -> dict[str, Signal]:
-    signals: dict[str, Signal] = {}
+def _signals(bag: str, topics: Mapping[str, Samples], start_s: float) -> Iterator[Signal]:
     for topic, samples in topics.items():
-        if topic in _COMMANDS:
-            continue
         time_s = samples.stamp_s - start_s
+        inside = time_s >= -_ROUNDING_S
         for column, values in samples.columns.items():
             name = _signal_name(topic, column)
-            if name is None:
+            if name is None or topic in _COMMANDS or not inside.any():
                 continue
             _check_finite(bag, name, time_s, values)
-            quantity = quantity_of(name)
-            inside = time_s >= -1e-9  # noqa: PLR2004 - rounding of the stamps
-            if inside.any():
-                signals[name] = Signal(name, UNITS[quantity], time_s[inside], values[inside], noise[quantity])
-    return signals
+            yield Signal(name, UNITS[quantity_of(name)], time_s[inside], values[inside])
 
 
 def _signal_name(topic: str, column: str) -> str | None:
@@ -217,10 +231,10 @@ def _check_finite(bag: str, name: str, time_s: NDArray[np.float64], values: NDAr
         raise BadRecordingError(msg)
 
 
-def _thinned(signal: Signal) -> Signal:
-    """Return every n-th sample of a signal, for at most _SLOW_HZ."""
+def _thinned(signal: Signal, fewest: int) -> Signal:
+    """Return every n-th sample of a signal, so that neither `fewest` samples nor _SLOW_HZ are fallen below."""
     length_s = float(signal.time_s[-1] - signal.time_s[0])
-    every = max(int((len(signal.time_s) - 1) / (length_s * _SLOW_HZ) + 1e-6), 1) if length_s > 0.0 else 1
+    every = max(int((len(signal.time_s) - 1) / max(length_s * _SLOW_HZ, fewest, 1.0) + _ON_THE_GRID), 1)
     return dataclasses.replace(signal, time_s=signal.time_s[::every].copy(), values=signal.values[::every].copy())
 
 
@@ -241,7 +255,7 @@ def _with_air(
         return inputs
     first = {where: float(np.median(signals[name].values[:5])) for where, name in found.items()}
     highest_pa = float(np.median([np.percentile(signals[name].values, 99) for name in found.values()]))
-    if bag.description is None and abs(highest_pa - AMBIENT_PA) > _WEATHER_PA:
+    if bag.description is None and abs(highest_pa - STANDARD_ATMOSPHERE_PA) > _WEATHER_PA:
         ambient_pa = highest_pa
         inputs = dataclasses.replace(inputs, ambient_pa=ambient_pa)
         notes.append(f"atmosphere taken from the vented pressures: {ambient_pa:.0f} Pa")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,9 +79,9 @@ def motion_phases(rig: str, carriage: Signal | None, signals: tuple[str, ...]) -
     """
     if carriage is None or len(carriage.time_s) < 3 or not signals:  # noqa: PLR2004 - a slope and a turn
         return []
-    if rig in FALLING_RIGS:
-        return _falling(carriage, signals)
-    return _driven(carriage, signals)
+    phases = _falling(carriage, signals) if rig in FALLING_RIGS else _driven(carriage, signals)
+    # Other signals may begin before the slide does.
+    return [dataclasses.replace(phases[0], start_s=min(phases[0].start_s, 0.0)), *phases[1:]]
 
 
 def _driven(carriage: Signal, signals: tuple[str, ...]) -> list[Phase]:

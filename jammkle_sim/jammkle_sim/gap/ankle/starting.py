@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_graph import names
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.gap.ankle.phases import FALLING_RIGS
-from jammkle_sim.physics.constants import GRAVITY_M_S2
 from jammkle_sim.rigs.replay import timestep_s
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _moved_off_s(topics: Mapping[str, Samples], rig: Rig) -> float | None:
     at = int(moved[0])
     time_s, moved_m = float(joints.stamp_s[at]), float(way_m[at])
     if rig.name in FALLING_RIGS:
-        return time_s - math.sqrt(2.0 * moved_m / GRAVITY_M_S2)
+        return time_s - math.sqrt(2.0 * moved_m / STANDARD_GRAVITY_M_S2)
     ahead = min(at + 50, len(way_m) - 1)
     speed_m_s = (float(way_m[ahead]) - moved_m) / max(float(joints.stamp_s[ahead]) - time_s, 1e-9)
     return time_s - moved_m / speed_m_s if speed_m_s > 0.0 else time_s

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import CARRIAGE_JOINT
 from jammkle_sim.gap.ankle.instruments import ACCELERATION, FORCE, RATE, quantity_of
 from jammkle_sim.gap.ankle.measured import Measured
@@ -22,7 +23,6 @@ from jammkle_sim.gap.ankle.restarts import Drive, restarted_readings
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.truth import air_of, steps_of
 from jammkle_sim.physics import kernels, records
-from jammkle_sim.physics.constants import GRAVITY_M_S2
 from jammkle_sim.physics.tendon import relaxed_state
 from jammkle_sim.rigs import replay
 from jammkle_sim.rigs.assembly import laws_of
@@ -132,7 +132,7 @@ def _sensed(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]]:
         quantity = quantity_of(signal.name)
         if quantity == FORCE and in_line:
             found[signal.name] = made[signal.name]
-        if quantity in (ACCELERATION, RATE) and carriage is not None and gravity_m_s2 > 0.5 * GRAVITY_M_S2:
+        if quantity in (ACCELERATION, RATE) and carriage is not None and gravity_m_s2 > 0.5 * STANDARD_GRAVITY_M_S2:
             moving = _moving(np.abs(carriage[1]) > _STILL_M_S, round(_SETTLE_S / step_s))
             at = np.clip(np.round(signal.time_s / step_s).astype(int) - 1, 0, steps - 1)
             # A sample in motion says nothing of the sensor here: it is taken as it is.
