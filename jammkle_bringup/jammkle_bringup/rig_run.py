@@ -159,8 +159,10 @@ def _show(request: RigRequest, done: list[_Done]) -> None:
         table.add_row(name, *(f"{each.run.results.get(name, math.nan):.5g}" for each in done))
     console.print(table)
     for each in done:
+        where = f" in {escape(str(each.bag))}" if each.bag is not None else ""
+        if each.run.clipped:
+            console.print(f"clipped{where}: {', '.join(each.run.clipped)}; figures taken from it are too small")
         if each.run.broken:
-            where = f" in {escape(str(each.bag))}" if each.bag is not None else ""
             console.print(f"broken{where}: {', '.join(each.run.broken)} tore; without force from there on")
         if each.bag is not None:
             console.print(f"{each.messages} messages are in {each.bag}", markup=False)
@@ -176,4 +178,5 @@ def _as_json(repeat: int, done: _Done) -> dict[str, Any]:
         "options": dataclasses.asdict(done.run.options),
         "results": {name: value if math.isfinite(value) else None for name, value in done.run.results.items()},
         "broken": list(done.run.broken),
+        "clipped": list(done.run.clipped),
     }

@@ -173,12 +173,13 @@ def test_every_row_is_in_the_results(written: tuple[str, dict[str, Any]]) -> Non
 
 
 def test_every_row_claim_and_reason_is_on_the_page(written: tuple[str, dict[str, Any]]) -> None:
-    """The page has a line per row and claim, with title, the paper's mean and the sentence on the printed constants."""
+    """A line per row and claim, with title, the three numbers that the paper prints and the sentence on what misses."""
     text = html.unescape(written[0]).replace("\N{NO-BREAK SPACE}", " ")
     for row in ROWS:
         (line,) = re.findall(rf'<tr id="{row.identifier}">.*?</tr>', text, re.DOTALL)
         assert row.title in line
-        assert f"{row.mean:.3f}" in line
+        printed = "".join(f'<td class="n">{number:.3f}</td>' for number in (row.largest, row.mean, row.standard_error))
+        assert printed in line
     for claim in SLIP_CLAIMS:
         assert f'<tr id="{claim.identifier}">' in text
     assert all(entry.sentence in text for entry in REASONS)
@@ -220,6 +221,7 @@ def test_the_page_shows_the_edge_friction_and_its_limit(written: tuple[str, Any]
     limit = Footing(options.slope_deg, options.leg_m, AnkleParameters()).wedging_friction
     assert f"is {options.edge_friction:g} " in slip_test
     assert f"is {limit:.3f} " in slip_test
+    assert f"lever of the toe, {AnkleParameters().toe_m * 1e3:g} mm" in slip_test
     assert "peak before the heel lands" in slip_test
 
 

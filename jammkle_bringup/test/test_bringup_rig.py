@@ -183,6 +183,25 @@ def test_a_torn_tendon_is_said_and_recorded(tmp_path: Path, capsys: pytest.Captu
     assert "peroneal_left" in levels[torn_ns][1]
 
 
+def test_a_sensor_at_the_end_of_its_range_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A stiff tendon pulled beyond 245 N and a hard landing say which sensor clipped; a soft landing says nothing."""
+    pull = ("tensile", "--material", "a85", "--extension-m", "0.05", "--speed-m-s", "1", "--vacuum-pa", "75000")
+    told = {}
+    for name, options in (
+        ("pull", pull),
+        ("hard", ("drop", "--foot", "standard")),
+        ("soft", ("drop", "--foot", "unjammed")),
+    ):
+        assert main(["rig", *options, "-o", str(tmp_path / name), "--json", str(tmp_path / f"{name}.json")]) == 0
+        (run,) = json.loads((tmp_path / f"{name}.json").read_text())["runs"]
+        told[name] = run["clipped"]
+        lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("clipped")]
+        assert bool(lines) == bool(told[name])
+    assert told["pull"] == ["the load cell at 245 N"]
+    assert told["hard"] == ["the load cell at 245 N", "the IMU at 80.83 m/s^2 with gravity"]
+    assert told["soft"] == []
+
+
 def test_help_says_what_a_saved_model_lacks(capsys: pytest.CaptureFixture[str]) -> None:
     """The help of --save-mjcf says that tendon law, air and the release of the carriage are not in the file."""
     assert main(["rig", "drop", "--help"]) == 0

@@ -143,10 +143,10 @@ class Graph:
         return bool(self.call(ChangeState, "driver/change_state", transition=Transition(id=identifier)).success)
 
     def close(self) -> None:
-        for node in self.executor.get_nodes():
-            self.executor.remove_node(node)
+        nodes = list(self.executor.get_nodes())
+        self.executor.shutdown()  # first, so that nothing that arrives calls into nodes that are gone
+        for node in nodes:
             node.destroy_node()
-        self.executor.shutdown()
         self.context.try_shutdown()
         # The garbage collector does not see through an events executor, and with it the whole participant stays alive.
         del self.executor

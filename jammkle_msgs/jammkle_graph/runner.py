@@ -97,7 +97,7 @@ def run(
             # A defect that ends the loop must not leave a pump running and solenoids energised.
             if shut_down is not None:
                 shut_down(node)
-        executor.remove_node(node)
+        executor.shutdown()  # first, so that nothing that arrives calls into a node that is gone
         node.destroy_node()
         return 0
     finally:

@@ -112,8 +112,9 @@ class Graph:
         """When it was sent, topic and message of everything recorded. Arrival is ordered within a topic only."""
 
     def close(self) -> None:
-        self._probe_executor.remove_node(self.probe)
-        self._executor.remove_node(self.sim)
+        # First, so that nothing that arrives calls into nodes that are gone.
+        self._probe_executor.shutdown()
+        self._executor.shutdown()
         self._recordings.clear()
         for client in self._action_clients:
             client.destroy()

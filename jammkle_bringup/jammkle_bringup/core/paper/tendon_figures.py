@@ -126,8 +126,8 @@ def strain(deformations: Sequence[Deformation]) -> Picture:
     return finished(
         "ComsolFig", figure, "Where the stretch sits along the tendon at 20 mm", "Figure 6 (ComsolFig)",
         "Reference model, set `fitted`. Soft fibres lie at both ends, as every second one is mirrored; in the middle "
-        "all are stiff. Unjammed the soft sections stretch alone; jammed, friction makes the stiff ones beside them "
-        "stretch too.",
+        "all are stiff. Unjammed the soft sections take most of the stretch; jammed, friction makes the stiff ones "
+        "beside them stretch as well.",
     )  # fmt: skip
 
 
