@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.ankle.live.monitor import SubsystemReport
 
 _NS = 1e-9
+_NOT_ASKED = ("seed", "release_time_s")
+"""Options that the twin does not need: it has no noise, and sees by itself when the slide is let go."""
 _STATES = {
     GapState.WAITING: SubsystemGap.UNKNOWN,
     GapState.CLOSE: SubsystemGap.CLOSE,
@@ -40,7 +42,8 @@ def rig_of(description: str) -> tuple[str, dict[str, Any]]:
         return "", {}
     content = content if isinstance(content, dict) else {}
     options = dict(content.get("options") or {})
-    options.pop("seed", None)
+    for name in _NOT_ASKED:
+        options.pop(name, None)
     return str(content.get("rig", "")), options
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +37,8 @@ class BodyFollower:
         self._rig = rig
         self._step_s = timestep_s(rig)
         self._noise = declared_noise(rig, self._step_s)
-        self._bodies = Bodies(rig)
+        # What the rig does by itself, and when, is not the twin's: it sees whether the slide is held.
+        self._bodies = Bodies(dataclasses.replace(rig, events=()))
         self._joints = self._bodies.parts.joints
         self._start_m = float(self._bodies.parts.data.joint(names.CARRIAGE_JOINT).qpos[0])
         self._hold = self._bodies.parts.data.eq_active.copy()
