@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from jammkle_graph import names
 from jammkle_graph.declare import declare
 from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_graph.qos import every_change_qos, publisher_qos, subscriber_qos
 from jammkle_msgs.msg import SimulatorGap
 from jammkle_sim.gap.ankle.bag import TAKERS
 from jammkle_sim.gap.ankle.inputs import known_options
@@ -26,7 +26,10 @@ from jammkle_sim.gap_monitor.health import sentence, subsystem_health, unknown_r
 from jammkle_sim.gap_monitor.parameters import FROM_THE_GRAPH, GapMonitorParameters, monitor_settings
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.executors import Executor
+    from rclpy.qos import QoSProfile
 
     from jammkle_graph.diagnostics import Health
     from jammkle_graph.names import Topic
@@ -62,15 +65,17 @@ class GapMonitorNode(Node):
         self._values = declare(self, GapMonitorParameters)
         self._monitor: GapMonitor | None = None
         self._commands: dict[str, tuple[float, Any]] = {}
+        self._newest_s = 0.0
+        """Stamp of the measurement heard last, s."""
         told = self._values.rig != FROM_THE_GRAPH
         self._wanted: tuple[str, dict[str, Any]] | None = (self._values.rig, {}) if told else None
         self._trouble = f"no {names.SIM_PARAMETERS.name}: name what the robot stands in with the parameter rig"
         self._gap = self.create_publisher(SimulatorGap, names.SIMULATOR_GAP.name, publisher_qos(names.SIMULATOR_GAP))
         self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
         for topic in _COMMANDS:
-            self._listen(topic, partial(self._take_command, topic.name))
+            self._listen(topic, partial(self._take_command, topic.name), every_change_qos())
         for topic in _MEASUREMENTS:
-            self._listen(topic, partial(self._take_measurement, topic.name))
+            self._listen(topic, partial(self._take_measurement, topic.name), subscriber_qos(topic))
         if not told:
             self.create_subscription(
                 String, names.SIM_PARAMETERS.name, self._take_description, subscriber_qos(names.SIM_PARAMETERS)
@@ -103,18 +108,21 @@ class GapMonitorNode(Node):
         for topic, (time_s, message) in self._commands.items():
             self._hear(topic, time_s, message)
 
-    def _listen(self, topic: Topic, take: Any) -> None:
+    def _listen(self, topic: Topic, take: Callable[[Any], None], qos: QoSProfile) -> None:
         package, folder, name = topic.message_type.split("/")
         kind = getattr(import_module(f"{package}.{folder}"), name)
-        self.create_subscription(kind, topic.name, take, subscriber_qos(topic))
+        self.create_subscription(kind, topic.name, take, qos)
 
     def _take_command(self, topic: str, message: Any) -> None:
-        time_s = self.get_clock().now().nanoseconds * _NS
+        # Messages come in the order in which they were sent. The time at which a callback is served is later by all
+        # that is done meanwhile, and would take several commands for one.
+        time_s = self._newest_s
         self._commands[topic] = (time_s, message)
         self._hear(topic, time_s, message)
 
     def _take_measurement(self, topic: str, message: Any) -> None:
-        self._hear(topic, stamp_s(message), message)
+        self._newest_s = stamp_s(message)
+        self._hear(topic, self._newest_s, message)
 
     def _hear(self, topic: str, time_s: float, message: Any) -> None:
         if self._monitor is not None:

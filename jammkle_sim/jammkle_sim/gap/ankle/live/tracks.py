@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 
 class Track:
-    """Samples of one topic, by rising time; a sample that is not newer, or not finite, is left out."""
+    """Samples of one topic, by rising time; of two of the same time the later one counts.
+
+    A sample that is older than the last, or not finite, is left out.
+    """
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -22,8 +25,11 @@ class Track:
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
         """Take a sample."""
-        if np.isfinite([time_s, *values.values()]).all() and (not self._samples or time_s > self._samples[-1][0]):
-            self._samples.append((time_s, values))
+        if not np.isfinite([time_s, *values.values()]).all() or time_s < self.last_s:
+            return
+        if time_s == self.last_s:
+            self._samples.pop()
+        self._samples.append((time_s, values))
 
     @property
     def first_s(self) -> float:
