@@ -20,5 +20,10 @@ setup(
     maintainer_email="maintainers@jammkle.example",
     description="Simulation of a jammable ankle, its pneumatics, rigs and sensors in MuJoCo.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["sim = jammkle_sim.__main__:main"]},
+    entry_points={
+        "console_scripts": [
+            "sim = jammkle_sim.__main__:main",
+            "gap_monitor = jammkle_sim.gap_monitor.__main__:main",
+        ]
+    },
 )

@@ -117,7 +117,7 @@ def read_bag(path: Path, namespace: str | None = None) -> Bag:
             msg = f"bag {path} holds the namespaces {', '.join(found)}"
             msg += f"; choose one of them, not '{namespace or 'none'}'"
             raise BadRecordingError(msg)
-        takers = {f"{chosen.rstrip('/')}/{name}": (name, take) for name, take in _TAKERS.items()}
+        takers = {f"{chosen.rstrip('/')}/{name}": (name, take) for name, take in TAKERS.items()}
         takers[names.CLOCK.name] = (names.CLOCK.name, _take_clock)
         tables: dict[str, _Table] = {}
         texts: list[str] = []
@@ -199,7 +199,7 @@ def _take_tendons(message: Any) -> dict[str, float]:
     return row
 
 
-_TAKERS: dict[str, Callable[[Any], dict[str, float]]] = {
+TAKERS: dict[str, Callable[[Any], dict[str, float]]] = {
     names.PUMP_DUTY.name: _take_data,
     **{topic.name: _take_data for topic in names.SOLENOIDS.values()},
     **{topic.name: _take_pressure for topic in (names.MANIFOLD_PRESSURE, *names.PRESSURES.values())},
