@@ -15,10 +15,10 @@ from jammkle_bringup import report
 from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.gap import tables, words
 from jammkle_bringup.core.gap.backend import backend
+from jammkle_bringup.core.gap.experiments import experiments
 from jammkle_bringup.core.gap.page import Setting, page
 from jammkle_bringup.core.gap.quantities import noise_units, percent, percents
 from jammkle_bringup.core.signals import Interrupted, StopRequest
-from jammkle_bringup.gap_experiments import experiments
 from jammkle_bringup.progress import progress_bar
 from jammkle_sim.gap.ankle.corrected import corrected_text
 from jammkle_sim.gap.ankle.effects import ankle_library

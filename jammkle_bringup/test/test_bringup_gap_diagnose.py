@@ -159,6 +159,20 @@ def test_a_run_without_a_gap_has_none(tmp_path: Path) -> None:
     assert yaml.safe_load((tmp_path / "corrected.yaml").read_text(encoding="utf-8")) is None
 
 
+def test_what_cannot_be_told_apart_is_a_set(tmp_path: Path) -> None:
+    """One soft tendon pulled without vacuum may be warm, torn or short of fibres: all are named, and how to know."""
+    (tmp_path / "soft.yaml").write_text("tendon_stiffness: {scale: 0.8}", encoding="utf-8")
+    pull = ["rig", "tensile", "--speed-m-s", "0.02", "--effects", str(tmp_path / "soft.yaml"), "-o", f"{tmp_path}/pull"]
+    assert main(pull) == 0
+    code = main(["gap", "diagnose", f"{tmp_path}/pull", "-o", f"{tmp_path}/out", "--json", f"{tmp_path}/x.json"])
+    assert code == 0
+    found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
+    assert found["verdict"] == "AMBIGUOUS"
+    assert {"tendon_stiffness", "fibre_loss_peroneal_left"} <= {name for each in found["set"] for name in each["names"]}
+    assert found["next_experiment"]["difference"] > 1.0
+    assert found["next_experiment"]["name"] in (tmp_path / "out" / "gap.html").read_text(encoding="utf-8")
+
+
 def test_ctrl_c_keeps_what_is_known(
     leaking: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

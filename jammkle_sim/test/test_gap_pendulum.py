@@ -264,18 +264,18 @@ def test_two_processes_give_the_same_answer(by_value: bool) -> None:  # noqa: FB
 
 
 def test_a_stop_keeps_what_is_done() -> None:
-    """Stopped after the singles, there still is a diagnosis, and it says that it is not finished."""
+    """Stopped among the pairs, there still is a diagnosis, and it says that it is not finished."""
     random = np.random.default_rng(81)
     recordings = [measure(kind, {"payload.mass": 0.1}, random) for kind in RUNS]
     asked = []
 
     def stop() -> bool:
         asked.append(True)
-        return len(asked) > 8
+        return len(asked) > 250
 
     found = diagnose(recordings, simulate, LIBRARY, stop=stop, jobs=1)
     assert not found.finished
-    assert found.ranking[0][0] == ("payload",)
+    assert "payload" in found.ranking[0][0]
 
 
 def test_it_says_where_and_fits_into_json() -> None:

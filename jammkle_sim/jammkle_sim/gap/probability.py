@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_sim.gap.scoring import difference
+from jammkle_sim.gap.verdict import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,6 +48,8 @@ def probabilities(
     if judgement.closed == judgement.closed:  # not a number where there was nothing to close
         left = min(left, max(1.0 - judgement.closed, 0.0) / (1.0 - criteria.explained_share))
     unknown = _beyond(left, criteria.sharpness)
+    if judgement.verdict is Verdict.UNKNOWN:
+        unknown = max(unknown, 0.5)
     chosen = {score.names for score in judgement.chosen}
     longest = max(len(names) for names in chosen)
     rivals = [score for score in scores if score.names and (len(score.names) <= longest or score.names in chosen)]

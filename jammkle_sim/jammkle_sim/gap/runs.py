@@ -148,14 +148,24 @@ class Runs:
         expected_s = len(tasks) * (self._run_s / self._runs if self._runs else 0.0)
         spread = self._jobs is not None or (cpu_count() > 1 and expected_s > WORTH_SPREADING_S)
         if len(tasks) < 2 or not self._picklable or self._jobs == 1 or not spread:  # noqa: PLR2004  # one needs no help
-            return [_run(*task) for task in tasks]
+            return self._one_by_one(tasks)
         parallel: Any = Parallel(n_jobs=self._jobs if self._jobs is not None else -1)
         try:
             done: list[tuple[Signals | None, float]] = parallel(delayed(_run)(*task) for task in tasks)
         except BrokenExecutor:
             # A process died, or could not import what the simulator is made of: here it is at hand.
             self._picklable = False
-            done = [_run(*task) for task in tasks]
+            done = self._one_by_one(tasks)
+        return done
+
+    def _one_by_one(
+        self, tasks: Sequence[tuple[Simulator, Recording, dict[str, float]]]
+    ) -> list[tuple[Signals | None, float]]:
+        done = []
+        for task in tasks:
+            if self._stop():
+                raise StoppedError
+            done.append(_run(*task))
         return done
 
 

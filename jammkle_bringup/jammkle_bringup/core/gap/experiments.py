@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jammkle_bringup.core.message_definitions import MessageDefinitions, share_folders
-from jammkle_bringup.rig_bag import write_bag
 from jammkle_graph.parameters import from_mapping
-from jammkle_sim.gap.ankle.loading import load_recording
+from jammkle_sim.gap.ankle.runs import recording_of_run
 from jammkle_sim.gap.experiments import Experiment
 from jammkle_sim.rigs.catalogue import rig_kind, run_rig
 
@@ -30,17 +26,14 @@ class _Plan:
     @property
     def command(self) -> str:
         """How to simulate it, which also says what to do with the robot."""
-        options = (f"--{name.replace('_', '-')} {value}" for name, value in self.settings.items())
+        shown = {name: f"{value:g}" if isinstance(value, float) else value for name, value in self.settings.items()}
+        options = (f"--{name.replace('_', '-')} {value}" for name, value in shown.items())
         return " ".join(("rig", self.rig, *options))
 
     def recording(self) -> Recording:
         """Return the recording as it would be with nothing wrong."""
         options = from_mapping(rig_kind(self.rig).options, dict(self.settings))
-        run = run_rig(self.rig, options, lambda _: None, lambda: False)
-        with tempfile.TemporaryDirectory(prefix="jammkle_plan_") as folder:
-            bag = Path(folder) / self.rig
-            write_bag(run, bag, "/", MessageDefinitions(share_folders()))
-            return load_recording(bag)
+        return recording_of_run(run_rig(self.rig, options, lambda _: None, lambda: False), self.command)
 
 
 _PLANS = (
