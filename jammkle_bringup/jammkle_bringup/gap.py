@@ -7,18 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from rich.markup import escape
-from rich.padding import Padding
-from rich.table import Table
 
 from jammkle_bringup import report
 from jammkle_bringup.core.errors import GraphError, InputError
-from jammkle_bringup.core.gap import tables, words
+from jammkle_bringup.core.gap import words
 from jammkle_bringup.core.gap.backend import backend
 from jammkle_bringup.core.gap.experiments import experiments
 from jammkle_bringup.core.gap.page import Setting, page
-from jammkle_bringup.core.gap.quantities import noise_units, percent, percents
 from jammkle_bringup.core.signals import Interrupted, StopRequest
+from jammkle_bringup.gap_report import show
 from jammkle_bringup.progress import progress_bar
 from jammkle_sim.gap.ankle.corrected import corrected_text
 from jammkle_sim.gap.ankle.effects import ankle_library
@@ -44,15 +41,6 @@ if TYPE_CHECKING:
 
 PAGE_NAME = "gap.html"
 CORRECTED_NAME = "corrected.yaml"
-_SIGNALS_SHOWN = 6
-_STYLES = {
-    Verdict.NO_GAP: "bold green",
-    Verdict.EFFECTS: "bold blue",
-    Verdict.AMBIGUOUS: "bold yellow",
-    Verdict.UNKNOWN: "bold red",
-}
-_WIDTH = 80
-"""Text is broken at this, columns; tables are made to fit it."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +87,7 @@ def diagnose(request: DiagnoseRequest) -> int:
     (request.folder / CORRECTED_NAME).write_text(_corrected(diagnosis, library, request.library), encoding="utf-8")
     (request.folder / PAGE_NAME).write_text(page(diagnosis, setting), encoding="utf-8")
     report.write_json(request.json, _content(diagnosis, setting, request))
-    _show(diagnosis, setting, request)
+    show(diagnosis, setting, request.folder / PAGE_NAME)
     return 0
 
 
@@ -151,11 +139,11 @@ def _recordings(
     bags: Sequence[Path], request: DiagnoseRequest, options: dict[str, Any], stop: Callable[[], bool]
 ) -> list[Recording]:
     found: list[Recording] = []
-    with progress_bar("reading bags") as show:
+    with progress_bar("reading bags") as update:
         for place, bag in enumerate(bags):
             if stop():
                 raise Interrupted
-            show(place / len(bags), bag.name)
+            update(place / len(bags), bag.name)
             try:
                 recording = load_recording(bag, request.rig, options=options, namespace=request.namespace)
             except BadRecordingError as error:
@@ -183,13 +171,13 @@ def _diagnose(
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> Diagnosis:
-    with progress_bar("diagnosing") as show:
+    with progress_bar("diagnosing") as update:
         furthest = 0.0
 
         def on_progress(stage: str, share: float, _left_s: float) -> None:
             nonlocal furthest
             furthest = max(furthest, share)
-            show(furthest, stage)
+            update(furthest, stage)
 
         try:
             return diagnose_recordings(
@@ -237,67 +225,3 @@ def _content(diagnosis: Diagnosis, setting: Setting, request: DiagnoseRequest) -
         "page": str(request.folder / PAGE_NAME),
         "corrected": setting.corrected,
     }
-
-
-def _show(diagnosis: Diagnosis, setting: Setting, request: DiagnoseRequest) -> None:
-    console = report.console()
-
-    def say(text: str, indent: int = 0) -> None:
-        width = min(_WIDTH, console.width) - indent
-        console.print(Padding(escape(text), (0, 0, 0, indent)), width=width + indent)
-
-    if not diagnosis.finished:
-        say("STOPPED EARLY: not every effect was fitted, and a better one may be missing.")
-    style = _STYLES[diagnosis.verdict]
-    console.print(f"[{style}]{diagnosis.verdict.value.replace('_', ' ')}[/{style}]")
-    say(words.headline(diagnosis))
-    for check in words.checks(diagnosis):
-        say(f"- {check}", 2)
-    if diagnosis.effects:
-        console.print(_effect_table(diagnosis))
-    console.print(_gap_table(diagnosis))
-    for sentence in words.explanation(diagnosis):
-        say(sentence)
-    for note in words.notes(diagnosis):
-        say(f"note: {note}")
-    if not diagnosis.finished:
-        say("STOPPED EARLY: run it again to its end before anything is taken apart.")
-    spent = diagnosis.spent
-    say(f"{spent.runs} simulator runs, {spent.simulated_s:.0f} simulated seconds, {spent.wall_s:.0f} s")
-    console.print(words.corrected_note(diagnosis, setting.corrected), markup=False, soft_wrap=True)
-    console.print(f"page: {request.folder / PAGE_NAME}", markup=False, soft_wrap=True)
-
-
-def _effect_table(diagnosis: Diagnosis) -> Table:
-    table = Table(title=words.effects_title(diagnosis), title_justify="left", min_width=_WIDTH // 2)
-    table.add_column("effect: parameter", overflow="fold", max_width=40)
-    table.add_column("value", justify="right")
-    table.add_column("95 % interval", justify="right", max_width=24)
-    for line in tables.parameter_lines(diagnosis.effects):
-        bound = " (at bound)" if line["remark"] else ""
-        name = f"{words.label(line['effect'])}\n  [dim]{escape(line['parameter'])}[/dim]"
-        table.add_row(name, escape(line["value"]), escape(line["interval"]) + bound)
-    return table
-
-
-def _gap_table(diagnosis: Diagnosis) -> Table:
-    table = Table(title="Gap, in units of the noise (held out)", title_justify="left")
-    table.add_column("signal", max_width=28, overflow="fold")
-    for heading in ("nominal", "with effect", "closed", "95 % interval"):
-        table.add_column(heading, justify="right")
-    lines = tables.signal_lines(diagnosis)
-    for line in lines[:_SIGNALS_SHOWN]:
-        cells = (line[key] for key in ("nominal", "with_effect", "closed", "interval"))
-        table.add_row(escape(line["signal"]), *cells)
-    if len(lines) > _SIGNALS_SHOWN:
-        table.add_row(f"({len(lines) - _SIGNALS_SHOWN} more on the page)", "", "", "", "")
-    overall = diagnosis.gap
-    cells = (
-        noise_units(overall.nominal),
-        noise_units(overall.with_effect),
-        percent(overall.closed),
-        percents(overall.interval),
-    )
-    table.add_section()
-    table.add_row("all signals", *cells)
-    return table
