@@ -34,6 +34,7 @@ lint: set-up
 
 readme: set-up
 	@$(BIN)/python test/readme_tables.py
+	@$(BIN)/python jammkle_bringup/scripts/write_parameter_file.py
 
 format: set-up
 	@$(BIN)/ruff check --fix
