@@ -1,13 +1,16 @@
-"""The gap monitor on a running graph: it warns of a leak where the leak is, and of nothing where there is none."""
+"""The gap monitor on a running graph: it warns of a leak where the leak is.
+
+That it warns of nothing without an effect is tested without a graph, where no command is heard late.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from jammkle_graph.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, SIMULATOR_GAP
-from jammkle_msgs.msg import ChannelJamState, SubsystemGap
+from jammkle_msgs.msg import SubsystemGap
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,8 +19,6 @@ if TYPE_CHECKING:
     from graph import Probe, Up
 
 LEAK = "line_leak_manifold:\n  conductance_dm3_s_bar: 0.003\n"
-REPORTS = 25
-"""Reports on simulator_gap that are looked at after everything is jammed: five seconds."""
 
 
 def subsystems(probe: Probe) -> dict[str, SubsystemGap]:
@@ -64,19 +65,3 @@ def test_a_leak_is_warned_of_in_the_pneumatics_alone(
     probe.spin_until(lambda: any(line.level == DiagnosticStatus.WARN for line in lines(probe)), "it is warned of")
     warned = {line.name.rpartition(": ")[2] for line in lines(probe) if line.level == DiagnosticStatus.WARN}
     assert warned == {"pneumatics"}
-
-
-def test_without_an_effect_nothing_is_warned_of(
-    start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
-) -> None:
-    """A robot that is its simulator stays close while it is jammed and held."""
-    start("up", "--monitor", *left_alone)
-    probe = make_probe()
-    jammed(probe)
-    probe.wait_for_channels(ChannelJamState.JAMMED)
-    heard: list[Any] = probe.heard[SIMULATOR_GAP.name]
-    first = len(heard)
-    probe.spin_until(lambda: len(heard) >= first + REPORTS, "some more reports")
-    for message in heard[first:]:
-        assert {each.state for each in message.subsystems} == {SubsystemGap.CLOSE}, message
-    assert not [line for line in lines(probe) if line.level == DiagnosticStatus.WARN]

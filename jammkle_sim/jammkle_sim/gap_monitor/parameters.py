@@ -23,9 +23,9 @@ class GapMonitorParameters:
     )
     window_s: float = parameter(2.0, "Time over which a gap is taken", "s", 0.5, 30.0)
     limit: float = parameter(
-        4.0,
-        "Gap of a signal, in units of its noise, above which it has left its simulator; a pressure sensor that is off "
-        "by three standard deviations of its kind makes a gap of 3",
+        8.0,
+        "Gap of a signal, in units of its noise, above which it has left its simulator; commands heard late make up "
+        "to 4 on a machine with some load",
         "",
         1.5,
         1000.0,
