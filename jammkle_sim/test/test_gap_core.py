@@ -171,6 +171,58 @@ def test_a_declared_offset_of_a_sensor_is_no_gap() -> None:
         assert diagnose([recording], linear, LIBRARY, jobs=1).verdict is verdict
 
 
+def test_every_run_may_have_a_sensor_offset_of_its_own() -> None:
+    """Runs that lie off to either side are no gap; an effect beside them is named, alone, also with references."""
+    random = np.random.default_rng(9)
+
+    def runs(size: float, offsets: tuple[float, ...]) -> list[Recording]:
+        wave = size * shapes()["slow"]
+        return [
+            Recording(
+                f"run {offset}",
+                (Signal("x", "m", TIME_S, wave + offset + random.normal(0.0, 0.01, TIME_S.size), 0.01, bias=0.05),),
+                np.zeros(TIME_S.size),
+                regime=f"at {offset}",
+            )
+            for offset in offsets
+        ]
+
+    offsets = (0.08, -0.08, 0.03)
+    assert diagnose(runs(0.0, offsets), linear, LIBRARY, jobs=1).verdict is Verdict.NO_GAP
+    for references in ([], runs(0.0, (-0.05, 0.06))):
+        found = diagnose(runs(0.3, offsets), linear, LIBRARY, references=references, jobs=1)
+        assert found.verdict is Verdict.EFFECTS, found.reasons
+        assert [each.name for each in found.effects] == ["slow"]
+        assert found.effects[0].parameters[0].value == pytest.approx(0.3, abs=0.01)
+
+
+def test_subsystems_and_horizons_are_not_blamed_for_a_sensor_offset() -> None:
+    """What the data sheet allows is taken off there too, of each run by itself, also where only some runs tell."""
+
+    class Restarting:
+        """Restarts on the first run only."""
+
+        def __call__(self, recording: Recording, values: dict[str, float]) -> dict[str, np.ndarray]:
+            return linear(recording, values)
+
+        def restarted(self, recording: Recording, *_: object) -> dict[str, np.ndarray]:
+            return linear(recording, {}) if recording.name == "first" else {}
+
+    random = np.random.default_rng(10)
+    recordings = [
+        Recording(
+            name,
+            (Signal("x", "m", TIME_S, offset + random.normal(0.0, 0.01, TIME_S.size), 0.01, bias=0.05),),
+            np.zeros(TIME_S.size),
+        )
+        for name, offset in (("first", 0.08), ("second", -0.08))
+    ]
+    simulator = Restarting()
+    found = diagnose(recordings, simulator, LIBRARY, subsystems={"part": simulator.restarted}, jobs=1)
+    assert not found.where.subsystems[0].to_blame
+    assert all(each.gaps["x"] == pytest.approx(1.0, abs=0.1) for each in found.where.horizons)
+
+
 def test_a_recording_as_its_own_reference_is_refused() -> None:
     """A reference must be another run."""
     recording = record(np.random.default_rng(6).standard_normal(TIME_S.size))

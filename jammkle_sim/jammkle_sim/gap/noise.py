@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_sim.gap.recording import BadRecordingError
-from jammkle_sim.gap.residual import autocorrelation_factor
+from jammkle_sim.gap.residual import BIASES, autocorrelation_factor, without_bias
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -155,13 +155,13 @@ def _scatter(
     group: Sequence[int],
     name: str,
 ) -> NDArray[np.float64]:
-    """Return how each repeat differs from their mean, shape (repeats, samples)."""
+    """Return how each repeat differs from their mean, shape (repeats, samples); sensors' own offsets are taken off."""
     base = recordings[group[0]].signal(name).time_s
-    rows = [
-        np.interp(base, recordings[i].signal(name).time_s, recordings[i].signal(name).values - simulated[i][name])
-        for i in group
-    ]
-    table = np.array(rows)
+    held = [(recordings[i].signal(name), simulated[i][name]) for i in group]
+    table = np.array([np.interp(base, signal.time_s, signal.values - nominal) for signal, nominal in held])
+    # Off from their common mean: only where runs differ may their sensors' offsets be what makes them differ.
+    apart = table - table.mean(axis=0)
+    table = np.array([without_bias(row, BIASES * signal.bias) for row, (signal, _) in zip(apart, held, strict=True)])
     result: NDArray[np.float64] = table - table.mean(axis=0)
     return result
 

@@ -32,7 +32,8 @@ class Signal:
     noise: float = 0.0
     """Standard deviation of what differs from sample to sample and from run to run, in `unit`; 0: not known yet."""
     bias: float = 0.0
-    """Constant offset that the sensor may have by its data sheet (standard deviation), in `unit`: not worth a name."""
+    """Constant offset that the sensor may have by its data sheet (standard deviation), in `unit`: not worth a name.
+    Another one in every run: taken off each by itself."""
     noise_time_s: float = 0.0
     """Time over which the noise hangs together, so that it counts as one sample; the whole run if runs drift apart."""
 

@@ -26,7 +26,7 @@ FEWEST_SAMPLES = 20
 LARGEST = 1e6
 """A residual is cut off here, in noise units, so that a diverging run stays a number."""
 BIASES = 2.0
-"""A constant offset of up to so many times what a sensor's data sheet allows is taken off."""
+"""A constant offset of up to so many times what a sensor's data sheet allows is taken off, of every run by itself."""
 _TAILS = 4.0
 _WINDOW = 5.0
 
@@ -40,6 +40,8 @@ class Piece:
     unit: str
     noise: float
     where: slice
+    tolerance: float = 0.0
+    """Constant offset that is taken off, at most, before anything is judged; noise units. Of this run alone."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,6 @@ class Layout:
     block_of_segment: NDArray[np.intp]
     least_factor: NDArray[np.float64]
     """Per signal: samples that count as one at least, as the noise itself hangs together."""
-    tolerance: NDArray[np.float64]
-    """Per signal: constant offset that is taken off, at most, before anything is judged; noise units."""
 
     def residual(self, simulated: Sequence[Mapping[str, NDArray[np.float64]] | None]) -> NDArray[np.float64]:
         """Return (measured - simulated) / noise, shape (n,); a failed run counts as the largest residual."""
@@ -77,11 +77,9 @@ class Layout:
         found: NDArray[np.float64] = np.clip(
             np.nan_to_num(scaled, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST
         )
-        if not self.tolerance.any():
-            return found
-        means = np.bincount(self.signal_of, found, len(self.names)) / np.bincount(self.signal_of)
-        result: NDArray[np.float64] = found - np.clip(means, -self.tolerance, self.tolerance)[self.signal_of]
-        return result
+        for piece in self.pieces:
+            found[piece.where] = without_bias(found[piece.where], piece.tolerance)
+        return found
 
     def gap(self, residual: NDArray[np.float64]) -> float:
         """Return the root mean square over all signals, each signal counting the same; 1 is the noise floor."""
@@ -92,6 +90,17 @@ class Layout:
         squares = np.bincount(self.signal_of, residual**2, len(self.names))
         counts = np.bincount(self.signal_of, minlength=len(self.names))
         return {name: float(np.sqrt(squares[i] / counts[i])) for i, name in enumerate(self.names)}
+
+
+def without_bias(residual: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+    """Take off the mean of one signal of one run, as far as its sensor may be off.
+
+    Args:
+        residual: Of one signal of one recording, shape (n,), in any unit.
+        tolerance: Largest offset that is taken off, same unit.
+
+    """
+    return residual - float(np.clip(residual.mean(), -tolerance, tolerance)) if tolerance else residual
 
 
 def lay_out(
@@ -130,15 +139,21 @@ def lay_out(
         first = min(float(signal.time_s[0]) for signal in used)
         span = max(float(signal.time_s[-1]) for signal in used) - first
         for signal in used:
-            off = corrections[index].get(signal.name, 0.0) if corrections else 0.0
+            correction = corrections[index].get(signal.name) if corrections else None
+            # What references say has the offset of their own sensor in it.
+            sensors = 1 if correction is None else 2
+            off = 0.0 if correction is None else correction
             share = (signal.time_s - first) / max(span, 1e-12)
             fine = np.clip(share * per * segments, 0, per * segments - 1).astype(np.intp) + index * per * segments
             size = signal.time_s.size
-            pieces.append(Piece(index, signal.name, signal.unit, noise[signal.name], slice(place, place + size)))
+            unit = noise[signal.name]
+            stretch = slice(place, place + size)
+            tolerance = BIASES * signal.bias * float(np.sqrt(sensors)) / unit
+            pieces.append(Piece(index, signal.name, signal.unit, unit, stretch, tolerance))
             columns.append(
                 (
                     signal.values - off,
-                    np.full(size, noise[signal.name]),
+                    np.full(size, unit),
                     signal.time_s,
                     np.full(size, names.index(signal.name)),
                     fine,
@@ -168,13 +183,7 @@ def lay_out(
         blocks=tuple(labels),
         block_of_segment=np.arange(count * segments) // segments,
         least_factor=np.array([(factors or {}).get(name, 1.0) for name in names]),
-        tolerance=np.array([_bias(recordings, simulated, name) / noise[name] for name in names]) * BIASES,
     )
-
-
-def _bias(recordings: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]], name: str) -> float:
-    held = [recording.signal(name) for recording, each in zip(recordings, simulated, strict=True) if name in each]
-    return max(signal.bias for signal in held)
 
 
 def autocorrelation_factor(residual: NDArray[np.float64]) -> float:
