@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 from jammkle_sim.gap.closing import closed_share
 from jammkle_sim.gap.diagnosis import diagnose
 from jammkle_sim.gap.effect import BadEffectError, Effect, EffectParameter, Library
+from jammkle_sim.gap.fitting import Fit
 from jammkle_sim.gap.noise import find_noise, still_noise
 from jammkle_sim.gap.recording import BadRecordingError, Recording, Signal
-from jammkle_sim.gap.residual import autocorrelation_factor, lay_out
+from jammkle_sim.gap.residual import Layout, Weighting, autocorrelation_factor, lay_out
 from jammkle_sim.gap.runs import Runs
-from jammkle_sim.gap.sensitivity import probe
-from jammkle_sim.gap.verdict import Verdict
+from jammkle_sim.gap.scoring import Score, best_set, score
+from jammkle_sim.gap.sensitivity import probe, space_of
+from jammkle_sim.gap.verdict import Criteria, Verdict, judge, material
 
 TIME_S = 0.01 * np.arange(600)
 
@@ -261,6 +263,41 @@ def test_a_run_that_diverges_is_a_bad_candidate_and_no_crash() -> None:
     recording = record(0.3 * shapes()["slow"] + random.normal(0.0, 0.01, TIME_S.size), noise=0.01)
     found = diagnose([recording], touchy, LIBRARY, jobs=1)
     assert [each.name for each in found.effects] == ["slow"]
+
+
+def graded(left: dict[tuple[str, ...], float]) -> tuple[Layout, list[Score]]:
+    """Scores of candidates that leave so much of one signal's gap, beside five signals that lie far below theirs."""
+    names = ("x", "a", "b", "c", "d", "e")
+    zeros = np.zeros(TIME_S.size)
+    recording = Recording("run", tuple(Signal(name, "m", TIME_S, zeros, 1.0) for name in names))
+    layout = lay_out([recording], [dict.fromkeys(names, zeros)], dict.fromkeys(names, 1.0))
+    wave = (layout.signal_of == layout.names.index("x")) * np.where(np.arange(layout.measured.size) % 2, 1.0, -1.0)
+    scores = []
+    for effects, gap in left.items():
+        space = space_of([LIBRARY.effect(name) for name in effects])
+        jacobian = np.zeros((wave.size, len(space.keys)))
+        fit = Fit(space, space.null, gap * wave, jacobian, 0.0)
+        scores.append(score(fit, layout, Weighting(np.ones(len(names)), np.ones(len(names)))))
+    return layout, scores
+
+
+@pytest.mark.parametrize(("pair", "named"), [(1.59, ("slow",)), (1.2, ("fast", "slow"))])
+def test_an_effect_that_closes_next_to_nothing_is_not_named(pair: float, named: tuple[str, ...]) -> None:
+    """However sure the scores are, it must close a share of the gap; also where quiet signals pull the gap below 1."""
+    layout, scores = graded({(): 2.5, ("slow",): 1.6, ("fast",): 2.4, ("fast", "slow"): pair})
+    assert layout.gap(scores[0].held_out) == pytest.approx(2.5 / np.sqrt(6.0))
+    (kept,) = material(layout, best_set(scores, 1), scores, Criteria(), limit=1.5)
+    assert kept.names == named
+
+
+@pytest.mark.parametrize(("pair", "lead"), [(4.99, "slow"), (3.0, "fast + slow")])
+def test_a_lead_holds_no_effect_that_closes_next_to_nothing(pair: float, lead: str) -> None:
+    """Also with UNKNOWN, where nothing is clearly better, what is handed on is only what closes something."""
+    layout, scores = graded({(): 8.0, ("slow",): 5.0, ("fast",): 7.9, ("fast", "slow"): pair})
+    found = judge(layout, scores[:1], scores, Criteria(), limit=1.5)
+    assert found.verdict is Verdict.UNKNOWN
+    assert " + ".join(found.chosen[0].names) == lead
+    assert f"as a lead: {lead} would close" in found.reasons[-1]
 
 
 def test_closing_is_nothing_where_there_was_no_gap() -> None:

@@ -45,7 +45,7 @@ class Criteria:
     explained_share_each: float = 0.8
     """The same, of every single signal that is left with a gap."""
     material_share: float = 0.035
-    """A further effect has to close at least this share of the gap, or it is not named."""
+    """A further effect has to close at least this share of the gap, or it is not named, not even as a lead."""
     temperature: float = 2.0
     """Of the probabilities: differences of scores are divided by it. Above 1: scores are too sure of themselves."""
     sharpness: float = 10.0
@@ -83,7 +83,6 @@ def material(
     The simulator's own small faults are no finding.
     """
     by_names = {score.names: score for score in scores}
-    nominal = layout.gap(by_names[()].held_out)
     kept: list[Score] = []
     for each in chosen:
         current = each
@@ -94,12 +93,18 @@ def material(
             simpler = min(parts, key=lambda part: layout.gap(part.held_out))
             gained = layout.gap(simpler.held_out) - layout.gap(current.held_out)
             enough = worst_gap(layout, simpler.held_out)[1] <= limit
-            if not enough and gained > criteria.material_share * max(nominal - 1.0, 0.0):
+            if not enough and gained > criteria.material_share * _at_stake(layout, by_names[()], current):
                 break
             current = simpler
         if current.names not in [one.names for one in kept]:
             kept.append(current)
     return [each for each in kept if not any(set(other.names) < set(each.names) for other in kept)]
+
+
+def _at_stake(layout: Layout, nominal: Score, best: Score) -> float:
+    """Return what there is to close: the gap above the floor, or what is closed, as quiet signals pull it below 1."""
+    before = layout.gap(nominal.held_out)
+    return max(before - 1.0, before - layout.gap(best.held_out), 0.0)
 
 
 def _parts(names: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -131,8 +136,8 @@ def judge(
 
     def leads(*reasons: str) -> Judgement:
         """Return what explains most, though no one part of it is proven: with UNKNOWN nothing is named anyway."""
-        top = max(scores, key=lambda score: score.total)
-        spare = criteria.material_share * (layout.gap(nominal.held_out) - 1.0)
+        top = material(layout, [max(scores, key=lambda score: score.total)], scores, criteria, limit=limit)[0]
+        spare = criteria.material_share * _at_stake(layout, nominal, top)
         if layout.gap(top.held_out) < layout.gap(best.held_out) - spare:
             share = 100.0 * closed_share(layout.gap(nominal.held_out), layout.gap(top.held_out))
             kept.insert(0, top)
