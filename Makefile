@@ -6,7 +6,7 @@ BIN := .venv/bin
 .PHONY: help demo test bench lint format readme lock set-up clean
 
 help:
-	@echo "make demo   set up, land a simulated ankle on a slope, record it, show what happened"
+	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
 	@echo "make test   set up, run every test"
 	@echo "make bench  set up, measure speed; writes bench.json"
 	@echo "make lint   set up, ruff and mypy"
@@ -34,6 +34,7 @@ lint: set-up
 
 readme: set-up
 	@$(BIN)/python test/readme_tables.py
+	@$(BIN)/python jammkle_bringup/scripts/write_parameter_file.py
 
 format: set-up
 	@$(BIN)/ruff check --fix

@@ -8,6 +8,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
+    package_data={f"{NAME}.gap.ankle": ["library/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -19,5 +20,10 @@ setup(
     maintainer_email="maintainers@jammkle.example",
     description="Simulation of a jammable ankle, its pneumatics, rigs and sensors in MuJoCo.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["sim = jammkle_sim.__main__:main"]},
+    entry_points={
+        "console_scripts": [
+            "sim = jammkle_sim.__main__:main",
+            "gap_monitor = jammkle_sim.gap_monitor.__main__:main",
+        ]
+    },
 )

@@ -12,6 +12,7 @@ from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.names import ACTIONS, CHANNELS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
+from jammkle_sim.gap_monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 
@@ -20,6 +21,7 @@ NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
     "sim": SimParameters,
+    "gap_monitor": GapMonitorParameters,
 }
 
 

@@ -43,7 +43,7 @@ ROS_OWN_SERVICES = ("rcl_interfaces/", "type_description_interfaces/", "lifecycl
 @pytest.fixture
 def probe(start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]) -> Probe:
     """Bring up one ankle and look on until the driver knows every channel."""
-    start("up", *left_alone)
+    start("up", "--monitor", *left_alone)
     looking_on = make_probe()
     looking_on.listen(JAM_STATE)
     looking_on.wait_until_up()

@@ -21,6 +21,7 @@ PURE = (
     "jammkle_sim.physics",
     "jammkle_sim.fit",
     "jammkle_sim.rigs",
+    "jammkle_sim.gap",
     "jammkle_sim.core",
     "jammkle_bringup.core",
 )
@@ -32,6 +33,7 @@ ALLOWED = {
     "jammkle_sim.physics": {"jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.fit": {"jammkle_sim.fit", "jammkle_sim.paper_tables", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.rigs": {"jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_sim.gap": {"jammkle_sim.gap", "jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
 }
 BLOCKED = (
     "rclpy", "jammkle_msgs", "std_msgs", "sensor_msgs", "geometry_msgs", "diagnostic_msgs", "rosgraph_msgs",
@@ -91,6 +93,17 @@ def test_the_arrows_point_one_way(module: str) -> None:
             name
             for name in imports_of(path)
             if not any(name == allowed or name.startswith(f"{allowed}.") for allowed in ALLOWED[module])
+        }
+        assert not strangers, f"{path.relative_to(ROOT)} imports {strangers}"
+
+
+def test_the_core_of_the_gap_diagnosis_knows_no_ankle() -> None:
+    """Whoever has another robot takes the diagnosis without the ankle, its rigs and its physics."""
+    for path in folder_of("jammkle_sim.gap").glob("*.py"):
+        strangers = {
+            name
+            for name in imports_of(path)
+            if not name.startswith("jammkle_sim.gap.") or name.startswith("jammkle_sim.gap.ankle")
         }
         assert not strangers, f"{path.relative_to(ROOT)} imports {strangers}"
 

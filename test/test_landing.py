@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from graph import Up
-from jammkle_graph.names import CHANNELS, CLOCK, EMERGENCY_STOP, IMU, JOINT_STATES, SIM_PARAMETERS, TOPICS
+from jammkle_graph.names import (
+    CHANNELS,
+    CLOCK,
+    EMERGENCY_STOP,
+    IMU,
+    JOINT_STATES,
+    SIM_PARAMETERS,
+    SIMULATOR_GAP,
+    TOPICS,
+)
 from jammkle_graph.testing import own_domain
 
 if TYPE_CHECKING:
@@ -21,6 +30,8 @@ FALL_HEIGHT_M = 0.05
 GRAVITY_M_S2 = 9.80665
 FREE_FALL_S = (2.0 * FALL_HEIGHT_M / GRAVITY_M_S2) ** 0.5
 RELEASE_S = 1.0
+EFFECT = "fibre_loss_achilles_left"
+"""What is wrong with the ankle that lands."""
 LOAD_CELL_PERIOD_S = 0.002
 LONGEST_DETECTION_S = 0.010
 """Five samples of the IMU at 500 Hz: beyond that the shock is half over."""
@@ -61,7 +72,8 @@ def landing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]
     """Run the demo once; hand over its exit code, what it printed, its JSON and its folder."""
     folder = tmp_path_factory.mktemp("demo")
     with own_domain() as domain_id:
-        demo = Up(domain_id, folder, "demo", "-o", str(folder / "runs"), "--json", str(folder / "demo.json"))
+        output = ("-o", str(folder / "runs"), "--json", str(folder / "demo.json"))
+        demo = Up(domain_id, folder, "demo", "--effect", EFFECT, *output)
         code = demo.wait()
         assert code == 0, demo.text()
         result = json.loads((folder / "demo.json").read_text())
@@ -114,10 +126,21 @@ def test_the_demo_leaves_a_table_and_a_picture(landing: dict[str, Any]) -> None:
     assert picture.stat().st_size > 10_000
 
 
+def test_the_demo_finds_what_it_was_not_told(landing: dict[str, Any]) -> None:
+    """The diagnosis names the effect, closes the gap to the noise, and the truth is told after the verdict alone."""
+    assert landing["diagnosis_outcome"] == "right"
+    assert [effect["name"] for effect in landing["diagnosis"]["effects"]] == [EFFECT]
+    gap = landing["diagnosis"]["gap"]
+    assert gap["with_effect"] < 1.5 < gap["nominal"]
+    before, _, after = landing["text"].partition("in truth: ")
+    assert "verdict: EFFECTS" in before
+    assert EFFECT in after
+
+
 def test_the_bag_is_complete_and_opens_without_this_project(bag: dict[str, Any]) -> None:
     """Every topic of the graph is in it, and rosbags and mcap count the same messages."""
     expected = {topic.name if topic.name.startswith("/") else f"/{topic.name}" for topic in TOPICS}
-    assert expected - {f"/{EMERGENCY_STOP.name}"} <= set(bag["rosbags"])
+    assert expected - {f"/{EMERGENCY_STOP.name}", f"/{SIMULATOR_GAP.name}"} <= set(bag["rosbags"])
     assert bag["mcap"] == sum(bag["rosbags"].values())
     assert bag["rosbags"][f"/{SIM_PARAMETERS.name}"] == 1
 

@@ -26,6 +26,13 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+gap_app = typer.Typer(
+    help="Find out where simulation and robot disagree, and why.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
+)
+app.add_typer(gap_app, name="gap")
+
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="ROS namespace of the ankle, for example lf_ankle.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the results to this file as JSON too.")]
 ChannelsArgument = Annotated[
@@ -77,13 +84,16 @@ def up(
     ] = None,
     record: Annotated[Path | None, typer.Option(help="Record everything into this new bag.")] = None,
     params: Annotated[list[Path] | None, typer.Option(help="ROS parameter file (YAML); may be repeated.")] = None,
+    monitor: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--monitor", help="Let a simulated twin follow the robot and warn when it is left.")
+    ] = False,
 ) -> int:
     """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
     from jammkle_bringup.up import GraphOptions, check_speed
     from jammkle_bringup.up import up as run_graph
 
     values = {} if speed is None else {"sim": {"speed": check_speed(speed, hardware)}}
-    options = GraphOptions(normalised(namespace), robot, hardware, tuple(params or ()), record, values)
+    options = GraphOptions(normalised(namespace), robot, hardware, tuple(params or ()), record, values, monitor)
     try:
         return run_graph(options, StopRequest())
     except Interrupted:  # while it was still starting: asked to stop, and nothing is left
@@ -213,30 +223,76 @@ def paper(
     return compare(PaperRequest(output, json, refit, repeats, seed))
 
 
+@gap_app.command()
+def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
+    bags: Annotated[list[Path], typer.Argument(help="Recordings: repeats, or several settings.", metavar="BAG ...")],
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(help="Recording of the same machine in good order; may be repeated. Asks what has changed."),
+    ] = None,
+    rig: Annotated[str | None, typer.Option(help="What was recorded, where the bags do not tell.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="NAME=VALUE: how the simulated rig is set, whatever the bags say; may be repeated."),
+    ] = None,
+    library: Annotated[Path | None, typer.Option(help="Effects of your own (YAML), beside the built-in ones.")] = None,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.")
+    ] = Path("runs/gap"),
+    namespace: Annotated[str | None, typer.Option(help="Namespace of the ankle, if the bags hold several.")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Processes. [default: one per core where that pays]")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs.")] = None,
+    json: JsonOption = None,
+) -> int:
+    """Say where recordings and simulator disagree, which effect explains it, and how far the gap shrinks.
+
+    Ctrl-C ends the search and keeps what is known by then.
+    """
+    from jammkle_bringup.gap import DiagnoseRequest
+    from jammkle_bringup.gap import diagnose as run
+
+    return run(
+        DiagnoseRequest(bags, reference or [], rig, settings or [], namespace, library, output, json, jobs, scheduler)
+    )
+
+
 @app.command()
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.")] = Path(
         "runs"
     ),
     namespace: NamespaceOption = "/",
+    effect: Annotated[
+        str | None, typer.Option(help="What is done to the simulated ankle, by name. [default: drawn, and not told]")
+    ] = None,
+    no_effect: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--no-effect", help="Leave the simulated ankle as its simulator has it.")
+    ] = False,
     json: JsonOption = None,
 ) -> int:
-    """Land the simulated ankle on a 40 degree slope, record it, and show what happened."""
+    """Land a simulated ankle on a 40 degree slope, record it, and diagnose what is wrong with it."""
     import datetime as dt
+    import random
 
     from jammkle_bringup import report
+    from jammkle_bringup.core.demo_effects import Secret, draw
     from jammkle_bringup.core.run_folder import fresh_folder
     from jammkle_bringup.demo import demo as land
+    from jammkle_bringup.demo_diagnosis import show_ending
 
     report.check_writable(json)
+    if no_effect and effect is not None:
+        return _fail(f"--effect {effect} and --no-effect exclude each other: give one of them", EXIT_BAD_INPUT)
+    secret = Secret({}) if no_effect else draw(random.SystemRandom(), effect)
     today = dt.datetime.now(tz=dt.timezone.utc).astimezone().date()
-    result = land(lambda: fresh_folder(output, today), normalised(namespace), StopRequest())
+    result = land(lambda: fresh_folder(output, today), normalised(namespace), secret, StopRequest())
     console = report.console()
     console.print(report.summary_table(result.summary))
     for line in result.summary.missing:
         console.print(f"not in the bag: {line}", markup=False)
     console.print(f"picture: {result.picture}", markup=False)
-    report.write_json(json, {**result.summary.as_json(), "picture": str(result.picture)})
+    show_ending(console, result.ending)
+    report.write_json(json, {**result.summary.as_json(), "picture": str(result.picture), **result.ending.as_json()})
     return result.exit_code
 
 

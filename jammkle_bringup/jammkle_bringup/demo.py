@@ -1,9 +1,11 @@
-"""`jammkle demo`: land the simulated ankle on a slope, record it, and say what happened."""
+"""`jammkle demo`: land the simulated ankle on a slope, record it, say what happened and what was wrong with it."""
 
 from __future__ import annotations
 
+import tempfile
 import threading
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -13,21 +15,25 @@ from jammkle_bringup.core.namespace_lock import NamespaceLock, default_folder, r
 from jammkle_bringup.core.run_series import read_run
 from jammkle_bringup.core.run_summary import summary_of
 from jammkle_bringup.core.supervisor import Supervisor
+from jammkle_bringup.demo_diagnosis import diagnose_landing
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.readiness import Startup
 from jammkle_bringup.up import GraphOptions, beside_others, child_specs, say, say_how_it_ended
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM_STATE, SIM_NODE
 from jammkle_graph.qos import subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, JamState
+from jammkle_sim.gap.ankle.corrected import corrected_text
+from jammkle_sim.gap.ankle.effects import ankle_library
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
     from typing import TextIO
 
+    from jammkle_bringup.core.demo_effects import Secret
     from jammkle_bringup.core.node_table import ParameterValue
     from jammkle_bringup.core.run_summary import RunSummary
     from jammkle_bringup.core.supervisor import Death
+    from jammkle_bringup.demo_diagnosis import Ending
 
 LANDING_TIMEOUT_S = 20.0
 """From letting go until everything is jammed. Assumed; in real time it takes about 3 s."""
@@ -42,6 +48,7 @@ class DemoResult:
 
     summary: RunSummary
     picture: Path
+    ending: Ending
     exit_code: int
 
 
@@ -59,12 +66,15 @@ class _Heard:
         self.jammed = frozenset(each.channel for each in state.channels if each.state == ChannelJamState.JAMMED)
 
 
-def demo(make_folder: Callable[[], Path], namespace: str, asked_to_stop: Callable[[], bool]) -> DemoResult:
+def demo(
+    make_folder: Callable[[], Path], namespace: str, secret: Secret, asked_to_stop: Callable[[], bool]
+) -> DemoResult:
     """Run the demo.
 
     Args:
         make_folder: Makes the run's folder; called once it is known that the demo can start.
         namespace: Normalised namespace.
+        secret: What is done to the simulated ankle; the diagnosis is not told.
         asked_to_stop: Ends the demo early once it returns True.
 
     Raises:
@@ -73,8 +83,13 @@ def demo(make_folder: Callable[[], Path], namespace: str, asked_to_stop: Callabl
         Interrupted: the command was asked to stop; everything was stopped in order.
 
     """
-    values: dict[str, dict[str, ParameterValue]] = {SIM_NODE: {"start_paused": True}}
-    with NamespaceLock(namespace, ros_domain(), default_folder()):
+    with NamespaceLock(namespace, ros_domain(), default_folder()), tempfile.TemporaryDirectory() as hidden:
+        of_sim: dict[str, ParameterValue] = {"start_paused": True}
+        if secret.values:
+            effects = Path(hidden) / "effects.yaml"
+            effects.write_text(corrected_text(ankle_library(), secret.values), encoding="utf-8")
+            of_sim["effects_file"] = str(effects)
+        values = {SIM_NODE: of_sim}
         options = beside_others(GraphOptions(namespace, values=values), asked_to_stop)
         folder = make_folder()
         bag = folder / "bag"
@@ -89,7 +104,8 @@ def demo(make_folder: Callable[[], Path], namespace: str, asked_to_stop: Callabl
     from jammkle_bringup.core.picture import draw  # noqa: PLC0415 - half a second that only the end of the demo needs
 
     draw(run, summary, picture)
-    return DemoResult(summary, picture, say_verdict(summary))
+    exit_code = say_verdict(summary)
+    return DemoResult(summary, picture, diagnose_landing(bag, namespace, secret, asked_to_stop), exit_code)
 
 
 def say_verdict(summary: RunSummary) -> int:

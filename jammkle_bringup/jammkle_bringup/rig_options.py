@@ -35,6 +35,8 @@ class RigRequest:
     namespace: str
     json: Path | None
     mjcf: Path | None
+    effects: Path | None = None
+    """File of effects that are put into the rig."""
 
 
 # Annotated with what typer needs, in the order of the help.
@@ -54,6 +56,13 @@ _COMMON: dict[str, tuple[Any, Any]] = {
         1,
     ),
     "namespace": (Annotated[str, typer.Option(help="ROS namespace of the ankle, for example lf_ankle.")], "/"),
+    "effects": (
+        Annotated[
+            Path | None,
+            typer.Option(help="File of effects to put into the rig, such as the corrected.yaml of a gap diagnosis."),
+        ],
+        None,
+    ),
     "json": (Annotated[Path | None, typer.Option(help="Write the results to this file as JSON too.")], None),
     "save_mjcf": (
         Annotated[
@@ -106,6 +115,7 @@ def _command(kind: RigKind, run: Callable[[RigRequest], int]) -> Callable[..., i
                 namespace=values["namespace"],
                 json=values["json"],
                 mjcf=values["save_mjcf"],
+                effects=values["effects"],
             )
         )
 

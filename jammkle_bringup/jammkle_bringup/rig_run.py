@@ -21,7 +21,9 @@ from jammkle_bringup.rig_options import RigRequest, as_options, rig_app
 from jammkle_graph.constants import MAX_REPEATS
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.conversions import NotFiniteError
-from jammkle_sim.rigs.catalogue import run_rig, save_mjcf, scattered
+from jammkle_sim.gap.ankle.corrected import load_correction
+from jammkle_sim.gap.effect import BadEffectError
+from jammkle_sim.rigs.catalogue import as_it_is, run_rig, save_mjcf, scattered
 from jammkle_sim.rigs.run import RigCancelledError
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.run import RigRun
 
 _RUN_SHARE = 0.5
@@ -60,6 +63,7 @@ def run_request(request: RigRequest) -> int:
 
     """
     namespace = normalised(request.namespace)
+    change = _change(request)
     bags = _check(request)
     stop = StopRequest()
     definitions = MessageDefinitions(share_folders())
@@ -71,7 +75,7 @@ def run_request(request: RigRequest) -> int:
             def on_progress(share: float, *, repeat: int = repeat) -> None:
                 show((repeat + _RUN_SHARE * share) / request.repeats, f"run {repeat + 1} of {request.repeats}")
 
-            run = _run(request.rig, options, on_progress, stop)
+            run = _run(request.rig, options, on_progress, stop, change)
             messages = 0
             if bag is not None:
                 try:
@@ -117,9 +121,26 @@ def _bag_path(request: RigRequest, repeat: int) -> Path | None:
     return request.bag.with_name(f"{request.bag.name}_{repeat}")
 
 
-def _run(name: str, options: Any, on_progress: Callable[[float], None], stop: Callable[[], bool]) -> RigRun:
+def _change(request: RigRequest) -> Callable[[Rig], Rig]:
+    """Return what is done to the rig before it runs."""
+    if request.effects is None:
+        return as_it_is
     try:
-        return run_rig(name, options, on_progress, stop)
+        return load_correction(request.effects)
+    except BadEffectError as error:
+        msg = f"--effects {request.effects}: {error}"
+        raise InputError(msg) from error
+
+
+def _run(
+    name: str,
+    options: Any,
+    on_progress: Callable[[float], None],
+    stop: Callable[[], bool],
+    change: Callable[[Rig], Rig],
+) -> RigRun:
+    try:
+        return run_rig(name, options, on_progress, stop, change)
     except ParameterError as error:
         raise InputError(as_options(str(error))) from error
     except RigCancelledError as error:

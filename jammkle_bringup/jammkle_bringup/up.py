@@ -10,7 +10,16 @@ from jammkle_bringup.core.bag_log import check_free
 from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.namespace import resolved
 from jammkle_bringup.core.namespace_lock import NamespaceLock, already_up, default_folder, ros_domain
-from jammkle_bringup.core.node_table import NODES, Hardware, Robot, check_built, command_of, nodes_for, simulated_time
+from jammkle_bringup.core.node_table import (
+    GAP_MONITOR,
+    NODES,
+    Hardware,
+    Robot,
+    check_built,
+    command_of,
+    nodes_for,
+    simulated_time,
+)
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values
 from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
@@ -43,11 +52,13 @@ class GraphOptions:
     parameter_files: tuple[Path, ...] = ()
     bag: Path | None = None
     values: dict[str, dict[str, ParameterValue]] = field(default_factory=dict)
+    monitor: bool = False
+    """Whether a simulated twin follows the robot."""
 
     @property
     def nodes(self) -> tuple[NodeEntry, ...]:
-        """Nodes to start."""
-        return nodes_for(self.robot, self.hardware)
+        """Nodes to start; the one that looks on is the first to start and the last to stop."""
+        return (*((GAP_MONITOR,) if self.monitor else ()), *nodes_for(self.robot, self.hardware))
 
 
 def check(options: GraphOptions) -> None:

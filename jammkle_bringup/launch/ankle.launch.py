@@ -10,7 +10,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from jammkle_bringup.core.namespace import normalised
-from jammkle_bringup.core.node_table import Hardware, Robot, check_built, nodes_for, simulated_time
+from jammkle_bringup.core.node_table import GAP_MONITOR, Hardware, Robot, check_built, nodes_for, simulated_time
 from jammkle_graph.names import SIM_NODE
 
 ARGUMENTS = {
@@ -22,6 +22,7 @@ ARGUMENTS = {
     # and an ankle that falls before its controller hears the IMU lands unnoticed; so it hangs for longer.
     "release_time_s": ("5.0", "Simulated time after which the carriage is released; wins over params."),
     "publish_clock": ("true", "Whether this simulation makes /clock; false for all but one of several ankles."),
+    "monitor": ("false", "Whether the gap monitor follows the ankle with a simulated twin."),
     "params": ("", "ROS parameter file (YAML); config/ankle.yaml is one to start from."),
 }
 
@@ -39,7 +40,8 @@ def nodes(context: LaunchContext) -> list[Node]:
     robot, hardware = Robot(given["robot"]), Hardware(given["hardware"])
     check_built(robot, hardware)
     actions = []
-    for entry in nodes_for(robot, hardware):
+    looking_on = (GAP_MONITOR,) if given["monitor"].lower() == "true" else ()
+    for entry in (*nodes_for(robot, hardware), *looking_on):
         values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
         if entry.name == SIM_NODE:
             values["speed"] = float(given["speed"])

@@ -34,6 +34,25 @@ def _own_signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
+def test_effects_are_put_into_the_rig_or_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With --effects the bag is of a rig that has them, and says so; a value out of bounds is one line and exit 2."""
+    effects, bag = tmp_path / "effects.yaml", tmp_path / "bag"
+    effects.write_text("tendon_stiffness: {scale: 2.0}\n")
+    assert main([*SHORT_PULL, "--effects", str(effects), "-o", str(bag), "--json", str(tmp_path / "with.json")]) == 0
+    assert main([*SHORT_PULL, "-o", str(tmp_path / "plain"), "--json", str(tmp_path / "without.json")]) == 0
+    peaks = [
+        json.loads((tmp_path / f"{name}.json").read_text())["runs"][0]["results"]["peak_force_n"]
+        for name in ("with", "without")
+    ]
+    assert peaks[0] > 1.3 * peaks[1]
+    assert "tendon_stiffness.scale: 2.0" in (bag / "metadata.yaml").read_text().replace("\\n", "\n")
+    capsys.readouterr()
+    effects.write_text("tendon_stiffness: {scale: 20.0}\n")
+    assert main([*SHORT_PULL, "--effects", str(effects), "-o", str(tmp_path / "other")]) == 2
+    assert "must be a number from 0.4 to 2.5" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
 class Bag:
     """Everything in a bag, by topic, read by the bag library with the definitions inside the bag alone."""
 

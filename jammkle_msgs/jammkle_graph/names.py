@@ -12,6 +12,7 @@ from dataclasses import dataclass
 DRIVER_NODE = "driver"
 CONTROLLER_NODE = "controller"
 SIM_NODE = "sim"
+GAP_MONITOR_NODE = "gap_monitor"
 
 PERONEAL_LEFT = "peroneal_left"
 PERONEAL_RIGHT = "peroneal_right"
@@ -103,6 +104,12 @@ EMERGENCY_STOP = Topic(
 SIM_PARAMETERS = Topic(
     "sim_parameters", "std_msgs/msg/String", TopicKind.STATE, "rig and simulation parameters as YAML"
 )
+SIMULATOR_GAP = Topic(
+    "simulator_gap",
+    "jammkle_msgs/msg/SimulatorGap",
+    TopicKind.STATE,
+    "how far the robot is from its simulator, per subsystem, in units of the noise; from the gap monitor",
+)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TopicKind.CLOCK, "simulated time, after the state it belongs to")
 DIAGNOSTICS = Topic(
     "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TopicKind.EVENT, "health of every node, 1 Hz and on change"
@@ -138,6 +145,7 @@ TOPICS: tuple[Topic, ...] = (
     CONTACT_EVENTS,
     EMERGENCY_STOP,
     SIM_PARAMETERS,
+    SIMULATOR_GAP,
     DIAGNOSTICS,
     CLOCK,
 )

@@ -39,6 +39,13 @@ def subscriber_qos(topic: Topic) -> QoSProfile:
     return _SUBSCRIBER[topic.kind]
 
 
+def every_change_qos() -> QoSProfile:
+    """Latched profile for those who must miss no change of a state, such as a pump's duty, while they are busy."""
+    return QoSProfile(
+        depth=_SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+    )
+
+
 def live_qos() -> QoSProfile:
     """Volatile profile that also matches publishers that do not latch (`ros2 topic pub` by default does not).
 

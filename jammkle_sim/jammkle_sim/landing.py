@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
+from jammkle_graph.parameters import ParameterError
+from jammkle_sim.gap.ankle.corrected import check_live, load_correction
+from jammkle_sim.gap.effect import BadEffectError
+from jammkle_sim.rigs.catalogue import as_it_is
+from jammkle_sim.rigs.landing import LandingOptions, landing_parts
+from jammkle_sim.rigs.simulation import Simulation
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from jammkle_sim.parameters import SimParameters
-    from jammkle_sim.rigs.simulation import Simulation
+    from jammkle_sim.rigs.rig import Rig
 
 
 def make_simulation(parameters: SimParameters) -> Simulation:
@@ -18,11 +26,33 @@ def make_simulation(parameters: SimParameters) -> Simulation:
     Args:
         parameters: The node's parameters.
 
+    Raises:
+        ParameterError: the rig refuses a value, or the effects file cannot be used.
+
     """
+    change = _effects(parameters.effects_file)
     options = LandingOptions(**{field.name: getattr(parameters, field.name) for field in fields(LandingOptions)})
     # The first step of a process compiles or loads the laws. It is taken by a rig that is thrown away, or else the
     # simulated time of the real one would start with a backlog.
-    warm_up = landing_simulation(options)
+    warm_up = Simulation(change(landing_parts(options)))
     warm_up.advance(1)
     warm_up.record(1, 1)  # what a rig of ~/run_rig takes
-    return landing_simulation(options)
+    return Simulation(change(landing_parts(options)))
+
+
+def _effects(file: str) -> Callable[[Rig], Rig]:
+    """Return what the effects of a file do to a rig; nothing without a file.
+
+    Raises:
+        ParameterError: it cannot be read, or holds what cannot be simulated live.
+
+    """
+    if not file:
+        return as_it_is
+    try:
+        correction = load_correction(Path(file))
+        check_live(correction)
+    except BadEffectError as error:
+        msg = f"parameter 'effects_file': {error}"
+        raise ParameterError(msg) from error
+    return correction

@@ -59,6 +59,9 @@ class SimParameters:
     release_time_s: float = release_time_option("the start or a reset", 3600.0)
     mass_kg: float = mass_option()
     friction: float = slope_friction_option()
+    effects_file: str = parameter(
+        "", "File of effects that the simulation is corrected by, as a gap diagnosis writes it; empty: none"
+    )
 
     def __post_init__(self) -> None:
         """Check what the values say of each other; each alone was checked before.

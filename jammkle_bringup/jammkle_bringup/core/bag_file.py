@@ -5,17 +5,16 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
-from rosbags.highlevel import AnyReader, AnyReaderError
-
 from jammkle_bringup.core.errors import InputError
+from jammkle_sim.gap.ankle import bag
+from jammkle_sim.gap.recording import BadRecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from pathlib import Path
 
+    from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
-
-_METADATA = "metadata.yaml"
 
 
 @contextlib.contextmanager
@@ -27,27 +26,10 @@ def opened(path: Path) -> Iterator[AnyReader]:
 
     """
     try:
-        there, whole = path.exists(), not path.is_dir() or (path / _METADATA).is_file()
-    except OSError as error:  # a name too long, a folder that may not be looked into
-        raise InputError(_unreadable(path, error)) from error
-    if not there:
-        msg = f"bag {path} does not exist"
-        raise InputError(msg)
-    if not whole:
-        msg = f"{path} is not a bag: it holds no {_METADATA}"
-        raise InputError(msg)
-    try:
-        reader = AnyReader([path])
-        reader.open()
-    # The library lets errors of its parsers, of struct and of the file system through, depending on what is broken.
-    except Exception as error:
-        raise InputError(_unreadable(path, error)) from error
-    try:
-        yield reader
-    except AnyReaderError as error:
-        raise InputError(_unreadable(path, error)) from error
-    finally:
-        reader.close()
+        with bag.opened(path) as reader:
+            yield reader
+    except BadRecordingError as error:
+        raise InputError(str(error)) from error
 
 
 def messages(
@@ -79,10 +61,6 @@ def messages(
     if not connections and count != reader.message_count:
         msg = f"bag {path} is damaged: it holds {count} messages where its index says {reader.message_count}"
         raise InputError(msg)
-
-
-def _unreadable(path: Path, error: Exception) -> str:
-    return f"bag {path} cannot be read: {_why(error)}"
 
 
 def _why(error: Exception) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.errors import InputError
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, SIM_NODE
+from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
 
 if TYPE_CHECKING:
     from jammkle_graph.parameters import ParameterClass
@@ -34,13 +34,14 @@ class NodeEntry:
     """One node: where its code is, its name on the graph, its parameter table, and when it is started.
 
     Attributes:
-        package: The ROS package, which is also the Python package: `python -m package` starts the node.
+        package: The ROS package.
         executable: Name for `ros2 run` and launch files.
         name: Name on the graph, inside the namespace.
         parameter_table: `module:Class` of the node's parameters.
         robots: Robots that need it.
         hardware: Hardware that needs it.
         follows_simulated_time: True if the node runs on /clock while the hardware is simulated.
+        module: What `python -m` starts; empty: the Python package of the same name as the ROS package.
 
     """
 
@@ -51,6 +52,7 @@ class NodeEntry:
     robots: frozenset[Robot]
     hardware: frozenset[Hardware]
     follows_simulated_time: bool
+    module: str = ""
 
     def parameters(self) -> type[ParameterClass]:
         """Return the node's parameter table. Imported only when asked for, to keep the command quick."""
@@ -92,6 +94,18 @@ NODES: tuple[NodeEntry, ...] = (
     ),
 )
 """In the order in which they start; they stop in the reverse order, so that the simulation sees the release."""
+
+GAP_MONITOR = NodeEntry(
+    package="jammkle_sim",
+    executable="gap_monitor",
+    name=GAP_MONITOR_NODE,
+    parameter_table="jammkle_sim.gap_monitor.parameters:GapMonitorParameters",
+    robots=_EVERY_ROBOT,
+    hardware=_EVERY_HARDWARE,
+    follows_simulated_time=True,
+    module="jammkle_sim.gap_monitor",
+)
+"""Looks on, and is started where it is asked for."""
 
 BUILT_ROBOTS = frozenset({Robot.ANKLE})
 BUILT_HARDWARE = frozenset({Hardware.SIM})
@@ -144,7 +158,7 @@ def command_of(
         arguments += ["--params-file", file]
     for name, value in values.items():
         arguments += ["-p", f"{name}:={_yaml_text(value)}"]
-    return (sys.executable, "-m", entry.package, "--ros-args", *arguments)
+    return (sys.executable, "-m", entry.module or entry.package, "--ros-args", *arguments)
 
 
 def _yaml_text(value: ParameterValue) -> str:

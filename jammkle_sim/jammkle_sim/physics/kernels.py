@@ -14,6 +14,9 @@ from jammkle_sim.physics.records import BRANCHES, ELEMENTS, IMU_AXES, LOAD_CELL_
 if TYPE_CHECKING:
     from jammkle_sim.physics.records import Body, Laws, Probe, States
 
+SMALLEST_SHARE = 1e-6
+"""Share of a time step below which a valve does not begin to move: the rounding of times that are whole steps."""
+
 LARGEST_SPEED = 1.0e3
 """Joint speed, m/s or rad/s, beyond which a simulation counts as unstable. Assumed: no rig comes near it."""
 
@@ -33,11 +36,16 @@ def tendon_tension_n(law: Any, state: Any, extension_m: float, vacuum_pa: float)
         state.broken = 1.0
     if state.broken > 0.0:
         return 0.0
-    stretched_m = max(extension_m, 0.0)
+    state.seat_m = min(max(state.seat_m, extension_m - law.play_m), extension_m)
+    stretched_m = max(state.seat_m, 0.0)
     place = stretched_m / law.table_step_m
     index = min(int(place), TABLE_POINTS - 2)
     below = law.static_force_n[index]
     static_n = below + (law.static_force_n[index + 1] - below) * (place - index)
+    if law.softening > 0.0:
+        state.travel_m += max(stretched_m - state.stretched_m, 0.0)
+        static_n *= 1.0 - law.softening * (1.0 - math.exp(-state.travel_m / law.softening_travel_m))
+    state.stretched_m = stretched_m
 
     viscoelastic_n = static_n
     growth_n = static_n - state.static_n
@@ -55,7 +63,7 @@ def tendon_tension_n(law: Any, state: Any, extension_m: float, vacuum_pa: float)
         state.slider_m[i] = stretched_m - element_n / stiffness
         friction_n += element_n
 
-    if extension_m <= 0.0:
+    if state.seat_m <= 0.0:
         return 0.0
     grip_n = law.grip_n_per_pa * vacuum_pa * min(stretched_m / law.grip_saturation_m, 1.0)
     stiffened = 1.0 + law.stiffening_per_pa * vacuum_pa
@@ -108,8 +116,14 @@ def orifice_flow_kg_s(
 
 @compiled
 def move_valves(law: Any, state: Any) -> None:
-    """Let each solenoid follow its command after the dead time; a command taken back before that has no effect."""
+    """Let each solenoid follow its command after the dead time; a command taken back before that has no effect.
+
+    A dead time that ends between two steps leaves a valve between its two positions for one step, for the share of it.
+    """
     for i in range(VALVES):
+        if 0.0 < state.position[i] < 1.0:
+            state.position[i] = state.target[i]
+            state.waiting_s[i] = 0.0
         if state.command[i] == state.position[i]:
             state.waiting_s[i] = 0.0
             continue
@@ -117,11 +131,16 @@ def move_valves(law: Any, state: Any) -> None:
         if state.waiting_s[i] >= law.valve_dead_time_s[i]:
             state.position[i] = state.command[i]
             state.waiting_s[i] = 0.0
+            continue
+        share = 1.0 - (law.valve_dead_time_s[i] - state.waiting_s[i]) / law.step_s
+        if share > SMALLEST_SHARE:
+            state.target[i] = state.command[i]
+            state.position[i] += share * (state.command[i] - state.position[i])
 
 
 @compiled
 def advance_pneumatics(law: Any, state: Any) -> None:
-    """Advance manifold and channels by one time step; every kilogram moved is booked on both sides.
+    """Advance valves, manifold and channels by one time step.
 
     Args:
         law: One record of PNEUMATIC_LAW.
@@ -129,6 +148,19 @@ def advance_pneumatics(law: Any, state: Any) -> None:
 
     """
     move_valves(law, state)
+    exchange_air(law, state)
+
+
+@compiled
+def exchange_air(law: Any, state: Any) -> None:
+    """Advance manifold and channels by one time step; every kilogram moved is booked on both sides.
+
+    Args:
+        law: One record of PNEUMATIC_LAW.
+        state: One record of PNEUMATIC_STATE, changed in place. A valve's position between 0 and 1 is the share of the
+            step for which it draws from the manifold.
+
+    """
     ambient = law.ambient_pa
     duration_s = law.step_s / law.substeps
     for _ in range(law.substeps):
@@ -146,15 +178,18 @@ def advance_pneumatics(law: Any, state: Any) -> None:
             state.mass_kg[i] += leaked_kg
             state.admitted_kg += leaked_kg
         for i in range(VALVES):
-            energised = state.position[i] > 0.0
-            source_pa = manifold_pa if energised else ambient
-            moved_kg = duration_s * orifice_flow_kg_s(
-                source_pa, state.pressure_pa[i + 1], law.valve_kg_s_pa[i], law.critical_ratio, law.linear_ratio
-            )
-            state.mass_kg[i + 1] += moved_kg
-            if energised:
+            drawing = state.position[i]
+            if drawing > 0.0:
+                moved_kg = (drawing * duration_s) * orifice_flow_kg_s(
+                    manifold_pa, state.pressure_pa[i + 1], law.valve_kg_s_pa[i], law.critical_ratio, law.linear_ratio
+                )
+                state.mass_kg[i + 1] += moved_kg
                 state.mass_kg[0] -= moved_kg
-            else:
+            if drawing < 1.0:
+                moved_kg = ((1.0 - drawing) * duration_s) * orifice_flow_kg_s(
+                    ambient, state.pressure_pa[i + 1], law.valve_kg_s_pa[i], law.critical_ratio, law.linear_ratio
+                )
+                state.mass_kg[i + 1] += moved_kg
                 state.admitted_kg += moved_kg
         for i in range(VOLUMES):
             state.pressure_pa[i] = state.mass_kg[i] * law.specific_energy_j_kg / law.volume_m3[i]
@@ -165,6 +200,27 @@ def pneumatic_history(law: Any, state: Any, steps: int, pressure_pa: Any) -> Non
     """Advance the pneumatics by `steps` and write the pressures after each, shape (steps, VOLUMES)."""
     for step in range(steps):
         advance_pneumatics(law[0], state[0])
+        for i in range(VOLUMES):
+            pressure_pa[step, i] = state[0].pressure_pa[i]
+
+
+@compiled
+def air_history(law: Any, state: Any, duty: Any, drawing: Any, pressure_pa: Any) -> None:
+    """Advance the air by one time step per row, pump and valves being told what they do in each.
+
+    Args:
+        law: Array of one PNEUMATIC_LAW record; its dead time is not used.
+        state: Array of one PNEUMATIC_STATE record, changed in place.
+        duty: Pump duty, shape (n,), 0 to 1.
+        drawing: Share of the step for which each valve draws from the manifold, shape (n, VALVES), 0 to 1.
+        pressure_pa: Shape (n, VOLUMES), Pa, written: after each step.
+
+    """
+    for step in range(duty.shape[0]):
+        state[0].duty = duty[step]
+        for i in range(VALVES):
+            state[0].position[i] = drawing[step, i]
+        exchange_air(law[0], state[0])
         for i in range(VOLUMES):
             pressure_pa[step, i] = state[0].pressure_pa[i]
 
@@ -181,9 +237,31 @@ def filter_imu(law: Any, state: Any, raw: Any, white: Any) -> None:
 
     """
     for i in range(IMU_AXES):
-        within = min(max(raw[i], -law.limit[i]), law.limit[i])
+        axis, first = i % 3, i - i % 3
+        turned = law.turn[axis, 0] * raw[first]
+        turned += law.turn[axis, 1] * raw[first + 1]
+        turned += law.turn[axis, 2] * raw[first + 2]
+        within = min(max(turned + law.offset[i], -law.limit[i]), law.limit[i])
         state.first[i] += law.smoothing * (within + law.noise[i] * white[i] - state.first[i])
         state.second[i] += law.smoothing * (state.first[i] - state.second[i])
+
+
+@compiled
+def imu_history(law: Any, state: Any, raw: Any, filtered: Any) -> None:
+    """Take raw samples of the IMU, one row per time step, through range and poles, without noise.
+
+    Args:
+        law: Array of one IMU_LAW record.
+        state: Array of one IMU_STATE record, changed in place.
+        raw: Shape (n, 6), as for `filter_imu`.
+        filtered: Shape (n, 6), written.
+
+    """
+    still = raw[0] * 0.0
+    for step in range(raw.shape[0]):
+        filter_imu(law[0], state[0], raw[step], still)
+        for i in range(IMU_AXES):
+            filtered[step, i] = state[0].second[i]
 
 
 @compiled
@@ -191,10 +269,16 @@ def act(laws: Laws, states: States, body: Body) -> None:
     """Advance pneumatics and tendons by one step, to the lengths that MuJoCo has now, and pull."""
     air = states.pneumatics[0]
     advance_pneumatics(laws.pneumatics[0], air)
+    pull(laws, states, body, air.pressure_pa)
+
+
+@compiled
+def pull(laws: Laws, states: States, body: Body, pressure_pa: Any) -> None:
+    """Advance the tendons by one step, to the lengths that MuJoCo has now, at pressures of shape (VOLUMES,), Pa."""
     for i in range(states.tendons.shape[0]):
         law = laws.tendons[i]
         state = states.tendons[i]
-        vacuum_pa = max(laws.pneumatics[0].ambient_pa - air.pressure_pa[law.channel + 1], 0.0)
+        vacuum_pa = max(laws.pneumatics[0].ambient_pa - pressure_pa[law.channel + 1], 0.0)
         state.extension_m = body.length_m[i] - law.free_length_m
         state.rate_m_s = body.rate_m_s[i]
         state.tension_n = tendon_tension_n(law, state, state.extension_m, vacuum_pa)
@@ -295,3 +379,49 @@ def advance_and_record(laws: Laws, states: States, body: Body, probe: Probe, whi
         record_row(states, probe, rows[i])
     steps: int = rows.shape[0] * every
     return steps
+
+
+@compiled
+def body_history(laws: Laws, states: States, body: Body, probe: Probe, pressure_pa: Any, rows: Any) -> int:
+    """Advance tendons and bodies by one step per row, at pressures that are given, and record every step.
+
+    Args:
+        laws: Constants.
+        states: Memory, changed in place; the pneumatics are not touched.
+        body: MuJoCo's side, what the laws need.
+        probe: MuJoCo's side, what is recorded.
+        pressure_pa: Absolute pressures in each step, shape (n, VOLUMES), Pa.
+        rows: Shape (n, records.row_width(joints, tendons)), written; the IMU's columns are raw.
+
+    Returns:
+        Steps taken; fewer than asked if the simulation became unstable.
+
+    """
+    step_1, step_2, model, data = body.addresses
+    for step in range(rows.shape[0]):
+        if not is_stable(body.speed):
+            return step
+        call_with_two_pointers(step_1, model, data)
+        pull(laws, states, body, pressure_pa[step])
+        call_with_two_pointers(step_2, model, data)
+        for i in range(IMU_AXES):
+            states.imu[0].second[i] = body.raw_imu[i]
+        record_row(states, probe, rows[step])
+    return int(rows.shape[0])
+
+
+@compiled
+def driven_history(states: States, body: Body, probe: Probe, tension_n: Any, rows: Any) -> int:
+    """Do what `body_history` does, with tensions that are given, shape (n, tendons), N."""
+    step_1, step_2, model, data = body.addresses
+    for step in range(rows.shape[0]):
+        if not is_stable(body.speed):
+            return step
+        call_with_two_pointers(step_1, model, data)
+        for i in range(tension_n.shape[1]):
+            body.pull_n[i] = tension_n[step, i]
+        call_with_two_pointers(step_2, model, data)
+        for i in range(IMU_AXES):
+            states.imu[0].second[i] = body.raw_imu[i]
+        record_row(states, probe, rows[step])
+    return int(rows.shape[0])

@@ -65,9 +65,8 @@ def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray
     energy_j_kg = _GAS_CONSTANT_J_KG_K * parameters.temperature_k
     tendons = [len(TENDONS_OF_CHANNEL[channel]) for channel in CHANNELS]
     volumes_m3 = np.array([parameters.manifold_volume_m3, *(parameters.tendon_volume_m3 * count for count in tendons)])
-    to_mass_flow = _CONDUCTANCE_UNIT * _REFERENCE_DENSITY_KG_M3
-    valve_kg_s_pa = np.full(records.VALVES, parameters.valve_conductance_dm3_s_bar * to_mass_flow)
-    leak_kg_s_pa = np.full(records.VOLUMES, parameters.leak_conductance_dm3_s_bar * to_mass_flow)
+    valve_kg_s_pa = np.full(records.VALVES, conductance_kg_s_pa(parameters.valve_conductance_dm3_s_bar))
+    leak_kg_s_pa = np.full(records.VOLUMES, conductance_kg_s_pa(parameters.leak_conductance_dm3_s_bar))
     free_flow_m3_s = parameters.pump_free_flow_l_min * 1e-3 / 60.0
     record["ambient_pa"] = parameters.ambient_pa
     record["specific_energy_j_kg"] = energy_j_kg
@@ -80,18 +79,34 @@ def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray
     record["pump_ultimate_vacuum_pa"] = parameters.pump_ultimate_vacuum_pa
     record["valve_dead_time_s"] = parameters.valve_dead_time_s
     record["step_s"] = timestep_s
+    record["substeps"] = stable_substeps(law)
+    return law
 
+
+def conductance_kg_s_pa(conductance_dm3_s_bar: float) -> float:
+    """Return a sonic conductance, dm^3/(s bar), as the mass flow per pressure that the law has, kg/(s Pa)."""
+    return conductance_dm3_s_bar * (_CONDUCTANCE_UNIT * _REFERENCE_DENSITY_KG_M3)
+
+
+def stable_substeps(law: NDArray[Any]) -> int:
+    """Return how many parts each time step needs, so that no volume overshoots.
+
+    Args:
+        law: Shape (1,) of PNEUMATIC_LAW; its substeps are not looked at.
+
+    """
+    record = law[0]
     # Steepest mass flow per pressure difference of each orifice, then rates (1/s) of each volume. Two volumes that
     # exchange air approach each other at no more than the sum of their rates.
-    ellipse = (parameters.linear_ratio - parameters.critical_ratio) / (1.0 - parameters.critical_ratio)
-    slope = math.sqrt(1.0 - ellipse**2) / (1.0 - parameters.linear_ratio)
-    per_volume = energy_j_kg / volumes_m3
-    channel_rates = slope * (valve_kg_s_pa + leak_kg_s_pa[1:]) * per_volume[1:]
-    pump_rate = free_flow_m3_s / volumes_m3[0] * parameters.ambient_pa / parameters.pump_ultimate_vacuum_pa
-    manifold_rate = slope * (valve_kg_s_pa.sum() + leak_kg_s_pa[0]) * per_volume[0] + pump_rate
+    ellipse = (record["linear_ratio"] - record["critical_ratio"]) / (1.0 - record["critical_ratio"])
+    slope = math.sqrt(1.0 - ellipse**2) / (1.0 - record["linear_ratio"])
+    per_volume = record["specific_energy_j_kg"] / record["volume_m3"]
+    channel_rates = slope * (record["valve_kg_s_pa"] + record["leak_kg_s_pa"][1:]) * per_volume[1:]
+    pump_rate = record["pump_free_flow_m3_s"] / record["volume_m3"][0]
+    pump_rate *= record["ambient_pa"] / record["pump_ultimate_vacuum_pa"]
+    manifold_rate = slope * (record["valve_kg_s_pa"].sum() + record["leak_kg_s_pa"][0]) * per_volume[0] + pump_rate
     fastest = float(manifold_rate + channel_rates.max())
-    record["substeps"] = max(1, math.ceil(timestep_s * fastest / _STABLE_STEP))
-    return law
+    return max(1, math.ceil(float(record["step_s"]) * fastest / _STABLE_STEP))
 
 
 def vented_state(law: NDArray[Any]) -> NDArray[Any]:

@@ -31,6 +31,9 @@ TENDON_LAW = np.dtype(
         ("stiffening_per_pa", np.float64),
         ("grip_n_per_pa", np.float64),
         ("grip_saturation_m", np.float64),
+        ("softening", np.float64),
+        ("softening_travel_m", np.float64),
+        ("play_m", np.float64),
         ("break_extension_m", np.float64),
         ("free_length_m", np.float64),
         ("channel", np.int64),
@@ -43,6 +46,9 @@ TENDON_STATE = np.dtype(
         ("branch_n", np.float64, BRANCHES),
         ("slider_m", np.float64, ELEMENTS),
         ("static_n", np.float64),
+        ("stretched_m", np.float64),
+        ("travel_m", np.float64),
+        ("seat_m", np.float64),
         ("extension_m", np.float64),
         ("rate_m_s", np.float64),
         ("tension_n", np.float64),
@@ -84,6 +90,7 @@ PNEUMATIC_STATE = np.dtype(
         ("command", np.float64, VALVES),
         ("position", np.float64, VALVES),
         ("waiting_s", np.float64, VALVES),
+        ("target", np.float64, VALVES),
     ],
 )
 """Air in each volume, the ledger of what pump and atmosphere exchanged, the commands, and the valves."""
@@ -91,8 +98,17 @@ PNEUMATIC_STATE = np.dtype(
 IMU_AXES = 6
 """Three of specific force, then three of angular velocity."""
 
-IMU_LAW = np.dtype([("smoothing", np.float64), ("noise", np.float64, IMU_AXES), ("limit", np.float64, IMU_AXES)])
-"""Share of the way that each pole goes in a step, noise per step, and range, per axis."""
+IMU_LAW = np.dtype(
+    [
+        ("smoothing", np.float64),
+        ("noise", np.float64, IMU_AXES),
+        ("limit", np.float64, IMU_AXES),
+        ("turn", np.float64, (3, 3)),
+        ("offset", np.float64, IMU_AXES),
+    ],
+)
+"""Share of the way that each pole goes in a step; noise per step and range, per axis; how the sensor is turned against
+its mount, as a matrix from the frame of the mount to its own; and its offsets."""
 
 IMU_STATE = np.dtype([("first", np.float64, IMU_AXES), ("second", np.float64, IMU_AXES)])
 """The two poles of the filter; the second is the output."""

@@ -64,6 +64,7 @@ def imu_law(parameters: SensorParameters, timestep_s: float) -> NDArray[Any]:
     law["noise"][:, 3:] = parameters.angular_rate_noise_rad_s_rthz * to_step
     law["limit"][:, :3] = parameters.acceleration_limit_m_s2
     law["limit"][:, 3:] = parameters.angular_rate_limit_rad_s
+    law["turn"] = np.eye(3)
     return law
 
 

@@ -51,6 +51,7 @@ def tendon_law(
     record["stiffening_per_pa"] = parameters.pressure_stiffening / _STIFFENING_REFERENCE_PA
     record["grip_n_per_pa"] = parameters.grip_n_per_pa
     record["grip_saturation_m"] = parameters.grip_saturation_m
+    record["softening_travel_m"] = 1.0
     record["break_extension_m"] = parameters.break_extension_m
     record["free_length_m"] = free_length_m
     record["channel"] = channel
@@ -72,6 +73,8 @@ def relaxed_state(law: NDArray[Any], extension_m: float) -> NDArray[Any]:
     state["static_n"] = np.interp(stretched_m, places_m, law["static_force_n"][0])
     state["tension_n"] = state["static_n"]
     state["slider_m"] = stretched_m
+    state["stretched_m"] = stretched_m
+    state["seat_m"] = extension_m
     return state
 
 

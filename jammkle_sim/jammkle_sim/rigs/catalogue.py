@@ -103,7 +103,18 @@ def rig_kind(name: str) -> RigKind:
     return RIGS[name]
 
 
-def run_rig(name: str, options: Any, on_progress: Callable[[float], None], cancelled: Callable[[], bool]) -> RigRun:
+def as_it_is(rig: Rig) -> Rig:
+    """Return the rig: the change that is none."""
+    return rig
+
+
+def run_rig(
+    name: str,
+    options: Any,
+    on_progress: Callable[[float], None],
+    cancelled: Callable[[], bool],
+    change: Callable[[Rig], Rig] = as_it_is,
+) -> RigRun:
     """Run a rig once, without the graph, faster than real time.
 
     Args:
@@ -111,6 +122,7 @@ def run_rig(name: str, options: Any, on_progress: Callable[[float], None], cance
         options: Its options dataclass.
         on_progress: Called with the share done, 0 to 1.
         cancelled: Asked now and then; true ends the run.
+        change: Makes the rig that is run from the one that the options make.
 
     Raises:
         ParameterError: unknown rig, or options out of range or that do not fit together.
@@ -119,7 +131,7 @@ def run_rig(name: str, options: Any, on_progress: Callable[[float], None], cance
 
     """
     rig, programme = _built(name, options)
-    return run(rig, programme, options, on_progress, cancelled)
+    return run(change(rig), programme, options, on_progress, cancelled)
 
 
 def begin_run(name: str, options: Any) -> RunInProgress:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -138,11 +139,27 @@ class Recorder:
             ),
         }
         found = {topic: series for topic, series in found.items() if topic in wanted}
+        wiring = self._rig.wiring
+        delays_s = {
+            names.IMU.name: wiring.imu_delay_s,
+            names.LOAD_CELL.name: wiring.load_cell_delay_s,
+            names.JOINT_STATES.name: wiring.joint_delay_s,
+            names.TENDON_STATES.name: wiring.joint_delay_s,
+        }
+        found = {topic: self._stamped(series, delays_s[topic]) for topic, series in found.items()}
         pressures_pa, pressure_time_s = np.array(self._pressures_pa), np.array(self._pressure_times_s)
         sources = (names.MANIFOLD_PRESSURE, *names.PRESSURES.values())
         for i, topic in enumerate(sources):
-            found[topic.name] = Series(("fluid_pressure_pa",), pressure_time_s, pressures_pa[:, i : i + 1])
+            series = Series(("fluid_pressure_pa",), pressure_time_s, pressures_pa[:, i : i + 1])
+            found[topic.name] = self._stamped(series, wiring.pressure_delay_s)
         for name, changes in self._changes.items():
             table = np.array(changes)
             found[name] = Series(("data",), table[:, 0], table[:, 1:])
         return found
+
+    def _stamped(self, series: Series, delay_s: float) -> Series:
+        """Return readings as they are stamped: late, by a clock of their own."""
+        skew = self._rig.wiring.clock_skew
+        if delay_s == 0.0 and skew == 0.0:
+            return series
+        return dataclasses.replace(series, time_s=(series.time_s + delay_s) * (1.0 + skew))

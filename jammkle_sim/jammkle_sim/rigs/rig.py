@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_graph.names import TENDONS
+from jammkle_sim.rigs.wiring import Wiring
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -52,3 +54,11 @@ class Rig:
     """Every dataclass of constants that went into it, by name."""
     tendon_names: tuple[str, ...] = TENDONS
     """Names of the tendons; empty for a foot without any."""
+    pneumatic_law: NDArray[Any] | None = None
+    """PNEUMATIC_LAW, shape (1,), where it differs from what `pneumatics` makes."""
+    imu_law: NDArray[Any] | None = None
+    """IMU_LAW, shape (1,), where it differs from what `sensors` makes."""
+    wiring: Wiring = dataclasses.field(default_factory=Wiring)
+    """What lies between commands and valves, and between sensors and topics."""
+    effects: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """What a gap diagnosis put into it, by `effect.parameter`."""

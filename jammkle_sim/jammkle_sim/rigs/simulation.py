@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import ANKLE_JOINTS, CARRIAGE_JOINT, CHANNELS
+from jammkle_graph.names import CHANNELS
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
-from jammkle_sim.physics.sensors import Noise, imu_law
-from jammkle_sim.physics.tendon import relaxed_state
+from jammkle_sim.physics.sensors import Noise
+from jammkle_sim.rigs.assembly import assembled, pose
 from jammkle_sim.rigs.options import changed_text
-from jammkle_sim.rigs.rig import GROUND, LOAD_CELL
-from jammkle_sim.rigs.wiring import body_of, probe_of
+from jammkle_sim.rigs.rig import GROUND
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from numpy.typing import NDArray
 
     from jammkle_sim.rigs.rig import Rig
@@ -69,21 +71,18 @@ class Simulation:
         """
         self._rig = rig
         self._model = rig.model
-        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.timestep_s = float(self._model.opt.timestep)
         """Time step, s."""
-        self._data = mujoco.MjData(self._model)
-        self._pose()
-        pneumatics = pneumatic_law(rig.pneumatics, self.timestep_s)
-        self._laws = records.Laws(pneumatics, rig.tendon_laws, imu_law(rig.sensors, self.timestep_s))
-        self._body = body_of(self._model, self._data)
-        self._load_cell = self._data.sensor(LOAD_CELL).data
-        known = {self._model.joint(i).name for i in range(self._model.njnt)}
-        self._joints = {name: self._data.joint(name) for name in (*ANKLE_JOINTS, CARRIAGE_JOINT) if name in known}
-        self._probe = probe_of(self._model, self._data, self._joints)
+        assembly = assembled(rig)
+        self._data, self._laws = assembly.data, assembly.laws
+        self._body, self._probe = assembly.body, assembly.probe
+        self._load_cell = assembly.probe.load_cell_n
+        self._joints = {name: self._data.joint(name) for name in assembly.joints}
         self._noise = Noise(rig.sensors)
-        self._start = self._start_states()
+        self._start = assembly.start
         self._states = records.States(*(part.copy() for part in self._start))
+        self._offset_pa = np.array(rig.wiring.pressure_offset_pa)
+        self._waiting: list[tuple[int, Callable[[], None]]] = []
         self._total_steps = 0
         self._rig_steps = 0
 
@@ -107,7 +106,7 @@ class Simulation:
         if not 0.0 <= duty <= 1.0:
             msg = f"pump duty is {duty}; it must be 0 to 1"
             raise ValueError(msg)
-        self._states.pneumatics["duty"] = duty
+        self._obey("duty", (0,), duty)
 
     def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001  # the state of a coil, as Bool is
         """Energise or release a channel's solenoid.
@@ -119,7 +118,7 @@ class Simulation:
         if channel not in CHANNELS:
             msg = f"channel '{channel}' does not exist; known are: {', '.join(CHANNELS)}"
             raise ValueError(msg)
-        self._states.pneumatics["command"][0, CHANNELS.index(channel)] = energised
+        self._obey("command", (0, CHANNELS.index(channel)), float(energised))
 
     def advance(self, steps: int) -> None:
         """Take `steps` time steps.
@@ -133,19 +132,19 @@ class Simulation:
             msg = f"steps is {steps}; it must be 0 or more"
             raise ValueError(msg)
         end = self._rig_steps + steps
-        for event in self._rig.events:
-            if self._rig_steps <= event.step < end:
-                self._run(event.step - self._rig_steps)
-                event.act(self._data)
+        for step, act in self._due_before(end):
+            self._run(step - self._rig_steps)
+            act()
         self._run(end - self._rig_steps)
 
     def reset(self) -> None:
         """Start the rig again, with the same noise; the time goes on."""
-        self._pose()
+        pose(self._model, self._data)
         for part, start in zip(self._states, self._start, strict=True):
             part[:] = start
         self._noise.reset()
         self._rig_steps = 0
+        self._waiting.clear()
 
     def record(self, rows: int, steps_per_row: int) -> NDArray[np.float64]:
         """Advance by `rows * steps_per_row` steps and write a row after every `steps_per_row`.
@@ -230,7 +229,7 @@ class Simulation:
         """Force between rig and leg, N, as the cell gives it, clipped at its range: tension on z is positive."""
         limit_n = self._rig.sensors.load_cell_limit_n
         force_n = self._noise.load_cell_n(self._rig_steps)
-        force_n[-len(self._load_cell) :] += self._load_cell
+        force_n[-len(self._load_cell) :] += self._rig.wiring.load_cell_gain * self._load_cell
         np.clip(force_n, -limit_n, limit_n, out=force_n)
         return (float(force_n[0]), float(force_n[1]), float(force_n[2]))
 
@@ -242,40 +241,45 @@ class Simulation:
         """Name of the rig and all its parameters, ready for YAML."""
         parts = {"options": self._rig.options, **self._rig.parts}
         plain = {name: dataclasses.asdict(part) for name, part in parts.items()}
-        return {"rig": self._rig.name, "timestep_s": self.timestep_s, **plain}
+        effects = {"effects": dict(self._rig.effects)} if self._rig.effects else {}
+        return {"rig": self._rig.name, "timestep_s": self.timestep_s, **plain, **effects}
 
     @property
     def rig_time_s(self) -> float:
         """Simulated time since the latest start of the rig, s."""
         return self._rig_steps * self.timestep_s
 
-    def _pose(self) -> None:
-        """Put the bodies where the rig starts."""
-        mujoco.mj_resetData(self._model, self._data)
-        if self._model.nkey:
-            mujoco.mj_resetDataKeyframe(self._model, self._data, 0)
-        mujoco.mj_forward(self._model, self._data)
-
     def _rows_without_event(self, rows: int, steps_per_row: int) -> int:
         """How many of the next rows can be taken before the rig does something."""
         coming = [event.step for event in self._rig.events if event.step >= self._rig_steps]
+        coming += [step for step, _ in self._waiting]
         return min(rows, (min(coming) - self._rig_steps) // steps_per_row) if coming else rows
 
     def _measured_pressures_pa(self) -> list[float]:
         measured: list[float] = (
-            self._states.pneumatics["pressure_pa"][0] + self._noise.pressure_pa(self._rig_steps)
+            self._states.pneumatics["pressure_pa"][0] + self._noise.pressure_pa(self._rig_steps) + self._offset_pa
         ).tolist()
         return measured
 
-    def _start_states(self) -> records.States:
-        """Vented, pump off, at rest in the pose of the model as if it had been there for long."""
-        extensions_m = self._body.length_m - self._laws.tendons["free_length_m"]
-        tendons = np.zeros(len(self._laws.tendons), dtype=records.TENDON_STATE)
-        for i, extension_m in enumerate(extensions_m.tolist()):
-            tendons[i : i + 1] = relaxed_state(self._laws.tendons[i : i + 1], extension_m)
-        imu = np.zeros(1, dtype=records.IMU_STATE)
-        imu["first"] = imu["second"] = self._body.raw_imu
-        return records.States(vented_state(self._laws.pneumatics), tendons, imu)
+    def _obey(self, field: str, at: tuple[int, ...], value: float) -> None:
+        """Tell the air something, after the wiring's delay, to the nearest step."""
+        wait = round(self._rig.wiring.command_delay_s / self.timestep_s)
+        if wait == 0:
+            self._states.pneumatics[field][at] = value
+        else:
+            tell = functools.partial(operator.setitem, self._states.pneumatics[field], at, value)
+            self._waiting.append((self._rig_steps + wait, tell))
+
+    def _due_before(self, end: int) -> Iterator[tuple[int, Callable[[], None]]]:
+        """Give what the rig does and what arrives before a step, in order; what arrives is no longer waited for."""
+        due: list[tuple[int, Callable[[], None]]] = [
+            (event.step, functools.partial(event.act, self._data))
+            for event in self._rig.events
+            if self._rig_steps <= event.step < end
+        ]
+        due += [(step, tell) for step, tell in self._waiting if step < end]
+        self._waiting = [(step, tell) for step, tell in self._waiting if step >= end]
+        yield from sorted(due, key=operator.itemgetter(0))
 
     def _run(self, steps: int) -> None:
         if steps == 0:

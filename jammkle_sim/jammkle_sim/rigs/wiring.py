@@ -1,58 +1,29 @@
-"""Where in MuJoCo's arrays the compiled laws find what they read and write."""
+"""What lies between the commands and what obeys them, and between the sensors and the topics: delays, clock, gains."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from dataclasses import dataclass
 
 from jammkle_sim.physics import records
-from jammkle_sim.physics.engine import address_of_function
-from jammkle_sim.rigs.rig import ACCELEROMETER, LOAD_CELL
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
-def body_of(model: Any, data: Any) -> records.Body:
-    """Return the views through which a simulation is stepped.
+@dataclass(frozen=True)
+class Wiring:
+    """Nothing that changes anything, unless said otherwise."""
 
-    Args:
-        model: The mujoco.MjModel.
-        data: Its mujoco.MjData; the views live as long as it does.
-
-    """
-    imu = int(model.sensor(ACCELEROMETER).adr[0])
-    addresses = [
-        address_of_function("mj_step1"),
-        address_of_function("mj_step2"),
-        model._address,  # noqa: SLF001  # the bindings' own way to hand a model to C
-        data._address,  # noqa: SLF001  # as above
-    ]
-    return records.Body(
-        addresses=np.array(addresses, dtype=np.intp),
-        length_m=data.ten_length,
-        rate_m_s=data.ten_velocity,
-        pull_n=data.ctrl,
-        speed=data.qvel,
-        raw_imu=data.sensordata[imu : imu + records.IMU_AXES],
-    )
-
-
-def probe_of(model: Any, data: Any, joints: Iterable[str]) -> records.Probe:
-    """Return the views through which a simulation is recorded.
-
-    Args:
-        model: The mujoco.MjModel.
-        data: Its mujoco.MjData; the views live as long as it does.
-        joints: Names of the joints to record, in this order.
-
-    """
-    found = [model.joint(name) for name in joints]
-    return records.Probe(
-        position=data.qpos,
-        speed=data.qvel,
-        position_index=np.array([joint.qposadr[0] for joint in found], dtype=np.intp),
-        speed_index=np.array([joint.dofadr[0] for joint in found], dtype=np.intp),
-        load_cell_n=data.sensor(LOAD_CELL).data,
-    )
+    command_delay_s: float = 0.0
+    """From a command to when pump and valves get it, s, 0 or more."""
+    pressure_delay_s: float = 0.0
+    """From a pressure to its reading, s, 0 or more."""
+    imu_delay_s: float = 0.0
+    """From a motion to the IMU's reading of it, s, 0 or more; its own filter not counted."""
+    joint_delay_s: float = 0.0
+    """From a motion to the reading of joints and tendons, s, 0 or more."""
+    load_cell_delay_s: float = 0.0
+    """From a force to its reading, s, 0 or more."""
+    clock_skew: float = 0.0
+    """How much faster the clock that stamps the readings runs than that of the commands, 1."""
+    pressure_offset_pa: tuple[float, ...] = (0.0,) * records.VOLUMES
+    """What each pressure reads too much, Pa: manifold, then channels."""
+    load_cell_gain: float = 1.0
+    """Reading of the load cell over the true force, 1."""

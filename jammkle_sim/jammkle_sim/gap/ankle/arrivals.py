@@ -1,0 +1,105 @@
+"""When commands of a live graph arrived: a recorder logs when it hears them, milliseconds off what the valves do.
+
+Where log times are not exact, each switching of the solenoids is put to where the pressures answer it. So on such a
+recording nothing within the range that is searched can be told of valves or of the command's delay.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_graph import names
+from jammkle_sim.rigs import replay
+from jammkle_sim.rigs.timeline import Timeline
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.ankle.bag import Bag
+    from jammkle_sim.gap.ankle.inputs import AnkleInputs
+    from jammkle_sim.gap.recording import Signal
+    from jammkle_sim.rigs.rig import Rig
+
+_EXACT_S = 1e-6
+"""Difference of log time and stamp up to which a recorder hears everything at once, as one inside a simulation does."""
+_SHIFTS_S = np.arange(0.0, 0.0125, 0.001)
+"""Delays that are tried. Assumed: the graph's hop takes 0.2 ms, its callbacks are served every few milliseconds."""
+_TOGETHER_S = 0.02
+"""Switchings of several solenoids within this time are one command."""
+_BEFORE_S, _AFTER_S = 0.05, 0.15
+"""Stretches around a switching in which the pressures are looked at: where they were, and how they answer."""
+
+
+def is_exact(bag: Bag) -> bool:
+    """Tell whether the recorder's times are those of the measurements."""
+    return all(float(np.abs(each.log_s - each.stamp_s).max()) <= _EXACT_S for each in bag.topics.values())
+
+
+def with_arrivals(inputs: AnkleInputs, rig: Rig, signals: Mapping[str, Signal], notes: list[str]) -> AnkleInputs:
+    """Return the inputs with every switching of the solenoids where the pressures answer it.
+
+    Args:
+        inputs: With the times of the log.
+        rig: Nominal.
+        signals: What was measured.
+        notes: What the reader should know is added.
+
+    """
+    channels = [each for each in inputs.commands.solenoids if names.PRESSURES[each].name in signals]
+    switchings = _switchings(inputs)
+    if not channels or not len(switchings):
+        return inputs
+    errors = np.array([_errors(inputs, rig, signals, channels, shift_s, switchings) for shift_s in _SHIFTS_S.tolist()])
+    shifts_s = _SHIFTS_S[np.argmin(errors, axis=0)]
+    notes.append(
+        f"commands logged live: solenoids switch up to {1e3 * shifts_s.max():.0f} ms later, as pressures answer"
+    )
+    solenoids = {}
+    for channel, line in inputs.commands.solenoids.items():
+        nearest = np.clip(np.searchsorted(switchings, line.time_s + 1e-9, side="right") - 1, 0, None)
+        moved = np.where(line.time_s >= switchings[0], shifts_s[nearest], 0.0)
+        solenoids[channel] = Timeline(np.maximum.accumulate(line.time_s + moved), line.values)
+    return dataclasses.replace(inputs, commands=dataclasses.replace(inputs.commands, solenoids=solenoids))
+
+
+def _switchings(inputs: AnkleInputs) -> NDArray[np.float64]:
+    """Return when solenoids switch, s, rising, those that switch together once."""
+    times = []
+    for line in inputs.commands.solenoids.values():
+        changed = np.diff(np.concatenate(([0.0], line.values))) != 0.0
+        times.append(line.time_s[changed])
+    every = np.sort(np.concatenate(times)) if times else np.zeros(0)
+    first: NDArray[np.float64] = every[np.diff(np.concatenate(([-np.inf], every))) > _TOGETHER_S]
+    return first
+
+
+def _errors(
+    inputs: AnkleInputs,
+    rig: Rig,
+    signals: Mapping[str, Signal],
+    channels: list[str],
+    shift_s: float,
+    switchings: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return how badly pressures answer each switching if all come later, offsets from before it taken out."""
+    solenoids = {channel: line.later(shift_s) for channel, line in inputs.commands.solenoids.items()}
+    commands = dataclasses.replace(inputs.commands, solenoids=solenoids)
+    end_s = max(float(signals[names.PRESSURES[channel].name].time_s[-1]) for channel in channels)
+    step_s = replay.timestep_s(rig)
+    pressure_pa = replay.air(rig, commands, int(end_s / step_s) + 1, inputs.start_pa)
+    grid_s = step_s * np.arange(len(pressure_pa))
+    errors = np.zeros(len(switchings))
+    for channel in channels:
+        signal = signals[names.PRESSURES[channel].name]
+        simulated = np.interp(signal.time_s, grid_s, pressure_pa[:, names.CHANNELS.index(channel) + 1])
+        residual = signal.values - simulated
+        edges = np.searchsorted(signal.time_s, [switchings - _BEFORE_S, switchings, switchings + _AFTER_S])
+        for i, (first, at, last) in enumerate(edges.T.tolist()):
+            offset = float(residual[first:at].mean()) if at > first else 0.0
+            errors[i] += float(((residual[at:last] - offset) ** 2).sum())
+    return errors

@@ -1,0 +1,80 @@
+"""Changes to pump, valves, lines and their pressure sensors."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_graph.names import CHANNELS
+from jammkle_sim.physics.pneumatics import conductance_kg_s_pa, stable_substeps
+from jammkle_sim.rigs.assembly import laws_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from jammkle_sim.rigs.rig import Rig
+
+_VOLUMES = ("manifold", *CHANNELS)
+"""Places of the laws' volumes, in order."""
+
+
+def leak(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Let air of the atmosphere into one volume, by `conductance_dm3_s_bar`."""
+
+    def change(law: Any) -> None:
+        law["leak_kg_s_pa"][_VOLUMES.index(place)] += conductance_kg_s_pa(values["conductance_dm3_s_bar"])
+
+    return _with_air(rig, change)
+
+
+def wear_pump(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Scale free flow by `flow_scale`, and the vacuum at which the pump stops by `vacuum_scale`."""
+
+    def change(law: Any) -> None:
+        law["pump_free_flow_m3_s"] *= values["flow_scale"]
+        law["pump_ultimate_vacuum_pa"] *= values["vacuum_scale"]
+
+    return _with_air(rig, change)
+
+
+def dead_time(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Make every solenoid slower by `extra_s`, though never quicker than at once."""
+
+    def change(law: Any) -> None:
+        law["valve_dead_time_s"] = np.maximum(law["valve_dead_time_s"] + values["extra_s"], 0.0)
+
+    return _with_air(rig, change)
+
+
+def kink(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Scale the conductance of one channel's valve and tube by `conductance_scale`."""
+
+    def change(law: Any) -> None:
+        law["valve_kg_s_pa"][CHANNELS.index(place)] *= values["conductance_scale"]
+
+    return _with_air(rig, change)
+
+
+def trap_volume(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Add `volume_m3` to one volume."""
+
+    def change(law: Any) -> None:
+        law["volume_m3"][_VOLUMES.index(place)] += values["volume_m3"]
+
+    return _with_air(rig, change)
+
+
+def offset_pressure(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Let one sensor read `offset_pa` too much."""
+    offsets = list(rig.wiring.pressure_offset_pa)
+    offsets[_VOLUMES.index(place)] += values["offset_pa"]
+    return dataclasses.replace(rig, wiring=dataclasses.replace(rig.wiring, pressure_offset_pa=tuple(offsets)))
+
+
+def _with_air(rig: Rig, change: Callable[[Any], None]) -> Rig:
+    law = laws_of(rig).pneumatics.copy()
+    change(law[0])
+    law["substeps"] = stable_substeps(law)
+    return dataclasses.replace(rig, pneumatic_law=law)

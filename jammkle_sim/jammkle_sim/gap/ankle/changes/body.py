@@ -1,0 +1,66 @@
+"""Changes to bodies, joints and contacts: on a copy of MuJoCo's model."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+from jammkle_graph.names import ANKLE_JOINTS
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from jammkle_sim.rigs.rig import Rig
+
+_LEAST_KG = 0.01
+"""What a body keeps, kg, whatever is taken off it."""
+
+
+def add_payload(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Add `mass_kg` to the carriage."""
+    model = copy.copy(rig.model)
+    carriage = model.body("carriage").id
+    before_kg = float(model.body_mass[carriage])
+    after_kg = max(before_kg + values["mass_kg"], _LEAST_KG)
+    model.body_mass[carriage] = after_kg
+    model.body_inertia[carriage] *= after_kg / before_kg
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return dataclasses.replace(rig, model=model)
+
+
+def rub_joint(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Add Coulomb friction `coulomb_n_m` and damping `viscous_n_m_s` to each axis of the ankle."""
+    model = copy.copy(rig.model)
+    for name in _present(model, ANKLE_JOINTS):
+        at = int(model.joint(name).dofadr[0])
+        model.dof_frictionloss[at] += values["coulomb_n_m"]
+        model.dof_damping[at] += values["viscous_n_m_s"]
+    return dataclasses.replace(rig, model=model)
+
+
+def rub_floor(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Scale the sliding friction of every contact by `scale`."""
+    model = copy.copy(rig.model)
+    model.geom_friction[:, 0] *= values["scale"]
+    return dataclasses.replace(rig, model=model)
+
+
+def soften_floor(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Lengthen the time constant of every contact by `extra_s`."""
+    model = copy.copy(rig.model)
+    model.geom_solref[:, 0] += values["extra_s"]
+    return dataclasses.replace(rig, model=model)
+
+
+def lose_play(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Let every tendon's seat move by `play_m` before the tendon is stretched."""
+    laws = rig.tendon_laws.copy()
+    laws["play_m"] += values["play_m"]
+    return dataclasses.replace(rig, tendon_laws=laws)
+
+
+def _present(model: Any, joints: tuple[str, ...]) -> list[str]:
+    known = {model.joint(i).name for i in range(model.njnt)}
+    return [name for name in joints if name in known]

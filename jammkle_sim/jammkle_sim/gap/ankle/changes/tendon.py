@@ -1,0 +1,117 @@
+"""Changes to the tendons. A place is a tendon or a channel; without one they change all."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_graph.names import TENDONS_OF_CHANNEL
+from jammkle_sim.physics import records
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from jammkle_sim.rigs.rig import Rig
+
+_GROUPS = {
+    "achilles_pair": TENDONS_OF_CHANNEL["achilles"],
+    "peroneal_pair": (*TENDONS_OF_CHANNEL["peroneal_left"], *TENDONS_OF_CHANNEL["peroneal_right"]),
+}
+"""Places that are more than one tendon."""
+
+
+def relax(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Scale gains and times of the viscoelastic branches, by `gain_scale` and `time_scale`."""
+    step_s = float(rig.model.opt.timestep)
+
+    def change(law: Any) -> None:
+        times_s = -step_s / np.log(law["decay"])
+        gains = law["gain"] / (times_s / step_s * (1.0 - law["decay"]))
+        times_s = times_s * values["time_scale"]
+        law["decay"] = np.exp(-step_s / times_s)
+        law["gain"] = gains * values["gain_scale"] * times_s / step_s * (1.0 - law["decay"])
+
+    return _with_tendons(rig, "", change)
+
+
+def scale_friction(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Scale the force at which jammed fibres slide, by `scale`."""
+
+    def change(law: Any) -> None:
+        law["friction_yield_n_per_pa"] *= values["scale"]
+
+    return _with_tendons(rig, "", change)
+
+
+def scale_stiffness(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Scale the elastic force by `scale`."""
+
+    def change(law: Any) -> None:
+        law["static_force_n"] *= values["scale"]
+
+    return _with_tendons(rig, "", change)
+
+
+def stiffen_membrane(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Put a spring of `stiffness_n_m` beside the fibres."""
+    places = np.arange(records.TABLE_POINTS)
+
+    def change(law: Any) -> None:
+        law["static_force_n"] += values["stiffness_n_m"] * places * law["table_step_m"]
+
+    return _with_tendons(rig, "", change)
+
+
+def pretension(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Shorten the free length by `extension_m`; below 0 the tendons are slack."""
+
+    def change(law: Any) -> None:
+        law["free_length_m"] -= values["extension_m"]
+
+    return _with_tendons(rig, place, change)
+
+
+def soften(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Let the elastic force fall by up to `loss` as `travel_m` of stretching has been done since the start."""
+
+    def change(law: Any) -> None:
+        law["softening"] = values["loss"]
+        law["softening_travel_m"] = values["travel_m"]
+
+    return _with_tendons(rig, "", change)
+
+
+def lose_fibres(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Take the share `lost` of the fibres out: elastic force and friction fall, the membrane still grips."""
+    left = 1.0 - values["lost"]
+
+    def change(law: Any) -> None:
+        law["static_force_n"] *= left
+        law["friction_yield_n_per_pa"] *= left
+        law["friction_stiffness_n_m"] *= max(left, 1e-6)
+
+    return _with_tendons(rig, place, change)
+
+
+def fail(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Leave the share `remaining` of everything that a tendon pulls with."""
+    left = values["remaining"]
+
+    def change(law: Any) -> None:
+        law["static_force_n"] *= left
+        law["friction_yield_n_per_pa"] *= left
+        law["friction_stiffness_n_m"] *= max(left, 1e-6)
+        law["grip_n_per_pa"] *= left
+
+    return _with_tendons(rig, place, change)
+
+
+def _with_tendons(rig: Rig, place: str, change: Callable[[Any], None]) -> Rig:
+    laws = rig.tendon_laws.copy()
+    chosen = _GROUPS.get(place, (place,)) if place else rig.tendon_names
+    for i, name in enumerate(rig.tendon_names):
+        if name in chosen:
+            change(laws[i])
+    return dataclasses.replace(rig, tendon_laws=laws)

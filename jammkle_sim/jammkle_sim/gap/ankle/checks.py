@@ -1,0 +1,177 @@
+"""Recordings that cannot be used, told by what is in them; each error says what to record instead."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_graph import names
+from jammkle_sim.gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
+from jammkle_sim.gap.recording import BadRecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from jammkle_sim.gap.ankle.bag import Bag, Samples
+    from jammkle_sim.gap.recording import Signal
+    from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.timeline import Timeline
+
+SHORTEST_S = 1.0
+"""Shortest recording that is taken. Assumed: less holds nothing to test a fit on."""
+_LARGEST_OFFSET_S = 0.5
+"""Largest difference between log time and header time. Assumed: no transport takes longer."""
+_LARGEST_DRIFT = 0.03
+"""Largest relative drift between the two; beyond it one of the clocks does not count seconds."""
+_DRIFT_FLOOR_S = 0.05
+"""Drift that is never minded, s."""
+_LARGEST_ANGLE_RAD = 2.0
+"""Largest angle of an ankle; the joint meets its limit at 1.2 rad."""
+_LOWEST_PA, _HIGHEST_PA = 15e3, 130e3
+"""What a channel may read, absolute: from more vacuum than the pump makes to the highest atmosphere and some offset."""
+_LARGEST_START_M = 0.05
+"""Largest distance between the slide's start and that of the rig."""
+_STEPS_BACK = 0.01
+"""Share of samples that may be out of order or double."""
+
+
+def check_commands(bag: Bag) -> None:
+    """Refuse a bag without commands.
+
+    Raises:
+        BadRecordingError: pump or all solenoids are missing.
+
+    """
+    solenoids = [topic.name for topic in names.SOLENOIDS.values()]
+    missing = [] if names.PUMP_DUTY.name in bag.topics else [names.PUMP_DUTY.name]
+    missing += [] if any(name in bag.topics for name in solenoids) else ["any of " + ", ".join(solenoids)]
+    if missing:
+        msg = f"bag {bag.name} holds no commands: {' nor '.join(missing)}"
+        msg += "; record them too, from before the first one is given"
+        raise BadRecordingError(msg)
+
+
+def check_clocks(bag: str, topic: str, samples: Samples) -> None:
+    """Refuse stamps of another clock than the recorder's, as commands have none but that.
+
+    Raises:
+        BadRecordingError: they are far apart, or drift apart.
+
+    """
+    behind_s = samples.log_s - samples.stamp_s
+    apart_s = float(np.median(behind_s))
+    if abs(apart_s) > _LARGEST_OFFSET_S:
+        msg = f"clocks disagree in bag {bag}: {topic} is logged {apart_s:.3g} s after its header's stamp"
+        msg += f", at most {_LARGEST_OFFSET_S:g} s; record with one clock (or with /clock)"
+        raise BadRecordingError(msg)
+    tenth = max(len(behind_s) // 10, 1)
+    drift_s = float(np.median(behind_s[-tenth:]) - np.median(behind_s[:tenth]))
+    limit_s = max(_DRIFT_FLOOR_S, _LARGEST_DRIFT * float(np.ptp(samples.log_s)))
+    if abs(drift_s) > limit_s:
+        msg = f"clocks drift apart in bag {bag}: {topic}'s log time and header time part by {drift_s:.3g} s"
+        msg += f", at most {limit_s:.2g} s; synchronise the clocks and record again"
+        raise BadRecordingError(msg)
+
+
+def in_order(bag: str, topic: str, samples: Samples) -> Samples:
+    """Return the samples whose stamps rise.
+
+    Raises:
+        BadRecordingError: more than a few do not.
+
+    """
+    highest = np.maximum.accumulate(samples.stamp_s)
+    rising = np.concatenate(([True], samples.stamp_s[1:] > highest[:-1]))
+    lost = 1.0 - rising.mean()
+    if lost > _STEPS_BACK:
+        msg = f"stamps of {topic} in bag {bag} run backwards or stand still at {100.0 * lost:.2g} % of its samples"
+        msg += "; record one publisher with a steady clock, without a reset of the simulation"
+        raise BadRecordingError(msg)
+    columns = {name: values[rising] for name, values in samples.columns.items()}
+    return type(samples)(samples.log_s[rising], samples.stamp_s[rising], columns)
+
+
+def check_numbers(bag: str, signals: Iterable[Signal]) -> None:
+    """Refuse units that cannot be right.
+
+    Raises:
+        BadRecordingError: angles in degrees, pressures that are not absolute Pa.
+
+    """
+    for signal in signals:
+        largest, start = float(np.abs(signal.values).max()), float(np.median(signal.values[:20]))
+        quantity = quantity_of(signal.name)
+        if quantity == ANGLE and largest > _LARGEST_ANGLE_RAD:
+            msg = f"{signal.name} in bag {bag} reaches {largest:.3g}; no ankle turns beyond {_LARGEST_ANGLE_RAD:g} rad"
+            msg += "; it looks like degrees: record rad"
+            raise BadRecordingError(msg)
+        if quantity == PRESSURE:
+            _check_pressure(bag, signal.name, start, float(signal.values.max()), float(signal.values.min()))
+
+
+def _check_pressure(bag: str, name: str, start_pa: float, highest_pa: float, lowest_pa: float) -> None:
+    if _LOWEST_PA / 1e3 < highest_pa <= _HIGHEST_PA / 1e3 and lowest_pa > 0.0:
+        guess = "kPa"
+    elif highest_pa > _HIGHEST_PA:
+        guess = "neither gauge nor absolute"
+    elif lowest_pa < _LOWEST_PA:
+        guess = "gauge"
+    else:
+        return
+    msg = f"{name} in bag {bag} lies between {lowest_pa:.4g} and {highest_pa:.4g} Pa and starts at {start_pa:.4g}"
+    msg += f"; it looks like {guess}: record absolute pressure in Pa (vented: about 101325)"
+    raise BadRecordingError(msg)
+
+
+def check_alive(bag: str, signals: Mapping[str, Signal], solenoids: Mapping[str, Timeline]) -> None:
+    """Refuse a pressure that stands still while its solenoid switches, and a recording in which nothing moves.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    for channel, solenoid in solenoids.items():
+        signal = signals.get(names.PRESSURES[channel].name)
+        drawn_s = float(np.clip(np.diff(solenoid.time_s), 0.0, None).max(initial=0.0))
+        if signal is not None and solenoid.values.max() > 0.0 and drawn_s > 0.0 and np.ptp(signal.values) == 0.0:
+            msg = f"{signal.name} in bag {bag} is {signal.values[0]:g} Pa throughout while its solenoid switches"
+            msg += "; check that sensor and record again"
+            raise BadRecordingError(msg)
+    if all(np.ptp(signal.values) == 0.0 for signal in signals.values()):
+        msg = f"no signal of bag {bag} changes at all"
+        msg += "; record live sensors while the ankle is moved or jammed"
+        raise BadRecordingError(msg)
+
+
+def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[str, ...], start_m: float) -> None:
+    """Refuse a rig that cannot have made the recording.
+
+    Args:
+        bag: Name of the bag.
+        rig: As it was named.
+        signals: What was measured.
+        joints: Joints of the rig.
+        start_m: Where the rig's slide starts, m.
+
+    Raises:
+        BadRecordingError: other tendons, other joints, another start.
+
+    """
+    tendons = {name.split("/")[0] for name in signals if name.endswith("/tension")}
+    measured = {name.split("/")[0] for name in signals if name.endswith("/position")}
+    problem = ""
+    if tendons - set(rig.tendon_names):
+        problem = f"it has no tendon {min(tendons - set(rig.tendon_names))}"
+    elif (measured & set(names.ANKLE_JOINTS)) - set(joints):
+        problem = f"it has no joint {min(measured - set(joints))}"
+    elif not measured & set(joints) and measured:
+        problem = f"it has no joint {min(measured)}"
+    else:
+        slide = signals.get(f"{names.CARRIAGE_JOINT}/position")
+        if slide is not None and abs(float(slide.values[0]) - start_m) > _LARGEST_START_M:
+            problem = f"its slide starts at {start_m:.3f} m, the recording's at {float(slide.values[0]):.3f} m"
+    if problem:
+        msg = f"bag {bag} cannot be from rig '{rig.name}': {problem}"
+        msg += "; name the rig that it was recorded on with --rig"
+        raise BadRecordingError(msg)

@@ -1,0 +1,94 @@
+"""What the instruments of an ankle are good for: units, and the scatter that they have when nothing is wrong.
+
+Pressure, load cell and IMU are those of the simulated sensors (`physics.sensors`). The others are assumed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_graph.names import CARRIAGE_JOINT
+from jammkle_sim.physics.sensors import SensorParameters, imu_law
+
+if TYPE_CHECKING:
+    from jammkle_sim.rigs.rig import Rig
+
+_ANGLE_RAD = 5e-4
+"""Standard deviation of a joint angle. Assumed: the rounding of a 12-bit encoder."""
+_SLIDE_M = 2e-5
+"""Standard deviation of the slide and of a tendon's extension. Assumed: a linear scale of 0.05 mm."""
+_TENSION_N = 0.05
+"""Standard deviation of a tendon's tension. Assumed: as of the load cell."""
+
+PRESSURE, ANGLE, SLIDE, EXTENSION, TENSION, FORCE, ACCELERATION, RATE = (
+    "pressure",
+    "angle",
+    "slide",
+    "extension",
+    "tension",
+    "force",
+    "acceleration",
+    "rate",
+)
+UNITS = {
+    PRESSURE: "Pa",
+    ANGLE: "rad",
+    SLIDE: "m",
+    EXTENSION: "m",
+    TENSION: "N",
+    FORCE: "N",
+    ACCELERATION: "m/s^2",
+    RATE: "rad/s",
+}
+"""Unit by quantity."""
+
+
+def quantity_of(signal: str) -> str:
+    """Return what a signal measures, by its name."""
+    column = signal.rpartition("/")[2]
+    if column == "position":
+        return SLIDE if signal.startswith(CARRIAGE_JOINT) else ANGLE
+    if column.startswith("force"):
+        return FORCE
+    if column.startswith("specific_force"):
+        return ACCELERATION
+    if column.startswith("angular_velocity"):
+        return RATE
+    return column
+
+
+def declared_noise(rig: Rig, timestep_s: float) -> dict[str, float]:
+    """Return the standard deviation from reading to reading by quantity, SI.
+
+    Args:
+        rig: Its sensors.
+        timestep_s: Of its simulation, s.
+
+    """
+    sensors: SensorParameters = rig.sensors
+    law = imu_law(sensors, timestep_s)[0]
+    passed = _noise_gain(float(law["smoothing"]))
+    return {
+        PRESSURE: sensors.pressure_noise_pa,
+        ANGLE: _ANGLE_RAD,
+        SLIDE: _SLIDE_M,
+        EXTENSION: _SLIDE_M,
+        TENSION: _TENSION_N,
+        FORCE: sensors.load_cell_noise_n,
+        ACCELERATION: passed * float(law["noise"][0]),
+        RATE: passed * float(law["noise"][3]),
+    }
+
+
+def declared_bias(rig: Rig) -> dict[str, float]:
+    """Return the standard deviation of a sensor's constant offset by quantity, SI; those not named have none."""
+    return {PRESSURE: rig.sensors.pressure_offset_pa}
+
+
+def _noise_gain(smoothing: float) -> float:
+    """Return how much of white noise two equal poles let through."""
+    taps = np.arange(400)
+    response = smoothing**2 * (taps + 1) * (1.0 - smoothing) ** taps
+    return float(np.sqrt((response**2).sum()))

@@ -1,0 +1,57 @@
+"""The rigs as a simulator for the diagnosis: a recording's commands in the same rig, effects in it, no noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_sim.gap.ankle.effects import apply_effects
+from jammkle_sim.gap.ankle.inputs import nominal_rig
+from jammkle_sim.gap.ankle.readings import readings
+from jammkle_sim.gap.ankle.restarts import restarted_readings
+from jammkle_sim.gap.ankle.truth import inputs_of, truth_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.effect import Library
+    from jammkle_sim.gap.recording import Recording
+    from jammkle_sim.rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class AnkleSimulator:
+    """Runs a recording of an ankle again; fulfils `gap.simulator.Simulator`, and can be pickled."""
+
+    library: Library
+    """Effects whose parameters it takes."""
+
+    def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        """Run again what was commanded; see `gap.simulator.Simulator`.
+
+        Raises:
+            BadEffectError: a parameter that no effect of the library has.
+            UnstableSimulationError: the simulation blew up.
+
+        """
+        rig = self.rig(recording, values)
+        return readings(recording, rig, truth_of(recording, rig))
+
+    def restarted(
+        self, recording: Recording, values: Mapping[str, float], horizon_s: float
+    ) -> dict[str, NDArray[np.float64]]:
+        """As a call, set to the measured state every `horizon_s`; see `gap.simulator.RestartingSimulator`.
+
+        Raises:
+            BadEffectError: a parameter that no effect of the library has.
+            UnstableSimulationError: the simulation blew up.
+
+        """
+        return restarted_readings(recording, self.rig(recording, values), horizon_s)
+
+    def rig(self, recording: Recording, values: Mapping[str, float]) -> Rig:
+        """Return the rig of a recording with effects in it."""
+        return apply_effects(nominal_rig(inputs_of(recording)), self.library, values)

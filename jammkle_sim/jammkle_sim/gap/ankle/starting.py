@@ -1,0 +1,67 @@
+"""Where the start of a rig lies in a recording: told by the simulation's own stamps, or by when its slide moved off."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_graph import names
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_sim.gap.ankle.phases import FALLING_RIGS
+from jammkle_sim.rigs.replay import timestep_s
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from jammkle_sim.gap.ankle.bag import Bag, Samples
+    from jammkle_sim.rigs.rig import Rig
+
+_SLIDE = f"{names.CARRIAGE_JOINT}/position"
+_MOVED_M = 0.001
+"""Way after which a slide has certainly moved off."""
+_TOLERANCE_S = 0.25
+"""How far the slide may move off from when the rig says it does. Assumed: beyond every delay of the library."""
+_SIMULATED_START_S = 60.0
+"""A simulated rig's stamps begin no later than this, s, unless the simulation was reset."""
+
+
+def rig_start_s(bag: Bag, topics: Mapping[str, Samples], rig: Rig, notes: list[str]) -> float:
+    """Return the stamp, s, at which the rig started.
+
+    Args:
+        bag: Tells whether a simulation was recorded, whose stamps count from its start.
+        topics: What was measured.
+        rig: What it does when.
+        notes: What the reader should know is added.
+
+    """
+    first_s = min(float(samples.stamp_s[0]) for samples in topics.values())
+    told = 0.0 if bag.description is not None and first_s < _SIMULATED_START_S else first_s
+    moved_off_s = _moved_off_s(topics, rig)
+    if moved_off_s is None or not rig.events:
+        return told
+    by_motion = moved_off_s - rig.events[0].step * timestep_s(rig)
+    if abs(by_motion - told) <= _TOLERANCE_S and bag.description is not None:
+        return told
+    notes.append(f"the start of the rig is told by when its slide moved off, at {moved_off_s - first_s:.3f} s")
+    return by_motion
+
+
+def _moved_off_s(topics: Mapping[str, Samples], rig: Rig) -> float | None:
+    """Return the stamp, s, at which the slide began to move; None where it was not measured or never did."""
+    joints = topics.get(names.JOINT_STATES.name)
+    if joints is None or _SLIDE not in joints.columns:
+        return None
+    way_m = np.abs(joints.columns[_SLIDE] - np.median(joints.columns[_SLIDE][:5]))
+    moved = np.flatnonzero(way_m > _MOVED_M)
+    if not len(moved):
+        return None
+    at = int(moved[0])
+    time_s, moved_m = float(joints.stamp_s[at]), float(way_m[at])
+    if rig.name in FALLING_RIGS:
+        return time_s - math.sqrt(2.0 * moved_m / STANDARD_GRAVITY_M_S2)
+    ahead = min(at + 50, len(way_m) - 1)
+    speed_m_s = (float(way_m[ahead]) - moved_m) / max(float(joints.stamp_s[ahead]) - time_s, 1e-9)
+    return time_s - moved_m / speed_m_s if speed_m_s > 0.0 else time_s

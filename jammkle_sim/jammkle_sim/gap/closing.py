@@ -1,0 +1,201 @@
+"""How far the gap shrinks: on blocks and on a regime that the effect was not fitted to, beside a ceiling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_sim.gap.fitting import PRIOR, loss_of
+from jammkle_sim.gap.unexplained import features
+from jammkle_sim.gap.where import INTERVAL, resampled
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.fitting import Fit
+    from jammkle_sim.gap.residual import Layout, Weighting
+    from jammkle_sim.gap.runs import Runs
+
+FLOOR = 1.0
+"""The noise, in its own units."""
+SMALLEST_GAP = 0.05
+"""Below this much above the floor there is nothing to close, noise units."""
+_LAGS = (0, 1, 2, 4, 8, 16)
+_RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
+_ENOUGH_ROWS = 5000
+
+
+@dataclass(frozen=True)
+class Closing:
+    """A gap before and after, in noise units unless said otherwise."""
+
+    nominal: float
+    with_effect: float
+    closed: float
+    """1 - (with_effect - floor) / (nominal - floor); not a number where there was nothing to close."""
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class SignalClosing:
+    """As `Closing`, of one signal, and in its own unit."""
+
+    signal: str
+    unit: str
+    noise: float
+    """One noise unit, in the signal's unit."""
+    closing: Closing
+
+    @property
+    def nominal_physical(self) -> float:
+        """Root mean square before, in the signal's unit."""
+        return self.closing.nominal * self.noise
+
+    @property
+    def with_effect_physical(self) -> float:
+        """Root mean square after, in the signal's unit."""
+        return self.closing.with_effect * self.noise
+
+
+def closed_share(nominal: float, with_effect: float, floor: float = FLOOR) -> float:
+    """Return how much of the gap above the floor is closed, 1: all; negative: it has grown."""
+    if nominal - floor < SMALLEST_GAP:
+        return float("nan")
+    return 1.0 - (with_effect - floor) / (nominal - floor)
+
+
+def _table(layout: Layout, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return sums of squares, shape (blocks, signals)."""
+    size, count = len(layout.names), len(layout.blocks)
+    sums = np.bincount(layout.block_of * size + layout.signal_of, residual**2, count * size)
+    return sums.astype(np.float64).reshape(count, size)
+
+
+def closings(
+    layout: Layout, nominal: NDArray[np.float64], with_effect: NDArray[np.float64]
+) -> tuple[Closing, tuple[SignalClosing, ...]]:
+    """Compare two residuals over all and per signal, with intervals from resampled blocks.
+
+    Args:
+        layout: Of the residuals.
+        nominal: Without any effect, noise units.
+        with_effect: With it, each block predicted by a fit to the others.
+
+    """
+    before, after = _table(layout, nominal), _table(layout, with_effect)
+    counts = _table(layout, np.ones_like(nominal))
+    drawn = resampled(len(layout.blocks))
+
+    def root(table: NDArray[np.float64], signals: slice) -> NDArray[np.float64]:
+        sums, sizes = table[drawn].sum(axis=1)[:, signals], counts[drawn].sum(axis=1)[:, signals]
+        squares = np.where(sizes > 0, sums / np.maximum(sizes, 1), np.nan)
+        result: NDArray[np.float64] = np.sqrt(np.nanmean(squares, axis=1))
+        return result
+
+    def one(signals: slice) -> Closing:
+        first = float(np.sqrt(np.mean(before.sum(axis=0)[signals] / counts.sum(axis=0)[signals])))
+        last = float(np.sqrt(np.mean(after.sum(axis=0)[signals] / counts.sum(axis=0)[signals])))
+        befores, afters = root(before, signals), root(after, signals)
+        real = befores - FLOOR >= SMALLEST_GAP
+        if not real.any():
+            return Closing(first, last, closed_share(first, last), (float("nan"), float("nan")))
+        low, high = np.quantile(1.0 - (afters[real] - FLOOR) / (befores[real] - FLOOR), INTERVAL)
+        return Closing(first, last, closed_share(first, last), (float(low), float(high)))
+
+    per_signal = []
+    for index, name in enumerate(layout.names):
+        piece = next(piece for piece in layout.pieces if piece.signal == name)
+        per_signal.append(SignalClosing(name, piece.unit, piece.noise, one(slice(index, index + 1))))
+    return one(slice(0, len(layout.names))), tuple(per_signal)
+
+
+@dataclass(frozen=True)
+class RegimeClosing:
+    """How far the gap closes on a regime that was not fitted."""
+
+    regime: str
+    nominal: float
+    with_effect: float
+    closed: float
+
+
+def held_out_regimes(
+    fit: Fit, layout: Layout, weighting: Weighting, runs: Runs, nominal: NDArray[np.float64]
+) -> tuple[RegimeClosing, ...]:
+    """Fit without each regime in turn (one Gauss-Newton step), and run the simulator on that regime.
+
+    Returns:
+        Empty where there is only one regime.
+
+    """
+    regimes = sorted({recording.regime for recording in runs.recordings})
+    if len(regimes) < 2 or not fit.space.keys:  # noqa: PLR2004  # one alone cannot be held out
+        return ()
+    weights = loss_of(layout, weighting).weights(fit.residual)
+    recording_of = np.zeros(layout.measured.size, dtype=np.intp)
+    for piece in layout.pieces:
+        recording_of[piece.where] = piece.recording
+    points = []
+    for regime in regimes:
+        kept = np.array([recording.regime != regime for recording in runs.recordings])[recording_of]
+        weighted = fit.jacobian[kept] * weights[kept, None]
+        normal = weighted.T @ fit.jacobian[kept] + PRIOR * np.eye(fit.point.size)
+        whole = (fit.jacobian * weights[:, None]).T @ fit.residual * float(kept.mean())
+        slope = weighted.T @ fit.residual[kept] - whole
+        points.append(np.clip(fit.point - np.linalg.solve(normal, slope), 0.0, 1.0))
+    found = []
+    for regime, results in zip(regimes, runs.evaluate([fit.space.values(point) for point in points]), strict=True):
+        inside = np.array([recording.regime == regime for recording in runs.recordings])[recording_of]
+        after = layout.residual(results)
+        before_gap, after_gap = _gap(layout, nominal, inside), _gap(layout, after, inside)
+        found.append(RegimeClosing(regime, before_gap, after_gap, closed_share(before_gap, after_gap)))
+    return tuple(found)
+
+
+def _gap(layout: Layout, residual: NDArray[np.float64], inside: NDArray[np.bool_]) -> float:
+    size = len(layout.names)
+    counts = np.bincount(layout.signal_of[inside], minlength=size)
+    squares = np.bincount(layout.signal_of[inside], residual[inside] ** 2, size)
+    return float(np.sqrt(np.mean(squares[counts > 0] / counts[counts > 0])))
+
+
+def ceiling(
+    layout: Layout, simulated: Sequence[Mapping[str, NDArray[np.float64]]], nominal: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the residual that a flexible model of the same inputs leaves, each block predicted from the others.
+
+    Ridge regression on the simulated signals, their rates, products and lags: a black box, which names nothing. Its
+    strength is chosen by the same held-out blocks, which flatters it a little.
+    """
+    left: NDArray[np.float64] = nominal.copy()
+    for name in layout.names:
+        pieces = [piece for piece in layout.pieces if piece.signal == name]
+        held = np.concatenate([np.arange(piece.where.start, piece.where.stop) for piece in pieces])
+        offered = features(layout, simulated, nominal, name)
+        plain = [column for term, column in offered.items() if "*" not in term]
+        shifted = [np.roll(column, lag) for column in plain for lag in _LAGS[1:]]
+        # Every so many samples are enough to fit, and the rest is predicted all the same.
+        matrix = np.column_stack([*offered.values(), *shifted])
+        matrix /= np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-30)
+        block = layout.block_of[held]
+        numbers = np.unique(block)
+        thin = max(1, held.size // _ENOUGH_ROWS)
+        grams, rights = {}, {}
+        for b in numbers:
+            rows = np.flatnonzero(block == b)[::thin]
+            grams[b] = matrix[rows].T @ matrix[rows] * thin
+            rights[b] = matrix[rows].T @ nominal[held[rows]] * thin
+        gram, right = sum(grams.values()), sum(rights.values())
+        tried = []
+        for strength in _RIDGES:
+            ridge = strength * held.size * np.eye(matrix.shape[1])
+            after = nominal[held].copy()
+            for b in numbers:
+                after[block == b] -= matrix[block == b] @ np.linalg.solve(gram - grams[b] + ridge, right - rights[b])
+            tried.append(after)
+        left[held] = min([nominal[held], *tried], key=lambda each: float(each @ each))
+    return left

@@ -1,0 +1,317 @@
+"""From recordings, a simulator and a library to a diagnosis."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing, ceiling, closings, held_out_regimes
+from jammkle_sim.gap.experiments import NextExperiment, next_experiment
+from jammkle_sim.gap.fitting import calibrate, half_widths, uncalibrated
+from jammkle_sim.gap.probability import probabilities
+from jammkle_sim.gap.recording import BadRecordingError
+from jammkle_sim.gap.references import with_references, without_references
+from jammkle_sim.gap.residual import Layout, lay_out
+from jammkle_sim.gap.runs import Runs, Spent, StoppedError
+from jammkle_sim.gap.search import Search
+from jammkle_sim.gap.sensitivity import probe
+from jammkle_sim.gap.signatures import Signature, signatures
+from jammkle_sim.gap.unexplained import Formula, sparse_formula
+from jammkle_sim.gap.verdict import Criteria, Verdict, judge, worst_gap
+from jammkle_sim.gap.where import Where, horizons, isolate, shares, subsystem_of_signals
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.effect import Library
+    from jammkle_sim.gap.experiments import Experiment
+    from jammkle_sim.gap.noise import NoiseSource
+    from jammkle_sim.gap.recording import Recording
+    from jammkle_sim.gap.residual import Weighting
+    from jammkle_sim.gap.scoring import Score
+    from jammkle_sim.gap.simulator import Simulator
+
+_FITTED = 0.8
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One number of an effect, with its 95 % interval."""
+
+    name: str
+    unit: str
+    value: float
+    interval: tuple[float, float]
+    at_bound: bool
+    """Whether it ended at a bound, where the truth may lie outside."""
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """An effect that explains the gap, or a part of it."""
+
+    name: str
+    subsystem: str
+    sentence: str
+    parameters: tuple[FittedParameter, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects that explains the gap as well as the best does."""
+
+    names: tuple[str, ...]
+    score: float
+    """Held-out log-likelihood above the nominal simulator's, nats."""
+    behind: float
+    """Nats behind the best."""
+    error: float
+    """Standard error of that, nats."""
+    effects: tuple[FittedEffect, ...]
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """One signal of one recording: measured, nominal and corrected."""
+
+    recording: str
+    signal: str
+    unit: str
+    time_s: NDArray[np.float64]
+    measured: NDArray[np.float64]
+    nominal: NDArray[np.float64]
+    corrected: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    effects: tuple[FittedEffect, ...]
+    """Of the best candidate; with UNKNOWN: of what explains a part, as a lead."""
+    candidates: tuple[Candidate, ...]
+    """The set, best first."""
+    probabilities: Mapping[str, float]
+    where: Where
+    signatures: tuple[Signature, ...]
+    noise: tuple[NoiseSource, ...]
+    gap: Closing
+    """Over all signals; held-out blocks."""
+    signals: tuple[SignalClosing, ...]
+    regimes: tuple[RegimeClosing, ...]
+    ceiling: float
+    """Gap that a flexible black box leaves, held out, noise units."""
+    formula: Formula | None
+    """Of what is left of the worst signal, with UNKNOWN."""
+    next_experiment: NextExperiment | None
+    dropped: Mapping[str, str]
+    """Effects that move no signal, and so cannot be seen in these recordings: name and what was found."""
+    ranking: tuple[tuple[tuple[str, ...], float], ...]
+    """Every candidate fitted, with its score above the nominal simulator's, nats."""
+    overlays: tuple[Overlay, ...]
+    notes: tuple[str, ...]
+    spent: Spent
+    finished: bool
+    """False if it was stopped on the way."""
+
+
+def _no_progress(_: str, __: float, ___: float) -> None:
+    pass
+
+
+class _Progress:
+    """Says how far it is, never less than before, and how long it will take at this speed."""
+
+    def __init__(self, on_progress: Callable[[str, float, float], None]) -> None:
+        self._tell = on_progress
+        self._started = time.perf_counter()
+        self._furthest = 0.0
+
+    def __call__(self, stage: str, share: float) -> None:
+        self._furthest = max(share, self._furthest)
+        passed_s = time.perf_counter() - self._started
+        self._tell(stage, self._furthest, passed_s * (1.0 - self._furthest) / max(self._furthest, 0.02))
+
+
+def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
+    recordings: Sequence[Recording],
+    simulator: Simulator,
+    library: Library,
+    *,
+    references: Sequence[Recording] = (),
+    calibration: Library | None = None,
+    subsystems: Mapping[str, Simulator] | None = None,
+    experiments: Sequence[Experiment] = (),
+    criteria: Criteria | None = None,
+    jobs: int | None = None,
+    on_progress: Callable[[str, float, float], None] = _no_progress,
+    stop: Callable[[], bool] = lambda: False,
+) -> Diagnosis:
+    """Say where simulation and recordings disagree, which effect explains it, and how far the gap shrinks.
+
+    Args:
+        recordings: What was measured.
+        simulator: Runs a recording again; see `Simulator`.
+        library: Effects offered.
+        references: Recordings of the same machine in good order: the question is then what has changed.
+        calibration: Parameters of the simulator itself that nobody knows, as effects: they are fitted along with every
+            candidate, also with none, so that no effect is named for a simulator that was tuned without it. Their null
+            values are where the simulator stands, inside their bounds.
+        subsystems: By name, simulators of parts that are fed with measured inputs.
+        experiments: Runs that could be made, if the recordings cannot split a set.
+        criteria: What counts as a gap, and as an explanation.
+        jobs: Processes; by default one per core where that pays.
+        on_progress: Called with what is being done, the share that is done, and the seconds left.
+        stop: Asked now and then; True ends the search and keeps what is done. So does Ctrl-C.
+
+    Raises:
+        BadRecordingError: the recordings cannot be used.
+        StoppedError: stopped before anything was done.
+
+    """
+    if not recordings:
+        msg = "no recordings; give at least one"
+        raise BadRecordingError(msg)
+    criteria = criteria or Criteria()
+    progress = _Progress(on_progress)
+    progress("simulating the recordings", 0.0)
+    runs = Runs(simulator, recordings, jobs=jobs, stop=stop)
+    nominal = runs.nominal()
+    if references:
+        reference_runs = Runs(simulator, references, jobs=jobs, stop=stop)
+        baseline = with_references(recordings, nominal, references, reference_runs.nominal())
+    else:
+        baseline = without_references(recordings, nominal)
+    noise = {name: source.noise for name, source in baseline.noise.items()}
+    hanging = {name: source.factor for name, source in baseline.noise.items()}
+    layout = lay_out(recordings, nominal, noise, baseline.corrections, hanging)
+    residual = layout.residual(nominal)
+    calibrated = uncalibrated(residual)
+    if calibration is not None:
+        progress("calibrating the simulator", 0.02)
+        calibrated = calibrate(calibration.effects, runs, layout, residual)
+        residual = calibrated.residual
+        ready = runs.evaluate([calibrated.space.values(calibrated.point)])[0]
+        nominal = [signals for signals in ready if signals is not None]
+    limit = criteria.worth_gap_with_references if references else criteria.worth_gap
+    progress("trying every effect", 0.05)
+    probes = probe(library, runs, layout, residual, calibrated.space.values(calibrated.point))
+    search = Search(
+        layout,
+        runs,
+        [each for each in probes if each.alive],
+        residual,
+        lambda stage, share: progress(stage, 0.1 + (_FITTED - 0.1) * share),
+        calibrated,
+    )
+    found = search.run()
+    judgement = judge(layout, found.chosen, found.scores, criteria, limit=limit)
+    best = judgement.chosen[0]
+    progress("measuring how far the gap closes", _FITTED)
+    without = next(score for score in found.scores if not score.names)
+    overall, signals = closings(layout, without.held_out, best.held_out)
+    regimes: tuple[RegimeClosing, ...] = ()
+    finished = found.finished
+    try:
+        regimes = held_out_regimes(best.fit, layout, found.weighting, runs, residual)
+    except (StoppedError, KeyboardInterrupt):
+        finished = False
+    progress("finding where the gap lies", 0.9)
+    parts = dict(subsystems or {})
+    where = Where(
+        shares(layout, recordings, residual, subsystem_of_signals(recordings, parts)),
+        isolate(layout, recordings, parts, limit),
+        horizons(layout, recordings, simulator, residual),
+    )
+    left_over = (
+        sparse_formula(layout, nominal, best.fit.residual, worst_gap(layout, best.fit.residual)[0])
+        if judgement.verdict is Verdict.UNKNOWN
+        else None
+    )
+    ambiguous = judgement.chosen if judgement.verdict is Verdict.AMBIGUOUS else ()
+    following = next_experiment(ambiguous, experiments, recordings, simulator, noise)
+    described = [_effects(each, found.weighting, layout, limit) for each in judgement.chosen]
+    progress("done", 1.0)
+    return Diagnosis(
+        verdict=judgement.verdict,
+        reasons=judgement.reasons,
+        effects=described[0],
+        candidates=tuple(
+            _candidate(each, best, without, effects) for each, effects in zip(judgement.chosen, described, strict=True)
+        ),
+        probabilities=probabilities(
+            judgement, found.scores, [effect.name for effect in library], criteria, limit=limit
+        ),
+        where=where,
+        signatures=signatures(layout, recordings, nominal, residual),
+        noise=tuple(baseline.noise[name] for name in layout.names),
+        gap=overall,
+        signals=signals,
+        regimes=regimes,
+        ceiling=layout.gap(ceiling(layout, nominal, residual)),
+        formula=left_over,
+        next_experiment=following,
+        dropped={each.effect.name: _moves(each.moves) for each in probes if not each.alive},
+        ranking=tuple((each.names, each.total - without.total) for each in found.scores),
+        overlays=_overlays(layout, recordings, residual, best.fit.residual),
+        notes=(*baseline.notes, *(note for recording in recordings for note in recording.notes)),
+        spent=runs.spent,
+        finished=finished,
+    )
+
+
+def _moves(moves: Mapping[str, float]) -> str:
+    name = max(moves, key=lambda each: moves[each])
+    return f"moves no signal: {name} most, by {moves[name]:.2g} of its noise"
+
+
+def _effects(score: Score, weighting: Weighting, layout: Layout, limit: float) -> tuple[FittedEffect, ...]:
+    fit = score.fit
+    wide = half_widths(fit, layout, weighting, limit) * (fit.space.maximum - fit.space.minimum)
+    values = fit.space.all_values(fit.point)
+    found = []
+    for effect in fit.space.effects:
+        parameters = []
+        for parameter in effect.parameters:
+            key = effect.key(parameter)
+            half = float(wide[fit.space.keys.index(key)])
+            low = max(values[key] - half, parameter.minimum)
+            high = min(values[key] + half, parameter.maximum)
+            parameters.append(
+                FittedParameter(parameter.name, parameter.unit, values[key], (low, high), key in fit.at_bounds)
+            )
+        found.append(FittedEffect(effect.name, effect.subsystem, effect.sentence, tuple(parameters)))
+    return tuple(found)
+
+
+def _candidate(each: Score, best: Score, nominal: Score, effects: tuple[FittedEffect, ...]) -> Candidate:
+    behind = best.segments - each.segments
+    error = float(np.sqrt(behind.size) * np.std(behind, ddof=1))
+    return Candidate(each.names, each.total - nominal.total, float(behind.sum()), error, effects)
+
+
+def _overlays(
+    layout: Layout,
+    recordings: Sequence[Recording],
+    nominal: NDArray[np.float64],
+    corrected: NDArray[np.float64],
+) -> tuple[Overlay, ...]:
+    return tuple(
+        Overlay(
+            recording=recordings[piece.recording].name,
+            signal=piece.signal,
+            unit=piece.unit,
+            time_s=layout.time_s[piece.where],
+            measured=layout.measured[piece.where],
+            nominal=layout.measured[piece.where] - nominal[piece.where] * piece.noise,
+            corrected=layout.measured[piece.where] - corrected[piece.where] * piece.noise,
+        )
+        for piece in layout.pieces
+    )

@@ -1,0 +1,308 @@
+"""Bounded robust least squares of some effects over all recordings, at few runs of the simulator.
+
+Every run is put to use: a fit starts from the derivatives of the probes, and each further run corrects them (Broyden's
+rule), so that a candidate costs a handful of runs. Those that matter in the end are fitted again by scipy with
+derivatives of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import least_squares, lsq_linear  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_sim.gap.residual import LARGEST, weigh
+from jammkle_sim.gap.sensitivity import space_of
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.effect import Effect
+    from jammkle_sim.gap.residual import Layout, Weighting
+    from jammkle_sim.gap.runs import Runs
+    from jammkle_sim.gap.sensitivity import Space
+
+ROBUST = 2.5
+"""Residuals beyond this many scales pull linearly, no longer as squares (soft L1)."""
+PRIOR = 1.0
+"""Weight of a parameter's null value against the data, at a distance of its whole range, nats. Keeps a parameter that
+the rest of the data does not show from running away when a block is held out."""
+_DIFFERENCE = 0.02
+_Z95 = 1.96
+_WORTH_NATS = 0.2
+_WORTH_SHARE = 3e-4
+_SMALLEST_STEP = 1e-7
+_INWARDS = 2e-3
+_MOVED = 2.0
+_FINEST = 1e-6
+_REWEIGHTINGS = 4
+POLISHING_RUNS = 5
+"""Derivatives that scipy may ask for when a candidate is fitted again; each is a run per parameter."""
+CALIBRATED_RUNS = 12
+"""The same, where a calibration is fitted along."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Negative log-likelihood up to a constant, in nats: robust, and counting only independent samples."""
+
+    scale: NDArray[np.float64]
+    """Per sample, in noise units."""
+    factor: NDArray[np.float64]
+    """Per sample: samples that count as one."""
+
+    def cost(self, residual: NDArray[np.float64]) -> float:
+        """Return the cost, nats."""
+        square = (residual / self.scale) ** 2
+        return float(np.sum(ROBUST**2 * (np.sqrt(1.0 + square / ROBUST**2) - 1.0) / self.factor))
+
+    def weights(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the weights of the squares that have the same slope, shape (n,)."""
+        square = (residual / self.scale) ** 2
+        weights: NDArray[np.float64] = 1.0 / (np.sqrt(1.0 + square / ROBUST**2) * self.scale**2 * self.factor)
+        return weights
+
+
+def loss_of(layout: Layout, weighting: Weighting) -> Loss:
+    """Return the loss for a judgement of the signals."""
+    return Loss(weighting.scale[layout.signal_of], weighting.factor[layout.signal_of])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Effects with the parameters that fit best."""
+
+    space: Space
+    point: NDArray[np.float64]
+    """Shares of the ranges, shape (p,)."""
+    residual: NDArray[np.float64]
+    """Shape (n,), noise units."""
+    jacobian: NDArray[np.float64]
+    """Of the residual by the shares of the ranges, shape (n, p)."""
+    cost: float
+    polished: bool = False
+    calibration: tuple[Effect, ...] = ()
+    """Fitted along, but no part of the candidate."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects, sorted; empty is the nominal simulator."""
+        return tuple(sorted(effect.name for effect in self.space.effects))
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Parameters that ended at a bound, where the truth may lie outside."""
+        edge = (self.point <= _FINEST) | (self.point >= 1.0 - _FINEST)
+        return tuple(key for key, at in zip(self.space.keys, edge & (self.point != self.space.null), strict=True) if at)
+
+
+def uncalibrated(nominal: NDArray[np.float64]) -> Fit:
+    """Return the fit of nothing at all."""
+    return Fit(space_of([]), np.zeros(0), nominal, np.zeros((nominal.size, 0)), 0.0, polished=True)
+
+
+def calibrate(calibration: Sequence[Effect], runs: Runs, layout: Layout, nominal: NDArray[np.float64]) -> Fit:
+    """Fit what is always fitted along, from where the simulator stands."""
+    space = space_of([], calibration)
+    fit = Fit(
+        space, space.null, nominal, np.zeros((nominal.size, len(space.keys))), 0.0, calibration=tuple(calibration)
+    )
+    for _ in range(2):
+        fit = polish(fit, loss_of(layout, weigh(layout, fit.residual)), runs, layout, CALIBRATED_RUNS)
+    return fit
+
+
+def linear_step(
+    residual: NDArray[np.float64],
+    jacobian: NDArray[np.float64],
+    loss: Loss,
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the step within bounds that costs least if the residual is linear in it."""
+    step = np.zeros(jacobian.shape[1])
+    for _ in range(_REWEIGHTINGS):
+        weights = loss.weights(residual + jacobian @ step)
+        normal = jacobian.T @ (jacobian * weights[:, None])
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+        scaled = normal / np.outer(size, size) + 1e-9 * np.eye(size.size)
+        root = np.linalg.cholesky(scaled).T
+        right = np.linalg.solve(root.T, -(jacobian.T @ (weights * residual)) / size)
+        wide = np.maximum(high, low + 1e-12)
+        step = lsq_linear(root, right, bounds=(low * size, wide * size), method="bvls").x / size
+    return step
+
+
+def refine(start: Fit, loss: Loss, most_runs: int) -> Generator[NDArray[np.float64], NDArray[np.float64], Fit]:
+    """Improve a fit: yields points to run, is sent their residuals, returns the fit.
+
+    Args:
+        start: Where to begin, with a Jacobian that may be rough.
+        loss: What to make small.
+        most_runs: Points to ask for at most.
+
+    """
+    point, residual, jacobian = start.point, start.residual, start.jacobian.copy()
+    cost, trust = loss.cost(residual), 0.6
+    for _ in range(most_runs):
+        low = np.maximum(-point, -trust)
+        high = np.minimum(1.0 - point, trust)
+        step = linear_step(residual, jacobian, loss, low, high)
+        expected = cost - loss.cost(residual + jacobian @ step)
+        if expected < _WORTH_NATS + _WORTH_SHARE * cost or np.abs(step).max() < _SMALLEST_STEP:
+            break
+        tried = yield point + step
+        if np.abs(tried).max() >= LARGEST:
+            trust = float(np.abs(step).max()) / 4.0
+            continue
+        miss = tried - residual - jacobian @ step
+        jacobian += np.outer(miss, step) / float(step @ step)
+        gained = cost - loss.cost(tried)
+        if gained > 0.0:
+            point, residual, cost = point + step, tried, cost - gained
+        trust = _new_trust(trust, float(np.abs(step).max()), gained / expected)
+    return replace(start, point=point, residual=residual, jacobian=jacobian, cost=cost)
+
+
+def _new_trust(trust: float, length: float, ratio: float) -> float:
+    if ratio <= 0.0:
+        return length / 3.0
+    if ratio < 0.25:  # noqa: PLR2004  # the usual quarter of trust-region methods
+        return length
+    return max(trust, 2.0 * length)
+
+
+def fit_side_by_side(starts: Sequence[Fit], loss: Loss, runs: Runs, layout: Layout, most_runs: int) -> list[Fit]:
+    """Improve several fits in step, so that the runs of all of them go side by side."""
+    workers = [refine(start, loss, most_runs) for start in starts]
+    done: dict[int, Fit] = {}
+    asked: dict[int, NDArray[np.float64]] = {}
+    for index, worker in enumerate(workers):
+        try:
+            asked[index] = next(worker)
+        except StopIteration as end:  # noqa: PERF203  # how a generator hands over its result
+            done[index] = end.value
+    while asked:
+        order = sorted(asked)
+        results = runs.evaluate([starts[index].space.values(asked[index]) for index in order])
+        for index, result in zip(order, results, strict=True):
+            try:
+                asked[index] = workers[index].send(layout.residual(result))
+            except StopIteration as end:  # noqa: PERF203  # as above
+                done[index] = end.value
+                del asked[index]
+    return [done[index] for index in range(len(starts))]
+
+
+def jacobians_at(fits: Sequence[Fit], runs: Runs, layout: Layout) -> list[NDArray[np.float64]]:
+    """Return Jacobians by one-sided differences towards the inside, all run side by side, each of shape (n, p).
+
+    A step is a small share of the range, and smaller where the Jacobian known so far says that this would move the
+    signals by more than a few times their noise.
+    """
+    asked = []
+    for index, fit in enumerate(fits):
+        moves = np.sqrt(np.mean(fit.jacobian**2, axis=0))
+        for k in range(fit.point.size):
+            step = max(min(_DIFFERENCE, _MOVED / max(moves[k], 1e-12)), _FINEST)
+            asked.append((index, k, step if fit.point[k] <= 0.5 else -step))  # noqa: PLR2004  # the middle of the range
+    points = []
+    for index, k, step in asked:
+        point = fits[index].point.copy()
+        point[k] += step
+        points.append(fits[index].space.values(point))
+    jacobians = [np.empty_like(fit.jacobian) for fit in fits]
+    for (index, k, step), result in zip(asked, runs.evaluate(points), strict=True):
+        jacobians[index][:, k] = (layout.residual(result) - fits[index].residual) / step
+    return jacobians
+
+
+def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout, most_runs: int = POLISHING_RUNS) -> Fit:
+    """Fit again from where a fit ended, by scipy's trust region with derivatives of its own."""
+    space = start.space
+    if not space.keys:
+        return replace(start, polished=True, cost=loss.cost(start.residual))
+    root = 1.0 / (loss.scale * np.sqrt(loss.factor))
+
+    def residual_at(point: NDArray[np.float64]) -> NDArray[np.float64]:
+        return layout.residual(runs.evaluate([space.values(point)])[0])
+
+    def robust(square: NDArray[np.float64]) -> NDArray[np.float64]:
+        # scipy hands over the squares of residuals divided by scale and sqrt(factor): see Loss.cost.
+        inner = 1.0 + square * loss.factor / ROBUST**2
+        first = inner**-0.5
+        cost = 2.0 * ROBUST**2 * (np.sqrt(inner) - 1.0) / loss.factor
+        return np.array([cost, first, -0.5 * loss.factor / ROBUST**2 * inner**-1.5])
+
+    def jacobian_of(point: NDArray[np.float64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        return jacobians_at([replace(start, point=point, residual=residual)], runs, layout)[0]
+
+    # Never from a bound, where a trust region stalls.
+    at_bound = (start.point <= _FINEST) | (start.point >= 1.0 - _FINEST)
+    inside = np.where(at_bound, np.clip(start.point, _INWARDS, 1.0 - _INWARDS), start.point)
+    found = least_squares(
+        lambda point: residual_at(point) * root,
+        inside,
+        jac=lambda point: jacobian_of(point, residual_at(point)) * root[:, None],
+        bounds=(0.0, 1.0),
+        method="trf",
+        loss=robust,
+        ftol=1e-4,
+        xtol=1e-4,
+        max_nfev=most_runs,
+    )
+    point, residual = np.asarray(found.x, dtype=np.float64), np.asarray(found.fun, dtype=np.float64) / root
+    if loss.cost(start.residual) < loss.cost(residual):
+        point, residual = start.point, start.residual
+    jacobian = jacobian_of(point, residual)
+    return replace(start, point=point, residual=residual, jacobian=jacobian, cost=loss.cost(residual), polished=True)
+
+
+def covariance(fit: Fit, loss: Loss, layout: Layout) -> NDArray[np.float64]:
+    """Return the covariance of the parameters, in shares of their ranges, shape (p, p).
+
+    The larger of two, per parameter: from the curvature, where only independent samples count; and from how the blocks
+    disagree (sandwich), which also holds where the model is not quite true.
+    """
+    if not fit.space.keys:
+        return np.zeros((0, 0))
+    weights = loss.weights(fit.residual)
+    size = fit.point.size
+    normal = fit.jacobian.T @ (fit.jacobian * weights[:, None]) + PRIOR * np.eye(size)
+    inverse = np.linalg.inv(normal)
+    count = len(layout.blocks)
+    slopes = np.array(
+        [np.bincount(layout.block_of, fit.jacobian[:, k] * weights * fit.residual, count) for k in range(size)]
+    )
+    slopes -= slopes.mean(axis=1, keepdims=True)
+    sandwich = inverse @ (slopes @ slopes.T) @ inverse * count / max(count - size, 1)
+    grow = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(inverse), 1.0))
+    result: NDArray[np.float64] = inverse * np.outer(grow, grow)
+    return result
+
+
+def half_widths(fit: Fit, layout: Layout, weighting: Weighting, limit: float) -> NDArray[np.float64]:
+    """Return half the width of each parameter's 95 % interval, in shares of the ranges, shape (p,).
+
+    Beside the scatter, a parameter is not known better than by what moves the signals as far as a gap that counts as
+    none: a simulator that is off by that much anyway shifts it.
+
+    Args:
+        fit: With a Jacobian.
+        layout: Of the residual.
+        weighting: Of the signals.
+        limit: Largest gap that counts as none, noise units.
+
+    """
+    if not fit.space.keys:
+        return np.zeros(0)
+    scatter = _Z95 * np.sqrt(np.diag(covariance(fit, loss_of(layout, weighting), layout)))
+    counts = np.bincount(layout.signal_of, minlength=len(layout.names)) * len(layout.names)
+    each = fit.jacobian / np.sqrt(counts[layout.signal_of])[:, None]
+    curvature = np.linalg.inv(each.T @ each + 1e-9 * np.eye(fit.point.size))
+    shift = np.sqrt(max(limit**2 - 1.0, 0.0) * np.diag(curvature))
+    return np.minimum(np.hypot(scatter, shift), 1.0)

@@ -1,0 +1,244 @@
+"""Measured minus simulated, in units of the noise: laid out flat, cut into blocks, counted for what it is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_sim.gap.recording import BadRecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.recording import Recording
+
+ENOUGH_RECORDINGS = 4
+"""From here on each recording is one block; fewer are cut into long stretches."""
+FEWEST_BLOCKS = 6
+FEWEST_SEGMENTS = 24
+"""Blocks are what parameters are held out from; differences of scores are paired over segments of them."""
+FEWEST_SAMPLES = 20
+"""Per block, over all signals: with fewer there is nothing to hold out."""
+LARGEST = 1e6
+"""A residual is cut off here, in noise units, so that a diverging run stays a number."""
+BIASES = 2.0
+"""A constant offset of up to so many times what a sensor's data sheet allows is taken off, of every run by itself."""
+_TAILS = 4.0
+_WINDOW = 5.0
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One signal of one recording, as a stretch of the flat residual."""
+
+    recording: int
+    signal: str
+    unit: str
+    noise: float
+    where: slice
+    tolerance: float = 0.0
+    """Constant offset that is taken off, at most, before anything is judged; noise units. Of this run alone."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the residuals of all recordings and signals lie in one vector, and what belongs together."""
+
+    pieces: tuple[Piece, ...]
+    names: tuple[str, ...]
+    """Signals, sorted."""
+    measured: NDArray[np.float64]
+    """Shape (n,), each in its own unit; a correction from reference recordings is already taken off."""
+    noise: NDArray[np.float64]
+    """Shape (n,), each in its own unit."""
+    time_s: NDArray[np.float64]
+    signal_of: NDArray[np.intp]
+    """Index into `names`, shape (n,)."""
+    block_of: NDArray[np.intp]
+    segment_of: NDArray[np.intp]
+    blocks: tuple[str, ...]
+    block_of_segment: NDArray[np.intp]
+    least_factor: NDArray[np.float64]
+    """Per signal: samples that count as one at least, as the noise itself hangs together."""
+
+    def residual(self, simulated: Sequence[Mapping[str, NDArray[np.float64]] | None]) -> NDArray[np.float64]:
+        """Return (measured - simulated) / noise, shape (n,); a failed run counts as the largest residual."""
+        flat = np.full(self.measured.shape, np.inf)
+        for piece in self.pieces:
+            signals = simulated[piece.recording]
+            if signals is not None and piece.signal in signals:
+                flat[piece.where] = signals[piece.signal]
+        with np.errstate(invalid="ignore", over="ignore"):
+            scaled = (self.measured - flat) / self.noise
+        found: NDArray[np.float64] = np.clip(
+            np.nan_to_num(scaled, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST
+        )
+        for piece in self.pieces:
+            found[piece.where] = without_bias(found[piece.where], piece.tolerance)
+        return found
+
+    def gap(self, residual: NDArray[np.float64]) -> float:
+        """Return the root mean square over all signals, each signal counting the same; 1 is the noise floor."""
+        return float(np.sqrt(np.mean([value**2 for value in self.gaps(residual).values()])))
+
+    def gaps(self, residual: NDArray[np.float64]) -> dict[str, float]:
+        """Return the root mean square of each signal, in its noise."""
+        squares = np.bincount(self.signal_of, residual**2, len(self.names))
+        counts = np.bincount(self.signal_of, minlength=len(self.names))
+        return {name: float(np.sqrt(squares[i] / counts[i])) for i, name in enumerate(self.names)}
+
+
+def without_bias(residual: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+    """Take off the mean of one signal of one run, as far as its sensor may be off.
+
+    Args:
+        residual: Of one signal of one recording, shape (n,), in any unit.
+        tolerance: Largest offset that is taken off, same unit.
+
+    """
+    return residual - float(np.clip(residual.mean(), -tolerance, tolerance)) if tolerance else residual
+
+
+def lay_out(
+    recordings: Sequence[Recording],
+    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
+    noise: Mapping[str, float],
+    corrections: Sequence[Mapping[str, NDArray[np.float64]]] | None = None,
+    factors: Mapping[str, float] | None = None,
+) -> Layout:
+    """Lay out what can be compared.
+
+    Args:
+        recordings: Measured.
+        simulated: Nominal, per recording; only its signals with a noise are compared.
+        noise: Standard deviation per signal, in its unit.
+        corrections: What reference recordings say the simulator is off by anyway, per recording and signal.
+        factors: Samples of a signal over which its noise hangs together.
+
+    Raises:
+        BadRecordingError: there is nothing to compare, or too little to hold anything out.
+
+    """
+    per = 1 if len(recordings) >= ENOUGH_RECORDINGS else -(-FEWEST_BLOCKS // len(recordings))
+    count = per * len(recordings)
+    segments = max(2, -(-FEWEST_SEGMENTS // count))
+    pieces: list[Piece] = []
+    columns: list[tuple[NDArray[Any], ...]] = []
+    names = tuple(sorted({name for each in simulated for name in each if name in noise}))
+    place = 0
+    for index, (recording, signals) in enumerate(zip(recordings, simulated, strict=True)):
+        used = [recording.signal(name) for name in names if name in signals]
+        if not used:
+            msg = f"recording '{recording.name}' has no signal that the simulator gives"
+            msg = f"{msg}; record one of: {', '.join(names) or 'those that it gives'}"
+            raise BadRecordingError(msg)
+        first = min(float(signal.time_s[0]) for signal in used)
+        span = max(float(signal.time_s[-1]) for signal in used) - first
+        for signal in used:
+            correction = corrections[index].get(signal.name) if corrections else None
+            # What references say has the offset of their own sensor in it.
+            sensors = 1 if correction is None else 2
+            off = 0.0 if correction is None else correction
+            share = (signal.time_s - first) / max(span, 1e-12)
+            fine = np.clip(share * per * segments, 0, per * segments - 1).astype(np.intp) + index * per * segments
+            size = signal.time_s.size
+            unit = noise[signal.name]
+            stretch = slice(place, place + size)
+            tolerance = BIASES * signal.bias * float(np.sqrt(sensors)) / unit
+            pieces.append(Piece(index, signal.name, signal.unit, unit, stretch, tolerance))
+            columns.append(
+                (
+                    signal.values - off,
+                    np.full(size, unit),
+                    signal.time_s,
+                    np.full(size, names.index(signal.name)),
+                    fine,
+                )
+            )
+            place += size
+    measured, scale, time_s, signal_of, segment_of = (np.concatenate(each) for each in zip(*columns, strict=True))
+    block_of = segment_of // segments
+    held = np.bincount(block_of, minlength=count)
+    if held.min() < FEWEST_SAMPLES:
+        recording = recordings[int(np.argmin(held)) // per]
+        msg = f"recording '{recording.name}' is too short to hold anything out ({held.min()} samples in a stretch)"
+        msg = f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per} stretches"
+        raise BadRecordingError(msg)
+    labels = [
+        recording.name if per == 1 else f"{recording.name}/{k + 1}" for recording in recordings for k in range(per)
+    ]
+    return Layout(
+        pieces=tuple(pieces),
+        names=names,
+        measured=measured,
+        noise=scale,
+        time_s=time_s,
+        signal_of=signal_of.astype(np.intp),
+        block_of=block_of.astype(np.intp),
+        segment_of=segment_of.astype(np.intp),
+        blocks=tuple(labels),
+        block_of_segment=np.arange(count * segments) // segments,
+        least_factor=np.array([(factors or {}).get(name, 1.0) for name in names]),
+    )
+
+
+def autocorrelation_factor(residual: NDArray[np.float64]) -> float:
+    """Return how many neighbouring samples count as one: 1 + 2 sum of the autocorrelation, at least 1.
+
+    The sum ends where the lag exceeds five times it (Sokal's window). Moments are taken about zero, so that a constant
+    offset counts as one single sample.
+
+    Args:
+        residual: Evenly sampled or nearly so, shape (n,).
+
+    """
+    size = residual.size
+    power = float(residual @ residual)
+    if size < 2 or power == 0.0:  # noqa: PLR2004  # one sample has no neighbour
+        return 1.0
+    spectrum = np.fft.rfft(residual, 2 * size)
+    correlation = np.fft.irfft(spectrum * np.conj(spectrum))[: size // 2 + 1] / power
+    running = 1.0 + 2.0 * np.cumsum(correlation[1:])
+    enough = np.arange(1, running.size + 1) >= _WINDOW * running
+    factor = float(running[np.argmax(enough)]) if enough.any() else float(size)
+    return float(np.clip(factor, 1.0, size))
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """What each signal's residual is worth."""
+
+    scale: NDArray[np.float64]
+    """Per signal: what the best candidate leaves, in noise units, at least 1."""
+    factor: NDArray[np.float64]
+    """Per signal: samples that count as one."""
+
+
+def weigh(layout: Layout, residual: NDArray[np.float64]) -> Weighting:
+    """Judge the signals by a residual: the scale it has (robust) and how its samples hang together."""
+    scale, factor = np.ones(len(layout.names)), np.ones(len(layout.names))
+    for index, name in enumerate(layout.names):
+        held = residual[layout.signal_of == index]
+        scale[index] = max(1.0, 1.4826 * float(np.median(np.abs(held))))
+        pieces = [piece for piece in layout.pieces if piece.signal == name]
+        factors = [
+            autocorrelation_factor(np.clip(residual[piece.where] / scale[index], -_TAILS, _TAILS)) for piece in pieces
+        ]
+        sizes = [piece.where.stop - piece.where.start for piece in pieces]
+        factor[index] = max(float(np.average(factors, weights=sizes)), float(layout.least_factor[index]))
+    return Weighting(scale, factor)
+
+
+def independent_samples(layout: Layout, residual: NDArray[np.float64]) -> dict[tuple[str, str], float]:
+    """Return the effective number of independent samples per block and signal."""
+    found: dict[tuple[str, str], float] = {}
+    for block, label in enumerate(layout.blocks):
+        for index, name in enumerate(layout.names):
+            held = residual[(layout.block_of == block) & (layout.signal_of == index)]
+            if held.size:
+                found[label, name] = held.size / autocorrelation_factor(np.clip(held, -_TAILS, _TAILS))
+    return found

@@ -1,0 +1,179 @@
+"""The verdict: no gap, named effects, a set that cannot be split, or unknown. A wrong name is the worst of answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from jammkle_sim.gap.closing import closed_share
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.residual import Layout
+    from jammkle_sim.gap.scoring import Score
+
+
+class Verdict(Enum):
+    """What a diagnosis says."""
+
+    NO_GAP = "NO_GAP"
+    """Simulation and recordings agree within the noise."""
+    EFFECTS = "EFFECTS"
+    """One set of effects explains the gap, and no other does."""
+    AMBIGUOUS = "AMBIGUOUS"
+    """Several sets of effects explain it, and this data cannot tell them apart."""
+    UNKNOWN = "UNKNOWN"
+    """Something real is left that no candidate explains."""
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """What a gap has to be before it is named, and what a candidate has to explain. Assumed, and to be calibrated."""
+
+    worth_gap: float = 1.5
+    """Largest gap of any signal that counts as none, noise units; also what a named effect may leave. No simulator is
+    perfect, and a noise is known to some 10 %."""
+    worth_gap_with_references: float = 1.2
+    """The same, where references took the simulator's own faults off."""
+    explained_share: float = 0.9
+    """Share of the gap above the floor that a candidate has to close, held out."""
+    explained_share_each: float = 0.8
+    """The same, of every single signal that is left with a gap."""
+    material_share: float = 0.035
+    """A further effect has to close at least this share of the gap, or it is not named, not even as a lead."""
+    temperature: float = 2.0
+    """Of the probabilities: differences of scores are divided by it. Above 1: scores are too sure of themselves."""
+    sharpness: float = 10.0
+    """How fast the probability of `no gap` and `unknown` falls with the distance from the limits above."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict, what it stands on, and why."""
+
+    verdict: Verdict
+    chosen: tuple[Score, ...]
+    """What explains the gap best, best first; with UNKNOWN: what explains a part, as a lead."""
+    nominal_gap: float
+    """Of the worst signal, noise units."""
+    left_gap: float
+    """Of the worst signal with the best candidate, held out, noise units."""
+    closed: float
+    """By the best candidate, held out."""
+    reasons: tuple[str, ...]
+
+
+def worst_gap(layout: Layout, residual: NDArray[np.float64]) -> tuple[str, float]:
+    """Return the signal with the largest gap, and that gap."""
+    gaps = layout.gaps(residual)
+    name = max(gaps, key=lambda each: gaps[each])
+    return name, gaps[name]
+
+
+def material(
+    layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, *, limit: float
+) -> list[Score]:
+    """Take effects off that close next to nothing of the gap, or are not needed to bring it to where it counts as none.
+
+    The simulator's own small faults are no finding.
+    """
+    by_names = {score.names: score for score in scores}
+    kept: list[Score] = []
+    for each in chosen:
+        current = each
+        while current.names:
+            parts = [by_names[names] for names in _parts(current.names) if names in by_names]
+            if not parts:
+                break
+            simpler = min(parts, key=lambda part: layout.gap(part.held_out))
+            gained = layout.gap(simpler.held_out) - layout.gap(current.held_out)
+            enough = worst_gap(layout, simpler.held_out)[1] <= limit
+            if not enough and gained > criteria.material_share * _at_stake(layout, by_names[()], current):
+                break
+            current = simpler
+        if current.names not in [one.names for one in kept]:
+            kept.append(current)
+    return [each for each in kept if not any(set(other.names) < set(each.names) for other in kept)]
+
+
+def _at_stake(layout: Layout, nominal: Score, best: Score) -> float:
+    """Return what there is to close: the gap above the floor, or what is closed, as quiet signals pull it below 1."""
+    before = layout.gap(nominal.held_out)
+    return max(before - 1.0, before - layout.gap(best.held_out), 0.0)
+
+
+def _parts(names: tuple[str, ...]) -> list[tuple[str, ...]]:
+    return [tuple(other for other in names if other != name) for name in names]
+
+
+def judge(
+    layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, *, limit: float
+) -> Judgement:
+    """Return the verdict.
+
+    Args:
+        layout: Of the residuals.
+        chosen: The set, best first.
+        scores: Of all candidates fitted, the nominal simulator among them.
+        criteria: What counts.
+        limit: Largest gap that counts as none, noise units.
+
+    """
+    nominal = next(score for score in scores if not score.names)
+    signal, nominal_gap = worst_gap(layout, nominal.held_out)
+    kept = material(layout, chosen, scores, criteria, limit=limit)
+    best = kept[0]
+    left_signal, left_gap = worst_gap(layout, best.held_out)
+    closed = closed_share(layout.gap(nominal.held_out), layout.gap(best.held_out))
+
+    def answer(verdict: Verdict, *reasons: str) -> Judgement:
+        return Judgement(verdict, tuple(kept), nominal_gap, left_gap, closed, reasons)
+
+    def leads(*reasons: str) -> Judgement:
+        """Return what explains most, though no one part of it is proven: with UNKNOWN nothing is named anyway."""
+        top = material(layout, [max(scores, key=lambda score: score.total)], scores, criteria, limit=limit)[0]
+        spare = criteria.material_share * _at_stake(layout, nominal, top)
+        if layout.gap(top.held_out) < layout.gap(best.held_out) - spare:
+            share = 100.0 * closed_share(layout.gap(nominal.held_out), layout.gap(top.held_out))
+            kept.insert(0, top)
+            names = " + ".join(top.names)
+            reasons = (*reasons, f"as a lead: {names} would close {share:.0f} %, but is not clearly better")
+        return answer(Verdict.UNKNOWN, *reasons)
+
+    if nominal_gap <= limit:
+        kept = [nominal]
+        left_gap = nominal_gap
+        return answer(
+            Verdict.NO_GAP,
+            f"the largest gap, of {signal}, is {nominal_gap:.2f} times its noise; up to {limit:.2f} counts as none",
+        )
+    where = f"{signal} is off by {nominal_gap:.1f} times its noise"
+    if not best.names:
+        return leads(where, "no candidate foretells held-out data clearly better than no effect")
+    names = " + ".join(best.names)
+    share = f"{names} closes {100.0 * closed:.0f} % of the gap on held-out data"
+    # Also what a small gap leaves, though it would count as none, must not be much of it.
+    utmost = closed_share(layout.gap(nominal.held_out), layout.gap(chosen[0].held_out))
+    before, after = layout.gaps(nominal.held_out), layout.gaps(best.held_out)
+    poor = [
+        name
+        for name in layout.names
+        if after[name] > limit and not closed_share(before[name], after[name]) >= criteria.explained_share_each
+    ]
+    if poor:
+        return leads(where, f"{share}, but {poor[0]} is still off by {after[poor[0]]:.1f} times its noise")
+    if not max(closed, utmost) >= criteria.explained_share:
+        return leads(
+            where,
+            f"{share}; {left_signal} is still off by {left_gap:.1f} times its noise",
+            f"what explains a gap must close {100.0 * criteria.explained_share:.0f} % of it",
+        )
+    if len(kept) > 1:
+        others = "; ".join(" + ".join(score.names) or "no effect" for score in kept[1:])
+        return answer(Verdict.AMBIGUOUS, where, share, f"within two standard errors of it: {others}")
+    return answer(Verdict.EFFECTS, where, share, "no other candidate is within two standard errors of it")

@@ -1,0 +1,67 @@
+"""The gap monitor on a running graph: it warns of a leak where the leak is.
+
+That it warns of nothing without an effect is tested without a graph, where no command is heard late.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from jammkle_graph.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, SIMULATOR_GAP
+from jammkle_msgs.msg import SubsystemGap
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from graph import Probe, Up
+
+LEAK = "line_leak_manifold:\n  conductance_dm3_s_bar: 0.003\n"
+
+
+def subsystems(probe: Probe) -> dict[str, SubsystemGap]:
+    message = probe.last(SIMULATOR_GAP)
+    return {each.name: each for each in message.subsystems} if message else {}
+
+
+def lines(probe: Probe) -> list[DiagnosticStatus]:
+    """Every line that the monitor has put on /diagnostics."""
+    return [
+        line for array in probe.heard[DIAGNOSTICS.name] for line in array.status if f"{GAP_MONITOR_NODE}: " in line.name
+    ]
+
+
+def jammed(probe: Probe) -> None:
+    """Listen, wait until the twin follows, and jam everything."""
+    probe.listen(SIMULATOR_GAP, DIAGNOSTICS, JAM_STATE)
+    probe.wait_until_up()
+    probe.spin_until(
+        lambda: {each.state for each in subsystems(probe).values()} == {SubsystemGap.CLOSE},
+        "every subsystem is followed, and close",
+    )
+    assert probe.call(JAM_ALL).success
+
+
+def test_a_leak_is_warned_of_in_the_pneumatics_alone(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """With a leak in the manifold the pressures leave their simulator; tendons, bodies and sensors do not."""
+    (tmp_path / "effects.yaml").write_text(LEAK)
+    parameters = tmp_path / "leaking.yaml"
+    parameters.write_text(
+        f"/**/sim:\n  ros__parameters:\n    release_time_s: 3600.0\n    effects_file: {tmp_path / 'effects.yaml'}\n"
+        "/**/controller:\n  ros__parameters:\n    auto_at_start: false\n"
+    )
+    start("up", "--monitor", "--params", str(parameters))
+    probe = make_probe()
+    jammed(probe)
+    probe.spin_until(lambda: subsystems(probe)["pneumatics"].state == SubsystemGap.WIDE, "the pneumatics are wide")
+    found = subsystems(probe)
+    assert found["pneumatics"].signal.endswith("/pressure")
+    assert found["pneumatics"].gap > probe.last(SIMULATOR_GAP).limit
+    assert {name for name, each in found.items() if each.state == SubsystemGap.WIDE} == {"pneumatics"}
+    probe.spin_until(lambda: any(line.level == DiagnosticStatus.WARN for line in lines(probe)), "it is warned of")
+    warned = {line.name.rpartition(": ")[2] for line in lines(probe) if line.level == DiagnosticStatus.WARN}
+    assert warned == {"pneumatics"}
