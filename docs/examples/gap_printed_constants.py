@@ -193,8 +193,7 @@ def fitted_values(found: Diagnosis) -> dict[str, float]:
 def foretold_n(row: TensileRow, rows: Sequence[TensileRow], effects: Sequence[str]) -> float:
     """Return the peak force of a row after a new fit to those of the other regimes, N.
 
-    The diagnosis itself takes a row out by one step from the fit to all: where that row alone decides a number, the
-    number stays. Here it falls back to what is printed.
+    By scipy, from what is printed: a check of what the diagnosis itself finds when it holds a row out.
     """
     others = [load(each) for each in rows if regime(each) != regime(row)]
     keys = [effect.key(each) for effect in LIBRARY if effect.name in effects for each in effect.parameters]

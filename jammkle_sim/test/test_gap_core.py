@@ -140,6 +140,69 @@ def test_a_pair_is_found_though_its_halves_are_worth_nothing() -> None:
     assert ("rough", "smooth") in {each.names for each in found.candidates}, found.reasons
 
 
+def test_what_one_recording_alone_shows_is_not_foretold_by_the_others() -> None:
+    """A number that one block decides falls back to null when that block is held out: nothing of it is closed."""
+
+    def stepped(recording: Recording, values: dict[str, float]) -> dict[str, np.ndarray]:
+        bent = np.tanh(3.0 * values.get("slow.size", 0.0)) * shapes()["slow"]
+        return {"x": recording.inputs[0] + (bent if recording.inputs[1] else 0.0)}
+
+    random = np.random.default_rng(5)
+    runs = []
+    for shows in (False, False, False, True):
+        inputs = (np.sin((5.0 + len(runs)) * TIME_S), shows)
+        truth = stepped(Recording("truth", (), inputs), {"slow.size": 0.4})["x"]
+        signal = Signal("x", "m", TIME_S, truth + random.normal(0.0, 0.01, TIME_S.size), 0.01)
+        runs.append(Recording(f"run {len(runs)}", (signal,), inputs, regime="the same"))
+    found = diagnose(runs, stepped, LIBRARY, jobs=1)
+    assert found.verdict is Verdict.UNKNOWN
+    assert found.gap.with_effect > 0.9 * found.gap.nominal
+
+
+def test_what_one_recording_of_its_regime_shows_is_held_out_in_parts() -> None:
+    """An effect that only one run can show is named, if each third of that run shows it."""
+
+    def landed(recording: Recording, values: dict[str, float]) -> dict[str, np.ndarray]:
+        bent = np.tanh(3.0 * values.get("fast.size", 0.0)) * shapes()["fast"]
+        return {"x": bent if recording.inputs else np.zeros(TIME_S.size)}
+
+    random = np.random.default_rng(6)
+    runs = []
+    for shows in (False, False, False, True):
+        truth = landed(Recording("truth", (), shows), {"fast.size": 0.4})["x"]
+        signal = Signal("x", "m", TIME_S, truth + random.normal(0.0, 0.01, TIME_S.size), 0.01)
+        runs.append(Recording(f"run {len(runs)}", (signal,), shows, regime=f"regime {len(runs)}"))
+    found = diagnose(runs, landed, LIBRARY, jobs=1)
+    assert found.verdict is Verdict.EFFECTS
+    assert [effect.name for effect in found.effects] == ["fast"]
+    assert found.effects[0].parameters[0].value == pytest.approx(0.4, rel=0.05)
+
+
+def test_no_run_is_spent_on_a_recording_that_an_effect_leaves_alone() -> None:
+    """A recording that no probe of an effect changes is not run again for it."""
+
+    def one_sided(recording: Recording, values: dict[str, float]) -> dict[str, np.ndarray]:
+        return {"x": values.get("slow.size", 0.0) * shapes()["slow"] * recording.inputs}
+
+    runs = [Recording(f"run {k}", record(np.zeros(TIME_S.size)).signals, float(k)) for k in range(2)]
+    counted = Runs(one_sided, runs, jobs=1)
+    nominal = counted.nominal()
+    layout = lay_out(runs, nominal, {"x": 0.01})
+    probe(Library((LIBRARY.effects[0],)), counted, layout, layout.residual(nominal))
+    before = counted.spent.runs
+    counted.evaluate([{"slow.size": 0.1}, {"slow.size": 0.2}])
+    assert counted.spent.runs - before == 2
+
+
+def test_without_a_gap_nothing_is_fitted() -> None:
+    """Where there is nothing to explain, no more than the probes is run."""
+    random = np.random.default_rng(7)
+    found = diagnose([record(random.normal(0.0, 0.01, TIME_S.size), noise=0.01)], linear, LIBRARY, jobs=1)
+    assert found.verdict is Verdict.NO_GAP
+    assert found.spent.runs == 1 + len(LIBRARY.effects)
+    assert found.probabilities["no_gap"] > 0.9
+
+
 def test_a_run_is_made_once_and_counted() -> None:
     """The same point is not simulated again."""
     runs = Runs(linear, [record(np.zeros(TIME_S.size))], jobs=1)

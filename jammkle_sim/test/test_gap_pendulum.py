@@ -267,13 +267,15 @@ def test_a_stop_keeps_what_is_done() -> None:
     """Stopped among the pairs, there still is a diagnosis, and it says that it is not finished."""
     random = np.random.default_rng(81)
     recordings = [measure(kind, {"payload.mass": 0.1}, random) for kind in RUNS]
-    asked = []
-
-    def stop() -> bool:
-        asked.append(True)
-        return len(asked) > 250
-
-    found = diagnose(recordings, simulate, LIBRARY, stop=stop, jobs=1)
+    stages: list[str] = []
+    found = diagnose(
+        recordings,
+        simulate,
+        LIBRARY,
+        on_progress=lambda stage, _, __: stages.append(stage),
+        stop=lambda: any("combinations" in stage for stage in stages),
+        jobs=1,
+    )
     assert not found.finished
     assert "payload" in found.ranking[0][0]
 

@@ -55,7 +55,8 @@ def test_all_rows_lead_to_c1_and_no_further(example: ModuleType) -> None:
     assert 8.0 < example.fitted_values(found)["soft_c1.c1"] / example.NULL["soft_c1.c1"] < 15.0
     assert 0.6 < found.gap.closed < 0.85
     assert found.gap.with_effect > 20.0
-    assert found.ranking[0][0] == PAIR
+    assert PAIR in [names for names, _ in found.ranking[:5]]
+    assert "friction_scale" in found.ranking[0][0]
 
 
 def test_without_c1_on_offer_nothing_is_named(example: ModuleType) -> None:
@@ -74,15 +75,14 @@ def test_with_more_noise_friction_comes_in(example: ModuleType) -> None:
     assert 0.7 < found.gap.closed < 0.9
 
 
-def test_without_vacuum_three_constants_fit_but_not_all_are_foretold(example: ModuleType) -> None:
-    """The verdict names C1, C3 and E; fitted anew without its row, E is not foretold at all."""
+def test_without_vacuum_two_constants_lead_and_a_number_from_one_row_is_not_named(example: ModuleType) -> None:
+    """C1 and C3 lead; E, which one row alone decides, is not named. Each row is foretold as after a fit of its own."""
     found = example.run(example.UNJAMMED)
     names = [effect.name for effect in found.effects]
-    assert found.verdict is Verdict.EFFECTS
-    assert sorted(names) == ["soft_c1", "soft_c3", "stiff_modulus"]
-    values = example.fitted_values(found)
-    assert values["soft_c1.c1"] == pytest.approx(0.13, rel=0.05)
-    assert values["stiff_modulus.modulus"] == pytest.approx(6.0, rel=0.05)
+    assert found.verdict is Verdict.UNKNOWN
+    assert sorted(names) == ["soft_c1", "soft_c3"]
+    assert example.fitted_values(found)["soft_c1.c1"] == pytest.approx(0.13, rel=0.05)
+    assert found.gap.closed < 0.9
     rows = {row.identifier: row for row in example.UNJAMMED}
     foretold_n = {name: example.foretold_n(row, example.UNJAMMED, names) for name, row in rows.items()}
     assert foretold_n["a30_atm"] == pytest.approx(rows["a30_atm"].mean_n, rel=0.05)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.fitting import PRIOR, loss_of
+from jammkle_sim.gap.fitting import loss_of
+from jammkle_sim.gap.holding_out import fitted_again
 from jammkle_sim.gap.unexplained import features
 from jammkle_sim.gap.where import INTERVAL, resampled
 
@@ -92,8 +93,10 @@ def closings(
 
     def root(table: NDArray[np.float64], signals: slice) -> NDArray[np.float64]:
         sums, sizes = table[drawn].sum(axis=1)[:, signals], counts[drawn].sum(axis=1)[:, signals]
-        squares = np.where(sizes > 0, sums / np.maximum(sizes, 1), np.nan)
-        result: NDArray[np.float64] = np.sqrt(np.nanmean(squares, axis=1))
+        held = (sizes > 0).sum(axis=1)
+        squares = np.where(sizes > 0, sums / np.maximum(sizes, 1), 0.0).sum(axis=1)
+        # Blocks may be drawn in which none of these signals was recorded.
+        result: NDArray[np.float64] = np.sqrt(np.where(held > 0, squares / np.maximum(held, 1), np.nan))
         return result
 
     def one(signals: slice) -> Closing:
@@ -126,7 +129,7 @@ class RegimeClosing:
 def held_out_regimes(
     fit: Fit, layout: Layout, weighting: Weighting, runs: Runs, nominal: NDArray[np.float64]
 ) -> tuple[RegimeClosing, ...]:
-    """Fit without each regime in turn (one Gauss-Newton step), and run the simulator on that regime.
+    """Fit without each regime in turn, and run the simulator on that regime.
 
     Returns:
         Empty where there is only one regime.
@@ -135,24 +138,16 @@ def held_out_regimes(
     regimes = sorted({recording.regime for recording in runs.recordings})
     if len(regimes) < 2 or not fit.space.keys:  # noqa: PLR2004  # one alone cannot be held out
         return ()
-    weights = loss_of(layout, weighting).weights(fit.residual)
-    recording_of = np.zeros(layout.measured.size, dtype=np.intp)
+    regime_of = np.zeros(layout.measured.size, dtype=np.intp)
     for piece in layout.pieces:
-        recording_of[piece.where] = piece.recording
-    points = []
-    for regime in regimes:
-        kept = np.array([recording.regime != regime for recording in runs.recordings])[recording_of]
-        weighted = fit.jacobian[kept] * weights[kept, None]
-        normal = weighted.T @ fit.jacobian[kept] + PRIOR * np.eye(fit.point.size)
-        whole = (fit.jacobian * weights[:, None]).T @ fit.residual * float(kept.mean())
-        slope = weighted.T @ fit.residual[kept] - whole
-        points.append(np.clip(fit.point - np.linalg.solve(normal, slope), 0.0, 1.0))
+        regime_of[piece.where] = regimes.index(runs.recordings[piece.recording].regime)
+    (held,) = fitted_again([fit], loss_of(layout, weighting), regime_of, len(regimes), runs, layout)
     found = []
-    for regime, results in zip(regimes, runs.evaluate([fit.space.values(point) for point in points]), strict=True):
-        inside = np.array([recording.regime == regime for recording in runs.recordings])[recording_of]
-        after = layout.residual(results)
-        before_gap, after_gap = _gap(layout, nominal, inside), _gap(layout, after, inside)
-        found.append(RegimeClosing(regime, before_gap, after_gap, closed_share(before_gap, after_gap)))
+    points = [fit.space.values(point) for point in held.points]
+    for place, results in enumerate(runs.evaluate(points)):
+        inside = regime_of == place
+        before_gap, after_gap = _gap(layout, nominal, inside), _gap(layout, layout.residual(results), inside)
+        found.append(RegimeClosing(regimes[place], before_gap, after_gap, closed_share(before_gap, after_gap)))
     return tuple(found)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing, ceiling, closings, held_out_regimes
 from jammkle_sim.gap.experiments import NextExperiment, next_experiment
-from jammkle_sim.gap.fitting import calibrate, half_widths, uncalibrated
+from jammkle_sim.gap.fitting import calibrate, uncalibrated
+from jammkle_sim.gap.intervals import half_widths
 from jammkle_sim.gap.probability import probabilities
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.references import with_references, without_references
@@ -211,7 +212,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         lambda stage, share: progress(stage, 0.1 + (_FITTED - 0.1) * share),
         calibrated,
     )
-    found = search.run()
+    found = search.run() if worst_gap(layout, residual)[1] > limit else search.without_runs()
     judgement = judge(layout, found.chosen, found.scores, criteria, limit=limit)
     best = judgement.chosen[0]
     progress("measuring how far the gap closes", _FITTED)
@@ -224,11 +225,14 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     except (StoppedError, KeyboardInterrupt):
         finished = False
     progress("finding where the gap lies", 0.9)
-    parts = dict(subsystems or {})
+    fed = {
+        name: [runs.counted(part(recording, {}), recording) for recording in recordings]
+        for name, part in (subsystems or {}).items()
+    }
     where = Where(
-        shares(layout, recordings, residual, subsystem_of_signals(recordings, parts)),
-        isolate(layout, recordings, parts, limit),
-        horizons(layout, recordings, simulator, residual),
+        shares(layout, recordings, residual, subsystem_of_signals(fed)),
+        isolate(layout, fed, limit),
+        horizons(layout, runs, simulator, residual),
     )
     left_over = (
         sparse_formula(layout, nominal, best.fit.residual, worst_gap(layout, best.fit.residual)[0])

@@ -1,9 +1,4 @@
-"""Bounded robust least squares of some effects over all recordings, at few runs of the simulator.
-
-Every run is put to use: a fit starts from the derivatives of the probes, and each further run corrects them (Broyden's
-rule), so that a candidate costs a handful of runs. Those that matter in the end are fitted again by scipy with
-derivatives of their own.
-"""
+"""Bounded robust least squares of some effects over all recordings: what a fit is, and its last polish by scipy."""
 
 from __future__ import annotations
 
@@ -11,13 +6,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import least_squares, lsq_linear  # type: ignore[import-untyped]  # carries no types
+from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_sim.gap.residual import LARGEST, weigh
+from jammkle_sim.gap.residual import weigh
 from jammkle_sim.gap.sensitivity import space_of
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -29,17 +24,12 @@ if TYPE_CHECKING:
 ROBUST = 2.5
 """Residuals beyond this many scales pull linearly, no longer as squares (soft L1)."""
 PRIOR = 1.0
-"""Weight of a parameter's null value against the data, at a distance of its whole range, nats. Keeps a parameter that
-the rest of the data does not show from running away when a block is held out."""
+"""Weight of a parameter's null value against the data, at a distance of its whole range, nats. A parameter that nothing
+but held-out samples shows goes back to null, and does not run away."""
 _DIFFERENCE = 0.02
-_Z95 = 1.96
-_WORTH_NATS = 0.2
-_WORTH_SHARE = 3e-4
-_SMALLEST_STEP = 1e-7
 _INWARDS = 2e-3
 _MOVED = 2.0
 _FINEST = 1e-6
-_REWEIGHTINGS = 4
 POLISHING_RUNS = 5
 """Derivatives that scipy may ask for when a candidate is fitted again; each is a run per parameter."""
 CALIBRATED_RUNS = 12
@@ -116,88 +106,6 @@ def calibrate(calibration: Sequence[Effect], runs: Runs, layout: Layout, nominal
     return fit
 
 
-def linear_step(
-    residual: NDArray[np.float64],
-    jacobian: NDArray[np.float64],
-    loss: Loss,
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the step within bounds that costs least if the residual is linear in it."""
-    step = np.zeros(jacobian.shape[1])
-    for _ in range(_REWEIGHTINGS):
-        weights = loss.weights(residual + jacobian @ step)
-        normal = jacobian.T @ (jacobian * weights[:, None])
-        size = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-        scaled = normal / np.outer(size, size) + 1e-9 * np.eye(size.size)
-        root = np.linalg.cholesky(scaled).T
-        right = np.linalg.solve(root.T, -(jacobian.T @ (weights * residual)) / size)
-        wide = np.maximum(high, low + 1e-12)
-        step = lsq_linear(root, right, bounds=(low * size, wide * size), method="bvls").x / size
-    return step
-
-
-def refine(start: Fit, loss: Loss, most_runs: int) -> Generator[NDArray[np.float64], NDArray[np.float64], Fit]:
-    """Improve a fit: yields points to run, is sent their residuals, returns the fit.
-
-    Args:
-        start: Where to begin, with a Jacobian that may be rough.
-        loss: What to make small.
-        most_runs: Points to ask for at most.
-
-    """
-    point, residual, jacobian = start.point, start.residual, start.jacobian.copy()
-    cost, trust = loss.cost(residual), 0.6
-    for _ in range(most_runs):
-        low = np.maximum(-point, -trust)
-        high = np.minimum(1.0 - point, trust)
-        step = linear_step(residual, jacobian, loss, low, high)
-        expected = cost - loss.cost(residual + jacobian @ step)
-        if expected < _WORTH_NATS + _WORTH_SHARE * cost or np.abs(step).max() < _SMALLEST_STEP:
-            break
-        tried = yield point + step
-        if np.abs(tried).max() >= LARGEST:
-            trust = float(np.abs(step).max()) / 4.0
-            continue
-        miss = tried - residual - jacobian @ step
-        jacobian += np.outer(miss, step) / float(step @ step)
-        gained = cost - loss.cost(tried)
-        if gained > 0.0:
-            point, residual, cost = point + step, tried, cost - gained
-        trust = _new_trust(trust, float(np.abs(step).max()), gained / expected)
-    return replace(start, point=point, residual=residual, jacobian=jacobian, cost=cost)
-
-
-def _new_trust(trust: float, length: float, ratio: float) -> float:
-    if ratio <= 0.0:
-        return length / 3.0
-    if ratio < 0.25:  # noqa: PLR2004  # the usual quarter of trust-region methods
-        return length
-    return max(trust, 2.0 * length)
-
-
-def fit_side_by_side(starts: Sequence[Fit], loss: Loss, runs: Runs, layout: Layout, most_runs: int) -> list[Fit]:
-    """Improve several fits in step, so that the runs of all of them go side by side."""
-    workers = [refine(start, loss, most_runs) for start in starts]
-    done: dict[int, Fit] = {}
-    asked: dict[int, NDArray[np.float64]] = {}
-    for index, worker in enumerate(workers):
-        try:
-            asked[index] = next(worker)
-        except StopIteration as end:  # noqa: PERF203  # how a generator hands over its result
-            done[index] = end.value
-    while asked:
-        order = sorted(asked)
-        results = runs.evaluate([starts[index].space.values(asked[index]) for index in order])
-        for index, result in zip(order, results, strict=True):
-            try:
-                asked[index] = workers[index].send(layout.residual(result))
-            except StopIteration as end:  # noqa: PERF203  # as above
-                done[index] = end.value
-                del asked[index]
-    return [done[index] for index in range(len(starts))]
-
-
 def jacobians_at(fits: Sequence[Fit], runs: Runs, layout: Layout) -> list[NDArray[np.float64]]:
     """Return Jacobians by one-sided differences towards the inside, all run side by side, each of shape (n, p).
 
@@ -260,49 +168,3 @@ def polish(start: Fit, loss: Loss, runs: Runs, layout: Layout, most_runs: int = 
         point, residual = start.point, start.residual
     jacobian = jacobian_of(point, residual)
     return replace(start, point=point, residual=residual, jacobian=jacobian, cost=loss.cost(residual), polished=True)
-
-
-def covariance(fit: Fit, loss: Loss, layout: Layout) -> NDArray[np.float64]:
-    """Return the covariance of the parameters, in shares of their ranges, shape (p, p).
-
-    The larger of two, per parameter: from the curvature, where only independent samples count; and from how the blocks
-    disagree (sandwich), which also holds where the model is not quite true.
-    """
-    if not fit.space.keys:
-        return np.zeros((0, 0))
-    weights = loss.weights(fit.residual)
-    size = fit.point.size
-    normal = fit.jacobian.T @ (fit.jacobian * weights[:, None]) + PRIOR * np.eye(size)
-    inverse = np.linalg.inv(normal)
-    count = len(layout.blocks)
-    slopes = np.array(
-        [np.bincount(layout.block_of, fit.jacobian[:, k] * weights * fit.residual, count) for k in range(size)]
-    )
-    slopes -= slopes.mean(axis=1, keepdims=True)
-    sandwich = inverse @ (slopes @ slopes.T) @ inverse * count / max(count - size, 1)
-    grow = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(inverse), 1.0))
-    result: NDArray[np.float64] = inverse * np.outer(grow, grow)
-    return result
-
-
-def half_widths(fit: Fit, layout: Layout, weighting: Weighting, limit: float) -> NDArray[np.float64]:
-    """Return half the width of each parameter's 95 % interval, in shares of the ranges, shape (p,).
-
-    Beside the scatter, a parameter is not known better than by what moves the signals as far as a gap that counts as
-    none: a simulator that is off by that much anyway shifts it.
-
-    Args:
-        fit: With a Jacobian.
-        layout: Of the residual.
-        weighting: Of the signals.
-        limit: Largest gap that counts as none, noise units.
-
-    """
-    if not fit.space.keys:
-        return np.zeros(0)
-    scatter = _Z95 * np.sqrt(np.diag(covariance(fit, loss_of(layout, weighting), layout)))
-    counts = np.bincount(layout.signal_of, minlength=len(layout.names)) * len(layout.names)
-    each = fit.jacobian / np.sqrt(counts[layout.signal_of])[:, None]
-    curvature = np.linalg.inv(each.T @ each + 1e-9 * np.eye(fit.point.size))
-    shift = np.sqrt(max(limit**2 - 1.0, 0.0) * np.diag(curvature))
-    return np.minimum(np.hypot(scatter, shift), 1.0)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_sim.gap.recording import BadRecordingError
+from jammkle_sim.gap.stretches import FEWEST_SAMPLES, blocks_of, own_samples, segments_of, spread
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -16,13 +17,6 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.recording import Recording
 
-ENOUGH_RECORDINGS = 4
-"""From here on each recording is one block; fewer are cut into long stretches."""
-FEWEST_BLOCKS = 6
-FEWEST_SEGMENTS = 24
-"""Blocks are what parameters are held out from; differences of scores are paired over segments of them."""
-FEWEST_SAMPLES = 20
-"""Per block, over all signals: with fewer there is nothing to hold out."""
 LARGEST = 1e6
 """A residual is cut off here, in noise units, so that a diverging run stays a number."""
 BIASES = 2.0
@@ -123,12 +117,14 @@ def lay_out(
         BadRecordingError: there is nothing to compare, or too little to hold anything out.
 
     """
-    per = 1 if len(recordings) >= ENOUGH_RECORDINGS else -(-FEWEST_BLOCKS // len(recordings))
-    count = per * len(recordings)
-    segments = max(2, -(-FEWEST_SEGMENTS // count))
+    names = tuple(sorted({name for each in simulated for name in each if name in noise}))
+    own = own_samples(recordings, simulated, factors or {}, names)
+    per = blocks_of(recordings, own)
+    segments = segments_of(per, own)
+    first_block = np.concatenate([[0], np.cumsum(per)])
+    count = int(first_block[-1])
     pieces: list[Piece] = []
     columns: list[tuple[NDArray[Any], ...]] = []
-    names = tuple(sorted({name for each in simulated for name in each if name in noise}))
     place = 0
     for index, (recording, signals) in enumerate(zip(recordings, simulated, strict=True)):
         used = [recording.signal(name) for name in names if name in signals]
@@ -136,15 +132,15 @@ def lay_out(
             msg = f"recording '{recording.name}' has no signal that the simulator gives"
             msg = f"{msg}; record one of: {', '.join(names) or 'those that it gives'}"
             raise BadRecordingError(msg)
-        first = min(float(signal.time_s[0]) for signal in used)
-        span = max(float(signal.time_s[-1]) for signal in used) - first
+        along = spread(used, signals, noise)
         for signal in used:
             correction = corrections[index].get(signal.name) if corrections else None
             # What references say has the offset of their own sensor in it.
             sensors = 1 if correction is None else 2
             off = 0.0 if correction is None else correction
-            share = (signal.time_s - first) / max(span, 1e-12)
-            fine = np.clip(share * per * segments, 0, per * segments - 1).astype(np.intp) + index * per * segments
+            pieces_here = per[index] * segments
+            place_here = np.clip(np.interp(signal.time_s, *along) * pieces_here, 0, pieces_here - 1).astype(np.intp)
+            fine = place_here + first_block[index] * segments
             size = signal.time_s.size
             unit = noise[signal.name]
             stretch = slice(place, place + size)
@@ -164,12 +160,15 @@ def lay_out(
     block_of = segment_of // segments
     held = np.bincount(block_of, minlength=count)
     if held.min() < FEWEST_SAMPLES:
-        recording = recordings[int(np.argmin(held)) // per]
+        index = int(np.searchsorted(first_block, int(np.argmin(held)), side="right")) - 1
+        recording = recordings[index]
         msg = f"recording '{recording.name}' is too short to hold anything out ({held.min()} samples in a stretch)"
-        msg = f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per} stretches"
+        msg = f"{msg}; record at least {FEWEST_SAMPLES} samples in each of {per[index]} stretches"
         raise BadRecordingError(msg)
     labels = [
-        recording.name if per == 1 else f"{recording.name}/{k + 1}" for recording in recordings for k in range(per)
+        recording.name if number == 1 else f"{recording.name}/{k + 1}"
+        for recording, number in zip(recordings, per, strict=True)
+        for k in range(number)
     ]
     return Layout(
         pieces=tuple(pieces),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pickle
 import time
+from collections import OrderedDict
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
@@ -15,7 +16,7 @@ from joblib import Parallel, cpu_count, delayed  # type: ignore[import-untyped] 
 from jammkle_sim.gap.recording import BadRecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -24,8 +25,14 @@ if TYPE_CHECKING:
 
 WORTH_SPREADING_S = 2.0
 """A batch that takes less than this on one core is not worth starting other processes for."""
+_WORTH_SENDING_S = 0.2
+"""The same, where they have been started."""
+_KEPT_BYTES = 60_000_000
+"""What results kept for being asked for again may take; that of the nominal simulator is always kept."""
 
 Signals = dict[str, "NDArray[np.float64]"]
+_Result = TypeVar("_Result")
+_Key = tuple[int, frozenset[tuple[str, float]]]
 
 
 class StoppedError(Exception):
@@ -50,6 +57,10 @@ def _run(simulator: Simulator, recording: Recording, values: Mapping[str, float]
     except (ArithmeticError, ValueError, RuntimeError):
         return None, time.perf_counter() - start
     return signals, time.perf_counter() - start
+
+
+def _bytes(signals: Signals | None) -> int:
+    return sum(values.nbytes for values in (signals or {}).values())
 
 
 def duration_s(recording: Recording) -> float:
@@ -83,7 +94,10 @@ class Runs:
         self._jobs = jobs
         self._stop = stop
         self._start = time.perf_counter()
-        self._cache: dict[tuple[int, frozenset[tuple[str, float]]], Signals | None] = {}
+        self._kept: OrderedDict[_Key, Signals | None] = OrderedDict()
+        self._kept_bytes = 0
+        self._silent: list[set[str]] = [set() for _ in self.recordings]
+        self._started = False
         self._runs = 0
         self._simulated_s = 0.0
         self._run_s = 0.0
@@ -130,23 +144,55 @@ class Runs:
             StoppedError: the user asked to stop.
 
         """
-        keys = [[(i, frozenset(point.items())) for i in range(len(self.recordings))] for point in points]
-        missing = list(dict.fromkeys(key for row in keys for key in row if key not in self._cache))
+        keys = [[self._key(i, point) for i in range(len(self.recordings))] for point in points]
+        wanted = dict.fromkeys(key for row in keys for key in row)
+        found = {key: self._kept[key] for key in wanted if key in self._kept}
+        # Recording by recording, as a simulator may keep what its latest runs had in common.
+        missing = sorted((key for key in wanted if key not in found), key=lambda key: key[0])
         if missing and self._stop():
             raise StoppedError
         for key, (signals, seconds) in zip(missing, self._run_all(missing), strict=True):
-            self._cache[key] = signals
-            self._runs += 1
+            found[key] = signals
+            self._keep(key, signals)
+            self.counted(signals, self.recordings[key[0]])
             self._run_s += seconds
-            self._simulated_s += duration_s(self.recordings[key[0]])
-        return [[self._cache[key] for key in row] for row in keys]
+        return [[found[key] for key in row] for row in keys]
+
+    def silence(self, index: int, parameters: Iterable[str]) -> None:
+        """Take it that parameters change nothing in one recording, so that it is not run again for them.
+
+        Args:
+            index: Of the recording.
+            parameters: By `effect.parameter`.
+
+        """
+        self._silent[index].update(parameters)
+
+    def counted(self, result: _Result, recording: Recording) -> _Result:
+        """Count a run of a recording, also one that was made elsewhere, and hand on what it gave."""
+        self._runs += 1
+        self._simulated_s += duration_s(recording)
+        return result
+
+    def _key(self, index: int, point: Mapping[str, float]) -> _Key:
+        silent = self._silent[index]
+        return index, frozenset(item for item in point.items() if item[0] not in silent)
+
+    def _keep(self, key: _Key, signals: Signals | None) -> None:
+        self._kept[key] = signals
+        self._kept_bytes += _bytes(signals)
+        for old in [key for key in self._kept if key[1]]:
+            if self._kept_bytes <= _KEPT_BYTES:
+                break
+            self._kept_bytes -= _bytes(self._kept.pop(old))
 
     def _run_all(self, keys: Sequence[tuple[int, frozenset[tuple[str, float]]]]) -> list[tuple[Signals | None, float]]:
         tasks: list[tuple[Simulator, Recording, dict[str, float]]] = [
             (self._simulator, self.recordings[index], dict(values)) for index, values in keys
         ]
         expected_s = len(tasks) * (self._run_s / self._runs if self._runs else 0.0)
-        spread = self._jobs is not None or (cpu_count() > 1 and expected_s > WORTH_SPREADING_S)
+        worth_s = _WORTH_SENDING_S if self._started else WORTH_SPREADING_S
+        spread = self._jobs is not None or (cpu_count() > 1 and expected_s > worth_s)
         if len(tasks) < 2 or not self._picklable or self._jobs == 1 or not spread:  # noqa: PLR2004  # one needs no help
             return self._one_by_one(tasks)
         parallel: Any = Parallel(n_jobs=self._jobs if self._jobs is not None else -1)
@@ -156,6 +202,8 @@ class Runs:
             # A process died, or could not import what the simulator is made of: here it is at hand.
             self._picklable = False
             done = self._one_by_one(tasks)
+        else:
+            self._started = True
         return done
 
     def _one_by_one(

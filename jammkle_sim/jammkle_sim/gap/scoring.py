@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.fitting import PRIOR, loss_of
+from jammkle_sim.gap.fitting import loss_of
+from jammkle_sim.gap.holding_out import one_step
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_sim.gap.fitting import Fit
+    from jammkle_sim.gap.holding_out import HeldOut
     from jammkle_sim.gap.residual import Layout, Weighting
 
 FREEDOM = 4.0
@@ -69,32 +71,15 @@ def log_likelihood(layout: Layout, weighting: Weighting, residual: NDArray[np.fl
 
 
 def score(fit: Fit, layout: Layout, weighting: Weighting) -> Score:
-    """Score a fit with each block held out in turn.
+    """Score a fit with each block held out in turn by one step, without any further run of the simulator."""
+    return scored(
+        fit, one_step(fit, loss_of(layout, weighting), layout.block_of, len(layout.blocks)), layout, weighting
+    )
 
-    The parameters without a block follow from the full fit by one Gauss-Newton step with that block's normal equations
-    taken out: no further run of the simulator is needed.
-    """
-    count, size = len(layout.blocks), fit.point.size
-    points = np.tile(fit.point, (count, 1))
-    held_out = fit.residual.copy()
-    if size:
-        weights = loss_of(layout, weighting).weights(fit.residual)
-        weighted = fit.jacobian * weights[:, None]
-        normals = np.array(
-            [
-                [np.bincount(layout.block_of, weighted[:, i] * fit.jacobian[:, k], count) for k in range(size)]
-                for i in range(size)
-            ]
-        )
-        slopes = np.array([np.bincount(layout.block_of, weighted[:, i] * fit.residual, count) for i in range(size)])
-        # What the full fit left of its slope (a bound, a tolerance) is not the doing of any one block.
-        slopes -= slopes.mean(axis=1, keepdims=True)
-        total = normals.sum(axis=2) + PRIOR * np.eye(size)
-        for block in range(count):
-            step = np.linalg.solve(total - normals[:, :, block], slopes[:, block])
-            points[block] = np.clip(fit.point + step, 0.0, 1.0)
-        held_out = fit.residual + np.einsum("ij,ij->i", fit.jacobian, (points - fit.point)[layout.block_of])
-    return Score(fit, log_likelihood(layout, weighting, held_out), held_out, points)
+
+def scored(fit: Fit, held: HeldOut, layout: Layout, weighting: Weighting) -> Score:
+    """Score a fit by what it foretells of each block held out."""
+    return Score(fit, log_likelihood(layout, weighting, held.residual), held.residual, held.points)
 
 
 def difference(better: Score, other: Score) -> Difference:

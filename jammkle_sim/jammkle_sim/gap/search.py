@@ -12,21 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.fitting import (
-    CALIBRATED_RUNS,
-    POLISHING_RUNS,
-    Fit,
-    Loss,
-    fit_side_by_side,
-    jacobians_at,
-    linear_step,
-    loss_of,
-    polish,
-    uncalibrated,
-)
-from jammkle_sim.gap.residual import Weighting, weigh
+from jammkle_sim.gap.fitting import CALIBRATED_RUNS, POLISHING_RUNS, Fit, Loss, jacobians_at, polish, uncalibrated
+from jammkle_sim.gap.ledger import Ledger
+from jammkle_sim.gap.promise import Promises
+from jammkle_sim.gap.refining import fit_contenders, fit_side_by_side, linear_step
 from jammkle_sim.gap.runs import StoppedError
-from jammkle_sim.gap.scoring import CLEAR_NATS, Score, best_set, difference, score
+from jammkle_sim.gap.scoring import CLEAR_NATS, Score, best_set, difference
 from jammkle_sim.gap.sensitivity import space_of
 
 if TYPE_CHECKING:
@@ -34,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.gap.residual import Layout
+    from jammkle_sim.gap.residual import Layout, Weighting
     from jammkle_sim.gap.runs import Runs
     from jammkle_sim.gap.sensitivity import Probe
 
@@ -51,8 +42,6 @@ MOST_RENEWED = 5
 MOST_EFFECTS = 4
 MOST_FINALISTS = 5
 """Candidates that are fitted again with derivatives of their own."""
-MOST_CORRELATED = 10.0
-"""Samples that count as one while searching, at most. Assumed: as correlated as coloured noise is."""
 _ROOM_NATS = 6.0
 """Candidates this far behind what is told apart are still fitted again."""
 
@@ -99,8 +88,7 @@ class Search:
         self._nominal = calibrated or uncalibrated(nominal)
         self._calibration = self._nominal.calibration
         self._polishing = CALIBRATED_RUNS if self._calibration else POLISHING_RUNS
-        self._fits: dict[tuple[str, ...], Fit] = {(): self._nominal}
-        self._weighting = weigh(layout, nominal)
+        self._ledger = Ledger(layout, self._nominal)
         self._progress = on_progress
 
     @property
@@ -119,32 +107,24 @@ class Search:
             self._finish()
         except (StoppedError, KeyboardInterrupt):
             finished = False
-        self._judge()
-        scores = sorted(self._scores(), key=lambda one: -one.total)
-        return Found(tuple(scores), tuple(best_set(scores, self._tried)), self._weighting, finished)
+        self._ledger.judge()
+        scores = self._ledger.scores()
+        return Found(tuple(scores), tuple(best_set(scores, self._tried)), self._ledger.weighting, finished)
 
-    def _loss(self) -> Loss:
-        # While searching, all signals count as correlated as the least correlated one, and no more than a good residual
-        # is: else what takes a lasting error away would look worth little. Held-out scores alone decide in the end.
-        factor = np.full_like(self._weighting.factor, min(float(self._weighting.factor.min()), MOST_CORRELATED))
-        return loss_of(self._layout, Weighting(self._weighting.scale, factor))
-
-    def _scores(self) -> list[Score]:
-        return [score(fit, self._layout, self._weighting) for fit in self._fits.values()]
+    def without_runs(self) -> Found:
+        """Return what the probes alone say of single effects: enough where there is nothing to explain."""
+        loss = self._ledger.loss()
+        for name in sorted(self._probes):
+            start = self._start([name], loss)
+            step = linear_step(start.residual, start.jacobian, loss, -start.point, 1.0 - start.point)
+            after = start.residual + start.jacobian @ step
+            self._ledger.fits[name,] = replace(start, point=start.point + step, residual=after, cost=loss.cost(after))
+        scores = self._ledger.scores()
+        nominal = tuple(each for each in scores if not each.names)
+        return Found(tuple(scores), nominal, self._ledger.weighting, finished=True)
 
     def _best(self) -> Score:
-        return best_set(self._scores(), self._tried)[0]
-
-    def _judge(self) -> None:
-        """Take scale and correlation of each signal from the candidate that leaves least, in shares, over all signals.
-
-        Not from the one of the best score: where a lasting error is left, its samples count as few, and what would take
-        it away would look worth little.
-        """
-        weightings = [weigh(self._layout, fit.residual) for fit in self._fits.values()]
-        self._weighting = min(
-            weightings, key=lambda each: float(np.sum(np.log(each.scale) + 1e-3 * np.log(each.factor)))
-        )
+        return best_set(self._ledger.scores(), self._tried)[0]
 
     def _start(self, names: Sequence[str], loss: Loss) -> Fit:
         """Return a start from the probes, or from a fit of all effects but one: whichever is better."""
@@ -162,7 +142,7 @@ class Search:
             residual = self._layout.residual(self._runs.evaluate([space.values(point)])[0])
         starts = [Fit(space, point, residual, jacobian, loss.cost(residual), calibration=self._calibration)]
         for name in names if len(names) > 1 else ():
-            rest = self._fits.get(tuple(sorted(set(names) - {name})))
+            rest = self._ledger.fits.get(tuple(sorted(set(names) - {name})))
             if rest is None or self._probes[name].residual is not self._nominal.residual:
                 continue
             columns = {key: rest.jacobian[:, k] for k, key in enumerate(rest.space.keys)}
@@ -171,15 +151,10 @@ class Search:
             place = np.array([places.get(key, point[k]) for k, key in enumerate(space.keys)])
             starts.append(replace(starts[0], point=place, residual=rest.residual, jacobian=matrix))
             starts[-1] = replace(starts[-1], cost=loss.cost(rest.residual))
-        fitted = self._fits.get(tuple(sorted(names)))
+        fitted = self._ledger.fits.get(tuple(sorted(names)))
         if fitted is not None:
             starts.append(replace(fitted, cost=loss.cost(fitted.residual), polished=False))
         return min(starts, key=lambda each: each.cost)
-
-    def _free_starts(self, names: Sequence[str], loss: Loss) -> list[Fit]:
-        """Return the start from the best fit of a part, if that asks for no run."""
-        away = sum(self._probes[name].residual is not self._nominal.residual for name in names)
-        return [self._start(names, loss)] if away <= 1 else []
 
     def _promise(self, start: Fit, loss: Loss) -> float:
         """Return the cost after a linear step."""
@@ -187,33 +162,33 @@ class Search:
         return min(start.cost, loss.cost(start.residual + start.jacobian @ step))
 
     def _fit(self, candidates: Sequence[tuple[str, ...]], most_runs: int, share: float) -> None:
-        loss = self._loss()
+        loss = self._ledger.loss()
         starts = [self._start(names, loss) for names in candidates]
-        for fit in fit_side_by_side(starts, loss, self._runs, self._layout, most_runs):
-            self._fits[fit.names] = fit
+        self._ledger.add(fit_contenders(starts, loss, self._runs, self._layout, most_runs))
         self._progress("fitting effects", share)
 
     def _singles(self) -> None:
         self._progress("fitting single effects", 0.0)
         self._fit([(name,) for name in sorted(self._probes)], RUNS_PER_SINGLE, 0.2)
-        loss = self._loss()
+        loss = self._ledger.loss()
         away = [probe for probe in self._probes.values() if probe.residual is not self._nominal.residual]
         nulls = [self._null_start(probe, loss) for probe in away]
-        for fit in fit_side_by_side(nulls, loss, self._runs, self._layout, RUNS_PER_SINGLE):
-            if fit.cost < loss.cost(self._fits[fit.names].residual):
-                self._fits[fit.names] = fit
-        self._judge()
+        for fit in fit_contenders(nulls, loss, self._runs, self._layout, RUNS_PER_SINGLE):
+            if fit.cost < loss.cost(self._ledger.fits[fit.names].residual):
+                self._ledger.fits[fit.names] = fit
+        self._ledger.judge()
         if self._calibration:
             self._again([(name,) for name in sorted(self._probes)])
         elif away:
             self._again([(probe.effect.name,) for probe in away])
         # Once more with signals judged by the best, for those that gained something.
-        loss = self._loss()
-        again = [fit for names, fit in self._fits.items() if names and loss.cost(fit.residual) < self._cost(())]
+        loss = self._ledger.loss()
+        again = [
+            fit for names, fit in self._ledger.fits.items() if names and loss.cost(fit.residual) < self._ledger.cost(())
+        ]
         renewed = [replace(fit, cost=loss.cost(fit.residual), polished=False) for fit in again]
-        for fit in fit_side_by_side(renewed, loss, self._runs, self._layout, 2):
-            self._fits[fit.names] = fit
-        self._judge()
+        self._ledger.add(fit_contenders(renewed, loss, self._runs, self._layout, 2))
+        self._ledger.judge()
 
     def _null_start(self, probe: Probe, loss: Loss) -> Fit:
         start = self._start([probe.effect.name], loss)
@@ -222,31 +197,31 @@ class Search:
         residual = self._nominal.residual
         return replace(start, point=point, residual=residual, jacobian=jacobian, cost=loss.cost(residual))
 
-    def _cost(self, names: tuple[str, ...]) -> float:
-        return self._loss().cost(self._fits[names].residual)
-
     def _more(self, size: int) -> None:
         """Fit the combinations of one more effect that promise most."""
-        loss = self._loss()
-        best = sorted((score.total, score.names) for score in self._scores() if len(score.names) == size - 1)[::-1]
-        tops = [set(names) for _, names in best[:BEST_SINGLES]]
+        loss = self._ledger.loss()
+        best = [each.names for each in self._ledger.scores() if len(each.names) == size - 1]
+        tops = [set(names) for names in best[:BEST_SINGLES]]
         if size == 2:  # noqa: PLR2004  # all pairs
             offered = list(combinations(sorted(self._probes), size))
         else:
             offered = sorted({tuple(sorted(top | {name})) for top in tops for name in self._probes if name not in top})
-        offered = [names for names in offered if names not in self._fits]
+        offered = [names for names in offered if names not in self._ledger.fits]
         if not offered:
             return
-        least = min(self._cost(names) for names in self._fits)
+        promises = Promises(self._probes, self._ledger.fits, self._nominal, loss)
+        least = promises.least()
         promised: list[tuple[float, tuple[str, ...]]] = []
         for place, names in enumerate(offered):
-            starts = [self._linear_start(names, loss), *self._free_starts(names, loss)]
-            promised.append((min(self._promise(start, loss) for start in starts), names))
-            if place % 50 == 0:
+            promised.append((promises.of(names), names))
+            if place % 200 == 0:
                 self._progress(f"weighing combinations of {size}", 0.3 + 0.2 * place / len(offered))
         promised.sort()
         worth = [names for cost, names in promised if cost < least - CLEAR_NATS]
-        if len(worth) < FEWEST_PAIRS and min(self._layout.gap(fit.residual) for fit in self._fits.values()) > _AT_FLOOR:
+        if (
+            len(worth) < FEWEST_PAIRS
+            and min(self._layout.gap(fit.residual) for fit in self._ledger.fits.values()) > _AT_FLOOR
+        ):
             worth = [names for _, names in promised[:FEWEST_PAIRS]]
         with_top = [names for names in worth if any(top < set(names) for top in tops)]
         half = MOST_PAIRS // 2
@@ -254,7 +229,7 @@ class Search:
         chosen += [names for names in worth if names not in chosen][: MOST_PAIRS - len(chosen)]
         if chosen:
             self._fit(chosen, RUNS_PER_PAIR, 0.55)
-            self._judge()
+            self._ledger.judge()
             self._again(chosen)
 
     def _again(self, candidates: Sequence[tuple[str, ...]]) -> None:
@@ -262,51 +237,21 @@ class Search:
 
         Two effects that nearly make up for each other lie in a narrow valley, which the probes' derivatives miss.
         """
-        loss = self._loss()
+        loss = self._ledger.loss()
         starts = [self._start(names, loss) for names in candidates]
         ranked = sorted(zip([self._promise(start, loss) for start in starts], candidates, strict=True))
         places = dict(zip(candidates, starts, strict=True))
         best = [places[names] for _, names in ranked[:MOST_RENEWED]]
         fresh = jacobians_at(best, self._runs, self._layout)
         renewed = [replace(start, jacobian=jacobian) for start, jacobian in zip(best, fresh, strict=True)]
-        for fit in fit_side_by_side(renewed, loss, self._runs, self._layout, RUNS_PER_PAIR):
-            self._fits[fit.names] = fit
-        self._judge()
+        self._ledger.add(fit_side_by_side(renewed, loss, self._runs, self._layout, RUNS_PER_PAIR))
+        self._ledger.judge()
         self._progress("fitting effects", 0.7)
-
-    def _linear_start(self, names: tuple[str, ...], loss: Loss) -> Fit:
-        """Return the start that promises most, without running anything."""
-        fits = [self._fits[(name,)] for name in names if (name,) in self._fits]
-        if len(names) > 2 or len(fits) < len(names):  # noqa: PLR2004  # a pair can be laid together from its halves
-            return self._start(names, loss)
-        nominal = self._nominal
-        own = len(nominal.point)
-        columns, place = [], []
-        for fit in fits:
-            # From null, with secants of the fits, which look further than the probes: what the linear model misses on
-            # the way to the single fit is added along that way. What the calibration did meanwhile is its own affair.
-            mine = fit.point.size - own
-            away = fit.point[:mine] - fit.space.null[:mine]
-            moved = fit.residual - nominal.residual - fit.jacobian[:, mine:] @ (fit.point[mine:] - nominal.point)
-            matrix = fit.jacobian[:, :mine]
-            length = float(away @ away)
-            if length > 0.0:
-                matrix = matrix + np.outer(moved - matrix @ away, away) / length
-            columns.append(matrix)
-            place.append(fit.space.null[:mine])
-        return replace(
-            nominal,
-            space=space_of([self._probes[name].effect for name in names], self._calibration),
-            point=np.concatenate([*place, nominal.point]),
-            jacobian=np.column_stack([*columns, nominal.jacobian]),
-            cost=loss.cost(nominal.residual),
-            polished=False,
-        )
 
     def _finish(self) -> None:
         """Fit what may end in the set again, with derivatives of its own."""
         for _ in range(2):
-            scores = sorted(self._scores(), key=lambda one: -one.total)
+            scores = self._ledger.scores()
             chosen = best_set(scores, self._tried)
             leader = chosen[0]
             near = [
@@ -317,10 +262,14 @@ class Search:
                 and difference(leader, each).nats < 2.0 * difference(leader, each).error + _ROOM_NATS
             ]
             finalists = list(dict.fromkeys([each.names for each in chosen + near if each.names]))[:MOST_FINALISTS]
-            rough = [names for names in finalists if not self._fits[names].polished]
+            rough = [names for names in finalists if not self._ledger.fits[names].polished]
             if not rough:
                 return
             for place, names in enumerate(rough):
-                self._fits[names] = polish(self._fits[names], self._loss(), self._runs, self._layout, self._polishing)
+                self._ledger.fits[names] = polish(
+                    self._ledger.fits[names], self._ledger.loss(), self._runs, self._layout, self._polishing
+                )
                 self._progress("fitting the best once more", 0.7 + 0.3 * (place + 1) / len(rough))
-            self._judge()
+            self._ledger.judge()
+            self._ledger.hold_out(finalists, self._runs)
+            self._progress("holding out stretches", 1.0)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.effect import Effect, Library
     from jammkle_sim.gap.residual import Layout
-    from jammkle_sim.gap.runs import Runs
+    from jammkle_sim.gap.runs import Runs, Signals
 
 PROBE_SHARE = 0.15
 """Step of a probe, as a share of the parameter's range. Assumed: small enough to be nearly linear, large enough to
@@ -91,6 +91,12 @@ def _step(null: float, sign: float = 1.0) -> float:
     return sign * inwards * PROBE_SHARE
 
 
+def _same(one: Signals | None, other: Signals | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return all(np.array_equal(values, other[name]) for name, values in one.items())
+
+
 def probe(  # noqa: C901  # three rounds, each a line or two
     library: Library,
     runs: Runs,
@@ -101,7 +107,8 @@ def probe(  # noqa: C901  # three rounds, each a line or two
     """Step every parameter of every effect once, from its null value towards the far bound.
 
     A parameter that does nothing alone (a time constant without a strength) is stepped again with the others on; one
-    that does nothing on this side of its null value is tried on the other.
+    that does nothing on this side of its null value is tried on the other. A recording that an effect leaves as it was,
+    to the last digit, is not run again for that effect.
 
     Args:
         library: Effects offered.
@@ -115,8 +122,13 @@ def probe(  # noqa: C901  # three rounds, each a line or two
     spaces = [space_of([effect]) for effect in library]
     flat = [(index, k) for index, space in enumerate(spaces) for k in range(len(space.keys))]
 
+    ready = runs.evaluate([fixed])[0]
+    heard: list[set[int]] = [set() for _ in spaces]
+
     def residuals(points: Sequence[tuple[int, NDArray[np.float64]]]) -> list[NDArray[np.float64]]:
         done = runs.evaluate([{**fixed, **spaces[index].values(point)} for index, point in points])
+        for (index, _), each in zip(points, done, strict=True):
+            heard[index] |= {place for place, signals in enumerate(each) if not _same(signals, ready[place])}
         return [layout.residual(each) for each in done]
 
     def moved(residual: NDArray[np.float64], base: NDArray[np.float64]) -> dict[str, float]:
@@ -165,14 +177,13 @@ def probe(  # noqa: C901  # three rounds, each a line or two
         points.append((at[0], point))
     for at, residual in zip(again, residuals(points), strict=True):
         take(at, steps[at], residual, at_start[at[0]])
-    return [
-        Probe(
-            effect=spaces[index].effects[0],
-            start=starts[index],
-            residual=at_start[index],
-            jacobian=np.column_stack([columns[index, k] for k in range(len(spaces[index].keys))]),
-            alone=np.column_stack([alone[index, k] for k in range(len(spaces[index].keys))]),
-            moves=moves[index],
-        )
-        for index in range(len(spaces))
-    ]
+    for index, space in enumerate(spaces):
+        for place in set(range(len(runs.recordings))) - heard[index]:
+            runs.silence(place, space.keys)
+    found = []
+    for index, space in enumerate(spaces):
+        count = range(len(space.keys))
+        jacobian = np.column_stack([columns[index, k] for k in count])
+        null = np.column_stack([alone[index, k] for k in count]) if index in joint else jacobian
+        found.append(Probe(space.effects[0], starts[index], at_start[index], jacobian, null, moves[index]))
+    return found

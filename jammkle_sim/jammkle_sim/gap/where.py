@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.recording import Recording
     from jammkle_sim.gap.residual import Layout
+    from jammkle_sim.gap.runs import Runs
     from jammkle_sim.gap.simulator import RestartingSimulator, Simulator
 
 HORIZONS_S = (0.0, 0.1, 1.0)
@@ -120,13 +121,14 @@ def shares(
     return tuple(sorted(places, key=lambda place: -place.share))
 
 
-def isolate(
-    layout: Layout, recordings: Sequence[Recording], subsystems: Mapping[str, Simulator], floor: float
-) -> tuple[SubsystemGap, ...]:
-    """Run each subsystem on its measured inputs; one whose residual is at the floor is not to blame."""
+Fed = dict[str, "list[Mapping[str, NDArray[np.float64]]]"]
+"""What each subsystem gives on measured inputs, per recording, by signal."""
+
+
+def isolate(layout: Layout, fed: Fed, floor: float) -> tuple[SubsystemGap, ...]:
+    """Judge each subsystem on its measured inputs; one whose residual is at the floor is not to blame."""
     found = []
-    for name, simulator in subsystems.items():
-        simulated = [simulator(recording, {}) for recording in recordings]
+    for name, simulated in fed.items():
         gaps = _partial_gaps(layout, simulated)
         worst = max(gaps.values(), default=0.0)
         overall = float(np.sqrt(np.mean([value**2 for value in gaps.values()]))) if gaps else 0.0
@@ -134,26 +136,24 @@ def isolate(
     return tuple(found)
 
 
-def subsystem_of_signals(recordings: Sequence[Recording], subsystems: Mapping[str, Simulator]) -> dict[str, str]:
+def subsystem_of_signals(fed: Fed) -> dict[str, str]:
     """Return which subsystem gives which signal."""
-    return {
-        signal: name
-        for name, simulator in subsystems.items()
-        for recording in recordings
-        for signal in simulator(recording, {})
-    }
+    return {signal: name for name, simulated in fed.items() for signals in simulated for signal in signals}
 
 
-def horizons(
-    layout: Layout, recordings: Sequence[Recording], simulator: Simulator, full: NDArray[np.float64]
-) -> tuple[HorizonGap, ...]:
+def horizons(layout: Layout, runs: Runs, simulator: Simulator, full: NDArray[np.float64]) -> tuple[HorizonGap, ...]:
     """Return the gap at each horizon; only the full run if the simulator cannot be restarted."""
     whole = HorizonGap(float("inf"), layout.gaps(full))
     if not hasattr(simulator, "restarted"):
         return (whole,)
     restarting = cast("RestartingSimulator", simulator)
     shorter = [
-        HorizonGap(horizon_s, _partial_gaps(layout, [restarting.restarted(each, {}, horizon_s) for each in recordings]))
+        HorizonGap(
+            horizon_s,
+            _partial_gaps(
+                layout, [runs.counted(restarting.restarted(each, {}, horizon_s), each) for each in runs.recordings]
+            ),
+        )
         for horizon_s in HORIZONS_S
     ]
     return (*shorter, whole)

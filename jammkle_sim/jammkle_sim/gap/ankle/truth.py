@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.recording import Recording
     from jammkle_sim.rigs.rig import Rig
 
-_KEPT = 8
+_KEPT = 4
 """Truths kept per process; one of a 10 s recording takes 6 MB."""
 
 
@@ -89,8 +89,9 @@ class _Stages:
         if found is None:
             found = make()
             self._kept[key] = found
-            while len(self._kept) > self._most:
-                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        while len(self._kept) > self._most:
+            self._kept.popitem(last=False)
         return found
 
 
