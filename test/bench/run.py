@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from delay import Delays, measure_delays
+from diagnosis import GapDiagnosis, measure_diagnosis
 from jammkle_graph.testing import own_domain
 from load import Load, measure_load
 from memory import Memory, measure_memory
@@ -34,6 +35,7 @@ class Results:
     memory: Memory
     delays: Delays
     loads: list[Load]
+    diagnosis: GapDiagnosis
 
 
 def measure(console: Console) -> Results:
@@ -52,7 +54,9 @@ def measure(console: Console) -> Results:
     for rate_hz in IMU_RATES_HZ:
         with own_domain() as domain_id, console.status(f"load at {rate_hz} Hz"):
             loads += measure_load(domain_id, rate_hz)
-    return Results(platform.machine(), os.cpu_count() or 1, steps, side_by_side, memory, delays, loads)
+    with console.status("diagnosing the gap of four recordings"):
+        diagnosis = measure_diagnosis()
+    return Results(platform.machine(), os.cpu_count() or 1, steps, side_by_side, memory, delays, loads, diagnosis)
 
 
 def table_of(results: Results) -> Table:
@@ -92,7 +96,30 @@ def table_of(results: Results) -> Table:
             "a subscriber that only counts",
             f"{load.cpu_over_bare:.1f}",
         )
+    _add_diagnosis(table, results.diagnosis)
     return table
+
+
+def _add_diagnosis(table: Table, found: GapDiagnosis) -> None:
+    """Lay out what a diagnosis of the gap costs."""
+    table.add_row(
+        f"gap diagnosis of four recordings, {found.recorded_s:.0f} s together",
+        f"{found.wall_s:.0f} s, {found.peak_mib:,.0f} MiB with workers",
+        f"{found.runs:,} runs, {found.simulated_s:,.0f} simulated s; load before {found.load_before:.1f}",
+        f"{found.verdict}: {', '.join(found.effects) or 'nothing'}",
+    )
+    table.add_row(
+        f"simulated seconds: scipy on {found.singles} singles and {found.pairs_weighed} pairs",
+        f"{found.scipy_single_simulated_s:,.0f} s a single, {found.scipy_pair_simulated_s:,.0f} s a pair",
+        f"from {found.scipy_sampled} of each; the diagnosis weighs all pairs and fits {found.pairs_fitted} in full",
+        f"{found.ratio_weighed:.1f} with all pairs; {found.ratio_fitted:.1f} with those fitted",
+    )
+    table.add_row(
+        "gap diagnosis by length, four recordings of the pressure rig",
+        ", ".join(f"{each.wall_s:.1f} s" for each in found.growth),
+        ", ".join(f"{each.recorded_s:.0f} s recorded" for each in found.growth),
+        f"length to the power of {found.exponent:.2f}",
+    )
 
 
 def main(
