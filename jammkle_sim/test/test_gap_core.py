@@ -11,7 +11,8 @@ from jammkle_sim.gap.closing import closed_share
 from jammkle_sim.gap.diagnosis import diagnose
 from jammkle_sim.gap.effect import BadEffectError, Effect, EffectParameter, Library
 from jammkle_sim.gap.fitting import Fit
-from jammkle_sim.gap.noise import find_noise, still_noise
+from jammkle_sim.gap.limits import Limits, limits_of
+from jammkle_sim.gap.noise import NoiseSource, find_noise, still_noise
 from jammkle_sim.gap.recording import BadRecordingError, Recording, Signal
 from jammkle_sim.gap.residual import Layout, Weighting, autocorrelation_factor, lay_out
 from jammkle_sim.gap.runs import Runs
@@ -88,6 +89,19 @@ def test_samples_that_stand_for_each_other_count_once(times: int) -> None:
     """White noise held for n samples has n samples to the independent one."""
     values = np.repeat(np.random.default_rng(times).standard_normal(60000 // times), times)
     assert autocorrelation_factor(values) == pytest.approx(times, rel=0.3, abs=0.2)
+
+
+def test_the_limit_grows_as_less_is_known_of_the_noise() -> None:
+    """A noise from few runs that drift lets more pass than one that is declared; never less than the base."""
+    recording = record(np.zeros(TIME_S.size))
+    limits = []
+    for known_from in (float("inf"), 1e4, 50.0, 5.0):
+        source = NoiseSource("x", "m", 1.0, "repeats", 100.0, known_from)
+        layout = lay_out([recording], [{"x": np.zeros(TIME_S.size)}], {"x": 1.0}, factors={"x": source.factor})
+        limits.append(limits_of(layout, {"x": source}, 1.2).of_signal["x"])
+    assert limits[0] == 1.2
+    assert limits == sorted(limits)
+    assert limits[-1] > 2.0
 
 
 def test_an_offset_counts_as_one_sample() -> None:
@@ -349,7 +363,7 @@ def test_an_effect_that_closes_next_to_nothing_is_not_named(pair: float, named: 
     """However sure the scores are, it must close a share of the gap; also where quiet signals pull the gap below 1."""
     layout, scores = graded({(): 2.5, ("slow",): 1.6, ("fast",): 2.4, ("fast", "slow"): pair})
     assert layout.gap(scores[0].held_out) == pytest.approx(2.5 / np.sqrt(6.0))
-    (kept,) = material(layout, best_set(scores, 1), scores, Criteria(), limit=1.5)
+    (kept,) = material(layout, best_set(scores, 1), scores, Criteria(), Limits(1.5, dict.fromkeys(layout.names, 1.5)))
     assert kept.names == named
 
 
@@ -357,7 +371,7 @@ def test_an_effect_that_closes_next_to_nothing_is_not_named(pair: float, named: 
 def test_a_lead_holds_no_effect_that_closes_next_to_nothing(pair: float, lead: str) -> None:
     """Also with UNKNOWN, where nothing is clearly better, what is handed on is only what closes something."""
     layout, scores = graded({(): 8.0, ("slow",): 5.0, ("fast",): 7.9, ("fast", "slow"): pair})
-    found = judge(layout, scores[:1], scores, Criteria(), limit=1.5)
+    found = judge(layout, scores[:1], scores, Criteria(), Limits(1.5, dict.fromkeys(layout.names, 1.5)))
     assert found.verdict is Verdict.UNKNOWN
     assert " + ".join(found.chosen[0].names) == lead
     assert f"as a lead: {lead} would close" in found.reasons[-1]

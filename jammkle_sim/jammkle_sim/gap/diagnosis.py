@@ -12,6 +12,7 @@ from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing, ceili
 from jammkle_sim.gap.experiments import NextExperiment, next_experiment
 from jammkle_sim.gap.fitting import calibrate, uncalibrated
 from jammkle_sim.gap.intervals import half_widths
+from jammkle_sim.gap.limits import limits_of
 from jammkle_sim.gap.probability import probabilities
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.references import with_references, without_references
@@ -21,7 +22,7 @@ from jammkle_sim.gap.search import Search
 from jammkle_sim.gap.sensitivity import probe
 from jammkle_sim.gap.signatures import Signature, signatures
 from jammkle_sim.gap.unexplained import Formula, sparse_formula
-from jammkle_sim.gap.verdict import Criteria, Verdict, judge, worst_gap
+from jammkle_sim.gap.verdict import Criteria, Verdict, judge
 from jammkle_sim.gap.where import Where, horizons, isolate, shares, subsystem_of_signals
 
 if TYPE_CHECKING:
@@ -193,6 +194,8 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     noise = {name: source.noise for name, source in baseline.noise.items()}
     hanging = {name: source.factor for name, source in baseline.noise.items()}
     layout = lay_out(recordings, nominal, noise, baseline.corrections, hanging)
+    limit = criteria.worth_gap_with_references if references else criteria.worth_gap
+    limits = limits_of(layout, baseline.noise, limit)
     residual = layout.residual(nominal)
     calibrated = uncalibrated(residual)
     if calibration is not None:
@@ -201,7 +204,6 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         residual = calibrated.residual
         ready = runs.evaluate([calibrated.space.values(calibrated.point)])[0]
         nominal = [signals for signals in ready if signals is not None]
-    limit = criteria.worth_gap_with_references if references else criteria.worth_gap
     progress("trying every effect", 0.05)
     probes = probe(library, runs, layout, residual, calibrated.space.values(calibrated.point))
     search = Search(
@@ -212,8 +214,8 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         lambda stage, share: progress(stage, 0.1 + (_FITTED - 0.1) * share),
         calibrated,
     )
-    found = search.run() if worst_gap(layout, residual)[1] > limit else search.without_runs()
-    judgement = judge(layout, found.chosen, found.scores, criteria, limit=limit)
+    found = search.without_runs() if limits.holds(layout, residual) else search.run()
+    judgement = judge(layout, found.chosen, found.scores, criteria, limits)
     best = judgement.chosen[0]
     progress("measuring how far the gap closes", _FITTED)
     without = next(score for score in found.scores if not score.names)
@@ -231,11 +233,11 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     }
     where = Where(
         shares(layout, recordings, residual, subsystem_of_signals(fed)),
-        isolate(layout, fed, limit),
+        isolate(layout, fed, limits),
         horizons(layout, runs, simulator, residual),
     )
     left_over = (
-        sparse_formula(layout, nominal, best.fit.residual, worst_gap(layout, best.fit.residual)[0])
+        sparse_formula(layout, nominal, best.fit.residual, limits.worst(layout, best.fit.residual)[0])
         if judgement.verdict is Verdict.UNKNOWN
         else None
     )
@@ -250,9 +252,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         candidates=tuple(
             _candidate(each, best, without, effects) for each, effects in zip(judgement.chosen, described, strict=True)
         ),
-        probabilities=probabilities(
-            judgement, found.scores, [effect.name for effect in library], criteria, limit=limit
-        ),
+        probabilities=probabilities(judgement, found.scores, [effect.name for effect in library], criteria),
         where=where,
         signatures=signatures(layout, recordings, nominal, residual),
         noise=tuple(baseline.noise[name] for name in layout.names),

@@ -46,6 +46,8 @@ class NoiseSource:
     """In words, such as `3 repeats of the same run`."""
     factor: float = 1.0
     """Samples over which it hangs together, and that so count as one."""
+    known_from: float = float("inf")
+    """Independent samples that it was found from; endless where it is declared, or taken from many."""
 
 
 def still_noise(signal: Signal) -> float:
@@ -228,8 +230,9 @@ def _repeated(
     scatter = [row for group in groups for row in _scatter(recordings, simulated, group, name)]
     factor = float(np.median([autocorrelation_factor(row) for row in scatter]))
     count = max(len(group) for group in groups)
+    known_from = sum((len(group) - 1) * recordings[group[0]].signal(name).values.size for group in groups) / factor
     unit = recordings[groups[0][0]].signal(name).unit
-    return NoiseSource(name, unit, noise, f"{count} repeats of the same run", factor)
+    return NoiseSource(name, unit, noise, f"{count} repeats of the same run", factor, known_from)
 
 
 def _still(signals: Sequence[Signal]) -> NoiseSource:

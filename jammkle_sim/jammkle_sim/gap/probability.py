@@ -26,7 +26,7 @@ def _beyond(ratio: float, sharpness: float) -> float:
 
 
 def probabilities(
-    judgement: Judgement, scores: Sequence[Score], effects: Sequence[str], criteria: Criteria, *, limit: float
+    judgement: Judgement, scores: Sequence[Score], effects: Sequence[str], criteria: Criteria
 ) -> dict[str, float]:
     """Return the probability of each effect, of `no_gap` and of `unknown`; they add up to 1.
 
@@ -39,12 +39,11 @@ def probabilities(
         scores: Of all candidates fitted.
         effects: All that were on offer, also those that move nothing.
         criteria: Temperature and limits.
-        limit: Largest gap that counts as none, noise units.
 
     """
     result = dict.fromkeys([*effects, NO_GAP, UNKNOWN], 0.0)
-    gap = _beyond(judgement.nominal_gap / limit, criteria.sharpness)
-    left = judgement.left_gap / limit
+    gap = _beyond(judgement.nominal, criteria.sharpness)
+    left = judgement.left
     if judgement.closed == judgement.closed:  # not a number where there was nothing to close
         left = min(left, max(1.0 - judgement.closed, 0.0) / (1.0 - criteria.explained_share))
     unknown = _beyond(left, criteria.sharpness)
@@ -59,7 +58,7 @@ def probabilities(
             result[UNKNOWN] = gap
             return result
         rivals = [score for score in scores if len(score.names) == 1]
-        unknown = max(unknown, 0.5) if judgement.nominal_gap > limit else unknown
+        unknown = max(unknown, 0.5) if judgement.nominal > 1.0 else unknown
     best = next((score for score in judgement.chosen if score.names), max(rivals, key=lambda one: one.total))
     weights = []
     for score in rivals:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,7 +88,7 @@ def with_references(
     for name, factor in grown.items():
         source = noise[name]
         words = f"{source.source}, and what differs in the references" if factor > _SMALLEST_FLOOR else source.source
-        noise[name] = NoiseSource(name, source.unit, source.noise * factor, words, source.factor)
+        noise[name] = replace(source, noise=source.noise * factor, source=words)
     return Baseline(tuple(corrections), noise, notes)
 
 

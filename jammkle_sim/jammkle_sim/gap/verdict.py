@@ -11,9 +11,7 @@ from jammkle_sim.gap.closing import closed_share
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from jammkle_sim.gap.limits import Limits
     from jammkle_sim.gap.residual import Layout
     from jammkle_sim.gap.scoring import Score
 
@@ -59,24 +57,17 @@ class Judgement:
     verdict: Verdict
     chosen: tuple[Score, ...]
     """What explains the gap best, best first; with UNKNOWN: what explains a part, as a lead."""
-    nominal_gap: float
-    """Of the worst signal, noise units."""
-    left_gap: float
-    """Of the worst signal with the best candidate, held out, noise units."""
+    nominal: float
+    """Gap of the worst signal, in what counts as none."""
+    left: float
+    """The same with the best candidate, held out."""
     closed: float
     """By the best candidate, held out."""
     reasons: tuple[str, ...]
 
 
-def worst_gap(layout: Layout, residual: NDArray[np.float64]) -> tuple[str, float]:
-    """Return the signal with the largest gap, and that gap."""
-    gaps = layout.gaps(residual)
-    name = max(gaps, key=lambda each: gaps[each])
-    return name, gaps[name]
-
-
 def material(
-    layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, *, limit: float
+    layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, limits: Limits
 ) -> list[Score]:
     """Take effects off that close next to nothing of the gap, or are not needed to bring it to where it counts as none.
 
@@ -92,7 +83,7 @@ def material(
                 break
             simpler = min(parts, key=lambda part: layout.gap(part.held_out))
             gained = layout.gap(simpler.held_out) - layout.gap(current.held_out)
-            enough = worst_gap(layout, simpler.held_out)[1] <= limit
+            enough = limits.holds(layout, simpler.held_out)
             if not enough and gained > criteria.material_share * _at_stake(layout, by_names[()], current):
                 break
             current = simpler
@@ -112,7 +103,7 @@ def _parts(names: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 
 def judge(
-    layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, *, limit: float
+    layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, limits: Limits
 ) -> Judgement:
     """Return the verdict.
 
@@ -121,22 +112,22 @@ def judge(
         chosen: The set, best first.
         scores: Of all candidates fitted, the nominal simulator among them.
         criteria: What counts.
-        limit: Largest gap that counts as none, noise units.
+        limits: Largest gaps that count as none.
 
     """
     nominal = next(score for score in scores if not score.names)
-    signal, nominal_gap = worst_gap(layout, nominal.held_out)
-    kept = material(layout, chosen, scores, criteria, limit=limit)
+    signal, nominal_gap, nominal_ratio = limits.worst(layout, nominal.held_out)
+    kept = material(layout, chosen, scores, criteria, limits)
     best = kept[0]
-    left_signal, left_gap = worst_gap(layout, best.held_out)
+    left_signal, left_gap, left_ratio = limits.worst(layout, best.held_out)
     closed = closed_share(layout.gap(nominal.held_out), layout.gap(best.held_out))
 
     def answer(verdict: Verdict, *reasons: str) -> Judgement:
-        return Judgement(verdict, tuple(kept), nominal_gap, left_gap, closed, reasons)
+        return Judgement(verdict, tuple(kept), nominal_ratio, left_ratio, closed, reasons)
 
     def leads(*reasons: str) -> Judgement:
         """Return what explains most, though no one part of it is proven: with UNKNOWN nothing is named anyway."""
-        top = material(layout, [max(scores, key=lambda score: score.total)], scores, criteria, limit=limit)[0]
+        top = material(layout, [max(scores, key=lambda score: score.total)], scores, criteria, limits)[0]
         spare = criteria.material_share * _at_stake(layout, nominal, top)
         if layout.gap(top.held_out) < layout.gap(best.held_out) - spare:
             share = 100.0 * closed_share(layout.gap(nominal.held_out), layout.gap(top.held_out))
@@ -145,12 +136,13 @@ def judge(
             reasons = (*reasons, f"as a lead: {names} would close {share:.0f} %, but is not clearly better")
         return answer(Verdict.UNKNOWN, *reasons)
 
-    if nominal_gap <= limit:
+    if nominal_ratio <= 1.0:
         kept = [nominal]
-        left_gap = nominal_gap
+        left_ratio = nominal_ratio
         return answer(
             Verdict.NO_GAP,
-            f"the largest gap, of {signal}, is {nominal_gap:.2f} times its noise; up to {limit:.2f} counts as none",
+            f"{signal} is off most, by {nominal_gap:.2f} times its noise; up to {limits.of_signal[signal]:.2f} "
+            "counts as none there",
         )
     where = f"{signal} is off by {nominal_gap:.1f} times its noise"
     if not best.names:
@@ -163,7 +155,8 @@ def judge(
     poor = [
         name
         for name in layout.names
-        if after[name] > limit and not closed_share(before[name], after[name]) >= criteria.explained_share_each
+        if after[name] > limits.of_signal[name]
+        and not closed_share(before[name], after[name]) >= criteria.explained_share_each
     ]
     if poor:
         return leads(where, f"{share}, but {poor[0]} is still off by {after[poor[0]]:.1f} times its noise")

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_sim.gap.limits import Limits
     from jammkle_sim.gap.recording import Recording
     from jammkle_sim.gap.residual import Layout
     from jammkle_sim.gap.runs import Runs
@@ -125,14 +126,13 @@ Fed = dict[str, "list[Mapping[str, NDArray[np.float64]]]"]
 """What each subsystem gives on measured inputs, per recording, by signal."""
 
 
-def isolate(layout: Layout, fed: Fed, floor: float) -> tuple[SubsystemGap, ...]:
+def isolate(layout: Layout, fed: Fed, limits: Limits) -> tuple[SubsystemGap, ...]:
     """Judge each subsystem on its measured inputs; one whose residual is at the floor is not to blame."""
     found = []
     for name, simulated in fed.items():
         gaps = _partial_gaps(layout, simulated)
-        worst = max(gaps.values(), default=0.0)
         overall = float(np.sqrt(np.mean([value**2 for value in gaps.values()]))) if gaps else 0.0
-        found.append(SubsystemGap(name, gaps, overall, worst > floor))
+        found.append(SubsystemGap(name, gaps, overall, any(gap > limits.of_signal[each] for each, gap in gaps.items())))
     return tuple(found)
 
 
