@@ -1,7 +1,4 @@
-"""The gap monitor on a running graph: it warns of a leak where the leak is.
-
-That it warns of nothing without an effect is tested without a graph, where no command is heard late.
-"""
+"""The gap monitor on a running graph: it warns of a leak where the leak is, and of nothing without one."""
 
 from __future__ import annotations
 
@@ -9,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from jammkle_graph.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, SIMULATOR_GAP
-from jammkle_msgs.msg import SubsystemGap
+from jammkle_graph.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, SIMULATOR_GAP, UNJAM_ALL
+from jammkle_msgs.msg import ChannelJamState, SubsystemGap
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,6 +15,8 @@ if TYPE_CHECKING:
 
     from graph import Probe, Up
 
+REPORTS = 10
+"""Messages of the monitor, five a second, after which it has looked at what came before them."""
 LEAK = "line_leak_manifold:\n  conductance_dm3_s_bar: 0.003\n"
 
 
@@ -42,6 +41,25 @@ def jammed(probe: Probe) -> None:
         "every subsystem is followed, and close",
     )
     assert probe.call(JAM_ALL).success
+
+
+def test_nothing_is_warned_of_without_an_effect(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
+) -> None:
+    """While channels are jammed, vented and jammed again, no subsystem ever leaves its simulator."""
+    start("up", "--monitor", *left_alone)
+    probe = make_probe()
+    jammed(probe)
+    probe.wait_for_channels(ChannelJamState.JAMMED)
+    assert probe.call(UNJAM_ALL).success
+    probe.wait_for_channels(ChannelJamState.UNJAMMED)
+    assert probe.call(JAM_ALL).success
+    probe.wait_for_channels(ChannelJamState.JAMMED)
+    since = len(probe.heard[SIMULATOR_GAP.name])
+    probe.spin_until(lambda: len(probe.heard[SIMULATOR_GAP.name]) > since + REPORTS, "all of it was followed")
+    states = {each.state for message in probe.heard[SIMULATOR_GAP.name] for each in message.subsystems}
+    assert SubsystemGap.WIDE not in states
+    assert max(each.gap for each in subsystems(probe).values()) < probe.last(SIMULATOR_GAP).limit
 
 
 def test_a_leak_is_warned_of_in_the_pneumatics_alone(

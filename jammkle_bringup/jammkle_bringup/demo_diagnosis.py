@@ -95,7 +95,7 @@ def show_ending(console: Console, ending: Ending) -> None:
         console.print(text, markup=False)
 
     say("")
-    say("Does this ankle do what its simulator says? Diagnosed from the bag: tendons and IMU.")
+    say("Does this ankle do what its simulator says? Diagnosed from the bag: air, tendons and IMU.")
     say(f"verdict: {diagnosis.verdict.value.replace('_', ' ')}. {words.headline(diagnosis)}")
     for check in words.checks(diagnosis):
         say(f"  - {check}")

@@ -16,6 +16,7 @@ from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.node_table import NODES, Hardware, Robot, command_of, nodes_for, simulated_time
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
 from jammkle_bringup.up import GraphOptions, child_specs
+from jammkle_graph.names import GAP_MONITOR_NODE
 from jammkle_graph.parameters import from_mapping
 
 if TYPE_CHECKING:
@@ -173,6 +174,18 @@ def test_the_launch_file_starts_what_the_command_starts(launch_file: Any) -> Non
         (values,) = given["parameters"]
         assert ("use_sim_time:=true" in command) == values.get("use_sim_time", False)
         assert ("speed:=2.0" in command) == (values.get("speed") == 2.0)
+
+
+def test_the_launch_file_starts_the_monitor_where_asked(launch_file: Any) -> None:
+    """monitor:=true adds the gap monitor, by an executable that its package installs, in simulated time; else not."""
+    defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
+    plain = launch_file.nodes(defaults)
+    *others, monitor = launch_file.nodes({**defaults, "monitor": "true"})
+    assert [node.named["name"] for node in others] == [node.named["name"] for node in plain]
+    assert monitor.named["name"] == GAP_MONITOR_NODE
+    assert monitor.named["parameters"][0]["use_sim_time"] is True
+    installed = (PACKAGE.parent / monitor.named["package"] / "setup.py").read_text()
+    assert f'"{monitor.named["executable"]} = jammkle_sim.gap_monitor.__main__:main"' in installed
 
 
 def test_the_launch_file_leaves_time_for_discovery(launch_file: Any) -> None:

@@ -67,6 +67,12 @@ class Topic:
 
 
 PUMP_DUTY = Topic("pump/duty", "std_msgs/msg/Float32", TopicKind.STATE, "duty applied to the pump, 0 to 1")
+ACTUATOR_STATES = Topic(
+    "actuator_states",
+    "jammkle_msgs/msg/ActuatorStates",
+    TopicKind.SENSOR,
+    "duty and solenoids as the hardware has taken them, stamped; commands carry no stamp",
+)
 MANIFOLD_PRESSURE = Topic(
     "manifold/pressure", "sensor_msgs/msg/FluidPressure", TopicKind.SENSOR, "absolute pressure in the manifold, Pa"
 )
@@ -134,6 +140,7 @@ PRESSURES: dict[str, Topic] = {channel: pressure_topic(channel) for channel in C
 TOPICS: tuple[Topic, ...] = (
     PUMP_DUTY,
     *SOLENOIDS.values(),
+    ACTUATOR_STATES,
     *PRESSURES.values(),
     MANIFOLD_PRESSURE,
     IMU,

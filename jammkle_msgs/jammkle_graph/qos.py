@@ -8,6 +8,8 @@ from jammkle_graph.names import Topic, TopicKind
 
 _SENSOR_DEPTH = 100
 _EVENT_DEPTH = 100
+_PATIENT_DEPTH = 1000
+"""Two seconds of 500 Hz: longer than a process on a busy machine waits for its turn. Assumed."""
 _LIVE_DEPTH = 10
 """So that a stop which is taken back at once is still seen."""
 
@@ -44,6 +46,12 @@ def every_change_qos() -> QoSProfile:
     return QoSProfile(
         depth=_SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
     )
+
+
+def patient_qos(topic: Topic) -> QoSProfile:
+    """Profile of `subscriber_qos` with a queue so long that a subscriber may be busy for seconds and miss nothing."""
+    given = _SUBSCRIBER[topic.kind]
+    return QoSProfile(depth=_PATIENT_DEPTH, reliability=given.reliability, durability=given.durability)
 
 
 def live_qos() -> QoSProfile:

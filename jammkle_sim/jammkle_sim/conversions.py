@@ -19,7 +19,7 @@ from std_msgs.msg import Header, String
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import IMU_FRAME, LOAD_CELL_FRAME, TENDONS
 from jammkle_msgs.action import RunRig
-from jammkle_msgs.msg import RigFigure, TendonState, TendonStates
+from jammkle_msgs.msg import ActuatorStates, RigFigure, TendonState, TendonStates
 from jammkle_sim.core.rig_goal import RigGoal
 
 if TYPE_CHECKING:
@@ -103,6 +103,13 @@ def time_message(time_ns: int) -> Time:
     """Return a simulated time, ns, as a stamp."""
     seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
     return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def actuator_states(time_ns: int, duty: float, energised: Mapping[str, bool]) -> ActuatorStates:
+    """Return what pump, 0 to 1, and solenoids, by channel, are told from a simulated time, ns, on."""
+    message = ActuatorStates(pump_duty=duty, channels=list(energised), energised=list(energised.values()))
+    message.header.stamp = time_message(time_ns)
+    return message
 
 
 def parameters_message(description: Mapping[str, object]) -> String:

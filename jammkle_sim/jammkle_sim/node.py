@@ -105,9 +105,14 @@ class SimNode(Node):
 
     def _advance(self) -> float:
         """Advance to the next due outputs and publish them, if their time has come; return the time until the next."""
+        own = not self._rigs.place  # a rig follows no driver
+        if own:
+            self._commands.acknowledge(self._engine.time_ns)
         try:
             tick = self._engine.cycle()
             if tick is not None:
+                if own and Output.PRESSURES in tick.outputs:
+                    self._commands.repeat(tick.time_ns)
                 self._outputs.publish(tick)
         except (UnstableSimulationError, NotFiniteError) as error:
             self._fail(str(error))

@@ -86,6 +86,14 @@ def test_the_guilty_subsystem_stands_out(
     assert worst(recording, fixed) < (2.5 if guilty == "tendon" else 1.5)
 
 
+def test_a_pressure_sensors_offset_is_taken_off_before_it_drives_a_tendon() -> None:
+    """A tendon does not feel what its sensor reads too much: with the offset told, tension is at its noise."""
+    offset = {"pressure_sensor_offset_achilles.offset_pa": 4000.0}
+    recording = recorded("landing", (), tuple(offset.items()))
+    assert worst(recording, SUBSYSTEMS["tendon"](recording, {})) > 3.0
+    assert worst(recording, SUBSYSTEMS["tendon"](recording, offset)) < 1.5
+
+
 def test_missing_inputs_leave_signals_out() -> None:
     """Without extensions there is no tendon on its own, and without tensions no motion."""
     whole = recorded("landing", (), ())

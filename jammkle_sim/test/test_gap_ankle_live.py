@@ -102,6 +102,69 @@ def test_a_leak_is_named_where_it_shows() -> None:
     assert worst.phase in {"evacuating", "holding"}
 
 
+def heard_late(samples: tuple[Sample, ...], late_s: float, *, acknowledged: bool) -> dict[str, float]:
+    """Play samples whose commands are heard late, their acknowledgements at any rate; return the largest gaps."""
+    monitor = GapMonitor("landing", known_options("landing", {}), SETTINGS)
+    commands = {names.PUMP_DUTY.name: 0.0, **dict.fromkeys((each.name for each in names.SOLENOIDS.values()), 0.0)}
+    worst: dict[str, float] = {}
+    for time_s, topic, values in samples:
+        if topic in commands:
+            commands[topic] = values["data"]
+            monitor.hear(topic, time_s + late_s, values, time_s)
+        else:
+            monitor.hear(topic, time_s, values, time_s)
+        if acknowledged:
+            monitor.hear_acknowledged(time_s, commands, time_s)
+        while monitor.advance(time_s):
+            gaps = {each.name: each.worst.gap for each in monitor.reports(time_s) if each.worst is not None}
+            worst = {name: max(gap, worst.get(name, 0.0)) for name, gap in gaps.items()}
+    return worst
+
+
+def test_commands_that_are_heard_late_do_not_count_where_the_hardware_tells_of_its_own() -> None:
+    """The driver's wishes come 40 ms late: a wide gap, unless the hardware said when it took them."""
+    samples = landing("", 0.0)
+    assert heard_late(samples, 0.04, acknowledged=False)["pneumatics"] > SETTINGS.limit
+    assert heard_late(samples, 0.04, acknowledged=True)["pneumatics"] < 0.5 * SETTINGS.limit
+
+
+def test_late_valves_are_seen_where_the_hardware_tells_of_its_commands() -> None:
+    """With true times of the commands, valves that are 10 ms late are a gap; a sensor's usual offset is none."""
+    late = heard_late(landing("valve_dead_time.extra_s", 0.01), 0.0, acknowledged=True)
+    assert late["pneumatics"] > SETTINGS.limit
+
+
+@pytest.mark.parametrize("begin_s", [0.02, 0.05, 0.06, 0.09])
+def test_an_impact_is_close_wherever_a_stretch_begins(begin_s: float) -> None:
+    """Whether the impact falls early or late into a stretch, the bodies follow."""
+    monitor, worst = GapMonitor("landing", known_options("landing", {}), SETTINGS), 0.0
+    now_s = begin_s
+    for time_s, topic, values in landing("", 0.0):
+        monitor.hear(topic, time_s, values, time_s)
+        if time_s >= now_s + 0.1:
+            now_s = time_s
+            while monitor.advance(now_s):
+                gaps = {each.name: each.worst.gap for each in monitor.reports(now_s) if each.worst is not None}
+                worst = max(worst, gaps.get("mechanics", 0.0))
+    assert 0.0 < worst < 0.75 * SETTINGS.limit
+
+
+@pytest.mark.parametrize("from_s", [-0.04, 0.0])
+def test_lost_samples_make_no_gap(from_s: float) -> None:
+    """A busy machine loses 50 ms of a landing's samples: what cannot be known after that is not compared."""
+    samples = landing("", 0.0)
+    height = [(values["carriage/position"], time_s) for time_s, topic, values in samples
+              if topic == names.JOINT_STATES.name]  # fmt: skip
+    begin_s = min(height)[1] + from_s
+    streams = {names.JOINT_STATES.name, names.TENDON_STATES.name}
+    reports = followed(tuple(
+        each for each in samples if each[1] not in streams or not begin_s < each[0] < begin_s + 0.05
+    ))  # fmt: skip
+    assert GapState.WIDE not in states(reports).values()
+    assert reports["mechanics"].state is GapState.CLOSE
+    assert reports["pneumatics"].state is GapState.CLOSE
+
+
 def test_a_missing_input_makes_its_subsystems_stale_and_is_named() -> None:
     """Without tendon_states neither tendons nor bodies can be followed; the others can."""
     reports = followed(landing("", 0.0), left_out=names.TENDON_STATES.name)

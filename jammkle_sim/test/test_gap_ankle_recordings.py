@@ -205,6 +205,30 @@ def test_commands_of_a_live_graph_are_put_where_they_arrived() -> None:
     assert float(np.sqrt(np.mean((residual / signal.noise) ** 2))) > 5.0
 
 
+def test_commands_count_as_the_hardware_acknowledged_them() -> None:
+    """However late the recorder heard them, a recording with acknowledgements is the exact one; late valves show."""
+    given = bag_of_run(run("pressure", cycles=2))
+    commands = [names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values())]
+    time_s = np.unique(np.concatenate([np.arange(0.0, 5.0, 0.01), *(given.topics[each].log_s for each in commands)]))
+    held = {each: given.topics[each] for each in commands}
+    columns = {
+        name: each.columns["data"][np.searchsorted(each.log_s, time_s, side="right") - 1] for name, each in held.items()
+    }
+    late = {
+        name: Samples(each.log_s + 0.03, each.stamp_s + 0.03 * (name in commands), each.columns)
+        for name, each in given.topics.items()
+    }
+    late[names.ACTUATOR_STATES.name] = Samples(time_s + 0.01, time_s, columns)
+    recording = recording_of(dataclasses.replace(given, topics=late))
+    exact = recording_of(given)
+    assert not any("commands" in note for note in recording.notes)
+    for signal in exact.signals:
+        assert np.array_equal(SIMULATOR(recording, {})[signal.name], SIMULATOR(exact, {})[signal.name])
+    late_valves = SIMULATOR(recording, {"valve_dead_time.extra_s": 0.005})[ACHILLES]
+    residual = unbiased(recording.signal(ACHILLES), late_valves)
+    assert float(np.sqrt(np.mean((residual / recording.signal(ACHILLES).noise) ** 2))) > 3.0
+
+
 def test_the_weather_is_taken_from_a_foreign_bag() -> None:
     """Vented channels at another atmosphere are no gap where nobody says what it was."""
     given = bag()

@@ -17,7 +17,7 @@ from std_msgs.msg import Bool, Float32, String
 from std_srvs.srv import SetBool
 
 from jammkle_graph import names
-from jammkle_msgs.msg import TendonStates
+from jammkle_msgs.msg import ActuatorStates, TendonStates
 from jammkle_msgs.srv import Step
 
 if TYPE_CHECKING:
@@ -54,6 +54,34 @@ def test_every_topic_has_its_rate_to_the_nanosecond(start_graph: Callable[..., A
         expected = [period_ns * (index + 1) for index in range(500_000_000 // period_ns)]
         graph.spin_until(lambda m=messages, e=expected: len(m) >= len(e), f"{len(expected)} messages")
         assert graph.stamps_ns(messages) == expected
+
+
+def test_the_hardware_says_when_it_took_each_command(start_graph: Callable[..., Any]) -> None:
+    """actuator_states names every change at the step from which on it counts, and else repeats what holds at 100 Hz."""
+    graph = start_graph(start_paused=True)
+    told = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
+    duty = graph.publisher(Float32, names.PUMP_DUTY)
+    solenoid = graph.publisher(Bool, names.SOLENOIDS[names.ACHILLES])
+    assert graph.step(105).success
+    duty.publish(Float32(data=0.5))
+    graph.spin_until(lambda: told[-1].pump_duty == 0.5, "the duty is acknowledged")
+    assert graph.step(2).success
+    solenoid.publish(Bool(data=True))
+    graph.spin_until(lambda: any(told[-1].energised), "the solenoid is acknowledged")
+    assert graph.step(100).success
+    graph.spin_until(lambda: graph.stamp_ns(told[-1].header.stamp) == 200 * STEP_NS, "the rest")
+    states = {
+        graph.stamp_ns(each.header.stamp): (each.pump_duty, dict(zip(each.channels, each.energised, strict=True)))
+        for each in told
+    }
+    nothing = dict.fromkeys(names.CHANNELS, False)
+    drawing = {**nothing, names.ACHILLES: True}
+    expected = dict.fromkeys((40, 60, 80, 100), (0.0, nothing))
+    expected |= {105: (0.5, nothing), 107: (0.5, drawing)}
+    # What has just changed needs no repeating at 120 steps, nor does the very first report at 20.
+    expected |= dict.fromkeys((140, 160, 180, 200), (0.5, drawing))
+    states.pop(0, None)  # it may have come before the test's node was discovered
+    assert states == {step * STEP_NS: state for step, state in expected.items()}
 
 
 def test_clock_rises_and_follows_its_state(start_graph: Callable[..., Any]) -> None:

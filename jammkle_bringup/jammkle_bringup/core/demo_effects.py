@@ -33,11 +33,13 @@ EFFECTS: tuple[DemoEffect, ...] = (
     DemoEffect("fibre_loss_achilles_left", "lost", 0.2, 0.5),
     DemoEffect("fibre_loss_achilles_right", "lost", 0.2, 0.5),
     DemoEffect("imu_offset", "z_m_s2", 0.15, 0.5),
+    DemoEffect("line_leak_achilles", "conductance_dm3_s_bar", 0.001, 0.003),
+    DemoEffect("pump_wear", "flow_scale", 0.6, 0.85),
+    DemoEffect("valve_dead_time", "extra_s", 0.006, 0.02),
 )
-"""Of tendons and IMU. At rest an IMU that sits crooked reads as one with an offset along the floor, and so only that
-upwards is among these. A landing jams all channels at once, and so cannot tell which line leaks; its commands carry no
-stamp, which hides what is late by a few milliseconds; and where its foot sticks and slips, it tells nothing of mass and
-friction. Such effects are not among these."""
+"""Of air, tendons and IMU. At rest an IMU that sits crooked reads as one with an offset along the floor, and so only
+that upwards is among these. Where its foot sticks and slips, a landing tells nothing of mass and friction: such effects
+are not among these."""
 
 
 class Outcome(enum.Enum):

@@ -15,8 +15,8 @@ from std_msgs.msg import String
 from jammkle_graph import names
 from jammkle_graph.declare import declare
 from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.qos import every_change_qos, publisher_qos, subscriber_qos
-from jammkle_msgs.msg import SimulatorGap
+from jammkle_graph.qos import every_change_qos, patient_qos, publisher_qos, subscriber_qos
+from jammkle_msgs.msg import ActuatorStates, SimulatorGap
 from jammkle_sim.gap.ankle.bag import TAKERS
 from jammkle_sim.gap.ankle.inputs import known_options
 from jammkle_sim.gap.ankle.live.monitor import GapMonitor
@@ -65,6 +65,8 @@ class GapMonitorNode(Node):
         self._values = declare(self, GapMonitorParameters)
         self._monitor: GapMonitor | None = None
         self._commands: dict[str, tuple[float, Any]] = {}
+        self._acknowledged = False
+        """Whether the hardware says when it took its commands; what the driver asks for then does not count."""
         self._newest_s = 0.0
         """Stamp of the measurement heard last, s."""
         told = self._values.rig != FROM_THE_GRAPH
@@ -75,7 +77,13 @@ class GapMonitorNode(Node):
         for topic in _COMMANDS:
             self._listen(topic, partial(self._take_command, topic.name), every_change_qos())
         for topic in _MEASUREMENTS:
-            self._listen(topic, partial(self._take_measurement, topic.name), subscriber_qos(topic))
+            self._listen(topic, partial(self._take_measurement, topic.name), patient_qos(topic))
+        self.create_subscription(
+            ActuatorStates,
+            names.ACTUATOR_STATES.name,
+            self._take_acknowledgement,
+            patient_qos(names.ACTUATOR_STATES),
+        )
         if not told:
             self.create_subscription(
                 String, names.SIM_PARAMETERS.name, self._take_description, subscriber_qos(names.SIM_PARAMETERS)
@@ -116,9 +124,18 @@ class GapMonitorNode(Node):
     def _take_command(self, topic: str, message: Any) -> None:
         # Messages come in the order in which they were sent. The time at which a callback is served is later by all
         # that is done meanwhile, and would take several commands for one.
+        if self._acknowledged:
+            return
         time_s = self._newest_s
         self._commands[topic] = (time_s, message)
         self._hear(topic, time_s, message)
+
+    def _take_acknowledgement(self, message: ActuatorStates) -> None:
+        self._acknowledged = True
+        self._commands.clear()
+        if self._monitor is not None:
+            commands = TAKERS[names.ACTUATOR_STATES.name](message)
+            self._monitor.hear_acknowledged(stamp_s(message), commands, time.monotonic())
 
     def _take_measurement(self, topic: str, message: Any) -> None:
         self._newest_s = stamp_s(message)

@@ -23,9 +23,8 @@ class GapMonitorParameters:
     )
     window_s: float = parameter(2.0, "Time over which a gap is taken", "s", 0.5, 30.0)
     limit: float = parameter(
-        8.0,
-        "Gap of a signal, in units of its noise, above which it has left its simulator; commands heard late make up "
-        "to 4 on a machine with some load",
+        4.0,
+        "Gap of a signal, in units of its noise, above which it has left its simulator",
         "",
         1.5,
         1000.0,
@@ -36,7 +35,8 @@ class GapMonitorParameters:
     )
     command_jitter_s: float = parameter(
         0.01,
-        "How far the times of commands, which carry no stamp, may be off; what that does to a pressure counts as noise",
+        "How far the times of commands may be off where the hardware has no actuator_states; what that does to a "
+        "pressure counts as noise",
         "s",
         0.0,
         0.05,

@@ -35,7 +35,7 @@ _REACTION_S = 0.02
 class LandingRunOptions(LandingOptions):
     """What can be chosen about a landing that is run by itself."""
 
-    release_time_s: float = release_time_option("the start", 60.0)
+    release_time_s: float = release_time_option("the start", 3600.0)
     timestep_s: float = run_timestep_option()
     jam: str = parameter(
         "after",

@@ -27,6 +27,11 @@ class Timeline:
         """Return the same, delayed."""
         return Timeline(self.time_s + delay_s, self.values)
 
+    def changes(self) -> Timeline:
+        """Return the same without values that only repeat the one before."""
+        changed = np.diff(np.concatenate(([0.0], self.values))) != 0.0
+        return Timeline(self.time_s[changed], self.values[changed])
+
     def means(self, timestep_s: float, steps: int) -> NDArray[np.float64]:
         """Return the mean value within each of the first steps, shape (steps,)."""
         place = self.time_s / timestep_s
@@ -52,9 +57,8 @@ def valve_timeline(command: Timeline, dead_time_s: float, timestep_s: float) -> 
         timestep_s: Time step, s.
 
     """
+    command = command.changes()  # a repeated command is none: it does not begin the dead time anew
     wait_s = max(dead_time_s - timestep_s, 0.0)
     ends_s = np.append(command.time_s[1:], np.inf)
     obeyed = ends_s > command.time_s + wait_s + _ON_THE_GRID * timestep_s
-    times_s, values = command.time_s[obeyed] + wait_s, command.values[obeyed]
-    changed = np.diff(np.concatenate(([0.0], values))) != 0.0
-    return Timeline(times_s[changed], values[changed])
+    return Timeline(command.time_s[obeyed] + wait_s, command.values[obeyed]).changes()

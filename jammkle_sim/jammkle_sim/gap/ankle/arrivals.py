@@ -1,7 +1,8 @@
 """When commands of a live graph arrived: a recorder logs when it hears them, milliseconds off what the valves do.
 
-Where log times are not exact, each switching of the solenoids is put to where the pressures answer it. So on such a
-recording nothing within the range that is searched can be told of valves or of the command's delay.
+Where the hardware has said when it took each command, nothing needs to be searched for. Where it has not, and log times
+are not exact, each switching of the solenoids is put to where the pressures answer it. So on such a recording nothing
+within the range that is searched can be told of valves or of the command's delay.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_graph import names
+from jammkle_sim.gap.ankle.bag import Bag, Samples
 from jammkle_sim.rigs import replay
 from jammkle_sim.rigs.timeline import Timeline
 
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.gap.ankle.bag import Bag
     from jammkle_sim.gap.ankle.inputs import AnkleInputs
     from jammkle_sim.gap.recording import Signal
     from jammkle_sim.rigs.rig import Rig
@@ -35,8 +36,25 @@ _BEFORE_S, _AFTER_S = 0.05, 0.15
 """Stretches around a switching in which the pressures are looked at: where they were, and how they answer."""
 
 
+def with_acknowledgements(bag: Bag) -> Bag:
+    """Return the bag with the commands as the hardware acknowledged them, where it did."""
+    topics = dict(bag.topics)
+    told = topics.pop(names.ACTUATOR_STATES.name, None)
+    if told is None:
+        return bag
+    order = np.argsort(told.stamp_s, kind="stable")
+    for topic, column in told.columns.items():
+        values = column[order]
+        changed = np.concatenate(([True], values[1:] != values[:-1]))
+        time_s = told.stamp_s[order][changed]
+        topics[topic] = Samples(time_s, time_s, {"data": values[changed]})
+    return dataclasses.replace(bag, topics=topics, acknowledged=True)
+
+
 def is_exact(bag: Bag) -> bool:
-    """Tell whether the recorder's times are those of the measurements."""
+    """Tell whether commands have the times of the measurements' clock at which they were taken."""
+    if bag.acknowledged:
+        return True
     return all(float(np.abs(each.log_s - each.stamp_s).max()) <= _EXACT_S for each in bag.topics.values())
 
 

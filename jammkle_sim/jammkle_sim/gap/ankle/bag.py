@@ -46,6 +46,8 @@ class Bag:
     """What was simulated, as YAML, where the bag tells."""
     clock: Samples | None
     """/clock, column `clock_s`."""
+    acknowledged: bool = False
+    """Whether commands have the times at which the hardware took them, by the clock of the measurements."""
 
 
 @contextlib.contextmanager
@@ -171,6 +173,12 @@ def _take_data(message: Any) -> dict[str, float]:
     return {"data": float(message.data)}
 
 
+def _take_actuators(message: Any) -> dict[str, float]:
+    row = {names.PUMP_DUTY.name: float(message.pump_duty)}
+    solenoids = zip(message.channels, message.energised, strict=False)
+    return row | {names.solenoid_topic(channel).name: float(energised) for channel, energised in solenoids}
+
+
 def _take_pressure(message: Any) -> dict[str, float]:
     return {"pressure": float(message.fluid_pressure)}
 
@@ -202,6 +210,7 @@ def _take_tendons(message: Any) -> dict[str, float]:
 TAKERS: dict[str, Callable[[Any], dict[str, float]]] = {
     names.PUMP_DUTY.name: _take_data,
     **{topic.name: _take_data for topic in names.SOLENOIDS.values()},
+    names.ACTUATOR_STATES.name: _take_actuators,
     **{topic.name: _take_pressure for topic in (names.MANIFOLD_PRESSURE, *names.PRESSURES.values())},
     names.IMU.name: _take_imu,
     names.LOAD_CELL.name: _take_load_cell,

@@ -1,9 +1,8 @@
-"""Tendons and IMU alone, each fed with what was measured at its inputs, as one simulator.
+"""Air, tendons and IMU alone, each fed with what was measured at its inputs, as one simulator.
 
-A foot that sticks and slips makes another run of the smallest difference, and commands, which carry no stamp, reach the
-recorder some milliseconds before or after the simulation that obeys them. Here neither counts: motion and pressure are
-taken as they were measured, and what is left is judged by the noise of the instruments, at a small part of the cost.
-Effects of air and mechanics cannot be seen so.
+A foot that sticks and slips makes another run of the smallest difference. Here that does not count: motion and pressure
+are taken as they were measured, and what is left is judged by the noise of the instruments, at a small part of the
+cost. Effects of mechanics cannot be seen so; those of air only where the hardware said when it took its commands.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording, Signal
 
-_SUBSYSTEMS = (Subsystem.TENDON, Subsystem.SENSING)
-_INPUTS_ONLY = ("position", "extension", "pressure", "force_x", "force_y", "force_z")
+_SUBSYSTEMS = (Subsystem.PNEUMATICS, Subsystem.TENDON, Subsystem.SENSING)
+_INPUTS_ONLY = ("position", "extension", "force_x", "force_y", "force_z")
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class IsolatedSimulator:
-    """Tendons from measured extension and pressure, IMU from gravity where nothing moves."""
+    """Air from commands, tendons from measured extension and pressure, IMU from gravity where nothing moves."""
 
     library: Library
     """Effects whose parameters it takes."""

@@ -11,7 +11,7 @@ import yaml
 from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.gap.ankle import checks
-from jammkle_sim.gap.ankle.arrivals import is_exact, with_arrivals
+from jammkle_sim.gap.ankle.arrivals import is_exact, with_acknowledgements, with_arrivals
 from jammkle_sim.gap.ankle.bag import read_bag
 from jammkle_sim.gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
 from jammkle_sim.gap.ankle.instruments import UNITS, declared_bias, declared_noise, quantity_of
@@ -82,7 +82,7 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
         BadRecordingError: it cannot be used.
 
     """
-    bag = _on_one_clock(bag)
+    bag = with_acknowledgements(_on_one_clock(bag))
     notes: list[str] = []
     name, settings = _rig_of(bag, rig, options or {}, notes)
     checks.check_commands(bag)

@@ -57,8 +57,9 @@ class Measured:
         return np.column_stack(columns) if len(columns) == len(found) else None
 
     def channel_pa(self, channel: int) -> NDArray[np.float64] | None:
-        """Return one channel's pressure, shape (steps,), Pa."""
-        return self.after_each_step(names.PRESSURES[names.CHANNELS[channel]].name)
+        """Return one channel's pressure, shape (steps,), Pa: as measured, less what the sensor reads too much."""
+        measured_pa = self.after_each_step(names.PRESSURES[names.CHANNELS[channel]].name)
+        return None if measured_pa is None else measured_pa - self._rig.wiring.pressure_offset_pa[1 + channel]
 
     def joint(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Return position and rate of a joint, each of shape (steps,), rad or m; a joint that stood still is 0."""

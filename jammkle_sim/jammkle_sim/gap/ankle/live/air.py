@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_graph import names
-from jammkle_sim.gap.ankle.instruments import PRESSURE, declared_noise
+from jammkle_sim.gap.ankle.instruments import PRESSURE, declared_bias, declared_noise
 from jammkle_sim.gap.ankle.live.followed import Residual
 from jammkle_sim.gap.ankle.subsystems import Subsystem
 from jammkle_sim.physics import kernels, records
@@ -30,6 +30,8 @@ _DATA = "data"
 _PRESSURE = "pressure"
 _STEADY_PA_S = 20e3
 """Rate below which a pressure counts as steady. Assumed: a fifth of what the pump makes in the beginning."""
+_LARGEST_OFFSET = 3.0
+"""Offset of a sensor that is taken off, in standard deviations of what its kind has; what goes beyond is a gap."""
 _VENTED_PA = 2e3
 """Vacuum below which a volume counts as vented. Assumed: four times what the sensors' offsets scatter."""
 
@@ -37,8 +39,11 @@ _VENTED_PA = 2e3
 class AirFollower:
     """Runs the air open from the start on: every volume is drawn or vented, so that no error lasts.
 
-    Commands carry no stamp, and reach robot and monitor at times that differ by some milliseconds. The air is therefore
-    run by earlier and by later commands as well, and what lies between the two counts as noise.
+    Commands carry no stamp, and reach robot and monitor at times that differ by some milliseconds. As long as the
+    hardware does not say when it took them, the air is therefore run by earlier and by later commands as well, and what
+    lies between the two counts as noise.
+
+    What a sensor reads too much while it is vented is taken off, as one zeroes a gauge.
     """
 
     subsystem = Subsystem.PNEUMATICS
@@ -59,14 +64,21 @@ class AirFollower:
         self._rig = rig
         self._law = laws_of(rig).pneumatics
         self._noise_pa = declared_noise(rig, timestep_s(rig))[PRESSURE]
-        self._shifts_s = (0.0, -command_jitter_s, command_jitter_s)
+        self._largest_offset_pa = _LARGEST_OFFSET * declared_bias(rig)[PRESSURE]
+        self._vented_sum_pa = np.zeros(len(_SOURCES))
+        self._vented_samples = np.zeros(len(_SOURCES))
+        self._shifts_s: tuple[float, ...] = (0.0, -command_jitter_s, command_jitter_s)
         self._states = [vented_state(self._law) for _ in self._shifts_s]
         self._time_s = 0.0
+
+    def trust_commands(self) -> None:
+        """Take the times of commands as they are from now on: the hardware has told them."""
+        self._shifts_s, self._states = self._shifts_s[:1], self._states[:1]
 
     def begin(self, tracks: Tracks, time_s: float) -> None:
         """Start from the pressures measured at a time."""
         self._time_s = time_s
-        found = [tracks.of(topic.name).at(_PRESSURE, np.array([time_s]))[0] for topic in _SOURCES]
+        found = [tracks.of(topic.name).at(_PRESSURE, np.array([time_s]))[0] for topic in _SOURCES] - self._offsets_pa()
         for state in self._states:
             state["pressure_pa"][0] = found
             state["mass_kg"] = (
@@ -87,11 +99,20 @@ class AirFollower:
             if not len(time_s):
                 continue
             made = [np.interp(time_s, grid_s, run[:, i]) for run in runs]
-            timing_pa = np.maximum(np.abs(made[1] - made[0]), np.abs(made[2] - made[0]))
-            scaled = (measured_pa - made[0]) / np.hypot(self._noise_pa, timing_pa)
+            timing_pa = np.max([np.abs(each - made[0]) for each in made], axis=0)
             phase = self._phase(runs[0][:, i], steps * step_s)
+            if phase == "still":
+                self._vented_sum_pa[i] += float((measured_pa - made[0]).sum())
+                self._vented_samples[i] += len(time_s)
+            residual_pa = measured_pa - self._offsets_pa()[i] - made[0]
+            scaled = residual_pa / np.hypot(self._noise_pa, timing_pa)
             residuals.append(Residual(topic.name, phase, scaled))
         return residuals
+
+    def _offsets_pa(self) -> NDArray[np.float64]:
+        """Return what each sensor reads too much, Pa, shape (VOLUMES,)."""
+        mean_pa = self._vented_sum_pa / np.maximum(self._vented_samples, 1.0)
+        return np.clip(mean_pa, -self._largest_offset_pa, self._largest_offset_pa)
 
     def _run(self, tracks: Tracks, shift_s: float, state: NDArray[Any], steps: int) -> NDArray[np.float64]:
         """Return absolute pressures at the start and after each step, Pa, shape (steps + 1, VOLUMES)."""

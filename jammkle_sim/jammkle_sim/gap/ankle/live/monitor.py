@@ -106,14 +106,16 @@ class GapMonitor:
         self._settings = settings
         self._tracks = Tracks()
         self._heard_s: dict[str, float] = {}
-        followers: list[Follower] = [AirFollower(built, settings.command_jitter_s), TendonFollower(built)]
+        self._acknowledged = False
+        self._air = AirFollower(built, settings.command_jitter_s)
+        followers: list[Follower] = [self._air, TendonFollower(built)]
         if rig in FALLING_RIGS:
             followers.append(BodyFollower(built))
         followers.append(SensingFollower(built))
         self._parts = [_Part(each, GapWindow(settings.window_s)) for each in followers]
 
     def hear(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
-        """Take a sample.
+        """Take a sample; a command is left out once the hardware tells of its commands by itself.
 
         Args:
             topic: Its relative name.
@@ -122,6 +124,26 @@ class GapMonitor:
             now_s: Now, on a clock that never stands still.
 
         """
+        if not (self._acknowledged and topic in _COMMANDS):
+            self._take(topic, time_s, values, now_s)
+
+    def hear_acknowledged(self, time_s: float, commands: Mapping[str, float], now_s: float) -> None:
+        """Take what the hardware says it was told.
+
+        Args:
+            time_s: Since when, or until when at least, on the robot's clock.
+            commands: By the topic of the command; all of them.
+            now_s: As above.
+
+        """
+        if not self._acknowledged:
+            self._acknowledged = True
+            self._air.trust_commands()
+            self._forget()
+        for topic, value in commands.items():
+            self._take(topic, time_s, {"data": value}, now_s)
+
+    def _take(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
         self._heard_s[topic] = now_s
         if time_s < self._tracks.of(topic).last_s - _MEMORY_S:  # the clock was set back: a new run
             self._forget()
@@ -167,17 +189,21 @@ class GapMonitor:
         return SubsystemReport(name, state, worst, part.window.gaps(), wide_s=wide_s)
 
     def _missing(self, part: _Part, now_s: float) -> tuple[str, ...]:
-        """Return the topics that were not heard of lately; a command holds until the next one."""
+        """Return the topics that were not heard of lately; a command that is not repeated holds until the next one."""
         return tuple(
             topic
             for topic in part.follower.inputs
             if topic not in self._heard_s
-            or (topic not in _COMMANDS and self._heard_s[topic] < now_s - self._settings.silence_s)
+            or (self._is_stream(topic) and self._heard_s[topic] < now_s - self._settings.silence_s)
         )
 
     def _newest_s(self, part: _Part) -> float:
-        measured = [topic for topic in part.follower.inputs if topic not in _COMMANDS]
-        return min(self._tracks.of(topic).last_s for topic in measured) - _LATE_S
+        streams = [topic for topic in part.follower.inputs if self._is_stream(topic)]
+        return min(self._tracks.of(topic).last_s for topic in streams) - _LATE_S
+
+    def _is_stream(self, topic: str) -> bool:
+        """Tell whether a topic says by its silence that something is wrong."""
+        return self._acknowledged or topic not in _COMMANDS
 
     def _is_due(self, part: _Part) -> bool:
         newest_s = self._newest_s(part)

@@ -22,8 +22,16 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.rig import Rig
 
 
+_VENTED_PA = 2e3
+"""Vacuum below which friction between the fibres counts for nothing. Assumed: as for the air."""
+
+
 class TendonFollower:
-    """Takes every tendon's law through what was measured; it remembers from one stretch to the next."""
+    """Takes every tendon's law through what was measured; it remembers from one stretch to the next.
+
+    A jammed tendon pulls by the way that it has come. Where samples of a motion were lost nobody knows that way, and
+    nothing is compared until the tendons were vented and still.
+    """
 
     subsystem = Subsystem.TENDON
     inputs = (names.TENDON_STATES.name, *(topic.name for topic in names.PRESSURES.values()))
@@ -36,10 +44,11 @@ class TendonFollower:
         self._ambient_pa = float(laws_of(rig).pneumatics["ambient_pa"][0])
         self._states = [relaxed_state(rig.tendon_laws[i : i + 1], 0.0) for i in range(len(rig.tendon_names))]
         self._time_s = 0.0
+        self._is_lost = False
 
     def begin(self, tracks: Tracks, time_s: float) -> None:
         """Start as if every tendon had been as long as it is for long."""
-        self._time_s = time_s
+        self._time_s, self._is_lost = time_s, False
         track = tracks.of(names.TENDON_STATES.name)
         for i, tendon in enumerate(self._rig.tendon_names):
             if f"{tendon}/extension" in track.columns:
@@ -53,6 +62,9 @@ class TendonFollower:
         self._time_s = float(grid_s[-1])
         track = tracks.of(names.TENDON_STATES.name)
         residuals: list[Residual] = []
+        phase = phase_of_motion(tracks, stretch)
+        has_hole = track.has_hole(stretch.begin_s, stretch.end_s)
+        self._is_lost |= has_hole and phase != "still"
         for i, tendon in enumerate(self._rig.tendon_names):
             if f"{tendon}/extension" not in track.columns:
                 continue
@@ -65,5 +77,13 @@ class TendonFollower:
             time_s, measured_n = track.within(name, stretch.begin_s, stretch.end_s)
             if len(time_s):
                 scaled = (measured_n - np.interp(time_s, grid_s, tension_n)) / self._noise_n
-                residuals.append(Residual(name, phase_of_motion(tracks, stretch), scaled))
-        return residuals
+                residuals.append(Residual(name, phase, scaled))
+        if not has_hole and not self._is_lost:
+            return residuals
+        if self._is_lost and phase == "still" and self._is_vented(tracks, self._time_s):
+            self.begin(tracks, self._time_s)
+        return []
+
+    def _is_vented(self, tracks: Tracks, time_s: float) -> bool:
+        readings = [tracks.of(topic.name).at("pressure", np.array([time_s]))[0] for topic in names.PRESSURES.values()]
+        return bool(min(readings) > self._ambient_pa - _VENTED_PA)

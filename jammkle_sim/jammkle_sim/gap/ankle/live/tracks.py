@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+_HOLE = 4.5
+"""Missing time, in typical intervals between samples, from which on samples were lost. Assumed: a clock's jitter makes
+less."""
+
+
 class Track:
     """Samples of one topic, by rising time; of two of the same time the later one counts.
 
@@ -62,6 +67,21 @@ class Track:
         time_s, values = self.column(name)
         inside = (time_s > begin_s) & (time_s <= end_s)
         return time_s[inside], values[inside]
+
+    def has_hole(self, begin_s: float, end_s: float) -> bool:
+        """Tell whether samples are missing somewhere between the last one before `begin_s` and the first after `end_s`.
+
+        A busy machine loses some, and what lies between two others far apart is anybody's guess.
+        """
+        times_s = np.array([time_s for time_s, _ in self._samples])
+        touched = (times_s[1:] > begin_s) & (times_s[:-1] < end_s)
+        return bool((np.diff(times_s)[touched] > _HOLE * self.interval_s).any())
+
+    @property
+    def interval_s(self) -> float:
+        """Typical time between two samples, s; infinite with fewer than two."""
+        times_s = [time_s for time_s, _ in self._samples]
+        return float(np.median(np.diff(times_s))) if len(times_s) > 1 else float("inf")
 
     def at(self, name: str, time_s: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """Return one signal at given times, straight between samples; there must be one."""
