@@ -13,7 +13,7 @@ from jammkle_sim.reality.faults import era_at
 from jammkle_sim.reality.machine import stream
 from jammkle_sim.reality.record import Track
 from jammkle_sim.reality.regulator import PERIOD_S, Memory, Orders, decide, wanted_pa
-from jammkle_sim.reality.sensors import coloured, skewed_s
+from jammkle_sim.reality.sampling import coloured, skewed_s
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

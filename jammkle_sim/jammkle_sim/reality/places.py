@@ -10,7 +10,8 @@ from jammkle_graph.names import CHANNELS, TENDONS, TENDONS_OF_CHANNEL
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from jammkle_sim.reality.machine import Air, Clock, Imu, Line, Machine, Pump, Sensor, Sensors, TendonMake
+    from jammkle_sim.reality.instruments import Clock, Imu, Sensor, Sensors
+    from jammkle_sim.reality.machine import Air, Line, Machine, Pump, TendonMake
 
 P = TypeVar("P")
 

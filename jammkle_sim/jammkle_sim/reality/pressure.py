@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from jammkle_sim.reality.faults import Era
-    from jammkle_sim.reality.machine import Machine, Sensor
+    from jammkle_sim.reality.instruments import Sensor
+    from jammkle_sim.reality.machine import Machine
     from jammkle_sim.reality.record import Option, Plan
 
 _ALL = "all"

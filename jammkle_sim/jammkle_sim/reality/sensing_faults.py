@@ -13,7 +13,8 @@ from jammkle_sim.reality.places import MANIFOLD, plus, times, with_clock, with_i
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_sim.reality.machine import Machine, Sensor, Sensors
+    from jammkle_sim.reality.instruments import Sensor, Sensors
+    from jammkle_sim.reality.machine import Machine
 
 _ALL = ("tensile", "pressure", "drop", "slip", "landing")
 _PULLED = ("tensile", "slip", "drop", "landing")

@@ -7,7 +7,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_sim.reality.machine import Clock, Machine, Material, stream
+from jammkle_sim.reality.instruments import Clock
+from jammkle_sim.reality.machine import Machine, Material, stream
 
 if TYPE_CHECKING:
     import numpy as np

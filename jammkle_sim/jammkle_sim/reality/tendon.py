@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from jammkle_sim.reality.compiled import compiled
+from jammkle_sim.reality.elastomer import bristle_n, gent_pa
 from jammkle_sim.reality.tendon_law import (
     AREA,
     BEND,
@@ -77,8 +78,6 @@ _SMALL_N = 1e-7
 """Balance that counts as reached, N."""
 _MOST_ITERATIONS = 12
 _LEAST_STRETCH = 0.2
-_LARGEST_SHARE = 0.985
-"""Share of Gent's limit beyond which the law goes on along its tangent."""
 _BRISTLE_PA = 42e3
 """Pressing vacuum at which the give of the bristles is stated."""
 _NO_VACUUM_PA = 100.0
@@ -104,33 +103,6 @@ def tendon_state(law: TendonLaw, extension_m: float) -> TendonState:
     state.more[TIME] = 0.0
     tendon_tension_n(law, state, extension_m, 0.0)
     return state
-
-
-@compiled
-def gent_pa(modulus_pa: float, limit: float, stretch: float) -> tuple[float, float]:
-    """Return nominal stress and its slope over stretch of an incompressible Gent solid pulled along one axis."""
-    square = stretch * stretch
-    strain = stretch - 1.0 / square
-    slope = 1.0 + 2.0 / (square * stretch)
-    invariant = square + 2.0 / stretch - 3.0
-    share = invariant / limit
-    if share < _LARGEST_SHARE:
-        stiff = modulus_pa / (1.0 - share)
-        return stiff * strain, stiff * (slope + 2.0 * strain * strain / (limit * (1.0 - share)))
-    stiff = modulus_pa / (1.0 - _LARGEST_SHARE)
-    beyond = 1.0 + (share - _LARGEST_SHARE) / (1.0 - _LARGEST_SHARE)
-    return stiff * strain * beyond, stiff * (slope * beyond + 2.0 * strain * strain / (limit * (1.0 - _LARGEST_SHARE)))
-
-
-@compiled
-def bristle_n(before_n: float, slip_m: float, most_n: float, stiffness_n_m: float) -> tuple[float, float]:
-    """Return force and slope over slip of bent bristles after a slip at even speed (LuGre, solved for the step)."""
-    if most_n <= 0.0:
-        return 0.0, 0.0
-    held = min(max(before_n, -most_n), most_n)
-    goal = most_n if slip_m >= 0.0 else -most_n
-    left = math.exp(-stiffness_n_m * abs(slip_m) / most_n)
-    return goal + (held - goal) * left, stiffness_n_m * left * abs(goal - held) / most_n
 
 
 @compiled
