@@ -22,6 +22,7 @@ PURE = (
     "jammkle_sim.fit",
     "jammkle_sim.rigs",
     "jammkle_sim.gap",
+    "jammkle_sim.reality",
     "jammkle_sim.core",
     "jammkle_bringup.core",
 )
@@ -34,6 +35,7 @@ ALLOWED = {
     "jammkle_sim.fit": {"jammkle_sim.fit", "jammkle_sim.paper_tables", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.rigs": {"jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.gap": {"jammkle_sim.gap", "jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_sim.reality": {"jammkle_sim.reality", "jammkle_graph"},
 }
 BLOCKED = (
     "rclpy", "jammkle_msgs", "std_msgs", "sensor_msgs", "geometry_msgs", "diagnostic_msgs", "rosgraph_msgs",
@@ -95,6 +97,21 @@ def test_the_arrows_point_one_way(module: str) -> None:
             if not any(name == allowed or name.startswith(f"{allowed}.") for allowed in ALLOWED[module])
         }
         assert not strangers, f"{path.relative_to(ROOT)} imports {strangers}"
+
+
+def test_the_reality_is_built_of_numbers_and_names_alone() -> None:
+    """The machine that the diagnosis is checked on shares no engine with the simulator, and no parameter machinery."""
+    known = {*sys.stdlib_module_names, "numpy", "scipy", "numba", "jammkle_sim", "jammkle_graph"}
+    for path in folder_of("jammkle_sim.reality").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                assert {alias.name.split(".")[0] for alias in node.names} <= known, path.name
+            elif isinstance(node, ast.ImportFrom):
+                assert str(node.module).split(".")[0] in known, path.name
+                if node.module == "jammkle_graph":
+                    assert {alias.name for alias in node.names} <= {"names", "constants"}, path.name
+                elif str(node.module).startswith("jammkle_graph"):
+                    assert node.module in {"jammkle_graph.names", "jammkle_graph.constants"}, path.name
 
 
 def test_the_core_of_the_gap_diagnosis_knows_no_ankle() -> None:
