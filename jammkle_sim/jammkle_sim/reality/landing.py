@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import CHANNELS
-from jammkle_sim.reality.contact import hertz
+from jammkle_sim.reality.contact import WOOD_N_M15, WOOD_S_M, hertz
 from jammkle_sim.reality.leg import PLAIN, Stand, ankle_law, free_lengths_m
 from jammkle_sim.reality.machine import stream
 from jammkle_sim.reality.moving import Scene, move
@@ -37,8 +37,6 @@ DEFAULTS: dict[str, Option] = {
 JAMS = ("never", "before", "after")
 _REST_S, _REACTION_S = 2.0, 0.02
 _STEP_S = 1e-4
-_SOLE_N_M15, _SOLE_S_M = 1e6, 2.0
-"""One corner of the sole on wood: 30 N press it by 1 mm. Assumed, as in the slip rig but hit instead of pushed."""
 _HEIGHT_M, _FRICTION = 0.0005, 0.01
 """Standard deviations over runs. Declared."""
 
@@ -75,8 +73,8 @@ def landing(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     jam_s = {"before": 0.0, "after": landed_s + _REACTION_S}.get(str(chosen["jam"]))
 
     def law(machine: Machine) -> Law:
-        stiffness = _SOLE_N_M15 * machine.leg.sole_n_m15 / PLAIN.sole_n_m15
-        return ankle_law(machine, stand, hertz(stiffness, _SOLE_S_M))
+        stiffness = WOOD_N_M15 * machine.leg.sole_n_m15 / PLAIN.sole_n_m15
+        return ankle_law(machine, stand, hertz(stiffness, WOOD_S_M))
 
     scene = Scene(
         law=law,

@@ -14,9 +14,9 @@ from jammkle_sim.reality.contact import (
     BRISTLE_1_M,
     BRISTLE_S_M,
     MAT_S,
-    SLIDING_SHARE,
     SOLE_N_M15,
     SOLE_S_M,
+    STATIC_SHARE,
     STRIBECK_M_S,
     Press,
     hertz,
@@ -41,7 +41,7 @@ class Leg:
     """Ankle with its foot. Paper."""
     toe_m: float = 0.060
     """Forward of the joint. Assumed."""
-    dropped_toe_m: float = 0.0502
+    dropped_toe_m: float = 0.0506
     """The same where a foot lands toe-down on level ground: the rounded toe touches behind its tip. Chosen for the drop
     test."""
     heel_m: float = 0.045
@@ -148,7 +148,7 @@ class Stand:
     """Carriage, leg and foot as told."""
     toe_m: float
     friction: float
-    """Of sole on floor as told: as it breaks loose."""
+    """Of sole on floor as told: as it slides."""
     slope_rad: float
     """Of the floor as told."""
     touch_m: float
@@ -225,13 +225,13 @@ def tip_law(machine: Machine, stand: Stand, foot_kg: float, radius_m: float, pre
 
 def floor(leg: Leg, stand: Stand, press: Press) -> dict[str, float | Floats]:
     """Return what of a law the floor decides."""
-    static = stand.friction * leg.grip
+    sliding = stand.friction * leg.grip
     return {
         "press_n": press.force_n,
         "press_step_m": press.step_m,
         "press_damping_s_m": press.damping_s_m,
-        "friction_static": static,
-        "friction_sliding": SLIDING_SHARE * static,
+        "friction_static": STATIC_SHARE * sliding,
+        "friction_sliding": sliding,
         "friction_stribeck_m_s": STRIBECK_M_S,
         "friction_bristle_1_m": BRISTLE_1_M,
         "friction_bristle_s_m": BRISTLE_S_M,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_graph.names import CHANNELS
-from jammkle_sim.reality.contact import hertz
+from jammkle_sim.reality.contact import WOOD_N_M15, WOOD_S_M, hertz
 from jammkle_sim.reality.leg import PLAIN, Stand, ankle_law, free_lengths_m
 from jammkle_sim.reality.machine import stream
 from jammkle_sim.reality.moving import Scene, move
@@ -53,11 +53,6 @@ _RAMP_S = 0.010
 """In which the spindle comes to speed. Assumed."""
 _PIVOT_N_M_S = 0.005
 """Of the ball joint at the top. Declared."""
-_PLYWOOD_N_M15 = 2e6
-"""Of one corner of the sole on plywood: 30 N press it by 0.6 mm. Declared stiffer than on the platform of the drop rig,
-where a soft rounded toe lands on its tip; assumed: edge of a print on wood."""
-_PLYWOOD_S_M = 3.0
-"""Hunt and Crossley damping of the same. Assumed: no bounce."""
 _FRICTION, _SLOPE_RAD = 0.01, math.radians(0.2)
 """Standard deviations over runs. Declared."""
 
@@ -129,7 +124,7 @@ def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
 
 
 def _law(machine: Machine, foot: str, stand: Stand) -> Law:
-    law = ankle_law(machine, stand, hertz(_PLYWOOD_N_M15 * machine.leg.sole_n_m15 / PLAIN.sole_n_m15, _PLYWOOD_S_M))
+    law = ankle_law(machine, stand, hertz(WOOD_N_M15 * machine.leg.sole_n_m15 / PLAIN.sole_n_m15, WOOD_S_M))
     stiffness_n_m = _CARRIAGE_KG * _SPINDLE_RAD_S**2
     return dataclasses.replace(
         law,
