@@ -70,12 +70,12 @@ def air_law(air: Air) -> AirLaw:
     """Return the constants of the compiled loop."""
     pump = air.pump
     scalars = np.array([
-        air.ambient_pa, air.room_k, pump.free_flow_m3_s, pump.ultimate_vacuum_pa, pump.bulge, pump.ripple, pump.stroke_hz,
-        pump.return_area_m2,
+        air.ambient_pa, air.room_k, pump.free_flow_m3_s, pump.ultimate_vacuum_pa, pump.bulge, pump.ripple,
+        pump.stroke_hz, pump.return_area_m2,
     ])  # fmt: skip
     lines = np.array([
-        (each.valve_area_m2, each.laminar_per_m_s, each.turbulent_per_m4, each.dead_s, each.travel_s, each.slug_pa)
-        for each in air.lines
+        (line.valve_area_m2, line.laminar_per_m_s, line.turbulent_per_m4, line.dead_s, line.travel_s, line.slug_pa)
+        for line in air.lines
     ]).T.copy()  # fmt: skip
     nodes = np.zeros((3, NODES))
     nodes[:, 0] = air.manifold_volume_m3, air.manifold_wall_w_k, air.manifold_leak_area_m2
@@ -130,82 +130,115 @@ def tube_kg_s(laminar: float, turbulent: float, density_kg_m3: float, difference
 
 
 @compiled
-def _exchange(law: Any, lift: Any, duty: float, phase: float, mass: Any, heat: Any, rates: Any) -> None:
-    """Write the rates of mass and heat of every node, and what comes and goes, into `rates`, shape (3, NODES)."""
-    scalars, lines, nodes = law.scalars, law.lines, law.nodes
-    ambient, room = scalars[AMBIENT], scalars[ROOM]
-    pressure, kelvin = np.empty(NODES), np.empty(NODES)
+def _exchange(law: Any, state: Any, phase: float, mass: Any, heat: Any, rates: Any) -> None:
+    """Write the rates of mass, kg/s, and heat, W, of every node, and those of all air together.
+
+    Args:
+        law: AirLaw.
+        state: AirState, of which lift and duty are looked at.
+        phase: Of the stroke, turns.
+        mass: Of every node, kg.
+        heat: Of every node, J.
+        rates: Written, shape (3, NODES): mass, heat, and in the last row what is admitted and pumped out, kg/s, and the
+            heat that comes in, W.
+
+    """
     for i in range(NODES):
-        pressure[i] = heat[i] * (HEAT_RATIO - 1.0) / nodes[VOLUME, i]
-        kelvin[i] = heat[i] / (mass[i] * _CV)
-        warmed = nodes[WALL, i] * (room - kelvin[i])
-        rates[0, i] = 0.0
-        rates[1, i] = warmed
-        rates[2, i] = 0.0
-    admitted, pumped, warmth = 0.0, 0.0, 0.0
+        rates[0, i] = rates[2, i] = 0.0
+        rates[1, i] = law.nodes[WALL, i] * (law.scalars[ROOM] - heat[i] / (mass[i] * _CV))
     for i in range(NODES):
-        warmth += rates[1, i]
-        if nodes[LEAK, i] > 0.0 and pressure[i] < ambient:
-            flow = nozzle_kg_s(nodes[LEAK, i], ambient, room, pressure[i])
-            rates[0, i] += flow
-            rates[1, i] += flow * _CP * room
-            admitted += flow
-            warmth += flow * _CP * room
-    depth = (ambient - pressure[0]) / scalars[ULTIMATE]
-    stroke = 1.0 + scalars[RIPPLE] * math.sin(2.0 * math.pi * phase)
-    drawn = duty * stroke * scalars[FREE_FLOW] * (1.0 - depth) * (1.0 + scalars[BULGE] * depth)
-    if drawn > 0.0 and depth < 1.0:
-        flow = drawn * mass[0] / nodes[VOLUME, 0]
-        rates[0, 0] -= flow
-        rates[1, 0] -= flow * _CP * kelvin[0]
-        pumped += flow
-        warmth -= flow * _CP * kelvin[0]
-    if scalars[RETURN] > 0.0 and pressure[0] < ambient:
-        flow = nozzle_kg_s(scalars[RETURN], ambient, room, pressure[0])
-        rates[0, 0] += flow
-        rates[1, 0] += flow * _CP * room
-        admitted += flow
-        warmth += flow * _CP * room
+        rates[2, 2] += rates[1, i]
+        _admit(law, i, law.nodes[LEAK, i], heat, rates)
+    _admit(law, 0, law.scalars[RETURN], heat, rates)
+    _pump(law, state.more[0], phase, mass, heat, rates)
     for i in range(LINES):
-        tube, tendon = 1 + 2 * i, 2 + 2 * i
-        if lift[i] > 0.0:
-            area = lines[VALVE, i] * lift[i]
-            if pressure[tube] >= pressure[0]:
-                flow = nozzle_kg_s(area, pressure[tube], kelvin[tube], pressure[0])
-                carried = flow * _CP * kelvin[tube]
-            else:
-                flow = -nozzle_kg_s(area, pressure[0], kelvin[0], pressure[tube])
-                carried = flow * _CP * kelvin[0]
-            rates[0, tube] -= flow
-            rates[1, tube] -= carried
-            rates[0, 0] += flow
-            rates[1, 0] += carried
-        if lift[i] < 1.0:
-            area = lines[VALVE, i] * (1.0 - lift[i])
-            if pressure[tube] >= ambient:
-                flow = -nozzle_kg_s(area, pressure[tube], kelvin[tube], ambient)
-                carried = flow * _CP * kelvin[tube]
-            else:
-                flow = nozzle_kg_s(area, ambient, room, pressure[tube])
-                carried = flow * _CP * room
-            rates[0, tube] += flow
-            rates[1, tube] += carried
-            admitted += flow
-            warmth += carried
-        difference = pressure[tendon] - pressure[tube]
-        moving = max(abs(difference) - lines[SLUG, i], 0.0)
-        if moving > 0.0:
-            density = 0.5 * (mass[tube] / nodes[VOLUME, tube] + mass[tendon] / nodes[VOLUME, tendon])
-            flow = tube_kg_s(lines[LAMINAR, i], lines[TURBULENT, i], density, moving)
-            source, sink = (tendon, tube) if difference > 0.0 else (tube, tendon)
-            carried = flow * _CP * kelvin[source]
-            rates[0, source] -= flow
-            rates[1, source] -= carried
-            rates[0, sink] += flow
-            rates[1, sink] += carried
-    rates[2, 0] = admitted
-    rates[2, 1] = pumped
-    rates[2, 2] = warmth
+        _seats(law, i, state.lift[i], mass, heat, rates)
+        _tube(law, i, mass, heat, rates)
+
+
+@compiled
+def _admit(law: Any, node: int, area_m2: float, heat: Any, rates: Any) -> None:
+    """Let air of the room into a node through a hole."""
+    pressure_pa = heat[node] * (HEAT_RATIO - 1.0) / law.nodes[VOLUME, node]
+    if area_m2 <= 0.0 or pressure_pa >= law.scalars[AMBIENT]:
+        return
+    flow = nozzle_kg_s(area_m2, law.scalars[AMBIENT], law.scalars[ROOM], pressure_pa)
+    _enter(rates, node, flow, flow * _CP * law.scalars[ROOM])
+
+
+@compiled
+def _enter(rates: Any, node: int, flow: float, carried: float) -> None:
+    """Book what comes from outside."""
+    rates[0, node] += flow
+    rates[1, node] += carried
+    rates[2, 0] += flow
+    rates[2, 2] += carried
+
+
+@compiled
+def _pass_on(rates: Any, source: int, sink: int, flow: float, carried: float) -> None:
+    """Book what goes from node to node."""
+    rates[0, source] -= flow
+    rates[1, source] -= carried
+    rates[0, sink] += flow
+    rates[1, sink] += carried
+
+
+@compiled
+def _pump(law: Any, duty: float, phase: float, mass: Any, heat: Any, rates: Any) -> None:
+    """Draw from the manifold, stroke by stroke."""
+    scalars = law.scalars
+    depth = (scalars[AMBIENT] - heat[0] * (HEAT_RATIO - 1.0) / law.nodes[VOLUME, 0]) / scalars[ULTIMATE]
+    stroke = 1.0 + scalars[RIPPLE] * math.sin(2.0 * math.pi * phase)
+    drawn_m3_s = duty * stroke * scalars[FREE_FLOW] * (1.0 - depth) * (1.0 + scalars[BULGE] * depth)
+    if drawn_m3_s <= 0.0 or depth >= 1.0:
+        return
+    flow = drawn_m3_s * mass[0] / law.nodes[VOLUME, 0]
+    carried = flow * _CP * heat[0] / (mass[0] * _CV)
+    rates[0, 0] -= flow
+    rates[1, 0] -= carried
+    rates[2, 1] += flow
+    rates[2, 2] -= carried
+
+
+@compiled
+def _seats(law: Any, line: int, lift: float, mass: Any, heat: Any, rates: Any) -> None:
+    """Let air through the two seats of a solenoid, both open while the armature travels."""
+    tube, area_m2 = 1 + 2 * line, law.lines[VALVE, line]
+    ambient, room = law.scalars[AMBIENT], law.scalars[ROOM]
+    tube_pa = heat[tube] * (HEAT_RATIO - 1.0) / law.nodes[VOLUME, tube]
+    tube_k = heat[tube] / (mass[tube] * _CV)
+    if lift > 0.0:
+        manifold_pa = heat[0] * (HEAT_RATIO - 1.0) / law.nodes[VOLUME, 0]
+        manifold_k = heat[0] / (mass[0] * _CV)
+        if tube_pa >= manifold_pa:
+            flow = nozzle_kg_s(area_m2 * lift, tube_pa, tube_k, manifold_pa)
+            _pass_on(rates, tube, 0, flow, flow * _CP * tube_k)
+        else:
+            flow = nozzle_kg_s(area_m2 * lift, manifold_pa, manifold_k, tube_pa)
+            _pass_on(rates, 0, tube, flow, flow * _CP * manifold_k)
+    if lift < 1.0:
+        if tube_pa >= ambient:
+            flow = -nozzle_kg_s(area_m2 * (1.0 - lift), tube_pa, tube_k, ambient)
+            _enter(rates, tube, flow, flow * _CP * tube_k)
+        else:
+            flow = nozzle_kg_s(area_m2 * (1.0 - lift), ambient, room, tube_pa)
+            _enter(rates, tube, flow, flow * _CP * room)
+
+
+@compiled
+def _tube(law: Any, line: int, mass: Any, heat: Any, rates: Any) -> None:
+    """Let air along a tube, past the water in it, if there is any."""
+    tube, tendon = 1 + 2 * line, 2 + 2 * line
+    volume = law.nodes[VOLUME]
+    difference_pa = (heat[tendon] / volume[tendon] - heat[tube] / volume[tube]) * (HEAT_RATIO - 1.0)
+    moving_pa = abs(difference_pa) - law.lines[SLUG, line]
+    if moving_pa <= 0.0:
+        return
+    density = 0.5 * (mass[tube] / volume[tube] + mass[tendon] / volume[tendon])
+    flow = tube_kg_s(law.lines[LAMINAR, line], law.lines[TURBULENT, line], density, moving_pa)
+    source, sink = (tendon, tube) if difference_pa > 0.0 else (tube, tendon)
+    _pass_on(rates, source, sink, flow, flow * _CP * heat[source] / (mass[source] * _CV))
 
 
 @compiled
@@ -231,12 +264,12 @@ def advance_air(law: Any, state: Any, first: int, steps: int, every: int, histor
                 continue
             pace = STEP_S / max(law.lines[TRAVEL, i], STEP_S)
             state.lift[i] += min(max(state.goal[i] - state.lift[i], -pace), pace)
-        _exchange(law, state.lift, duty, state.more[1], state.mass_kg, state.heat_j, one)
+        _exchange(law, state, state.more[1], state.mass_kg, state.heat_j, one)
         for i in range(NODES):
             mass[i] = state.mass_kg[i] + STEP_S * one[0, i]
             heat[i] = state.heat_j[i] + STEP_S * one[1, i]
         state.more[1] = (state.more[1] + duty * law.scalars[STROKE] * STEP_S) % 1.0
-        _exchange(law, state.lift, duty, state.more[1], mass, heat, two)
+        _exchange(law, state, state.more[1], mass, heat, two)
         for i in range(NODES):
             state.mass_kg[i] += 0.5 * STEP_S * (one[0, i] + two[0, i])
             state.heat_j[i] += 0.5 * STEP_S * (one[1, i] + two[1, i])

@@ -102,7 +102,7 @@ class _Breathing:
             orders, memory = decide(regulator, memory, wanted, vacuum_pa[1:], vacuum_pa[0])
             self._order(float(taken_s[tick]) + _DECIDES_S, orders)
         self._advance_to(self._ticks * PERIOD_S)
-        time_s = HISTORY_S * np.arange(len(self._history_pa))
+        time_s = HISTORY_S * np.arange(len(self._history_pa), dtype=np.float64)
         ambient_pa = self._law.scalars[AMBIENT]
         vacuum = np.maximum(ambient_pa - self._history_pa[:, list(_SENSED[1:])], 0.0)
         return AirRun(time_s, self._history_pa, vacuum, {**self._pressures(taken_s, read), **self._command_tracks()})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 import numba
 
@@ -21,7 +21,7 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     others, so what is kept is thrown away when any source of this package is another one.
     """
     try:
-        kept = numba.njit(function, cache=True, error_model="numpy", nogil=True)
+        kept: Any = numba.njit(function, cache=True, error_model="numpy", nogil=True)
         kept._cache._cache_file._source_stamp = _stamp()  # noqa: SLF001  # numba has no other way to say it
     except RuntimeError:  # "no locator available": no folder for what is kept
         kept = numba.njit(function, error_model="numpy", nogil=True)

@@ -64,7 +64,8 @@ class Fault:
             row = self.parameters[name]
             if not row.minimum <= value <= row.maximum:
                 msg = f"'{name}' of fault '{self.name}' is {value:g}; it must be {row.minimum:g} to {row.maximum:g}"
-                raise BadFaultError(f"{msg} {row.unit}")
+                msg = f"{msg} {row.unit}"
+                raise BadFaultError(msg)
         sizes = {name: float(values.get(name, row.null)) for name, row in self.parameters.items()}
         if all(size == self.parameters[name].null for name, size in sizes.items()):
             return machine
@@ -102,7 +103,7 @@ def eras(machine: Machine, settings: Sequence[FaultSetting], table: Mapping[str,
             msg = f"fault '{setting.fault}' does not exist; known are: {', '.join(sorted(table))}"
             raise BadFaultError(msg)
     starts_s = [float("-inf"), *sorted({each.onset_s for each in settings if each.onset_s > 0.0})]
-    found = []
+    found: list[Era] = []
     for start_s in starts_s:
         current = machine
         for setting in settings:

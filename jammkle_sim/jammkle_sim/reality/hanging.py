@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.reality.compiled import compiled
 from jammkle_sim.reality.tendon import bristle_n, tendon_law, tendon_state, tendon_tension_n
+from jammkle_sim.reality.tendon_law import TIME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.reality.faults import Era
     from jammkle_sim.reality.machine import Ankle
-    from jammkle_sim.reality.tendon import TendonLaw, TendonState
+    from jammkle_sim.reality.tendon import TendonLaw
 
 JOINTS = names.ANKLE_JOINTS
 """Roll, pitch, yaw."""
@@ -31,6 +32,36 @@ _GIVE_RAD = 0.002
 _SETTLING = 8
 """How often the foot is let swing and its tendons relax before a run."""
 _SETTLING_ROWS = 400
+
+
+_COLUMNS = len(JOINTS) + 2 * len(names.TENDONS)
+MASS, VISCOUS, DRY, ANCHOR = range(4)
+"""Places in `Foot.body`."""
+
+
+class Foot(NamedTuple):
+    """Constants."""
+
+    inertia_kg_m2: NDArray[np.float64]
+    """About roll, pitch, yaw."""
+    centre_m: NDArray[np.float64]
+    body: NDArray[np.float64]
+    """Mass, kg; viscous and dry friction of the joint, N m s and N m; height of the tendons' upper ends, m."""
+    sites_m: NDArray[np.float64]
+    """Lower ends of the tendons, shape (tendons, 3)."""
+    free_m: NDArray[np.float64]
+    """Their free lengths."""
+    channel: NDArray[np.int64]
+    """Which channel empties each."""
+
+
+class Swing(NamedTuple):
+    """Memory: roll, pitch, yaw each."""
+
+    angle_rad: NDArray[np.float64]
+    rate_rad_s: NDArray[np.float64]
+    dry_n_m: NDArray[np.float64]
+    """Moment of the bristles in the joint."""
 
 
 @dataclass(frozen=True)
@@ -55,33 +86,28 @@ def hang(periods: Sequence[Era], vacuum_pa: NDArray[np.float64], row_s: float) -
 
     """
     step_s = row_s / _SUBSTEPS
-    channel = np.array([names.CHANNELS.index(each) for each in names.CHANNELS for _ in names.TENDONS_OF_CHANNEL[each]])
     first = periods[0].machine
-    sites_m, free_m = sites(first.ankle)
+    foot, swing = _foot(first.ankle), Swing(np.zeros(3), np.zeros(3), np.zeros(3))
     laws = _laws(periods[0], step_s)
     states = tuple(tendon_state(law, _pretension_m(first.ankle, i)) for i, law in enumerate(laws))
-    angle, rate, dry = np.zeros(3), np.zeros(3), np.zeros(3)
-    still = np.zeros((_SETTLING_ROWS, vacuum_pa.shape[1]))
-    rows = np.zeros((_SETTLING_ROWS, 11))
+    still, rows = np.zeros((_SETTLING_ROWS, vacuum_pa.shape[1])), np.zeros((_SETTLING_ROWS, _COLUMNS))
     for _ in range(_SETTLING):
-        _swing(laws, states, _constants(first.ankle), sites_m, free_m, channel, still, step_s, angle, rate, dry, rows)
-        rate[:] = 0.0
+        _swing(laws, states, foot, swing, still, step_s, rows)
+        swing.rate_rad_s[:] = 0.0
         for state in states:
             state.branch_pa[:] = 0.0
             state.stretched[:] = 0.0
-    rows = np.zeros((len(vacuum_pa), 11))
+    rows = np.zeros((len(vacuum_pa), _COLUMNS))
     start = 0
     for i, period in enumerate(periods):
         end_s = periods[i + 1].start_s if i + 1 < len(periods) else math.inf
         end = len(vacuum_pa) if end_s == math.inf else min(len(vacuum_pa), math.ceil(end_s / row_s))
         if end <= start:
             continue
-        laws, ankle = _laws(period, step_s), period.machine.ankle
         for state in states:
-            state.more[0] = 0.0
-        sites_m, free_m = sites(ankle)
-        part, out = vacuum_pa[start:end], rows[start:end]
-        _swing(laws, states, _constants(ankle), sites_m, free_m, channel, part, step_s, angle, rate, dry, out)
+            state.more[TIME] = 0.0
+        foot, part, out = _foot(period.machine.ankle), vacuum_pa[start:end], rows[start:end]
+        _swing(_laws(period, step_s), states, foot, swing, part, step_s, out)
         start = end
     return Hanging(rows[:, :3], rows[:, 3:7], rows[:, 7:])
 
@@ -105,9 +131,13 @@ def _laws(period: Era, step_s: float) -> tuple[TendonLaw, ...]:
     return tuple(tendon_law(make, step_s) for make in period.machine.tendons)
 
 
-def _constants(ankle: Ankle) -> NDArray[np.float64]:
-    return np.array([*ankle.foot_inertia_kg_m2, *ankle.foot_centre_m, ankle.foot_kg, ankle.joint_viscous_n_m_s,
-                     ankle.joint_dry_n_m, ankle.tendon_length_m])  # fmt: skip
+def _foot(ankle: Ankle) -> Foot:
+    body = np.array([
+        ankle.foot_kg, ankle.joint_viscous_n_m_s, ankle.joint_dry_n_m, ankle.tendon_length_m
+    ])  # fmt: skip
+    channel = np.array([names.CHANNELS.index(each) for each in names.CHANNELS for _ in names.TENDONS_OF_CHANNEL[each]])
+    inertia, centre = np.array(ankle.foot_inertia_kg_m2), np.array(ankle.foot_centre_m)
+    return Foot(inertia, centre, body, *sites(ankle), channel)
 
 
 @compiled
@@ -135,35 +165,44 @@ def _moment(angle: Any, at: Any, force: Any, torque: Any) -> None:
 
 
 @compiled
-def _swing(
-    laws: Any, states: Any, body: Any, sites_m: Any, free_m: Any, channel: Any, vacuum_pa: Any, step_s: float,
-    angle: Any, rate: Any, dry: Any, rows: Any,
-) -> None:  # fmt: skip
-    """Move the foot by a row of the vacuum at a time: speeds first, then angles (symplectic Euler)."""
+def _swing(laws: Any, states: Any, foot: Any, swing: Any, vacuum_pa: Any, step_s: float, rows: Any) -> None:
+    """Move the foot by a row of the vacuum at a time: speeds first, then angles (symplectic Euler).
+
+    Args:
+        laws: TendonLaw of each tendon.
+        states: TendonState of each, changed in place.
+        foot: Constants.
+        swing: Memory, changed in place.
+        vacuum_pa: Shape (rows, channels).
+        step_s: A row of the vacuum takes _SUBSTEPS of them.
+        rows: Shape (rows, 11), written: angles, rad, extensions, m, tensions, N.
+
+    """
     at, force, torque = np.zeros(3), np.zeros(3), np.zeros(3)
-    centre = body[3:6]
+    angle, rate, dry, body = swing.angle_rad, swing.rate_rad_s, swing.dry_n_m, foot.body
+    tendons = foot.sites_m.shape[0]
     for row in range(vacuum_pa.shape[0]):
         for _ in range(_SUBSTEPS):
             torque[:] = 0.0
-            for i in range(sites_m.shape[0]):
-                turned(angle, sites_m[i], at)
-                force[0], force[1] = sites_m[i, 0] - at[0], sites_m[i, 1] - at[1]
-                force[2] = body[9] - at[2]
+            for i in range(tendons):
+                turned(angle, foot.sites_m[i], at)
+                force[0], force[1] = foot.sites_m[i, 0] - at[0], foot.sites_m[i, 1] - at[1]
+                force[2] = body[ANCHOR] - at[2]
                 length_m = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
-                extension_m = length_m - free_m[i]
-                tension_n = tendon_tension_n(laws[i], states[i], extension_m, vacuum_pa[row, channel[i]])
+                extension_m = length_m - foot.free_m[i]
+                tension_n = tendon_tension_n(laws[i], states[i], extension_m, vacuum_pa[row, foot.channel[i]])
                 rows[row, 3 + i] = extension_m
-                rows[row, 7 + i] = tension_n
-                for axis in range(3):
-                    force[axis] *= tension_n / length_m
+                rows[row, 3 + tendons + i] = tension_n
+                force *= tension_n / length_m
                 _moment(angle, at, force, torque)
-            turned(angle, centre, at)
-            force[0], force[1], force[2] = 0.0, 0.0, -body[6] * STANDARD_GRAVITY_M_S2
+            turned(angle, foot.centre_m, at)
+            force[0], force[1], force[2] = 0.0, 0.0, -body[MASS] * STANDARD_GRAVITY_M_S2
             _moment(angle, at, force, torque)
             for axis in range(3):
-                dry[axis], _ = bristle_n(dry[axis], rate[axis] * step_s, body[8], body[8] / _GIVE_RAD)
-                slowed = 1.0 + step_s * body[7] / body[axis]
-                rate[axis] = (rate[axis] + step_s * (torque[axis] - dry[axis]) / body[axis]) / slowed
+                inertia = foot.inertia_kg_m2[axis]
+                dry[axis], _ = bristle_n(dry[axis], rate[axis] * step_s, body[DRY], body[DRY] / _GIVE_RAD)
+                slowed = 1.0 + step_s * body[VISCOUS] / inertia
+                rate[axis] = (rate[axis] + step_s * (torque[axis] - dry[axis]) / inertia) / slowed
                 angle[axis] += step_s * rate[axis]
         for axis in range(3):
             rows[row, axis] = angle[axis]

@@ -24,7 +24,7 @@ HEAT_RATIO = 1.4
 """Heat capacities of air, at constant pressure over at constant volume."""
 ROOM_K = 293.15
 """Temperature at which the paper's tendons are taken to have been tested, K. Assumed: 20 degC."""
-_CHOKED = math.sqrt(HEAT_RATIO / (GAS_J_KG_K * ROOM_K)) * (2.0 / (HEAT_RATIO + 1.0)) ** (
+_CHOKED: float = math.sqrt(HEAT_RATIO / (GAS_J_KG_K * ROOM_K)) * (2.0 / (HEAT_RATIO + 1.0)) ** (
     (HEAT_RATIO + 1.0) / (2.0 * (HEAT_RATIO - 1.0))
 )
 """Mass flow of a choked nozzle per area and upstream pressure at ROOM_K, s/m."""
@@ -34,12 +34,12 @@ _CONDUCTANCE_KG_S_PA = 1e-8 * 1.185
 
 def nozzle_area_m2(conductance_dm3_s_bar: float) -> float:
     """Return the effective area of a nozzle that chokes at the mass flow of a sonic conductance."""
-    return conductance_dm3_s_bar * _CONDUCTANCE_KG_S_PA / _CHOKED
+    return conductance_dm3_s_bar * (_CONDUCTANCE_KG_S_PA / _CHOKED)
 
 
 def conductance_dm3_s_bar(area_m2: float) -> float:
     """Return the sonic conductance of a nozzle: the inverse of `nozzle_area_m2`."""
-    return area_m2 * _CHOKED / _CONDUCTANCE_KG_S_PA
+    return area_m2 / (_CONDUCTANCE_KG_S_PA / _CHOKED)
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,10 @@ class Pump:
 
 @dataclass(frozen=True)
 class Line:
-    """One channel: solenoid at the manifold, tube, tendon or pair of tendons with the pressure sensor at its fitting."""
+    """One channel: solenoid at the manifold, tube, tendon or pair of them with the pressure sensor at its fitting."""
 
     valve_area_m2: float = nozzle_area_m2(0.1) * 1.03
-    """Effective area of each seat, m^2. Declared: 0.1 dm3/(s bar) for solenoid and tube together; the tube takes 3 %."""
+    """Effective area of each seat, m^2. Declared: 0.1 dm3/(s bar) for solenoid and tube; the tube takes 3 %."""
     laminar_per_m_s: float = 9.4e6
     """Laminar loss: pressure times density over mass flow. Half a metre of 2.5 mm bore, assumed (Hagen-Poiseuille)."""
     turbulent_per_m4: float = 1.56e11
@@ -172,8 +172,8 @@ class TendonMake:
     stribeck_m_s: float = 0.002
     """Speed of slip at which that is gone. Assumed."""
     confinement: float = 0.117
-    """Relative gain of the fibres' stress at full vacuum, pressed together by the membrane. Calibrated to rows a30_vac50
-    and a85_vac50."""
+    """Relative gain of the fibres' stress at full vacuum, squeezed by the membrane. Calibrated to rows a30_vac50 and
+    a85_vac50."""
     confinement_pa: float = 20e3
     """Vacuum at which two thirds of that are there. Assumed."""
     plate_area_m2: float = 31e-6

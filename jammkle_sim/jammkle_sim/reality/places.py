@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from jammkle_graph.names import CHANNELS, TENDONS, TENDONS_OF_CHANNEL
 
@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from jammkle_sim.reality.machine import Air, Clock, Imu, Line, Machine, Pump, Sensor, Sensors, TendonMake
+
+P = TypeVar("P")
 
 MANIFOLD = "manifold"
 PAIRS = {
@@ -77,11 +79,13 @@ def with_pressure_sensor(machine: Machine, place: str, change: Callable[[Sensor]
     return with_sensors(machine, swap)
 
 
-def plus(part: Any, **additions: float) -> Any:
+def plus(part: P, **additions: float) -> P:
     """Return a dataclass with something added to some fields."""
-    return dataclasses.replace(part, **{name: getattr(part, name) + value for name, value in additions.items()})
+    changed = {name: getattr(part, name) + value for name, value in additions.items()}
+    return cast("P", dataclasses.replace(cast("Any", part), **changed))
 
 
-def times(part: Any, **factors: float) -> Any:
+def times(part: P, **factors: float) -> P:
     """Return a dataclass with some fields multiplied."""
-    return dataclasses.replace(part, **{name: getattr(part, name) * value for name, value in factors.items()})
+    changed = {name: getattr(part, name) * value for name, value in factors.items()}
+    return cast("P", dataclasses.replace(cast("Any", part), **changed))

@@ -13,7 +13,7 @@ from jammkle_sim.reality.places import MANIFOLD, plus, times, with_clock, with_i
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_sim.reality.machine import Machine, Sensors
+    from jammkle_sim.reality.machine import Machine, Sensor, Sensors
 
 _ALL = ("tensile", "pressure", "drop", "slip", "landing")
 _PULLED = ("tensile", "slip", "drop", "landing")
@@ -83,10 +83,10 @@ def _hasty(machine: Machine, values: Mapping[str, float]) -> Machine:
 def _pressure_gain(place: str, machine: Machine, values: Mapping[str, float]) -> Machine:
     """A pressure sensor with a wrong slope, right at the atmosphere of a standard day."""
 
-    def change(sensor: object) -> object:
+    def change(sensor: Sensor) -> Sensor:
         return plus(times(sensor, gain=values["gain"]), offset=101_325.0 * (1.0 - values["gain"]))
 
-    return with_pressure_sensor(machine, place, change)  # type: ignore[arg-type]  # a Sensor stays one
+    return with_pressure_sensor(machine, place, change)
 
 
 def _imu_offset(machine: Machine, values: Mapping[str, float]) -> Machine:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal as filters
+from scipy import signal as filters  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.reality.faults import era_at
 from jammkle_sim.reality.machine import stream
@@ -170,7 +170,7 @@ def track(columns: tuple[str, ...], when: Moments, values: NDArray[np.float64]) 
 
 
 def encoder_rate(values: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
-    """Return the rate that firmware makes of an encoder's readings, along the first axis: it lags by half its window."""
+    """Return the rate that firmware makes of encoder readings, along the first axis: it lags by half its window."""
     half = (_RATE_WINDOW - 1) / 2.0
     weights = (np.arange(_RATE_WINDOW) - half)[::-1]
     weights = weights / (weights**2).sum() * rate_hz

@@ -14,7 +14,8 @@ from jammkle_sim.reality.options import BadPlanError, settings
 from jammkle_sim.reality.record import RealRun
 from jammkle_sim.reality.regulator import PERIOD_S, SetPoint
 from jammkle_sim.reality.sensors import Truth, encoder_track, load_cell_track, tendon_track
-from jammkle_sim.reality.tendon import BREAK, SHORTER, tendon_law, tendon_state, tendon_tension_n
+from jammkle_sim.reality.tendon import tendon_law, tendon_state, tendon_tension_n
+from jammkle_sim.reality.tendon_law import BREAK, SHORTER, TENSION, TIME, TORN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -119,16 +120,16 @@ def _pull(
     laws = [tendon_law(period.machine.tendons[place], step_s, fibres) for period in periods]
     state = tendon_state(laws[0], float(clamped_m[0]))
     tension_n = np.zeros(len(clamped_m))
-    tension_n[0] = state.more[3]
+    tension_n[0] = state.more[TENSION]
     first = 1
     for i, law in enumerate(laws):
         end_s = periods[i + 1].start_s if i + 1 < len(periods) else math.inf
         end = min(len(clamped_m), max(first, math.ceil(end_s / step_s))) if end_s < math.inf else len(clamped_m)
-        state.more[0] = 0.0
+        state.more[TIME] = 0.0
         give = periods[i].machine.rig.clamp_m_per_n
         _pull_on(law, state, clamped_m, vacuum_pa, give, first, end, tension_n)
         first = end
-    if state.more[1] == 0.0:
+    if state.more[TORN] == 0.0:
         return tension_n, np.zeros(len(clamped_m))
     torn = np.maximum.accumulate(
         (clamped_m + laws[-1].scalars[SHORTER] > 0.8 * laws[-1].scalars[BREAK]) & (tension_n == 0.0)
