@@ -87,8 +87,8 @@ class Law:
     joint_viscous_n_m_s: float = 0.0
     pivot_viscous_n_m_s: float = 0.0
     """Of the ball joint at the top of the leg."""
-    stop_rad: float = 1.2
-    """Angle from which on foot and leg meet. Assumed."""
+    stop_rad: float = 3.1
+    """Angle from which on foot and leg meet."""
     stop_n_m_rad: float = 50.0
     """Assumed."""
     rail_static_n: float = 0.0
@@ -132,6 +132,7 @@ STATE = np.dtype(
         ("foot_turn", "f8", (3, 3)),  # from the foot's frame to the world's
         ("speed", "f8", (SPEEDS,)),
         ("change", "f8", (SPEEDS,)),  # rate of the speed
+        ("freedom", "f8"),  # 1: the carriage was free in the last call, -1: it was held, 0: there was none
         ("bristle_m", "f8", (CORNERS, 2)),  # along and across the slope
         ("mat_m", "f8", (CORNERS,)),  # how far the mat is pressed
         ("mat_m_s", "f8", (CORNERS,)),

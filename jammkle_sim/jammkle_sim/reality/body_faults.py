@@ -165,7 +165,7 @@ def _faults() -> list[Fault]:
         Fault(
             "cramped_ankle",
             "mechanics",
-            _MOVED,
+            ("slip", "landing"),
             None,
             {"cramped_rad": _size("rad", 0.0, 0.0, 1.0)},
             _added(cramped_rad="cramped_rad"),

@@ -90,7 +90,7 @@ def new_rows(count: int) -> Floats:
 
 
 @compiled
-def go(  # noqa: PLR0913, PLR0914, PLR0917  # plain numbers keep the door to compiled code cheap
+def go(  # noqa: PLR0913, PLR0917  # plain numbers keep the door to compiled code cheap
     laws: Any,
     states: Any,
     tendon_laws: Any,
@@ -132,30 +132,44 @@ def go(  # noqa: PLR0913, PLR0914, PLR0917  # plain numbers keep the door to com
         lengths_and_rates(laws, states, length_m, rate_m_s)
         if has_tendons:
             for i in range(TENDONS):
-                if pin_play_m[i] > 0.0:
-                    if pull_n[i] > _PIN_N:
-                        pin_m[i] = min(pin_m[i] + (pull_n[i] - _PIN_N) / _PIN_N_S_M * step_s, pin_play_m[i])
-                    elif pull_n[i] <= 0.0:
-                        pin_m[i] -= pin_m[i] * step_s / _PIN_BACK_S
+                pin_m[i] = _pinned_m(pin_m[i], pin_play_m[i], pull_n[i], step_s)
                 extension_m = length_m[i] - free_m[i] - pin_m[i]
                 pull_n[i] = tendon_tension_n(tendon_laws[i], tendon_states[i], extension_m, vacuum_pa[row, i])
         before_m_s = state.speed[0]
         speed_m_s = (drive_m[row + 1] - drive_m[row]) / step_s
         advance(laws, states, pull_n, inner_steps, step_s / inner_steps, is_held, drive_m[row], speed_m_s)
         lengths_and_rates(laws, states, length_m, rate_m_s)
-        out = rows[row]
-        out[_FORCE] = (state.speed[0] - before_m_s) / step_s + gravity
-        out[_HEIGHT] = state.height_m
-        out[_RISE] = state.speed[0]
-        for i in range(3):
-            out[_CELL + i] = state.cell_n[i]
-            for j in range(3):
-                out[_LEG + 3 * i + j] = state.leg_turn[i, j]
-                out[_FOOT + 3 * i + j] = state.foot_turn[i, j]
-        for i in range(6):
-            out[_SPIN + i] = state.speed[1 + i]
+        rows[row, _FORCE] = (state.speed[0] - before_m_s) / step_s + gravity
+        _note(state, length_m, rate_m_s, pull_n, rows[row])
         for i in range(TENDONS):
-            out[_LENGTH + i] = length_m[i]
-            out[_RATE + i] = rate_m_s[i]
-            out[_PULL + i] = pull_n[i]
-            out[_TORN + i] = tendon_states[i].more[1]
+            rows[row, _TORN + i] = tendon_states[i].more[1]
+
+
+@compiled
+def _pinned_m(pin_m: float, play_m: float, pull_n: float, step_s: float) -> float:
+    """Return how far a pin has slid in its worn hole: pulled along, and back when its tendon is slack."""
+    if play_m <= 0.0:
+        return 0.0
+    if pull_n > _PIN_N:
+        return min(pin_m + (pull_n - _PIN_N) / _PIN_N_S_M * step_s, play_m)
+    if pull_n <= 0.0:
+        return pin_m * (1.0 - step_s / _PIN_BACK_S)
+    return pin_m
+
+
+@compiled
+def _note(state: Any, length_m: Any, rate_m_s: Any, pull_n: Any, out: Any) -> None:
+    """Write what is seen of a state into a row."""
+    out[_HEIGHT] = state.height_m
+    out[_RISE] = state.speed[0]
+    for i in range(3):
+        out[_CELL + i] = state.cell_n[i]
+        for j in range(3):
+            out[_LEG + 3 * i + j] = state.leg_turn[i, j]
+            out[_FOOT + 3 * i + j] = state.foot_turn[i, j]
+    for i in range(6):
+        out[_SPIN + i] = state.speed[1 + i]
+    for i in range(TENDONS):
+        out[_LENGTH + i] = length_m[i]
+        out[_RATE + i] = rate_m_s[i]
+        out[_PULL + i] = pull_n[i]

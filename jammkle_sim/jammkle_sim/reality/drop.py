@@ -38,12 +38,12 @@ _STEP_S = 1e-4
 _TIP_KG, _TIP_RADIUS_M, _TIP_M = 0.020, 0.010, 0.020
 """The standard foot's printed tip. Declared."""
 _HEIGHT_M = 0.0005
-"""Standard deviation of the height over runs. Calibrated to the squash ball's row, whose repeats differ by 0.5 m/s^2."""
+"""Standard deviation of the height over runs. Calibrated to the squash ball's row: repeats differ by 0.5 m/s^2."""
 _PRETENSION_M = 0.0005
-"""Standard deviation of the pretension over runs: tendons that have not recovered from the drop before. Calibrated,
-with the friction, to the rows of the two ankles, whose repeats differ by 0.7 and 1.0 m/s^2."""
+"""Standard deviation of the pretension over runs: tendons that have not recovered from the drop before. Chosen so that
+the heel strikes in no repeat; the ankles then differ by 0.3 m/s^2, where the paper's differ by 0.7 and 1.0."""
 _FRICTION = 0.05
-"""Relative standard deviation of the floor's friction over runs. Calibrated as above."""
+"""Relative standard deviation of the floor's friction over runs. Assumed."""
 
 
 def drop(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:

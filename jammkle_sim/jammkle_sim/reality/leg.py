@@ -31,6 +31,12 @@ if TYPE_CHECKING:
 
 _STICTION = 1.4
 """Static over sliding friction of joint and rail. Assumed: dry plastic."""
+_STOP_RAD = 1.2
+"""Angle from which on foot and leg meet. Declared."""
+_PLATE_SHARE = 0.25
+"""Share of the foot's mass that a loose plate has. Assumed."""
+_LEAST_KG = 0.1
+"""What a carriage keeps, whatever is taken off it."""
 
 
 @dataclass(frozen=True)
@@ -166,12 +172,13 @@ def ankle_law(machine: Machine, stand: Stand, press: Press | None = None) -> Law
         press: Of each corner; none: the sole's own.
 
     """
-    ankle, leg = machine.ankle, machine.leg
+    ankle, leg, corner = machine.ankle, machine.leg, press or hertz(machine.leg.sole_n_m15, SOLE_S_M)
     seats, leg_kg = seats_m(ankle), leg.ankle_kg - ankle.foot_kg
     along, about = leg_kg * ankle.tendon_length_m**2 / 12.0, leg_kg * leg.half_width_m**2 / 2.0
-    plate_kg = 0.25 * ankle.foot_kg if leg.plate_gap_m > 0.0 else 0.0
-    plain = Law(
-        carriage_kg=stand.mass_kg - leg.ankle_kg,
+    plate_kg = _PLATE_SHARE * ankle.foot_kg if leg.plate_gap_m > 0.0 else 0.0
+    has_mat = leg.mat_m_n > 0.0
+    return Law(
+        carriage_kg=max(stand.mass_kg - leg.ankle_kg + leg.payload_kg, _LEAST_KG),
         leg_kg=leg_kg,
         leg_inertia_kg_m2=np.array([along, along, about]),
         leg_centre_m=np.array([0.0, 0.0, ankle.tendon_length_m / 2.0 - stand.pivot_m]),
@@ -185,18 +192,30 @@ def ankle_law(machine: Machine, stand: Stand, press: Press | None = None) -> Law
         seat_foot_m=np.column_stack([seats, np.zeros(4)]),
         corner_m=leg.corners_m(stand.toe_m),
         corner_radius_m=leg.corner_radius_m,
+        press_n=corner.force_n,
+        press_step_m=corner.step_m,
+        press_damping_s_m=corner.damping_s_m,
+        friction_static=STATIC_SHARE * stand.friction * leg.grip,
+        friction_sliding=stand.friction * leg.grip,
+        friction_stribeck_m_s=STRIBECK_M_S,
+        friction_bristle_1_m=BRISTLE_1_M,
+        friction_bristle_s_m=BRISTLE_S_M,
+        slope_rad=stand.slope_rad + leg.floor_rad,
+        mat_n_m=1.0 / leg.mat_m_n if has_mat else 0.0,
+        mat_n_s_m=MAT_S / leg.mat_m_n if has_mat else 1.0,
         joint_static_n_m=_STICTION * ankle.joint_dry_n_m,
         joint_sliding_n_m=ankle.joint_dry_n_m,
         joint_viscous_n_m_s=ankle.joint_viscous_n_m_s,
+        stop_rad=_STOP_RAD - leg.cramped_rad,
+        rail_static_n=_STICTION * leg.rail_n,
+        rail_sliding_n=leg.rail_n,
+        rail_tight_m=leg.rail_tight_m,
+        rail_width_m=leg.rail_width_m,
+        cable_n=leg.cable_n,
+        cable_n_m=leg.cable_n_m,
+        cable_m=stand.touch_m,
         plate_kg=plate_kg,
         plate_gap_m=leg.plate_gap_m,
-        **floor(leg, stand, press or hertz(leg.sole_n_m15, SOLE_S_M)),
-    )
-    return dataclasses.replace(
-        plain,
-        carriage_kg=max(plain.carriage_kg + leg.payload_kg, 0.1),
-        stop_rad=plain.stop_rad - leg.cramped_rad,
-        **slide(leg, stand),
     )
 
 
@@ -221,34 +240,3 @@ def tip_law(machine: Machine, stand: Stand, foot_kg: float, radius_m: float, pre
         corner_radius_m=radius_m,
         plate_kg=0.0,
     )
-
-
-def floor(leg: Leg, stand: Stand, press: Press) -> dict[str, float | Floats]:
-    """Return what of a law the floor decides."""
-    sliding = stand.friction * leg.grip
-    return {
-        "press_n": press.force_n,
-        "press_step_m": press.step_m,
-        "press_damping_s_m": press.damping_s_m,
-        "friction_static": STATIC_SHARE * sliding,
-        "friction_sliding": sliding,
-        "friction_stribeck_m_s": STRIBECK_M_S,
-        "friction_bristle_1_m": BRISTLE_1_M,
-        "friction_bristle_s_m": BRISTLE_S_M,
-        "slope_rad": stand.slope_rad + leg.floor_rad,
-        "mat_n_m": 1.0 / leg.mat_m_n if leg.mat_m_n > 0.0 else 0.0,
-        "mat_n_s_m": MAT_S / leg.mat_m_n if leg.mat_m_n > 0.0 else 1.0,
-    }
-
-
-def slide(leg: Leg, stand: Stand) -> dict[str, float]:
-    """Return what of a law the rail and what hangs on the carriage decide."""
-    return {
-        "rail_static_n": _STICTION * leg.rail_n,
-        "rail_sliding_n": leg.rail_n,
-        "rail_tight_m": leg.rail_tight_m,
-        "rail_width_m": leg.rail_width_m,
-        "cable_n": leg.cable_n,
-        "cable_n_m": leg.cable_n_m,
-        "cable_m": stand.touch_m,
-    }

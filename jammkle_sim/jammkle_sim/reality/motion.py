@@ -26,7 +26,7 @@ _STILL = 1e-12
 
 
 @compiled
-def advance(  # noqa: PLR0913  # plain numbers keep the door to compiled code cheap
+def advance(
     laws: NDArray[Any],
     states: NDArray[Any],
     pull_n: NDArray[np.float64],
@@ -53,6 +53,11 @@ def advance(  # noqa: PLR0913  # plain numbers keep the door to compiled code ch
     active = _find_active(law, state, is_held)
     for i in range(3):
         state.cell_n[i] = 0.0
+    free = -1.0 if is_held else 1.0
+    if state.freedom != free:  # what is let go accelerates from the first moment
+        state.freedom = free
+        _gather(law, state, pull_n, step_s, drive_m, drive_m_s)
+        _solve(law, state, active)
     for step in range(steps):
         for i in range(SPEEDS):
             state.speed[i] += state.change[i] * step_s / 2.0
@@ -114,7 +119,7 @@ def _drift(state: Any, step_s: float) -> None:
 
 
 @compiled
-def _gather(law: Any, state: Any, pull_n: Any, step_s: float, drive_m: float, drive_m_s: float) -> Vector:  # noqa: PLR0913  # as above
+def _gather(law: Any, state: Any, pull_n: Any, step_s: float, drive_m: float, drive_m_s: float) -> Vector:
     """Gather the loads on every speed; return the force of the ground."""
     for i in range(SPEEDS):
         state.load[i] = 0.0
@@ -158,7 +163,8 @@ def _carriage_n(law: Any, state: Any, step_s: float, drive_m: float, drive_m_s: 
             force -= law.rail_bristle_n_m * state.rail_bristle_m
         else:
             state.rail_bristle_m = 0.0
-    return force
+    pull_n: float = force
+    return pull_n
 
 
 @compiled
@@ -230,7 +236,7 @@ def _add_plate(law: Any, state: Any, to_ankle: Vector, step_s: float) -> None:
 
 
 @compiled
-def _corner_n(law: Any, state: Any, corner: int, to_ankle: Vector, step_s: float) -> Vector:  # noqa: PLR0914  # a contact has many numbers
+def _corner_n(law: Any, state: Any, corner: int, to_ankle: Vector, step_s: float) -> Vector:
     """Add what the ground does to one corner, and return it."""
     sine, cosine = math.sin(law.slope_rad), math.cos(law.slope_rad)
     out, along = (-sine, 0.0, cosine), (cosine, 0.0, sine)
@@ -272,12 +278,13 @@ def _corner_n(law: Any, state: Any, corner: int, to_ankle: Vector, step_s: float
 
 
 @compiled
-def _rubbed(law: Any, state: Any, corner: int, way: int, speed: float, give: float, step_s: float) -> float:  # noqa: PLR0913  # as above
+def _rubbed(law: Any, state: Any, corner: int, way: int, speed: float, give: float, step_s: float) -> float:
     """Bend the bristles of one corner one way on, and return their force per load."""
     before = state.bristle_m[corner, way]
     after = (before + speed * step_s) / give
     state.bristle_m[corner, way] = after
-    return law.friction_bristle_1_m * after + law.friction_bristle_s_m * (after - before) / step_s
+    rub: float = law.friction_bristle_1_m * after + law.friction_bristle_s_m * (after - before) / step_s
+    return rub
 
 
 @compiled
@@ -291,7 +298,8 @@ def _pressed_n(law: Any, depth_m: float) -> float:
     place = depth_m / law.press_step_m
     index = min(int(place), PRESS_POINTS - 2)
     below = law.press_n[index]
-    return below + (law.press_n[index + 1] - below) * (place - index)
+    pressed_n: float = below + (law.press_n[index + 1] - below) * (place - index)
+    return pressed_n
 
 
 @compiled
@@ -322,14 +330,7 @@ def _solve(law: Any, state: Any, count: int) -> None:
     _border(matrix, _LEG, leg_lever)
     _border(matrix, _FOOT, foot_lever)
     if law.foot_is_free <= 0.0 and law.leg_is_free > 0.0:
-        for i in range(3):  # the foot turns as the leg does
-            load[_LEG + i] += load[_FOOT + i]
-            matrix[0, _LEG + i] += matrix[0, _FOOT + i]
-            matrix[_LEG + i, 0] = matrix[0, _LEG + i]
-            for j in range(3):
-                matrix[_LEG + i, _LEG + j] += (
-                    matrix[_LEG + i, _FOOT + j] + matrix[_FOOT + i, _LEG + j] + matrix[_FOOT + i, _FOOT + j]
-                )
+        _fold(matrix, load)
     _eliminate(matrix, load, state.active, count)
     for i in range(SPEEDS):
         state.change[i] = 0.0
@@ -338,6 +339,18 @@ def _solve(law: Any, state: Any, count: int) -> None:
     if law.foot_is_free <= 0.0:
         for i in range(3):
             state.change[_FOOT + i] = state.change[_LEG + i]
+
+
+@compiled
+def _fold(matrix: Any, load: Any) -> None:
+    """Let the foot turn as the leg does."""
+    for i in range(3):
+        load[_LEG + i] += load[_FOOT + i]
+        matrix[0, _LEG + i] += matrix[0, _FOOT + i]
+        matrix[_LEG + i, 0] = matrix[0, _LEG + i]
+        for j in range(3):
+            both = matrix[_LEG + i, _FOOT + j] + matrix[_FOOT + i, _LEG + j]
+            matrix[_LEG + i, _LEG + j] += both + matrix[_FOOT + i, _FOOT + j]
 
 
 @compiled

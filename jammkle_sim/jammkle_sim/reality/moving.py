@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal as filters
+from scipy import signal as filters  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_graph import names
 from jammkle_sim.reality.bodies import TENDONS, still
@@ -18,7 +19,8 @@ from jammkle_sim.reality.faults import era_at
 from jammkle_sim.reality.motion import lengths_and_rates
 from jammkle_sim.reality.record import RealRun
 from jammkle_sim.reality.sensors import Truth, encoder_track, imu_track, load_cell_track, tendon_track
-from jammkle_sim.reality.tendon import tendon_law, tendon_state
+from jammkle_sim.reality.tendon import tendon_state
+from jammkle_sim.reality.tendon_law import tendon_law
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -130,8 +132,9 @@ def _course(scene: Scene, periods: Sequence[Era], air_s: Floats, vacuum_pa: Floa
         for make, length in zip(makes, length_m - scene.free_m, strict=True)
     )
     pin_m = np.zeros(TENDONS)
-    stretches, before = [], periods[0].machine
-    for start, end in zip(stops, stops[1:], strict=False):
+    stretches: list[tuple[Floats, Floats]] = []
+    before = periods[0].machine
+    for start, end in itertools.pairwise(stops):
         start_s = start * _COARSE_S
         machine = era_at(periods, start_s + _COARSE_S / 2.0)
         if machine is not before:
@@ -141,7 +144,7 @@ def _course(scene: Scene, periods: Sequence[Era], air_s: Floats, vacuum_pa: Floa
         is_held = start_s < scene.release_s - _COARSE_S / 2.0
         step_s = _COARSE_S if is_held else scene.step_s
         count = round((end - start) * _COARSE_S / step_s)
-        time_s = start_s + step_s * np.arange(count + 1)
+        time_s: Floats = start_s + step_s * np.arange(count + 1, dtype=np.float64)
         held_pa = np.column_stack([np.interp(time_s[1:], air_s, vacuum_pa[:, each]) for each in channel])
         rows = new_rows(count)
         go(
