@@ -142,12 +142,12 @@ class Material:
 class TendonMake:
     """One tendon: two groups of fibres mirrored about the middle, that slide along each other."""
 
-    soft: Material = Material(modulus_pa=155.9e3, limit=2.41, relaxation=1.027, softening_per_k=0.139)
+    soft: Material = Material(modulus_pa=155.3e3, limit=2.41, relaxation=1.051, softening_per_k=0.139)
     """Shore A-30. Modulus and limit calibrated to rows a30_atm and membrane_atm; relaxation to the declared rates
     (19.0 N at 0.5 mm/s to 50.6 N at 1 m/s); temperature: falls fourfold from 20 to 30 degC (declared)."""
-    stiff: Material = Material(modulus_pa=1.892e6, limit=60.0, relaxation=0.719, softening_per_k=0.05)
+    stiff: Material = Material(modulus_pa=1.887e6, limit=60.0, relaxation=0.736, softening_per_k=0.05)
     """Shore A-85. Modulus calibrated to row a85_atm; the rest assumed."""
-    exponent: float = 0.197
+    exponent: float = 0.193
     """Exponent of the relaxation over time. Calibrated to the declared rates."""
     shortest_s: float = 0.0005
     """Time below which the material is glass and relaxes no more. Assumed."""
@@ -161,9 +161,9 @@ class TendonMake:
     """Coefficient of soft on stiff. Paper."""
     friction_stiff: float = 0.99
     """Coefficient of stiff on stiff, in the overlap. Paper."""
-    contact_share: float = 0.655
+    contact_share: float = 0.685
     """Share of the vacuum that presses fibre on fibre. Calibrated to rows multi_vac10, multi_vac30, multi_vac50."""
-    contact_onset_pa: float = 8.4e3
+    contact_onset_pa: float = 8.83e3
     """Vacuum that the membrane itself takes up before it presses. Calibrated to the same rows."""
     bristle_m: float = 0.0003
     """Slip after which a contact at 50 kPa slides. Assumed."""
@@ -171,12 +171,12 @@ class TendonMake:
     """How much more a contact holds at rest than sliding, relative. Assumed."""
     stribeck_m_s: float = 0.002
     """Speed of slip at which that is gone. Assumed."""
-    confinement: float = 0.117
+    confinement: float = 0.115
     """Relative gain of the fibres' stress at full vacuum, squeezed by the membrane. Calibrated to rows a30_vac50 and
     a85_vac50."""
     confinement_pa: float = 20e3
     """Vacuum at which two thirds of that are there. Assumed."""
-    plate_area_m2: float = 31e-6
+    plate_area_m2: float = 31.5e-6
     """Area by which the vacuum pulls the end plates together. Calibrated to the same rows."""
     plate_travel_m: float = 0.0015
     """Extension over which the fibres hand that pull over to the clamps. Assumed."""
