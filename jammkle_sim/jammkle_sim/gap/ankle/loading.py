@@ -96,7 +96,7 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
         raise BadRecordingError(msg)
     inputs = AnkleInputs(name, settings, CommandTrack(_nothing(), {}))
     built = nominal_rig(inputs)
-    start_s = rig_start_s(bag, topics, built, notes)
+    start_s = rig_start_s(bag, topics, built, lambda guess_s: _commands(topics, guess_s), notes)
     commands = _commands(topics, start_s)
     noise, bias = declared_noise(built, timestep_s(built)), declared_bias(built)
     signals = {
