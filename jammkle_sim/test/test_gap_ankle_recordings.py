@@ -294,6 +294,27 @@ def with_gap(values: np.ndarray) -> np.ndarray:
     return values
 
 
+def between(bag: Bag, from_s: float, to_s: float, *topics: str) -> Bag:
+    """Leave out a stretch of some topics, by default of all."""
+    left = {}
+    for name, each in bag.topics.items():
+        kept = (each.log_s < from_s) | (each.log_s > to_s) | bool(topics and name not in topics)
+        left[name] = Samples(each.log_s[kept], each.stamp_s[kept], {k: v[kept] for k, v in each.columns.items()})
+    return dataclasses.replace(bag, topics=left)
+
+
+def test_joints_of_other_names_are_named() -> None:
+    """Joints that no ankle has are left out, and the reader is told; joint states without any are missing."""
+    given = bag()
+    joints = given.topics[names.JOINT_STATES.name]
+    strange = dataclasses.replace(joints, columns={f"hip_{name}": each for name, each in joints.columns.items()})
+    found = recording_of(dataclasses.replace(given, topics={**given.topics, names.JOINT_STATES.name: strange}))
+    assert any("hip_ankle_pitch" in note for note in found.notes)
+    empty = dataclasses.replace(joints, columns={})
+    found = recording_of(dataclasses.replace(given, topics={**given.topics, names.JOINT_STATES.name: empty}))
+    assert any("not recorded: joint_states" in note for note in found.notes)
+
+
 def short(bag: Bag) -> Bag:
     """Return the first half second."""
     topics = {
@@ -322,6 +343,26 @@ BAD: dict[str, tuple[Callable[[Bag], Bag], str, str]] = {
         "looks like degrees",
         "record rad",
     ),
+    "mbar": (changed(ACHILLES, column("pressure", lambda p: p / 100.0)), "looks like mbar", "record absolute"),
+    "psi": (changed(ACHILLES, column("pressure", lambda p: p / 6894.76)), "looks like psi", "record absolute"),
+    "duty in percent": (
+        changed(names.PUMP_DUTY.name, column("data", lambda d: 100.0 * d)),
+        "pump/duty in bag pressure is 100",
+        "a number from 0 to 1",
+    ),
+    "duty not a number": (changed(names.PUMP_DUTY.name, column("data", lambda d: d * np.nan)), "is nan at", "0 to 1"),
+    "no time in headers": (
+        changed(ACHILLES, lambda each: dataclasses.replace(each, stamp_s=0.0 * each.stamp_s)),
+        "carries no time",
+        "header.stamp set",
+    ),
+    "a pause": (lambda bag: between(bag, 0.9, 1.6), "holds nothing between", "without a pause"),
+    "commands too late": (
+        lambda bag: between(bag, 0.0, 0.9, *(topic for topic, each in bag.topics.items() if "data" in each.columns)),
+        "before the first at",
+        "from before the first one is given",
+    ),
+    "one solenoid": (without(names.SOLENOIDS[names.ACHILLES].name), "without any achilles/solenoid", "record the comm"),
     "nan": (changed(ACHILLES, column("pressure", with_gap)), "is not a number at 1 of", "leave such samples out"),
     "constant": (
         changed(ACHILLES, column("pressure", lambda p: np.full_like(p, 101_325.0))),

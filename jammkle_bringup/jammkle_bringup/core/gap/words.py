@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.gap.quantities import noise_units, percent, percents, quantity
-from jammkle_sim.gap.verdict import Verdict
+from jammkle_sim.gap.verdict import Criteria, Verdict
 
 if TYPE_CHECKING:
     from jammkle_sim.gap.diagnosis import Candidate, Diagnosis, FittedEffect
@@ -28,6 +28,8 @@ PHASE_WORDS = {
     "whole run": "over the whole run",
 }
 _NO_EFFECT = "no effect at all"
+_NONE = Criteria().worth_gap
+"""Largest gap that counts as none, noise units."""
 
 
 def label(name: str) -> str:
@@ -62,12 +64,7 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict is Verdict.NO_GAP:
         return "Simulation and recordings agree within the noise: there is no gap to explain."
     if diagnosis.verdict is Verdict.UNKNOWN:
-        left = max(diagnosis.signals, key=lambda each: each.closing.with_effect)
-        most = f"{left.signal} is off by {noise_units(left.closing.with_effect)} times its noise"
-        but = " with the best of them" if diagnosis.effects else ""
-        if not diagnosis.finished:
-            return f"Stopped before an explanation was found: {most}{but}."
-        return f"Something real is left that no effect of the library explains: {most}{but}."
+        return _unexplained(diagnosis)
     if diagnosis.verdict is Verdict.EFFECTS:
         found = [finding(effect) for effect in diagnosis.effects]
         rival = "candidate does as well" if diagnosis.finished else "does as well of what was tried before the stop"
@@ -75,6 +72,18 @@ def headline(diagnosis: Diagnosis) -> str:
     found = ["; ".join(finding(effect) for effect in each.effects) or _NO_EFFECT for each in diagnosis.candidates]
     options = "; or ".join(found)
     return f"One of {len(found)} explanations, which these recordings cannot tell apart: {options}."
+
+
+def _unexplained(diagnosis: Diagnosis) -> str:
+    left = max(diagnosis.signals, key=lambda each: each.closing.with_effect)
+    most = f"{left.signal} is off by {noise_units(left.closing.with_effect)} times its noise"
+    but = " with the best of them" if diagnosis.effects else ""
+    if not diagnosis.finished:
+        return f"Stopped before an explanation was found: {most}{but}."
+    if diagnosis.effects and left.closing.with_effect <= _NONE:
+        lead = " + ".join(label(effect.name) for effect in diagnosis.effects)
+        return f"There is a gap, and nothing is proven to cause it: {lead} would close it, but not clearly better."
+    return f"Something real is left that no effect of the library explains: {most}{but}."
 
 
 def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -86,7 +95,8 @@ def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
         texts = [f"Most of the gap is in {place_label(worst)}: {percent(worst.share)} ({percents(worst.interval)})."]
         if diagnosis.effects:
             names = " + ".join(label(effect.name) for effect in diagnosis.effects)
-            texts.append(f"Closest of the library, and not enough: {names}.")
+            enough = max(each.closing.with_effect for each in diagnosis.signals) <= _NONE
+            texts.append(f"Closest of the library, and not {'proven' if enough else 'enough'}: {names}.")
         return tuple(texts)
     effects = [effect for each in diagnosis.candidates for effect in each.effects]
     if diagnosis.verdict is Verdict.EFFECTS:
