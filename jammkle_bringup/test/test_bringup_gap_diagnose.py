@@ -206,6 +206,10 @@ def test_ctrl_c_keeps_what_is_known(
         (["{bag}", "--rig", "tensile"], "was recorded on rig 'pressure'"),
         (["{bag}", "--set", "colour=red"], "no option of rig pressure"),
         (["{bag}", "--set", "vacuum_pa"], "NAME=VALUE"),
+        (["{bag}", "--set", "vacuum_pa=["], "cannot be read"),
+        (["{bag}", "--set", "vacuum_pa=-5"], "6000 to 75000 Pa"),
+        (["{bag}", "--reference", "{folder}/gone"], "gone does not exist"),
+        (["{bag}", "--library", "{folder}/fails.yaml"], "fails with KeyError: 'stifness'; mend it in"),
         (["{bag}", "--jobs", "0"], "1 or more"),
         (["{bag}", "--library", "{folder}/bad.yaml"], "maximum"),
         (["{bag}", "--json", "{folder}/no/where.json"], "cannot be written"),
@@ -221,6 +225,12 @@ def test_bad_input_is_one_line(
         "parameters: {size: {unit: m, 'null': 0, minimum: 0, source: a guess}}}",
         encoding="utf-8",
     )
+    (tmp_path / "fails.yaml").write_text(
+        "my_effect: {subsystem: air, sentence: It leaks., change: 'fails.py:change', "
+        "parameters: {size: {unit: m, null: 0, minimum: 0, maximum: 1, source: a guess}}}",
+        encoding="utf-8",
+    )
+    (tmp_path / "fails.py").write_text("def change(*_):\n    raise KeyError('stifness')\n", encoding="utf-8")
     filled = [each.format(folder=tmp_path, bag=leaking) for each in arguments]
     out = [] if "-o" in filled else ["-o", str(tmp_path / "out")]
     assert main(["gap", "diagnose", *filled, *out]) == 2

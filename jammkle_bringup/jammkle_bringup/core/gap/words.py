@@ -28,6 +28,8 @@ PHASE_WORDS = {
     "whole run": "over the whole run",
 }
 _NO_EFFECT = "no effect at all"
+_MOST_IN_WORDS = 3
+"""Explanations that are told by their sentences; more are told by their names."""
 _NONE = Criteria().worth_gap
 """Largest gap that counts as none, noise units."""
 
@@ -69,9 +71,22 @@ def headline(diagnosis: Diagnosis) -> str:
         found = [finding(effect) for effect in diagnosis.effects]
         rival = "candidate does as well" if diagnosis.finished else "does as well of what was tried before the stop"
         return f"{_sentence_of(found)}: that explains the gap, and no other {rival}."
-    found = ["; ".join(finding(effect) for effect in each.effects) or _NO_EFFECT for each in diagnosis.candidates]
-    options = "; or ".join(found)
-    return f"One of {len(found)} explanations, which these recordings cannot tell apart: {options}."
+    return _one_of(diagnosis)
+
+
+def _one_of(diagnosis: Diagnosis) -> str:
+    """Return the set in one sentence: what all of it holds, and what differs; by names where sentences are many."""
+    every = [{effect.name: effect for effect in each.effects} for each in diagnosis.candidates]
+    shared = [effect for name, effect in every[0].items() if all(name in each for each in every)]
+    rest = [[each[name] for name in each if name not in {one.name for one in shared}] for each in every]
+    if shared or len(rest) > _MOST_IN_WORDS:
+        options = "; ".join(" + ".join(label(effect.name) for effect in each) or "nothing else" for each in rest)
+    else:
+        options = "; or ".join("; ".join(finding(effect) for effect in each) or _NO_EFFECT for each in rest)
+    if not shared:
+        return f"One of {len(rest)} explanations, which these recordings cannot tell apart: {options}."
+    found = _sentence_of([finding(effect) for effect in shared])
+    return f"{found}; with it comes one of {len(rest)} that these recordings cannot tell apart: {options}."
 
 
 def _unexplained(diagnosis: Diagnosis) -> str:
@@ -92,16 +107,17 @@ def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
         return ()
     if diagnosis.verdict is Verdict.UNKNOWN:
         worst = diagnosis.where.places[0]
-        texts = [f"Most of the gap is in {place_label(worst)}: {percent(worst.share)} ({percents(worst.interval)})."]
+        share = f"{percent(worst.share)} ({percents(worst.interval)})"
+        texts = [f"The largest part of the gap is in {place_label(worst)}: {share}."]
         if diagnosis.effects:
             names = " + ".join(label(effect.name) for effect in diagnosis.effects)
             enough = max(each.closing.with_effect for each in diagnosis.signals) <= _NONE
             texts.append(f"Closest of the library, and not {'proven' if enough else 'enough'}: {names}.")
         return tuple(texts)
+    if diagnosis.verdict is Verdict.EFFECTS:  # the headline has told what is wrong
+        return tuple(dict.fromkeys(f"{label(effect.name)}: {advice(effect)}" for effect in diagnosis.effects))
     effects = [effect for each in diagnosis.candidates for effect in each.effects]
-    if diagnosis.verdict is Verdict.EFFECTS:
-        effects = list(diagnosis.effects)
-    return tuple(dict.fromkeys(f"{label(effect.name)}: {advice(effect)}" for effect in effects))
+    return tuple(dict.fromkeys(f"{label(effect.name)}: {effect.sentence}" for effect in effects))
 
 
 def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -125,8 +141,17 @@ def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
         )
     if diagnosis.next_experiment is not None:
         following = diagnosis.next_experiment
-        texts.append(f"To tell them apart, record '{following.name}': there, {following.sentence}.")
+        texts.append(f"To tell them apart, record '{following.name}': there, {next_sentence(diagnosis)}.")
     return tuple(texts)
+
+
+def next_sentence(diagnosis: Diagnosis) -> str:
+    """Return what the next experiment would show, with the effects' names for people."""
+    text = "" if diagnosis.next_experiment is None else diagnosis.next_experiment.sentence
+    names = {name for each in diagnosis.candidates for name in each.names}
+    for name in sorted(names, key=len, reverse=True):
+        text = text.replace(name, label(name))
+    return text
 
 
 def closed_sentence(diagnosis: Diagnosis) -> str:
