@@ -96,7 +96,7 @@ def ankle_library(file: Path | None = None) -> Library:
     """
     effects = list(_own_effects())
     if file is not None:
-        effects += _effects_of(file, _yaml(file))
+        effects += _effects_of(file, read_yaml(file, "library"))
     return Library(tuple(effects))
 
 
@@ -141,23 +141,33 @@ def try_changes(library: Library, rig: Rig) -> None:
             effect.change(rig, {each.name: each.maximum for each in effect.parameters})
 
 
+def read_yaml(file: Path, what: str) -> Any:
+    """Return what stands in a YAML file.
+
+    Args:
+        file: To be read.
+        what: What it is, for the messages: `library`.
+
+    Raises:
+        BadEffectError: it cannot be read, or is not YAML.
+
+    """
+    try:
+        return yaml.safe_load(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        msg = f"{what} {file} cannot be read: {error.strerror}"
+        raise BadEffectError(msg) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        msg = f"{what} {file} is not YAML: {' '.join(str(error).split())}"
+        raise BadEffectError(msg) from error
+
+
 @lru_cache(maxsize=1)
 def _own_effects() -> tuple[AnkleEffect, ...]:
     folder = resources.files("jammkle_sim.gap.ankle") / "library"
     files = sorted((file for file in folder.iterdir() if file.name.endswith(".yaml")), key=lambda file: file.name)
     entries = {file.name: yaml.safe_load(file.read_text(encoding="utf-8")) for file in files}
     return tuple(effect for table in entries.values() for effect in _effects_of(None, table))
-
-
-def _yaml(file: Path) -> Any:
-    try:
-        return yaml.safe_load(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        msg = f"library {file} cannot be read: {error.strerror}"
-        raise BadEffectError(msg) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        msg = f"library {file} is not YAML: {' '.join(str(error).split())}"
-        raise BadEffectError(msg) from error
 
 
 def _effects_of(file: Path | None, table: Any) -> Iterator[AnkleEffect]:
