@@ -18,7 +18,8 @@ from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.gap_report import show
 from jammkle_bringup.progress import progress_bar
 from jammkle_sim.gap.ankle.corrected import corrected_text
-from jammkle_sim.gap.ankle.effects import ankle_library
+from jammkle_sim.gap.ankle.effects import ankle_library, try_changes
+from jammkle_sim.gap.ankle.inputs import nominal_rig
 from jammkle_sim.gap.ankle.loading import load_recording
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.subsystems import subsystem_simulators
@@ -74,6 +75,7 @@ def diagnose(request: DiagnoseRequest) -> int:
     library = _library(request.library)
     recordings = _recordings(request.bags, request, options, stop)
     references = _recordings(request.references, request, options, stop)
+    _try_changes(library, recordings)
     with backend(request.jobs, request.scheduler) as jobs:
         diagnosis = _diagnose(recordings, references, library, jobs, stop)
     setting = Setting(
@@ -121,7 +123,11 @@ def _setting(text: str) -> tuple[str, Any]:
     if not name or not sign:
         msg = f"--set '{text}' must be NAME=VALUE, such as vacuum_pa=50000"
         raise InputError(msg)
-    read = yaml.safe_load(value)
+    try:
+        read = yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        msg = f"--set '{text}' has a value that cannot be read; write a number or a word, such as vacuum_pa=50000"
+        raise InputError(msg) from error
     try:
         return name.replace("-", "_"), float(read) if isinstance(read, str) else read
     except ValueError:  # a word, such as a foot
@@ -131,6 +137,15 @@ def _setting(text: str) -> tuple[str, Any]:
 def _library(file: Path | None) -> Library:
     try:
         return ankle_library(file)
+    except BadEffectError as error:
+        raise InputError(str(error)) from error
+
+
+def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:
+    rigs = {(each.inputs.rig, each.inputs.options): nominal_rig(each.inputs) for each in recordings}
+    try:
+        for rig in rigs.values():
+            try_changes(library, rig)
     except BadEffectError as error:
         raise InputError(str(error)) from error
 

@@ -79,17 +79,16 @@ def _gap_table(diagnosis: Diagnosis) -> Table:
         table.add_column(heading, justify="right")
     lines = tables.signal_lines(diagnosis)
     for line in lines[:_SIGNALS_SHOWN]:
-        cells = (line[key] for key in ("nominal", "with_effect", "closed", "interval"))
-        table.add_row(escape(line["signal"]), *cells)
+        table.add_row(escape(line["signal"]), *(line[key] for key in ("nominal", "with_effect", "closed", "interval")))
     if len(lines) > _SIGNALS_SHOWN:
         table.add_row(f"({len(lines) - _SIGNALS_SHOWN} more on the page)", "", "", "", "")
     overall = diagnosis.gap
-    cells = (
+    table.add_section()
+    table.add_row(
+        "all signals",
         noise_units(overall.nominal),
         noise_units(overall.with_effect),
         percent(overall.closed),
         percents(overall.interval),
     )
-    table.add_section()
-    table.add_row("all signals", *cells)
     return table

@@ -143,6 +143,8 @@ def _run(
         return run_rig(name, options, on_progress, stop, change)
     except ParameterError as error:
         raise InputError(as_options(str(error))) from error
+    except BadEffectError as error:
+        raise InputError(str(error)) from error
     except RigCancelledError as error:
         raise Interrupted from error
     except UnstableSimulationError as error:

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from jammkle_bringup import gap as gap_command
 from jammkle_bringup.command import main
@@ -25,6 +28,9 @@ if TYPE_CHECKING:
 
 SHORT = PressureOptions(cycles=2, jam_time_s=0.8, vent_time_s=0.4)
 TRUE_LEAK = 0.003
+STANDARD = {
+    "std_msgs/msg/Bool", "std_msgs/msg/Float32", "sensor_msgs/msg/FluidPressure", "sensor_msgs/msg/JointState",
+}  # fmt: skip
 KEYS = {
     "verdict", "effects", "set", "probabilities", "where", "gap", "next_experiment", "runtime", "finished",
     "summary", "check", "bags", "references", "rigs", "library", "page", "corrected", "noise", "dropped", "notes",
@@ -150,6 +156,36 @@ def test_a_slow_valve_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert max(len(line.rstrip()) for line in said.splitlines() if str(tmp_path) not in line) <= 80
 
 
+def write_foreign(source: Path, target: Path) -> None:
+    """Write what a bag holds in standard types as another recorder would: wall clock, neighbours swapped, some lost."""
+    store, later_ns = get_typestore(Stores.ROS2_JAZZY), 1_700_000_000_000_000_000
+    with AnyReader([source]) as reader, Writer(target, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        wanted = [each for each in reader.connections if each.msgtype in STANDARD]
+        added = {each.topic: writer.add_connection(each.topic, each.msgtype, typestore=store) for each in wanted}
+        for count, (connection, log_ns, data) in enumerate(reader.messages(wanted)):
+            message: Any = reader.deserialize(data, connection.msgtype)
+            late_ns = 0
+            if hasattr(message, "header"):
+                message.header.stamp.sec += later_ns // 1_000_000_000
+                late_ns = 11_000_000 * (count % 7 == 0)
+                if count % 101 == 0:
+                    continue
+            content = store.serialize_cdr(message, connection.msgtype)
+            writer.write(added[connection.topic], log_ns + later_ns + late_ns, content)
+
+
+def test_a_bag_of_another_recorder_is_diagnosed_with_its_rig_by_hand(leaking: Path, tmp_path: Path) -> None:
+    """Standard types alone, no description: without --rig it is refused, with it and --set the leak is named."""
+    write_foreign(leaking, tmp_path / "foreign")
+    call = ["gap", "diagnose", str(tmp_path / "foreign"), "-o", str(tmp_path / "out"), "--json", f"{tmp_path}/x.json"]
+    assert main(call) == 2
+    known = [f"--set={name}={getattr(SHORT, name)}" for name in ("cycles", "jam_time_s", "vent_time_s")]
+    assert main([*call, "--rig", "pressure", *known]) == 0
+    found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
+    assert [each["names"] for each in found["set"]] == [["line_leak_achilles"]]
+    assert any("tendon_states" in note for note in found["notes"])
+
+
 def test_a_run_without_a_gap_has_none(tmp_path: Path) -> None:
     """Another seed of the very same rig is no gap, names nothing, and corrects nothing."""
     same = bag(tmp_path, "same", 11)
@@ -206,6 +242,10 @@ def test_ctrl_c_keeps_what_is_known(
         (["{bag}", "--rig", "tensile"], "was recorded on rig 'pressure'"),
         (["{bag}", "--set", "colour=red"], "no option of rig pressure"),
         (["{bag}", "--set", "vacuum_pa"], "NAME=VALUE"),
+        (["{bag}", "--set", "vacuum_pa=["], "cannot be read"),
+        (["{bag}", "--set", "vacuum_pa=-5"], "6000 to 75000 Pa"),
+        (["{bag}", "--reference", "{folder}/gone"], "gone does not exist"),
+        (["{bag}", "--library", "{folder}/fails.yaml"], "fails with KeyError: 'stifness'; mend it in"),
         (["{bag}", "--jobs", "0"], "1 or more"),
         (["{bag}", "--library", "{folder}/bad.yaml"], "maximum"),
         (["{bag}", "--json", "{folder}/no/where.json"], "cannot be written"),
@@ -221,6 +261,12 @@ def test_bad_input_is_one_line(
         "parameters: {size: {unit: m, 'null': 0, minimum: 0, source: a guess}}}",
         encoding="utf-8",
     )
+    (tmp_path / "fails.yaml").write_text(
+        "my_effect: {subsystem: air, sentence: It leaks., change: 'fails.py:change', "
+        "parameters: {size: {unit: m, null: 0, minimum: 0, maximum: 1, source: a guess}}}",
+        encoding="utf-8",
+    )
+    (tmp_path / "fails.py").write_text("def change(*_):\n    raise KeyError('stifness')\n", encoding="utf-8")
     filled = [each.format(folder=tmp_path, bag=leaking) for each in arguments]
     out = [] if "-o" in filled else ["-o", str(tmp_path / "out")]
     assert main(["gap", "diagnose", *filled, *out]) == 2

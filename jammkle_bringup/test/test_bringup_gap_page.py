@@ -163,6 +163,35 @@ def test_a_name_is_only_given_where_something_is_named() -> None:
     assert not words.checks(made_up(Verdict.NO_GAP))
 
 
+def test_what_a_whole_set_holds_is_said_once() -> None:
+    """A set of pairs with one effect in common names that one first, and the others by their names."""
+    friction = effect("joint_friction", "The joint rubs: grease it.")
+    pairs = tuple(
+        dataclasses.replace(
+            candidate(LEAK, 0.0), names=(LEAK.name, *(each.name for each in more)), effects=(LEAK, *more)
+        )
+        for more in ((WEAR,), (friction,), ())
+    )
+    following = NextExperiment("rig drop", "a", 7.0, 1.0, "Pa", "line_leak_achilles + pump_wear differ by 1 Pa")
+    found = dataclasses.replace(made_up(Verdict.AMBIGUOUS), candidates=pairs, next_experiment=following)
+    said = words.headline(found)
+    assert said.startswith("The achilles line leaks; with it comes one of 3")
+    assert said.endswith("pump wear; joint friction; nothing else.")
+    assert "joint friction: The joint rubs: grease it." in words.checks(found)
+    assert "line leak achilles + pump wear differ" in words.explanation(found)[-1]
+
+
+def test_a_lead_that_would_be_enough_is_not_called_too_little() -> None:
+    """Where a lead closes the gap but is not proven, the words say that, and not that nothing explains it."""
+    given = made_up(Verdict.UNKNOWN)
+    closed = tuple(
+        dataclasses.replace(each, closing=dataclasses.replace(each.closing, with_effect=1.0)) for each in given.signals
+    )
+    proposed = dataclasses.replace(given, signals=closed)
+    assert "pump wear would close it, but not clearly better" in words.headline(proposed)
+    assert "not proven" in " ".join(words.checks(proposed))
+
+
 def test_what_was_stopped_says_so_first() -> None:
     """A diagnosis that was ended early warns above its verdict."""
     text = page(dataclasses.replace(made_up(Verdict.EFFECTS), finished=False), SETTING)

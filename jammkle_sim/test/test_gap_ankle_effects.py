@@ -11,7 +11,7 @@ import pytest
 
 from jammkle_graph import names
 from jammkle_sim.gap.ankle.corrected import Correction
-from jammkle_sim.gap.ankle.effects import AnkleEffect, ankle_library
+from jammkle_sim.gap.ankle.effects import AnkleEffect, ankle_library, try_changes
 from jammkle_sim.gap.ankle.inputs import nominal_rig
 from jammkle_sim.gap.ankle.instruments import (
     ACCELERATION,
@@ -298,6 +298,10 @@ def test_a_user_adds_an_effect_without_editing_the_package(tmp_path: Path) -> No
         (ENTRY.replace("minimum: 0", "minimum: 0.5"), "outside its bounds"),
         (ENTRY.replace("extra_mass", "payload"), "twice"),
         (ENTRY.replace('  sentence: "Mud sticks to the leg: clean it."\n', ""), "sentence"),
+        (ENTRY.replace("unit: kg", "unit: ''"), "empty unit"),
+        (ENTRY.replace("  change:", "  places: achilles\n  change:"), "write a list"),
+        (ENTRY.replace("mine.py:add", "mine.py:NUMBER"), "no function"),
+        (ENTRY.replace("mine.py:add", "broken.py:add"), "ZeroDivisionError"),
         ("[1, 2]", "no effects"),
         ("a: b: c", "not YAML"),
     ],
@@ -305,10 +309,44 @@ def test_a_user_adds_an_effect_without_editing_the_package(tmp_path: Path) -> No
 def test_a_bad_entry_is_refused_in_one_line(tmp_path: Path, entry: str, said: str) -> None:
     """The message names what is wrong."""
     (tmp_path / "mine.yaml").write_text(entry)
-    (tmp_path / "mine.py").write_text(CHANGE)
+    (tmp_path / "mine.py").write_text(f"{CHANGE}\nNUMBER = 3\n")
+    (tmp_path / "broken.py").write_text("1 / 0")
     with pytest.raises(BadEffectError, match=said) as error:
         ankle_library(tmp_path / "mine.yaml")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("raise KeyError('stifness')", "fails with KeyError: 'stifness'"),
+        ("return None", "NoneType instead of a Rig"),
+    ],
+)
+def test_a_change_that_fails_is_told_before_anything_is_fitted(tmp_path: Path, body: str, said: str) -> None:
+    """The message names effect, function and file; a change of the package is not tried."""
+    (tmp_path / "mine.yaml").write_text(ENTRY)
+    (tmp_path / "mine.py").write_text(f"def add(rig, values, place):\n    {body}\n")
+    with pytest.raises(BadEffectError, match=said) as error:
+        try_changes(ankle_library(tmp_path / "mine.yaml"), nominal_rig(landing().inputs))
+    assert "extra_mass" in str(error.value)
+    assert str(tmp_path / "mine.py") in str(error.value)
+    try_changes(ankle_library(), nominal_rig(landing().inputs))
+
+
+def test_a_change_that_writes_into_its_rig_leaves_the_nominal_one_alone(tmp_path: Path) -> None:
+    """What a user's function does to the rig that it gets stays with its result; a bare `null` is read as one."""
+    (tmp_path / "mine.yaml").write_text(ENTRY.replace('"null"', "null"))
+    touching = (
+        "def add(rig, values, place):\n    rig.model.opt.gravity[0] += 1\n    rig.tendon_laws['free_length_m'] += 1\n"
+    )
+    (tmp_path / "mine.py").write_text(f"{touching}    return rig\n")
+    rig = nominal_rig(landing().inputs)
+    gravity, laws = rig.model.opt.gravity.copy(), rig.tendon_laws.copy()
+    changed = ankle_library(tmp_path / "mine.yaml").effect("extra_mass").change(rig, {"mass_kg": 0.5})
+    assert changed.model.opt.gravity[0] == gravity[0] + 1
+    assert np.array_equal(rig.model.opt.gravity, gravity)
+    assert np.array_equal(rig.tendon_laws, laws)
 
 
 def test_a_change_that_is_none_changes_nothing() -> None:

@@ -79,6 +79,38 @@ def test_a_nominal_run_lies_at_its_noise(rig: str, options: dict[str, object]) -
     assert 0.5 < worst_gap(recording_of(bag_of_run(run(rig, **options)))) < 1.5
 
 
+@pytest.mark.parametrize(
+    ("rig", "options"),
+    [
+        ("tensile", {"vacuum_pa": 50e3, "speed_m_s": 0.02}),
+        ("drop", {"foot": "unjammed"}),
+        ("slip", {"foot": "unjammed", "speed_m_s": 0.05}),
+        ("landing", {}),
+    ],
+)
+def test_the_start_of_a_foreign_run_is_found(rig: str, options: dict[str, object]) -> None:
+    """Where nobody tells when the rig started, the slide does, well enough for an impact to lie at its noise."""
+    given = bag_of_run(run(rig, **options))
+    later = {
+        name: Samples(each.log_s + 1.7e9, each.stamp_s + 1.7e9, each.columns) for name, each in given.topics.items()
+    }
+    recording = recording_of(Bag("foreign", later, None, None), rig, options)
+    assert any("told by when its slide moved off" in note for note in recording.notes)
+    assert worst_gap(recording) < 1.5
+
+
+def test_samples_written_in_another_order_are_put_back() -> None:
+    """A recorder with several threads swaps neighbours: nothing is lost by it."""
+    given = bag_of_run(run("drop", foot="unjammed"))
+    swapped = np.arange(len(given.topics["load_cell/wrench"].stamp_s))
+    swapped[10:-1:20], swapped[11::20] = swapped[11::20].copy(), swapped[10:-1:20].copy()
+    cell = given.topics["load_cell/wrench"]
+    columns = {name: values[swapped] for name, values in cell.columns.items()}
+    topics = {**given.topics, "load_cell/wrench": Samples(cell.log_s, cell.stamp_s[swapped], columns)}
+    put_back = recording_of(dataclasses.replace(given, topics=topics)).signal("load_cell/force_z")
+    assert np.array_equal(put_back.values, recording_of(given).signal("load_cell/force_z").values)
+
+
 def test_the_replay_is_the_simulation_itself() -> None:
     """Joints and tendons, which have no noise, come out the same to the last bit."""
     recording = recording_of(bag_of_run(run("landing")))
@@ -197,7 +229,7 @@ def test_commands_of_a_live_graph_are_put_where_they_arrived() -> None:
 
     live = dataclasses.replace(given, topics={name: heard(name, each) for name, each in given.topics.items()})
     recording = recording_of(live)
-    assert any("up to 8 ms later" in note for note in recording.notes)
+    assert any("switched up to 8 ms later" in note for note in recording.notes)
     assert worst_gap(recording) < 1.5
     signal = recording.signal(ACHILLES)
     slow = SIMULATOR(recording, SLOW)
@@ -286,6 +318,27 @@ def with_gap(values: np.ndarray) -> np.ndarray:
     return values
 
 
+def between(bag: Bag, from_s: float, to_s: float, *topics: str) -> Bag:
+    """Leave out a stretch of some topics, by default of all."""
+    left = {}
+    for name, each in bag.topics.items():
+        kept = (each.log_s < from_s) | (each.log_s > to_s) | bool(topics and name not in topics)
+        left[name] = Samples(each.log_s[kept], each.stamp_s[kept], {k: v[kept] for k, v in each.columns.items()})
+    return dataclasses.replace(bag, topics=left)
+
+
+def test_joints_of_other_names_are_named() -> None:
+    """Joints that no ankle has are left out, and the reader is told; joint states without any are missing."""
+    given = bag()
+    joints = given.topics[names.JOINT_STATES.name]
+    strange = dataclasses.replace(joints, columns={f"hip_{name}": each for name, each in joints.columns.items()})
+    found = recording_of(dataclasses.replace(given, topics={**given.topics, names.JOINT_STATES.name: strange}))
+    assert any("hip_ankle_pitch" in note for note in found.notes)
+    empty = dataclasses.replace(joints, columns={})
+    found = recording_of(dataclasses.replace(given, topics={**given.topics, names.JOINT_STATES.name: empty}))
+    assert any("not recorded: joint_states" in note for note in found.notes)
+
+
 def short(bag: Bag) -> Bag:
     """Return the first half second."""
     topics = {
@@ -314,6 +367,26 @@ BAD: dict[str, tuple[Callable[[Bag], Bag], str, str]] = {
         "looks like degrees",
         "record rad",
     ),
+    "mbar": (changed(ACHILLES, column("pressure", lambda p: p / 100.0)), "looks like mbar", "record absolute"),
+    "psi": (changed(ACHILLES, column("pressure", lambda p: p / 6894.76)), "looks like psi", "record absolute"),
+    "duty in percent": (
+        changed(names.PUMP_DUTY.name, column("data", lambda d: 100.0 * d)),
+        "pump/duty in bag pressure is 100",
+        "a number from 0 to 1",
+    ),
+    "duty not a number": (changed(names.PUMP_DUTY.name, column("data", lambda d: d * np.nan)), "is nan at", "0 to 1"),
+    "no time in headers": (
+        changed(ACHILLES, lambda each: dataclasses.replace(each, stamp_s=0.0 * each.stamp_s)),
+        "carries no time",
+        "header.stamp set",
+    ),
+    "a pause": (lambda bag: between(bag, 0.9, 1.6), "holds nothing between", "without a pause"),
+    "commands too late": (
+        lambda bag: between(bag, 0.0, 0.9, *(topic for topic, each in bag.topics.items() if "data" in each.columns)),
+        "before the first at",
+        "from before the first one is given",
+    ),
+    "one solenoid": (without(names.SOLENOIDS[names.ACHILLES].name), "without any achilles/solenoid", "record the comm"),
     "nan": (changed(ACHILLES, column("pressure", with_gap)), "is not a number at 1 of", "leave such samples out"),
     "constant": (
         changed(ACHILLES, column("pressure", lambda p: np.full_like(p, 101_325.0))),

@@ -106,6 +106,7 @@ def page(diagnosis: Diagnosis, setting: Setting) -> str:
         ranking=tables.ranking_lines(diagnosis.ranking),
         fitted=len(diagnosis.ranking),
         following=diagnosis.next_experiment,
+        following_sentence=words.next_sentence(diagnosis),
         formula=diagnosis.formula,
         formula_share=percent(diagnosis.formula.share) if diagnosis.formula is not None else "",
         curves=_figures(diagnosis),

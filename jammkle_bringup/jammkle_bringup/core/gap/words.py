@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.gap.quantities import noise_units, percent, percents, quantity
-from jammkle_sim.gap.verdict import Verdict
+from jammkle_sim.gap.verdict import Criteria, Verdict
 
 if TYPE_CHECKING:
     from jammkle_sim.gap.diagnosis import Candidate, Diagnosis, FittedEffect
@@ -28,6 +28,10 @@ PHASE_WORDS = {
     "whole run": "over the whole run",
 }
 _NO_EFFECT = "no effect at all"
+_MOST_IN_WORDS = 3
+"""Explanations that are told by their sentences; more are told by their names."""
+_NONE = Criteria().worth_gap
+"""Largest gap that counts as none, noise units."""
 
 
 def label(name: str) -> str:
@@ -62,19 +66,39 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict is Verdict.NO_GAP:
         return "Simulation and recordings agree within the noise: there is no gap to explain."
     if diagnosis.verdict is Verdict.UNKNOWN:
-        left = max(diagnosis.signals, key=lambda each: each.closing.with_effect)
-        most = f"{left.signal} is off by {noise_units(left.closing.with_effect)} times its noise"
-        but = " with the best of them" if diagnosis.effects else ""
-        if not diagnosis.finished:
-            return f"Stopped before an explanation was found: {most}{but}."
-        return f"Something real is left that no effect of the library explains: {most}{but}."
+        return _unexplained(diagnosis)
     if diagnosis.verdict is Verdict.EFFECTS:
         found = [finding(effect) for effect in diagnosis.effects]
         rival = "candidate does as well" if diagnosis.finished else "does as well of what was tried before the stop"
         return f"{_sentence_of(found)}: that explains the gap, and no other {rival}."
-    found = ["; ".join(finding(effect) for effect in each.effects) or _NO_EFFECT for each in diagnosis.candidates]
-    options = "; or ".join(found)
-    return f"One of {len(found)} explanations, which these recordings cannot tell apart: {options}."
+    return _one_of(diagnosis)
+
+
+def _one_of(diagnosis: Diagnosis) -> str:
+    """Return the set in one sentence: what all of it holds, and what differs; by names where sentences are many."""
+    every = [{effect.name: effect for effect in each.effects} for each in diagnosis.candidates]
+    shared = [effect for name, effect in every[0].items() if all(name in each for each in every)]
+    rest = [[each[name] for name in each if name not in {one.name for one in shared}] for each in every]
+    if shared or len(rest) > _MOST_IN_WORDS:
+        options = "; ".join(" + ".join(label(effect.name) for effect in each) or "nothing else" for each in rest)
+    else:
+        options = "; or ".join("; ".join(finding(effect) for effect in each) or _NO_EFFECT for each in rest)
+    if not shared:
+        return f"One of {len(rest)} explanations, which these recordings cannot tell apart: {options}."
+    found = _sentence_of([finding(effect) for effect in shared])
+    return f"{found}; with it comes one of {len(rest)} that these recordings cannot tell apart: {options}."
+
+
+def _unexplained(diagnosis: Diagnosis) -> str:
+    left = max(diagnosis.signals, key=lambda each: each.closing.with_effect)
+    most = f"{left.signal} is off by {noise_units(left.closing.with_effect)} times its noise"
+    but = " with the best of them" if diagnosis.effects else ""
+    if not diagnosis.finished:
+        return f"Stopped before an explanation was found: {most}{but}."
+    if diagnosis.effects and left.closing.with_effect <= _NONE:
+        lead = " + ".join(label(effect.name) for effect in diagnosis.effects)
+        return f"There is a gap, and nothing is proven to cause it: {lead} would close it, but not clearly better."
+    return f"Something real is left that no effect of the library explains: {most}{but}."
 
 
 def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -83,15 +107,17 @@ def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
         return ()
     if diagnosis.verdict is Verdict.UNKNOWN:
         worst = diagnosis.where.places[0]
-        texts = [f"Most of the gap is in {place_label(worst)}: {percent(worst.share)} ({percents(worst.interval)})."]
+        share = f"{percent(worst.share)} ({percents(worst.interval)})"
+        texts = [f"The largest part of the gap is in {place_label(worst)}: {share}."]
         if diagnosis.effects:
             names = " + ".join(label(effect.name) for effect in diagnosis.effects)
-            texts.append(f"Closest of the library, and not enough: {names}.")
+            enough = max(each.closing.with_effect for each in diagnosis.signals) <= _NONE
+            texts.append(f"Closest of the library, and not {'proven' if enough else 'enough'}: {names}.")
         return tuple(texts)
+    if diagnosis.verdict is Verdict.EFFECTS:  # the headline has told what is wrong
+        return tuple(dict.fromkeys(f"{label(effect.name)}: {advice(effect)}" for effect in diagnosis.effects))
     effects = [effect for each in diagnosis.candidates for effect in each.effects]
-    if diagnosis.verdict is Verdict.EFFECTS:
-        effects = list(diagnosis.effects)
-    return tuple(dict.fromkeys(f"{label(effect.name)}: {advice(effect)}" for effect in effects))
+    return tuple(dict.fromkeys(f"{label(effect.name)}: {effect.sentence}" for effect in effects))
 
 
 def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -115,8 +141,17 @@ def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
         )
     if diagnosis.next_experiment is not None:
         following = diagnosis.next_experiment
-        texts.append(f"To tell them apart, record '{following.name}': there, {following.sentence}.")
+        texts.append(f"To tell them apart, record '{following.name}': there, {next_sentence(diagnosis)}.")
     return tuple(texts)
+
+
+def next_sentence(diagnosis: Diagnosis) -> str:
+    """Return what the next experiment would show, with the effects' names for people."""
+    text = "" if diagnosis.next_experiment is None else diagnosis.next_experiment.sentence
+    names = {name for each in diagnosis.candidates for name in each.names}
+    for name in sorted(names, key=len, reverse=True):
+        text = text.replace(name, label(name))
+    return text
 
 
 def closed_sentence(diagnosis: Diagnosis) -> str:

@@ -74,9 +74,8 @@ def with_arrivals(inputs: AnkleInputs, rig: Rig, signals: Mapping[str, Signal], 
         return inputs
     errors = np.array([_errors(inputs, rig, signals, channels, shift_s, switchings) for shift_s in _SHIFTS_S.tolist()])
     shifts_s = _SHIFTS_S[np.argmin(errors, axis=0)]
-    notes.append(
-        f"commands logged live: solenoids switch up to {1e3 * shifts_s.max():.0f} ms later, as pressures answer"
-    )
+    later = f"up to {1e3 * shifts_s.max():.0f} ms later" if shifts_s.any() else "at once"
+    notes.append(f"commands have the time of the log only: by the pressures, solenoids switched {later}")
     solenoids = {}
     for channel, line in inputs.commands.solenoids.items():
         nearest = np.clip(np.searchsorted(switchings, line.time_s + 1e-9, side="right") - 1, 0, None)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.ankle.bag import Bag, Samples
     from jammkle_sim.gap.recording import Signal
+    from jammkle_sim.rigs.replay import CommandTrack
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.timeline import Timeline
 
@@ -32,8 +33,20 @@ _LOWEST_PA, _HIGHEST_PA = 15e3, 130e3
 """What a channel may read, absolute: from more vacuum than the pump makes to the highest atmosphere and some offset."""
 _LARGEST_START_M = 0.05
 """Largest distance between the slide's start and that of the rig."""
+_REORDERED_S = 0.1
+"""How far neighbours may be out of order in the bag and are put back. Assumed: no queue of a recorder holds longer."""
+_FALLS_PA = 3e3
+"""Fall of a pressure that only a command can make. Assumed: twenty times the scatter of the sensors' offsets."""
+_HEARD_S = 0.05
+"""How much later than the valves a recorder may hear a command. Assumed: five times what a busy machine takes."""
+_LONGEST_PAUSE_S = 0.5
+"""Longest time for which a recording may hold nothing at all. Assumed: the slowest topic comes a hundred times a
+second, and a command may be lost within."""
+_UNITS_PA = {"kPa": 1e3, "mbar or hPa": 1e2, "bar": 1e5, "psi": 6894.76}
+_VENTED_PA = (6e4, 1.1e5)
+"""Lowest and highest atmosphere that a vented channel may have."""
 _STEPS_BACK = 0.01
-"""Share of samples that may be out of order or double."""
+"""Share of samples that may be further out of order, or double."""
 
 
 def check_commands(bag: Bag) -> None:
@@ -49,6 +62,75 @@ def check_commands(bag: Bag) -> None:
     if missing:
         msg = f"bag {bag.name} holds no commands: {' nor '.join(missing)}"
         msg += "; record them too, from before the first one is given"
+        raise BadRecordingError(msg)
+
+
+def check_command_values(bag: str, topic: str, samples: Samples) -> None:
+    """Refuse commands that are no share from 0 to 1, such as a duty in percent.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    values = samples.columns["data"]
+    wrong = ~((values >= 0.0) & (values <= 1.0))
+    if wrong.any():
+        msg = (
+            f"{topic} in bag {bag} is {values[int(np.argmax(wrong))]:g} at {int(wrong.sum())} of {len(values)} samples"
+        )
+        msg += "; record the command as applied, a number from 0 to 1"
+        raise BadRecordingError(msg)
+
+
+def check_commands_from_start(bag: str, signals: Mapping[str, Signal], commands: CommandTrack) -> None:
+    """Refuse pressures that fall before the command for it is in the recording.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    told: dict[str, tuple[str, Timeline | None]] = {
+        names.PRESSURES[channel].name: (topic.name, commands.solenoids.get(channel))
+        for channel, topic in names.SOLENOIDS.items()
+    }
+    told[names.MANIFOLD_PRESSURE.name] = (names.PUMP_DUTY.name, commands.duty)
+    for pressure, (command, line) in told.items():
+        signal, first_s = signals.get(pressure), np.inf if line is None else float(line.time_s[0])
+        before = np.zeros(0) if signal is None else signal.values[signal.time_s < first_s - _HEARD_S]
+        if len(before) and before[0] - before.min() > _FALLS_PA:
+            when = "without any" if line is None else f"before the first at {first_s:.3g} s"
+            msg = f"{pressure} in bag {bag} falls by {before[0] - before.min():.0f} Pa {when} {command}"
+            msg += "; record the commands too, from before the first one is given"
+            raise BadRecordingError(msg)
+
+
+def check_length(bag: str, signals: Mapping[str, Signal]) -> None:
+    """Refuse what is too short to hold anything out.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    length_s = max(float(signal.time_s[-1] - signal.time_s[0]) for signal in signals.values())
+    if length_s < SHORTEST_S:
+        msg = f"bag {bag} lasts {length_s:.2g} s, too short to hold anything out"
+        msg += f"; record at least {SHORTEST_S:g} s, better ten, or several runs"
+        raise BadRecordingError(msg)
+
+
+def check_pauses(bag: str, signals: Iterable[Signal]) -> None:
+    """Refuse a recording that was interrupted: what was commanded meanwhile is not known.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    time_s = np.unique(np.concatenate([signal.time_s for signal in signals]))
+    pauses_s = np.diff(time_s)
+    if len(pauses_s) and pauses_s.max() > _LONGEST_PAUSE_S:
+        at = int(np.argmax(pauses_s))
+        msg = f"bag {bag} holds nothing between {time_s[at]:.3f} and {time_s[at + 1]:.3f} s"
+        msg += f", at most {_LONGEST_PAUSE_S:g} s; record without a pause, or give the parts as recordings of their own"
         raise BadRecordingError(msg)
 
 
@@ -75,21 +157,25 @@ def check_clocks(bag: str, topic: str, samples: Samples) -> None:
 
 
 def in_order(bag: str, topic: str, samples: Samples) -> Samples:
-    """Return the samples whose stamps rise.
+    """Return the samples by rising stamps. A recorder with several threads may write neighbours in another order.
 
     Raises:
-        BadRecordingError: more than a few do not.
+        BadRecordingError: more than a few are far out of order, or double.
 
     """
-    highest = np.maximum.accumulate(samples.stamp_s)
-    rising = np.concatenate(([True], samples.stamp_s[1:] > highest[:-1]))
-    lost = 1.0 - rising.mean()
+    late = samples.stamp_s < np.maximum.accumulate(samples.stamp_s) - _REORDERED_S
+    order = np.flatnonzero(~late)[np.argsort(samples.stamp_s[~late], kind="stable")]
+    kept = order[np.concatenate(([True], np.diff(samples.stamp_s[order]) > 0.0))]
+    lost = 1.0 - len(kept) / len(samples.stamp_s)
+    if not samples.stamp_s.any():
+        msg = f"{topic} in bag {bag} carries no time in its headers; record it with header.stamp set"
+        raise BadRecordingError(msg)
     if lost > _STEPS_BACK:
-        msg = f"stamps of {topic} in bag {bag} run backwards or stand still at {100.0 * lost:.2g} % of its samples"
+        msg = f"stamps of {topic} in bag {bag} run backwards or stand still at {100.0 * lost:.0f} % of its samples"
         msg += "; record one publisher with a steady clock, without a reset of the simulation"
         raise BadRecordingError(msg)
-    columns = {name: values[rising] for name, values in samples.columns.items()}
-    return type(samples)(samples.log_s[rising], samples.stamp_s[rising], columns)
+    columns = {name: values[kept] for name, values in samples.columns.items()}
+    return type(samples)(samples.log_s[kept], samples.stamp_s[kept], columns)
 
 
 def check_numbers(bag: str, signals: Iterable[Signal]) -> None:
@@ -111,8 +197,9 @@ def check_numbers(bag: str, signals: Iterable[Signal]) -> None:
 
 
 def _check_pressure(bag: str, name: str, start_pa: float, highest_pa: float, lowest_pa: float) -> None:
-    if _LOWEST_PA / 1e3 < highest_pa <= _HIGHEST_PA / 1e3 and lowest_pa > 0.0:
-        guess = "kPa"
+    units = [unit for unit, pa in _UNITS_PA.items() if _VENTED_PA[0] <= pa * highest_pa <= _VENTED_PA[1]]
+    if units and lowest_pa > 0.0:
+        guess = units[0]
     elif highest_pa > _HIGHEST_PA:
         guess = "neither gauge nor absolute"
     elif lowest_pa < _LOWEST_PA:

@@ -11,9 +11,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from jammkle_sim.gap.ankle.effects import ankle_library, apply_effects
+from jammkle_sim.gap.ankle.effects import ankle_library, apply_effects, read_yaml
 from jammkle_sim.gap.effect import BadEffectError
 
 if TYPE_CHECKING:
@@ -88,14 +86,7 @@ def load_correction(file: Path) -> Correction:
         BadEffectError: it cannot be read, or names what is not in the library, or a value is out of bounds.
 
     """
-    try:
-        table: Any = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
-    except OSError as error:
-        msg = f"effects file {file} cannot be read: {error.strerror}"
-        raise BadEffectError(msg) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        msg = f"effects file {file} is not YAML: {' '.join(str(error).split())}"
-        raise BadEffectError(msg) from error
+    table: Any = read_yaml(file, "effects file") or {}
     if not isinstance(table, dict):
         msg = f"effects file {file} must hold EFFECT: {{PARAMETER: value}}"
         raise BadEffectError(msg)

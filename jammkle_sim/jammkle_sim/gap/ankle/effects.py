@@ -15,6 +15,8 @@ and `change(rig, values, place)` returns the changed `jammkle_sim.rigs.rig.Rig`;
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import importlib
 import importlib.util
 from dataclasses import dataclass
@@ -26,11 +28,10 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from jammkle_sim.gap.effect import BadEffectError, Effect, EffectParameter, Library
+from jammkle_sim.rigs.rig import Rig
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-
-    from jammkle_sim.rigs.rig import Rig
 
     Change = Callable[[Rig, Mapping[str, float], str], Rig]
 
@@ -60,11 +61,27 @@ class AnkleEffect(Effect):
             rig: What is changed; not touched.
             values: By name of the parameter; those not given are null.
 
+        Raises:
+            BadEffectError: a user's change fails.
+
         """
         own = {each.name: float(values.get(each.name, each.null)) for each in self.parameters}
         if all(own[each.name] == each.null for each in self.parameters):
             return rig
-        return _function(self.file, self.function)(rig, own, self.place)
+        if not self.file:
+            return _function("", self.function)(rig, own, self.place)
+        # A user's change may touch what it gets by mistake, and the nominal simulator must not know.
+        given = dataclasses.replace(rig, model=copy.copy(rig.model), tendon_laws=rig.tendon_laws.copy())
+        try:
+            changed = _function(self.file, self.function)(given, own, self.place)
+        except Exception as error:  # whatever a user's function may raise
+            raise BadEffectError(self._broken(f"fails with {type(error).__name__}: {error}")) from error
+        if not isinstance(changed, Rig):
+            raise BadEffectError(self._broken(f"returns {type(changed).__name__} instead of a Rig"))
+        return changed
+
+    def _broken(self, how: str) -> str:
+        return f"change '{self.function}' of effect '{self.name}' {how}; mend it in {self.file}"
 
 
 def ankle_library(file: Path | None = None) -> Library:
@@ -79,7 +96,7 @@ def ankle_library(file: Path | None = None) -> Library:
     """
     effects = list(_own_effects())
     if file is not None:
-        effects += _effects_of(file, _yaml(file))
+        effects += _effects_of(file, read_yaml(file, "library"))
     return Library(tuple(effects))
 
 
@@ -107,23 +124,50 @@ def apply_effects(rig: Rig, library: Library, values: Mapping[str, float]) -> Ri
     return rig
 
 
+def try_changes(library: Library, rig: Rig) -> None:
+    """Make every change of a user's at both ends of its bounds, so that a broken one is told before anything is fitted.
+
+    Args:
+        library: Effects; those of the package are not tried.
+        rig: What is changed; not touched.
+
+    Raises:
+        BadEffectError: a change fails.
+
+    """
+    for effect in library:
+        if isinstance(effect, AnkleEffect) and effect.file:
+            effect.change(rig, {each.name: each.minimum for each in effect.parameters})
+            effect.change(rig, {each.name: each.maximum for each in effect.parameters})
+
+
+def read_yaml(file: Path, what: str) -> Any:
+    """Return what stands in a YAML file.
+
+    Args:
+        file: To be read.
+        what: What it is, for the messages: `library`.
+
+    Raises:
+        BadEffectError: it cannot be read, or is not YAML.
+
+    """
+    try:
+        return yaml.safe_load(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        msg = f"{what} {file} cannot be read: {error.strerror}"
+        raise BadEffectError(msg) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        msg = f"{what} {file} is not YAML: {' '.join(str(error).split())}"
+        raise BadEffectError(msg) from error
+
+
 @lru_cache(maxsize=1)
 def _own_effects() -> tuple[AnkleEffect, ...]:
     folder = resources.files("jammkle_sim.gap.ankle") / "library"
     files = sorted((file for file in folder.iterdir() if file.name.endswith(".yaml")), key=lambda file: file.name)
     entries = {file.name: yaml.safe_load(file.read_text(encoding="utf-8")) for file in files}
     return tuple(effect for table in entries.values() for effect in _effects_of(None, table))
-
-
-def _yaml(file: Path) -> Any:
-    try:
-        return yaml.safe_load(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        msg = f"library {file} cannot be read: {error.strerror}"
-        raise BadEffectError(msg) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        msg = f"library {file} is not YAML: {' '.join(str(error).split())}"
-        raise BadEffectError(msg) from error
 
 
 def _effects_of(file: Path | None, table: Any) -> Iterator[AnkleEffect]:
@@ -136,7 +180,11 @@ def _effects_of(file: Path | None, table: Any) -> Iterator[AnkleEffect]:
             msg = f"effect '{family}' has no '{missing[0]}'; an effect needs {', '.join(sorted(_FIELDS))}"
             raise BadEffectError(msg)
         source, function = _change_of(str(family), file, str(entry["change"]))
-        for place in entry.get("places") or [""]:
+        places = entry.get("places") or [""]
+        if not isinstance(places, list):
+            msg = f"effect '{family}' has places '{places}'; write a list, such as [{places}]"
+            raise BadEffectError(msg)
+        for place in places:
             yield AnkleEffect(
                 name=f"{family}_{place}" if place else str(family),
                 subsystem=str(entry["subsystem"]),
@@ -154,8 +202,10 @@ def _parameters(family: str, table: Any) -> tuple[EffectParameter, ...]:
         msg = f"effect '{family}' must have one to three parameters, by name"
         raise BadEffectError(msg)
     found = []
-    for name, fields in table.items():
-        given = set(fields) if isinstance(fields, dict) else set()
+    for name, entry in table.items():
+        # YAML reads a bare null as nothing.
+        fields = {"null" if key is None else str(key): value for key, value in _mapping(entry).items()}
+        given = set(fields)
         if given != _PARAMETER_FIELDS:
             wrong = min(given ^ _PARAMETER_FIELDS)
             verb = "cannot have" if wrong in given else "lacks"
@@ -167,8 +217,15 @@ def _parameters(family: str, table: Any) -> tuple[EffectParameter, ...]:
         except (TypeError, ValueError) as error:
             msg = f"parameter '{name}' of effect '{family}' has a bound that is no number: {error}"
             raise BadEffectError(msg) from error
-        found.append(EffectParameter(str(name), str(fields["unit"] or ""), source=str(fields["source"]), **numbers))
+        if fields["unit"] in {None, ""}:
+            msg = f"parameter '{name}' of effect '{family}' has an empty unit; write 1 for a plain number"
+            raise BadEffectError(msg)
+        found.append(EffectParameter(str(name), str(fields["unit"]), source=str(fields["source"]), **numbers))
     return tuple(found)
+
+
+def _mapping(entry: Any) -> dict[Any, Any]:
+    return entry if isinstance(entry, dict) else {}
 
 
 def _change_of(family: str, file: Path | None, text: str) -> tuple[str, str]:
@@ -178,11 +235,15 @@ def _change_of(family: str, file: Path | None, text: str) -> tuple[str, str]:
         path = (file.parent if file else Path()) / source
         source = str(path.resolve())
     try:
-        _function(source, function)
-    except (OSError, AttributeError, SyntaxError, ImportError) as error:
-        msg = f"effect '{family}' names the change '{text}', which is not there ({error})"
+        found = _function(source, function)
+    except Exception as error:  # whatever a user's file may raise
+        why = f"{type(error).__name__}: {error}"
+        msg = f"effect '{family}' names the change '{text}', which cannot be loaded ({why})"
         msg += f"; give a function of {_CHANGES}, or FILE.py:FUNCTION"
         raise BadEffectError(msg) from error
+    if not callable(found):
+        msg = f"effect '{family}' names the change '{text}', which is no function"
+        raise BadEffectError(msg)
     return source, function
 
 

@@ -15,7 +15,7 @@ from jammkle_sim.gap.ankle.arrivals import is_exact, with_acknowledgements, with
 from jammkle_sim.gap.ankle.bag import read_bag
 from jammkle_sim.gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
 from jammkle_sim.gap.ankle.instruments import UNITS, declared_bias, declared_noise, quantity_of
-from jammkle_sim.gap.ankle.phases import FALLING_RIGS, air_phases, motion_phases, pressure_signals
+from jammkle_sim.gap.ankle.phases import FALLING_RIGS, pressure_signals, recording_phases
 from jammkle_sim.gap.ankle.predictability import with_replay_scatter
 from jammkle_sim.gap.ankle.starting import rig_start_s
 from jammkle_sim.gap.recording import BadRecordingError, Recording, Signal
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.ankle.bag import Bag, Samples
     from jammkle_sim.gap.ankle.inputs import Options
-    from jammkle_sim.gap.recording import Phase
 
 _NOT_VENTED_PA = 3e3
 """Distance from the atmosphere from which on a channel counts as evacuated at the start. Assumed: twenty times the
@@ -88,7 +87,11 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     checks.check_commands(bag)
     topics: dict[str, Samples] = {}
     for topic, samples in bag.topics.items():
-        topics[topic] = checks.in_order(bag.name, topic, samples) if topic not in _COMMANDS else samples
+        if topic in _COMMANDS:
+            checks.check_command_values(bag.name, topic, samples)
+            topics[topic] = samples
+            continue
+        topics[topic] = checks.in_order(bag.name, topic, samples)
         checks.check_clocks(bag.name, topic, samples)
     if not set(topics) - set(_COMMANDS):
         msg = f"bag {bag.name} holds commands alone"
@@ -96,7 +99,7 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
         raise BadRecordingError(msg)
     inputs = AnkleInputs(name, settings, CommandTrack(_nothing(), {}))
     built = nominal_rig(inputs)
-    start_s = rig_start_s(bag, topics, built, notes)
+    start_s = rig_start_s(bag, topics, built, lambda guess_s: _commands(topics, guess_s), notes)
     commands = _commands(topics, start_s)
     noise, bias = declared_noise(built, timestep_s(built)), declared_bias(built)
     signals = {
@@ -107,7 +110,9 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     }
     checks.check_numbers(bag.name, signals.values())
     checks.check_alive(bag.name, signals, commands.solenoids)
-    _check_length(bag.name, signals)
+    checks.check_length(bag.name, signals)
+    checks.check_pauses(bag.name, signals.values())
+    checks.check_commands_from_start(bag.name, signals, commands)
     parts = assembled(built)
     start_m = float(parts.data.joint(names.CARRIAGE_JOINT).qpos[0])
     checks.check_rig(bag.name, built, signals, parts.joints, start_m)
@@ -119,13 +124,16 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     kept = {each: signal for each, signal in signals.items() if np.ptp(signal.values) > _CONSTANT * signal.noise}
     if len(kept) < len(signals):
         notes.append(f"constant, and left out: {', '.join(sorted(set(signals) - set(kept)))}")
-    missing = [topic for topic in _EXPECTED if topic not in topics]
+    missing = [topic for topic in _EXPECTED if topic not in topics or not topics[topic].columns]
+    strange = _strange_joints(topics)
+    if strange:
+        notes.append(f"joints that are not an ankle's, and left out: {', '.join(strange)}")
     if missing:
         notes.append(f"not recorded: {', '.join(missing)}")
-    phases = _phases(name, kept, commands)
+    phases = recording_phases(name, kept, commands)
     fewest = _FALL_SAMPLES if name in FALLING_RIGS else 0
     thin = tuple(_thinned(signal, fewest) for signal in kept.values())
-    recording = Recording(bag.name, thin, inputs, tuple(phases), _regime(inputs), tuple(notes))
+    recording = Recording(bag.name, thin, inputs, phases, _regime(inputs), tuple(notes))
     return with_replay_scatter(recording, 0.0 if exact else _COMMAND_JITTER_S)
 
 
@@ -220,6 +228,12 @@ def _signal_name(topic: str, column: str) -> str | None:
 _JOINTS = (*names.ANKLE_JOINTS, names.CARRIAGE_JOINT)
 
 
+def _strange_joints(topics: Mapping[str, Samples]) -> list[str]:
+    samples = topics.get(names.JOINT_STATES.name)
+    joints = {column.partition("/")[0] for column in samples.columns} if samples is not None else set()
+    return sorted(joints - set(_JOINTS))
+
+
 def _check_finite(bag: str, name: str, time_s: NDArray[np.float64], values: NDArray[np.float64]) -> None:
     bad = ~np.isfinite(values)
     if bad.any():
@@ -236,14 +250,6 @@ def _thinned(signal: Signal, fewest: int) -> Signal:
     length_s = float(signal.time_s[-1] - signal.time_s[0])
     every = max(int((len(signal.time_s) - 1) / max(length_s * _SLOW_HZ, fewest, 1.0) + _ON_THE_GRID), 1)
     return dataclasses.replace(signal, time_s=signal.time_s[::every].copy(), values=signal.values[::every].copy())
-
-
-def _check_length(bag: str, signals: Mapping[str, Signal]) -> None:
-    length_s = max(float(signal.time_s[-1] - signal.time_s[0]) for signal in signals.values())
-    if length_s < checks.SHORTEST_S:
-        msg = f"bag {bag} lasts {length_s:.2g} s, too short to hold anything out"
-        msg += f"; record at least {checks.SHORTEST_S:g} s, better ten, or several runs"
-        raise BadRecordingError(msg)
 
 
 def _with_air(
@@ -265,32 +271,6 @@ def _with_air(
     notes.append(f"not vented at the start, and begun from the pressures measured then: {', '.join(evacuated)}")
     volumes = ("manifold", *names.CHANNELS)
     return dataclasses.replace(inputs, start_pa=np.array([first.get(where, ambient_pa) for where in volumes]))
-
-
-def _phases(rig: str, signals: Mapping[str, Signal], commands: CommandTrack) -> list[Phase]:
-    phases: list[Phase] = []
-    air = pressure_signals(signals)
-    for where, name in air.items():
-        solenoid = commands.solenoids.get(where) if where != "manifold" else _any_of(commands)
-        if solenoid is not None:
-            phases += air_phases(solenoid, signals[name], (name,))
-    others = tuple(name for name in signals if name not in air.values())
-    if rig != "pressure":
-        return phases + motion_phases(rig, signals.get(f"{names.CARRIAGE_JOINT}/position"), others)
-    # Nothing moves but by the vacuum: the phases are those of the manifold, which every channel takes part in.
-    if "manifold" in air:
-        phases += air_phases(_any_of(commands), signals[air["manifold"]], others)
-    return phases
-
-
-def _any_of(commands: CommandTrack) -> Timeline:
-    """Return when any solenoid draws."""
-    times = np.unique(np.concatenate([np.zeros(1), *(each.time_s for each in commands.solenoids.values())]))
-    drawing = np.zeros(len(times))
-    for each in commands.solenoids.values():
-        values = np.concatenate(([0.0], each.values))
-        drawing = np.maximum(drawing, values[np.searchsorted(each.time_s, times, side="right")])
-    return Timeline(times, drawing)
 
 
 def _regime(inputs: AnkleInputs) -> str:

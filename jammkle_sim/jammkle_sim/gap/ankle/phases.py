@@ -9,6 +9,7 @@ import numpy as np
 
 from jammkle_graph import names
 from jammkle_sim.gap.recording import Phase
+from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_sim.gap.recording import Signal
-    from jammkle_sim.rigs.timeline import Timeline
+    from jammkle_sim.rigs.replay import CommandTrack
 
 _REACHED = 0.95
 """Share of the vacuum of a stretch at which it counts as reached. Assumed."""
@@ -32,6 +33,30 @@ _AT_REST_M_S = 0.02
 """Speed below which a slide that fell has come to rest. Assumed."""
 FALLING_RIGS = ("drop", "landing")
 """Rigs whose carriage is let go."""
+
+
+def recording_phases(rig: str, signals: Mapping[str, Signal], commands: CommandTrack) -> tuple[Phase, ...]:
+    """Return the phases of every signal: of pressures by what their channel is told, of the others by the motion.
+
+    Args:
+        rig: Its name.
+        signals: What was measured, by name.
+        commands: What was told.
+
+    """
+    phases: list[Phase] = []
+    air = pressure_signals(signals)
+    for where, name in air.items():
+        solenoid = commands.solenoids.get(where) if where != "manifold" else _any_of(commands)
+        if solenoid is not None:
+            phases += air_phases(solenoid, signals[name], (name,))
+    others = tuple(name for name in signals if name not in air.values())
+    if rig != "pressure":
+        return (*phases, *motion_phases(rig, signals.get(f"{names.CARRIAGE_JOINT}/position"), others))
+    # Nothing moves but by the vacuum: the phases are those of the manifold, which every channel takes part in.
+    if "manifold" in air:
+        phases += air_phases(_any_of(commands), signals[air["manifold"]], others)
+    return tuple(phases)
 
 
 def air_phases(solenoid: Timeline, pressure: Signal, signals: tuple[str, ...]) -> list[Phase]:
@@ -184,3 +209,13 @@ def _two(
 
 def _first(times: NDArray[np.float64], happened: NDArray[np.bool_], otherwise_s: float) -> float:
     return float(times[int(np.argmax(happened))]) if happened.any() else otherwise_s
+
+
+def _any_of(commands: CommandTrack) -> Timeline:
+    """Return when any solenoid draws."""
+    times = np.unique(np.concatenate([np.zeros(1), *(each.time_s for each in commands.solenoids.values())]))
+    drawing = np.zeros(len(times))
+    for each in commands.solenoids.values():
+        values = np.concatenate(([0.0], each.values))
+        drawing = np.maximum(drawing, values[np.searchsorted(each.time_s, times, side="right")])
+    return Timeline(times, drawing)

@@ -49,7 +49,10 @@ def with_replay_scatter(recording: Recording, command_jitter_s: float = 0.0) -> 
         return recording
     runs += [_readings(shaken[i], _nudged(rig, *nudges[i])) for i in range(_FEW_RUNS, _RUNS)]
     noise = _noise(recording, runs)
-    note = f"contact makes the run hard to foretell, which adds to the noise of: {', '.join(noise)}"
+    why = "contact makes the run hard to foretell"
+    if command_jitter_s:
+        why = f"commands may have arrived {1e3 * command_jitter_s:.0f} ms earlier or later, or {why}"
+    note = f"{why}, which adds to the noise of: {', '.join(noise)}"
     signals = tuple(
         dataclasses.replace(each, noise=noise[each.name], noise_time_s=_hangs_together_s(each, runs))
         if each.name in noise
