@@ -23,7 +23,7 @@ from jammkle_sim.gap.ankle.loading import load_recording
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.subsystems import subsystem_simulators
 from jammkle_sim.gap.diagnosis import diagnose as diagnose_recordings
-from jammkle_sim.gap.effect import BadEffectError
+from jammkle_sim.gap.effect import BadEffectError, Library
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.result import as_dict
 from jammkle_sim.gap.runs import StoppedError
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_sim.gap.diagnosis import Diagnosis
-    from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording
 
 PAGE_NAME = "gap.html"
@@ -58,6 +57,10 @@ class DiagnoseRequest:
     json: Path | None
     jobs: int | None
     scheduler: str | None
+    without: Sequence[str] = ()
+    """Effects taken out of the library: what is said if the true cause is not on offer?"""
+    only: Sequence[str] = ()
+    """Effects that are on offer, and no others; empty: all."""
 
 
 def diagnose(request: DiagnoseRequest) -> int:
@@ -71,7 +74,7 @@ def diagnose(request: DiagnoseRequest) -> int:
     """
     options = _check(request)
     stop = StopRequest()
-    library = _library(request.library)
+    library = _library(request)
     recordings = _recordings(request.bags, request, options, stop)
     references = _recordings(request.references, request, options, stop)
     with backend(request.jobs, request.scheduler) as jobs:
@@ -128,11 +131,19 @@ def _setting(text: str) -> tuple[str, Any]:
         return name.replace("-", "_"), read
 
 
-def _library(file: Path | None) -> Library:
+def _library(request: DiagnoseRequest) -> Library:
     try:
-        return ankle_library(file)
+        library = ankle_library(request.library)
+        if request.only:
+            library = Library(tuple(library.effect(name) for name in dict.fromkeys(request.only)))
+        for name in dict.fromkeys(request.without):
+            library = library.without(library.effect(name).name)
     except BadEffectError as error:
         raise InputError(str(error)) from error
+    if not library.effects:
+        msg = "--without leaves no effect to offer; leave one in the library"
+        raise InputError(msg)
+    return library
 
 
 def _recordings(
