@@ -74,9 +74,9 @@ def diagnose(request: DiagnoseRequest) -> int:
     """
     options = _check(request)
     stop = StopRequest()
-    library = _library(request)
-    recordings = _recordings(request.bags, request, options, stop)
-    references = _recordings(request.references, request, options, stop)
+    library = library_of(request)
+    recordings = recordings_of(request.bags, request, options, stop)
+    references = recordings_of(request.references, request, options, stop)
     with backend(request.jobs, request.scheduler) as jobs:
         diagnosis = _diagnose(recordings, references, library, jobs, stop)
     setting = Setting(
@@ -116,6 +116,16 @@ def _check(request: DiagnoseRequest) -> dict[str, Any]:
     report.check_writable(request.json)
     for name in (PAGE_NAME, CORRECTED_NAME):
         report.check_writable(request.folder / name, "--output")
+    return rig_options(request)
+
+
+def rig_options(request: DiagnoseRequest) -> dict[str, Any]:
+    """Return how the rig is set, whatever the bags say.
+
+    Raises:
+        InputError: a setting that is none.
+
+    """
     return dict(map(_setting, request.settings))
 
 
@@ -131,7 +141,13 @@ def _setting(text: str) -> tuple[str, Any]:
         return name.replace("-", "_"), read
 
 
-def _library(request: DiagnoseRequest) -> Library:
+def library_of(request: DiagnoseRequest) -> Library:
+    """Return the effects on offer.
+
+    Raises:
+        InputError: one of them cannot be used.
+
+    """
     try:
         library = ankle_library(request.library)
         if request.only:
@@ -146,9 +162,17 @@ def _library(request: DiagnoseRequest) -> Library:
     return library
 
 
-def _recordings(
+def recordings_of(
     bags: Sequence[Path], request: DiagnoseRequest, options: dict[str, Any], stop: Callable[[], bool]
 ) -> list[Recording]:
+    """Read bags.
+
+    Raises:
+        InputError: one cannot be used.
+        GraphError: the simulator fails on one.
+        Interrupted: asked to stop.
+
+    """
     found: list[Recording] = []
     with progress_bar("reading bags") as update:
         for place, bag in enumerate(bags):
