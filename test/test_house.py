@@ -22,6 +22,7 @@ PURE = (
     "jammkle_sim.fit",
     "jammkle_sim.rigs",
     "jammkle_sim.gap",
+    "jammkle_sim.reality",
     "jammkle_sim.core",
     "jammkle_bringup.core",
 )
@@ -34,6 +35,7 @@ ALLOWED = {
     "jammkle_sim.fit": {"jammkle_sim.fit", "jammkle_sim.paper_tables", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.rigs": {"jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.gap": {"jammkle_sim.gap", "jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_sim.reality": {"jammkle_sim.reality", "jammkle_graph.names", "jammkle_graph.constants"},
 }
 BLOCKED = (
     "rclpy", "jammkle_msgs", "std_msgs", "sensor_msgs", "geometry_msgs", "diagnostic_msgs", "rosgraph_msgs",
