@@ -98,10 +98,12 @@ def figures(cases: Sequence[Case], nulls: Mapping[str, float]) -> dict[str, Figu
     add("pairs_exact", (case.outcome is Outcome.RIGHT for case in pairs))
     add("pairs_in_set", (case.outcome in {Outcome.RIGHT, Outcome.IN_SET} for case in pairs))
     add("midrun_safe", (case.outcome in {Outcome.RIGHT, Outcome.IN_SET, *_HARMLESS} for case in of[Kind.MIDRUN]))
-    add_mean("probability_on_truth", [probability(case.truth, case.answer) for case in judged])
-    add_mean("probability_on_truth_from_2", [probability(case.truth, case.answer) for case in clear])
-    if judged:
-        found["calibration_error"] = Figure(calibration_error(calibration(cases)), len(judged))
+    if any(case.answer.probabilities for case in judged):
+        add_mean("probability_on_truth", [probability(case.truth, case.answer) for case in judged])
+        add_mean("probability_on_truth_from_2", [probability(case.truth, case.answer) for case in clear])
+    bins = calibration(cases)
+    if bins:
+        found["calibration_error"] = Figure(calibration_error(bins), sum(each.count for each in bins))
     given = [case for case in (*singles, *pairs) if case.answer.said in {Said.EFFECTS, Said.AMBIGUOUS}]
     add("coverage", (case.truth.names in case.answer.candidates for case in given))
     add_mean("set_size", [float(len(case.answer.candidates)) for case in given])
