@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.010
 """Between two decisions: 100 Hz."""
+_LEAST_DUTY = -0.2
+"""Where the sum of the changes stops falling. Not at 0, else noise alone would add up to a vacuum too deep."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Memory:
     """What the firmware keeps from one decision to the next."""
 
     duty: float = 0.0
-    """Before rounding."""
+    """Before rounding; below 0 it says how much too deep the vacuum is."""
     band_pa: float = 0.0
     """Error within the band in which the duty is not full."""
     running: bool = False
@@ -83,6 +85,6 @@ def decide(
     band_pa = min(max(error_pa, -1.0 / regulator.gain_per_pa), 1.0 / regulator.gain_per_pa)
     before_pa = memory.band_pa if memory.running else 0.0
     change = regulator.gain_per_pa * (band_pa - before_pa + error_pa * PERIOD_S / regulator.integral_s)
-    duty = min(max(memory.duty + change, 0.0), 1.0)
-    rounded = round(duty * regulator.duty_steps) / regulator.duty_steps
+    duty = min(max(memory.duty + change, _LEAST_DUTY), 1.0)
+    rounded = round(max(duty, 0.0) * regulator.duty_steps) / regulator.duty_steps
     return Orders(rounded, coils), dataclasses.replace(memory, duty=duty, band_pa=band_pa, running=True)
