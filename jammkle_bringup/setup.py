@@ -19,7 +19,8 @@ setup(
     package_data={
         "jammkle_bringup.core.blind": ["*.j2"],
         "jammkle_bringup.core.gap": ["*.j2"],
-        "jammkle_bringup.core.paper": ["*.j2"]},
+        "jammkle_bringup.core.paper": ["*.j2"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

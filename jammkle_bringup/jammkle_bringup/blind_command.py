@@ -24,7 +24,7 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the resul
 
 
 @blind_app.command()
-def make(  # noqa: PLR0913, PLR0917 - every one is an option
+def make(
     seed: Annotated[int, typer.Option(help="Everything is drawn from it; below 1000: settings for development.")],
     cases: Annotated[int, typer.Option(help="How many.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the trial.")],
@@ -74,9 +74,7 @@ def score(
 
 @blind_app.command()
 def standard(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of trial, key and page.")] = Path(
-        "runs/blind"
-    ),
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of trial, key and page.")] = Path("runs/blind"),
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = None,
@@ -89,7 +87,7 @@ def standard(
 
 
 @blind_app.command()
-def baselines(  # noqa: PLR0913, PLR0917 - as `jammkle gap diagnose`
+def baselines(
     bags: Annotated[list[Path], typer.Argument(help="Recordings.", metavar="BAG ...")],
     reference: Annotated[list[Path] | None, typer.Option(help="Recording of the machine in good order.")] = None,
     rig: Annotated[str | None, typer.Option(help="What was recorded, where the bags do not tell.")] = None,
@@ -102,7 +100,5 @@ def baselines(  # noqa: PLR0913, PLR0917 - as `jammkle gap diagnose`
     from jammkle_bringup.blind_baselines import baselines as run_baselines
     from jammkle_bringup.gap import DiagnoseRequest
 
-    request = DiagnoseRequest(
-        bags, reference or [], rig, settings or [], None, None, Path(), json, jobs, scheduler
-    )
+    request = DiagnoseRequest(bags, reference or [], rig, settings or [], None, None, Path(), json, jobs, scheduler)
     return run_baselines(request)

@@ -132,7 +132,8 @@ def _check(request: MakeRequest) -> None:
         msg = f"--key {request.key} exists: nothing is overwritten; choose another one or move it away"
         raise InputError(msg)
     if (request.folder / files.TRIAL_NAME).exists():
-        msg = f"folder {request.folder} holds a trial already: diagnose it with `jammkle gap blind run`, or choose another"
+        msg = f"folder {request.folder} holds a trial already"
+        msg += ": diagnose it with `jammkle gap blind run`, or choose another folder"
         raise InputError(msg)
     try:
         (request.folder / files.CASES).mkdir(parents=True, exist_ok=True)
@@ -153,7 +154,9 @@ class _Notes:
             header, *lines = [json.loads(line) for line in self._file.read_text(encoding="utf-8").splitlines()]
             self._salt = str(header.pop("salt"))
             if header != wanted:
-                msg = f"{self._file} belongs to a trial that was begun otherwise ({header}); remove it and {self._cases}"
+                msg = (
+                    f"{self._file} belongs to a trial that was begun otherwise ({header}); remove it and {self._cases}"
+                )
                 raise InputError(msg)
             self._truths = {line["case"]: line["truth"] for line in lines}
         else:

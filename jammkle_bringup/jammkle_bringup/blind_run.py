@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _POLL_S = 0.2
 _SAY_EVERY_S = 60.0
 """How often progress is said where there is no terminal for a bar."""
-_EXIT_BAD_INPUT = 2
+_EXIT_INTERRUPTED = 130
 _KEPT = {
     "verdict", "reasons", "effects", "set", "probabilities", "where", "subsystems", "gap", "noise", "dropped",
     "ranking", "notes", "finished", "runtime", "formula", "next_experiment", "baselines",
@@ -112,11 +112,11 @@ def _answer(request: RunRequest, task: Task, stop: Callable[[], bool]) -> None:
         if code == 0:
             content = files.read_json(result, "answer", "see what the diagnosis printed")
             files.write_json(file, {key: value for key, value in content.items() if key in _KEPT})
-        elif code == _EXIT_BAD_INPUT or code > 0:
-            files.write_json(file, refused(said))
-        else:
-            msg = f"the diagnosis of case {task.case} was ended by signal {-code}; run it again to go on"
+        elif code < 0 or code == _EXIT_INTERRUPTED:
+            msg = f"the diagnosis of case {task.case} was ended from outside (exit code {code}); run it again to go on"
             raise GraphError(msg)
+        else:
+            files.write_json(file, refused(said))
 
 
 def _command(request: RunRequest, task: Task, result: Path) -> list[str]:
@@ -138,11 +138,9 @@ def _call(command: Sequence[str], folder: str, stop: Callable[[], bool]) -> tupl
             start_new_session=True,
         )  # fmt: skip
         while process.poll() is None:
-            try:
-                process.wait(_POLL_S)
-            except subprocess.TimeoutExpired:
-                if stop():
-                    process.kill()
+            time.sleep(_POLL_S)
+            if stop():
+                process.kill()
         errors.seek(0)
         lines = [line.strip() for line in errors if line.strip()]
     return int(process.returncode), (lines[-1] if lines else f"exit code {process.returncode}")

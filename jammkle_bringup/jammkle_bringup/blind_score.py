@@ -53,9 +53,7 @@ def score(request: ScoreRequest) -> int:
     report.check_writable(request.folder / PAGE_NAME, "--output")
     key = read_key(request.key, facts.key_sha256)
     sealed = seal(request.trial)
-    nulls = {
-        effect.key(parameter): parameter.null for effect in ankle_library() for parameter in effect.parameters
-    }
+    nulls = {effect.key(parameter): parameter.null for effect in ankle_library() for parameter in effect.parameters}
     result = result_of(request.trial, facts, key, sealed, nulls)
     (request.folder / PAGE_NAME).write_text(page(result), encoding="utf-8")
     report.write_json(request.json, as_dict(result))

@@ -130,9 +130,7 @@ def _fitted(space: Space, start: _Point, layout: Layout, runs: Runs, steps: int)
     return best
 
 
-def _all_free(
-    probes: Sequence[Probe], residual: NDArray[np.float64], layout: Layout, runs: Runs
-) -> tuple[str, ...]:
+def _all_free(probes: Sequence[Probe], residual: NDArray[np.float64], layout: Layout, runs: Runs) -> tuple[str, ...]:
     """Fit all effects at once, and rank them by how much each of them moves the signals then."""
     if not probes:
         return ()

@@ -1,4 +1,4 @@
-"""Files of a trial: `trial.json` and `case.json`, which may tell nothing of the answers. `docs/blind.md` documents them.
+"""Files of a trial: `trial.json` and `case.json`, which may tell nothing of the answers. See `docs/blind.md`.
 
 TRIAL/
     trial.json               what the trial is, and the hash of its key

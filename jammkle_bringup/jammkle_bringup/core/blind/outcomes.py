@@ -38,7 +38,7 @@ class Outcome(enum.Enum):
     REFUSED = "refused"
 
 
-def outcome(truth: Truth, answer: Answer) -> Outcome:  # noqa: PLR0911 - one for each outcome
+def outcome(truth: Truth, answer: Answer) -> Outcome:
     """Judge one answer."""
     if answer.said is Said.REFUSED:
         return Outcome.REFUSED
@@ -81,7 +81,7 @@ def label(truth: Truth) -> str:
 def answer_label(answer: Answer) -> str:
     """Return the answer as a column of the confusion matrix: a set goes by its first candidate."""
     if answer.said not in {Said.EFFECTS, Said.AMBIGUOUS}:
-        return answer.said.value
+        return str(answer.said.value)
     name = " + ".join(sorted(answer.names)) or "no effect"
     return name if answer.said is Said.EFFECTS else f"{name}, or others"
 

@@ -115,7 +115,9 @@ def _baselines(
     diagnosis: Mapping[str, Figure], baselines: Mapping[str, Mapping[str, Figure]]
 ) -> list[tuple[str, list[str]]]:
     rows = {"this diagnosis, with references": diagnosis, **baselines}
-    return [(name, [figure_text(_BY_NAME[each], found.get(each)) for each in _COMPARED]) for name, found in rows.items()]
+    return [
+        (name, [figure_text(_BY_NAME[each], found.get(each)) for each in _COMPARED]) for name, found in rows.items()
+    ]
 
 
 def _case_line(line: Mapping[str, Any]) -> dict[str, Any]:

@@ -59,7 +59,9 @@ def calibration_svg(ways: Sequence[Way]) -> str:
             low = [each.true.value - each.true.interval[0] for each in way.bins]
             high = [each.true.interval[1] - each.true.value for each in way.bins]
             axes.errorbar(x, y, [low, high], fmt="o-", markersize=4, color=_COLOURS[way.run], label=_NAMES[way.run])
-        axes.set(xlabel="probability that was stated", ylabel="share that came true", xlim=(0, 1.02), ylim=(-0.03, 1.03))
+        axes.set(
+            xlabel="probability that was stated", ylabel="share that came true", xlim=(0, 1.02), ylim=(-0.03, 1.03)
+        )
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left")
         return _svg(sheet)

@@ -137,7 +137,9 @@ def calibration(cases: Sequence[Case]) -> tuple[Bin, ...]:
     in mid-run, of which no label is true; so are diagnoses that were refused.
     """
     asked = [
-        case for case in cases if case.truth.kind in {Kind.NONE, Kind.SINGLE, Kind.OUTSIDE} and case.answer.probabilities
+        case
+        for case in cases
+        if case.truth.kind in {Kind.NONE, Kind.SINGLE, Kind.OUTSIDE} and case.answer.probabilities
     ]
     top = [likeliest(case.answer) for case in asked]
     true = [name in _true_labels(case.truth) for case, (name, _) in zip(asked, top, strict=True)]

@@ -91,7 +91,8 @@ def seal(trial: Path) -> str:
     tasks = blind_tasks(trial)
     left = missing(trial, tasks)
     if left:
-        msg = f"{len(left)} of {len(tasks)} diagnoses of {trial} are still to be made; run `jammkle gap blind run {trial}`"
+        msg = f"{len(left)} of {len(tasks)} diagnoses of {trial} are still to be made"
+        msg += f"; run `jammkle gap blind run {trial}`"
         raise InputError(msg)
     digest = hashlib.sha256()
     for task in tasks:
@@ -113,7 +114,7 @@ def seal(trial: Path) -> str:
 def _task(trial: Path, run: Run, case: str, options: tuple[str, ...]) -> Task:
     folder = trial / files.CASES / case
     note = files.read_case(folder)
-    told = () if note.rig is None else ("--rig", note.rig)
+    told: tuple[str, ...] = () if note.rig is None else ("--rig", note.rig)
     told += tuple(word for name, value in note.options.items() for word in ("--set", f"{name}={value}"))
     references = () if run is Run.WITHOUT else note.references
     return Task(
