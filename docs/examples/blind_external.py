@@ -23,7 +23,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 CHANNELS = ("peroneal_left", "peroneal_right", "achilles")
 AIR_PA, DRAWN_PA = 101_325.0, 45e3
 DRAW_S, VENT_S, HUM_HZ = 0.09, 0.03, 5.0
-START_S, JAM_S, CYCLE_S, END_S, STEP_S = 0.2, 0.8, 1.2, 2.6, 0.01
+START_S, JAM_S, CYCLE_S, END_S, STEP_S = 0.2, 0.8, 1.2, 1.4, 0.01
 RUNS, REFERENCES = 2, 3
 
 
