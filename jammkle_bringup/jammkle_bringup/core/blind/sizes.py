@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,8 @@ _TOLERANCE = 0.05
 """Relative error of a size that is aimed at. Assumed: sizes are a factor of two apart."""
 _STEPS = 12
 """Most runs of a search."""
+_NOTHING = 1e-9
+"""Size that counts as none where its logarithm is taken."""
 _SMALLEST = 1e-4
 """Smallest share of a fault's range that is tried."""
 
@@ -92,19 +95,22 @@ def share_for(size_at: Callable[[float], float], wanted: float) -> tuple[float, 
     size = size_at(1.0)
     if size <= wanted:
         return 1.0, size
-    low, high = np.log(_SMALLEST), 0.0
-    share = 1.0
-    # Most effects grow in proportion: a first guess from that saves half of the runs.
-    guess = float(np.clip(np.log(wanted / size), low, high))
+    # The secant in logarithms, as most effects grow with some power of their size; halves where it leaves the bracket.
+    low, high = math.log(_SMALLEST), 0.0
+    aim, last = math.log(wanted), (0.0, _log(size))
+    slope, share = 1.0, 1.0
     for _ in range(_STEPS):
-        share = float(np.exp(guess))
+        guess = last[0] + (aim - last[1]) / slope if slope > 0.0 else low
+        place = guess if low < guess < high else (low + high) / 2.0
+        share = math.exp(place)
         size = size_at(share)
         if abs(size - wanted) <= _TOLERANCE * wanted:
             break
-        if size > wanted:
-            high = guess
-        else:
-            low = guess
-        step = float(np.clip(guess + np.log(wanted / max(size, 1e-9)), low, high))
-        guess = step if low < step < high else (low + high) / 2.0
+        low, high = (low, place) if size > wanted else (place, high)
+        before, last = last, (place, _log(size))
+        slope = (last[1] - before[1]) / (last[0] - before[0])
     return share, size
+
+
+def _log(size: float) -> float:
+    return math.log(max(size, _NOTHING))

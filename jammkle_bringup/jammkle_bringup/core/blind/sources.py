@@ -58,7 +58,10 @@ class SourceFault:
 
     def at(self, share: float, bounds: Mapping[str, float]) -> dict[str, float]:
         """Return its parameters at a share of the way from null to a bound each."""
-        return {name: null + share * (bounds[name] - null) for name, (null, _, _) in self.ranges.items()}
+        return {
+            name: _within(null + share * (bounds[name] - null), minimum, maximum)
+            for name, (null, minimum, maximum) in self.ranges.items()
+        }
 
     def bounds(self, random: np.random.Generator) -> dict[str, float]:
         """Draw the direction in which it grows: some way to one of the bounds of every parameter."""
@@ -69,8 +72,13 @@ class SourceFault:
             sides = [side for side in range(2) if reach[side] > 0.2 * reach.max()]
             bound = (minimum, maximum)[int(random.choice(sides))]
             weight = 1.0 if len(self.ranges) == 1 else float(random.uniform(0.3, 1.0))
-            found[name] = null + weight * (bound - null)
+            found[name] = _within(null + weight * (bound - null), minimum, maximum)
         return found
+
+
+def _within(value: float, minimum: float, maximum: float) -> float:
+    """Return a value within a range that it may have left by rounding."""
+    return min(max(value, minimum), maximum)
 
 
 class Source(Protocol):
