@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_sim.reality.drop import drop
 from jammkle_sim.reality.faults import eras
+from jammkle_sim.reality.landing import landing
 from jammkle_sim.reality.options import BadPlanError
 from jammkle_sim.reality.pressure import pressure
+from jammkle_sim.reality.slip import slip
 from jammkle_sim.reality.specimen import today
 from jammkle_sim.reality.table import FAULTS
 from jammkle_sim.reality.tensile import tensile
@@ -18,7 +21,13 @@ if TYPE_CHECKING:
     from jammkle_sim.reality.machine import Machine
     from jammkle_sim.reality.record import Plan, RealRun
 
-RIGS: Mapping[str, Callable[[Plan, Sequence[Era], int], RealRun]] = {"tensile": tensile, "pressure": pressure}
+RIGS: Mapping[str, Callable[[Plan, Sequence[Era], int], RealRun]] = {
+    "tensile": tensile,
+    "pressure": pressure,
+    "drop": drop,
+    "slip": slip,
+    "landing": landing,
+}
 """What carries out a plan, by the name of the rig: plan, machine over time, seed."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from jammkle_sim.reality.air_faults import AIR_FAULTS
+from jammkle_sim.reality.body_faults import BODY_FAULTS
 from jammkle_sim.reality.sensing_faults import SENSING_FAULTS
 from jammkle_sim.reality.tendon_faults import TENDON_FAULTS
 
@@ -13,5 +14,5 @@ if TYPE_CHECKING:
 
     from jammkle_sim.reality.faults import Fault
 
-FAULTS: Mapping[str, Fault] = {**AIR_FAULTS, **TENDON_FAULTS, **SENSING_FAULTS}
+FAULTS: Mapping[str, Fault] = {**AIR_FAULTS, **TENDON_FAULTS, **SENSING_FAULTS, **BODY_FAULTS}
 """By name."""

@@ -85,7 +85,8 @@ def _warming(machine: Machine, values: Mapping[str, float]) -> Machine:
 
 def _sticky_fibres(machine: Machine, values: Mapping[str, float]) -> Machine:
     """Tacky fibres: they hold more at rest than sliding, and the faster the less."""
-    return with_tendons(machine, "", lambda make: plus(make, striction=values["striction"]))
+    more = values["striction"]
+    return with_tendons(machine, "", lambda make: times(plus(make, striction=more), stribeck_m_s=1.0 + 4.0 * more))
 
 
 def _tight_membrane(machine: Machine, values: Mapping[str, float]) -> Machine:
