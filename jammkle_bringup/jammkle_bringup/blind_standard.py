@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_bringup import report
 from jammkle_bringup.blind_make import MakeRequest, make
 from jammkle_bringup.blind_run import RunRequest, run
 from jammkle_bringup.blind_score import ScoreRequest, score
 from jammkle_bringup.core.blind.files import TRIAL_NAME
 from jammkle_bringup.core.blind.regimes import STANDARD_CASES, STANDARD_SEED
+from jammkle_bringup.core.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,8 +37,13 @@ def standard(request: StandardRequest) -> int:
 
     """
     trial, key = request.folder / "trial", request.folder / "key.json"
-    if not (trial / TRIAL_NAME).exists():
+    try:
         request.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {request.folder} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    report.check_writable(request.json)
+    if not (trial / TRIAL_NAME).exists():
         make(MakeRequest(STANDARD_SEED, STANDARD_CASES, trial, key, request.jobs))
     run(RunRequest(trial, key, request.jobs, request.scheduler))
     return score(ScoreRequest(trial, key, request.folder, request.json))

@@ -130,9 +130,7 @@ def test_a_key_that_makes_no_sense_is_one_line(entry: Any, said: str) -> None:
         (["score", "{trial}", "--key", "{key}", "-o", "{key}"], "cannot be made"),
     ],
 )
-def test_bad_input_is_one_line(
-    tmp_path: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_input_is_one_line(tmp_path: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     """What cannot be done ends with exit code 2 and one line that names it."""
     trial, key = trial_with_key(tmp_path)
     (tmp_path / "other.json").write_text("{}", encoding="utf-8")

@@ -114,7 +114,7 @@ def test_probability_on_the_truth_is_the_mean_over_all_cases() -> None:
 
 
 def test_what_is_closed_is_measured_against_the_oracle() -> None:
-    """An answer that closes half of what the true effect closes counts a half, and one that names nothing counts none."""
+    """An answer that closes half of what the true effect closes counts a half; one that names nothing, none."""
     single = truth(Kind.SINGLE, "a")
     oracle = said(EFFECTS, "a", closed=0.8)
     cases = [

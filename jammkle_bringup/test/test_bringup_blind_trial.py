@@ -44,9 +44,8 @@ def external(tmp_path: Path) -> tuple[Path, Path]:
 def everything_in(trial: Path) -> str:
     """Return all text of a trial: file names, files, and what lies in the bags, unpacked."""
     parts = [str(file.relative_to(trial)) for file in trial.rglob("*")]
-    for file in trial.rglob("*"):
-        if file.is_file() and file.suffix != ".mcap":
-            parts.append(file.read_text(encoding="utf-8"))
+    plain = [file for file in trial.rglob("*") if file.is_file() and file.suffix != ".mcap"]
+    parts += [file.read_text(encoding="utf-8") for file in plain]
     for metadata in trial.rglob("metadata.yaml"):
         with AnyReader([metadata.parent]) as reader:
             parts += [each.topic for each in reader.connections]

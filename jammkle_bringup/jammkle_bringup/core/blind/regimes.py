@@ -30,7 +30,7 @@ _DEVELOPMENT: dict[str, tuple[Settings, ...]] = {
         {"vacuum_pa": 50e3, "speed_m_s": 0.03, "extension_m": 0.02},
     ),
     "drop": ({"foot": "unjammed", "drop_height_m": 0.05}, {"foot": "jammed", "vacuum_pa": 50e3, "drop_height_m": 0.05}),
-    "slip": ({"foot": "unjammed"}, {"foot": "jammed", "vacuum_pa": 50e3}),
+    "slip": ({"foot": "unjammed", "speed_m_s": 0.02}, {"foot": "jammed", "vacuum_pa": 50e3, "speed_m_s": 0.02}),
     "landing": ({"drop_height_m": 0.05, "slope_deg": 40.0}, {"drop_height_m": 0.03, "slope_deg": 30.0}),
 }
 
@@ -44,7 +44,7 @@ _HELD_OUT: dict[str, tuple[Settings, ...]] = {
         {"vacuum_pa": 60e3, "speed_m_s": 0.02, "extension_m": 0.018},
     ),
     "drop": ({"foot": "unjammed", "drop_height_m": 0.04}, {"foot": "jammed", "vacuum_pa": 40e3, "drop_height_m": 0.06}),
-    "slip": ({"foot": "unjammed", "speed_m_s": 0.015}, {"foot": "jammed", "vacuum_pa": 40e3, "speed_m_s": 0.015}),
+    "slip": ({"foot": "unjammed", "speed_m_s": 0.03}, {"foot": "jammed", "vacuum_pa": 40e3, "speed_m_s": 0.03}),
     "landing": ({"drop_height_m": 0.04, "slope_deg": 35.0}, {"drop_height_m": 0.06, "slope_deg": 25.0}),
 }
 
