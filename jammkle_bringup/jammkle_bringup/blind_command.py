@@ -30,13 +30,14 @@ def make(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the trial.")],
     key: Annotated[Path | None, typer.Option(help="File of the key. [default: beside the folder]")] = None,
     rig: Annotated[list[str] | None, typer.Option(help="Only this rig; may be repeated.")] = None,
+    live: Annotated[int, typer.Option(help="Further cases, recorded from the live graph in real time.")] = 0,
     jobs: JobsOption = None,
 ) -> int:
     """Write the bags of a trial and, elsewhere, its key, and publish the key's hash. Goes on where it was stopped."""
     from jammkle_bringup.blind_make import MakeRequest, default_key
     from jammkle_bringup.blind_make import make as make_trial
 
-    return make_trial(MakeRequest(seed, cases, output, key or default_key(output), jobs, rig or ()))
+    return make_trial(MakeRequest(seed, cases, output, key or default_key(output), jobs, rig or (), live))
 
 
 @blind_app.command()

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from jammkle_bringup.core.blind.plan import CasePlan
 
-MOST_CASES = 9999
+MOST_CASES, MOST_LIVE = 9999, 99
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,8 @@ class MakeRequest:
     jobs: int | None
     rigs: Sequence[str] = ()
     """Only these; empty: all."""
+    live: int = 0
+    """Further cases, from the live graph."""
 
 
 def default_key(folder: Path) -> Path:
@@ -87,14 +89,34 @@ def make(request: MakeRequest) -> int:
             show(done / len(plan), f"{done} of {len(plan)}")
             if stop():
                 raise Interrupted
+    _make_live(request, notes, stop)
     sha256 = write_key(request.key, notes.key())
     facts = files.TrialFacts(sha256, request.seed, commit(), regime_name(request.seed))
     files.write_trial(request.folder, facts)
     notes.remove()
     console = report.console()
-    console.print(f"{len(plan)} cases are in {request.folder}, the key is {request.key}", markup=False)
+    console.print(f"{len(plan) + request.live} cases are in {request.folder}, the key is {request.key}", markup=False)
     console.print(f"hash of the key: {sha256}", markup=False)
     return 0
+
+
+def _make_live(request: MakeRequest, notes: _Notes, stop: StopRequest) -> None:
+    """Record cases from the live graph, one after the other: each takes what real time takes."""
+    if not request.live:
+        return
+    # Starts ROS, which only these cases need.
+    from jammkle_bringup.blind_live import LiveCase  # noqa: PLC0415
+
+    for number in range(request.live):
+        case = LiveCase(request.seed, number)
+        if notes.has(case.name):
+            continue
+        place = request.folder / files.CASES / case.name
+        shutil.rmtree(place, ignore_errors=True)
+        (place / files.BAGS).mkdir(parents=True)
+        note, truth = case.make(place, stop)
+        files.write_case(place, note)
+        notes.add(case.name, truth_as_dict(truth))
 
 
 def commit() -> str:
@@ -122,6 +144,9 @@ def _check(request: MakeRequest) -> None:
     if request.jobs is not None and request.jobs < 1:
         msg = f"--jobs {request.jobs} must be 1 or more"
         raise InputError(msg)
+    if not 0 <= request.live <= MOST_LIVE:
+        msg = f"--live {request.live} must be 0 to {MOST_LIVE}"
+        raise InputError(msg)
     unknown = [rig for rig in request.rigs if rig not in rigs()]
     if unknown:
         msg = f"--rig '{unknown[0]}' is not recorded in trials; known are: {', '.join(rigs())}"
@@ -148,7 +173,7 @@ class _Notes:
     def __init__(self, request: MakeRequest) -> None:
         self._file = request.key.with_name(f"{request.key.name}.part")
         self._cases = request.folder / files.CASES
-        wanted = {"seed": request.seed, "cases": request.cases, "rigs": list(request.rigs)}
+        wanted = {"seed": request.seed, "cases": request.cases, "rigs": list(request.rigs), "live": request.live}
         self._truths: dict[str, Any] = {}
         if self._file.exists():
             header, *lines = [json.loads(line) for line in self._file.read_text(encoding="utf-8").splitlines()]

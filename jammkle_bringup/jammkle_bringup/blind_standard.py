@@ -10,7 +10,7 @@ from jammkle_bringup.blind_make import MakeRequest, make
 from jammkle_bringup.blind_run import RunRequest, run
 from jammkle_bringup.blind_score import ScoreRequest, score
 from jammkle_bringup.core.blind.files import TRIAL_NAME
-from jammkle_bringup.core.blind.regimes import STANDARD_CASES, STANDARD_SEED
+from jammkle_bringup.core.blind.regimes import STANDARD_CASES, STANDARD_LIVE, STANDARD_SEED
 from jammkle_bringup.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,6 +44,6 @@ def standard(request: StandardRequest) -> int:
         raise InputError(msg) from error
     report.check_writable(request.json)
     if not (trial / TRIAL_NAME).exists():
-        make(MakeRequest(STANDARD_SEED, STANDARD_CASES, trial, key, request.jobs))
+        make(MakeRequest(STANDARD_SEED, STANDARD_CASES, trial, key, request.jobs, live=STANDARD_LIVE))
     run(RunRequest(trial, key, request.jobs, request.scheduler))
     return score(ScoreRequest(trial, key, request.folder, request.json))

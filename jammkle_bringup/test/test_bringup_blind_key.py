@@ -116,6 +116,7 @@ def test_a_key_that_makes_no_sense_is_one_line(entry: Any, said: str) -> None:
         (["make", "--seed", "-1", "--cases", "3", "-o", "{folder}/new"], "--seed -1"),
         (["make", "--seed", "1", "--cases", "0", "-o", "{folder}/new"], "--cases 0"),
         (["make", "--seed", "1", "--cases", "3", "-o", "{folder}/new", "--rig", "catapult"], "catapult"),
+        (["make", "--seed", "1", "--cases", "3", "-o", "{folder}/new", "--live", "-1"], "--live -1"),
         (["make", "--seed", "1", "--cases", "3", "-o", "{folder}/new", "--key", "{folder}/new/k.json"], "inside"),
         (["make", "--seed", "1", "--cases", "3", "-o", "{folder}/new", "--key", "{key}"], "nothing is overwritten"),
         (["make", "--seed", "1", "--cases", "3", "-o", "{trial}"], "holds a trial already"),

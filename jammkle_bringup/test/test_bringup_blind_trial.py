@@ -8,15 +8,18 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
 from jammkle_bringup import blind_run
 from jammkle_bringup.command import main
 from jammkle_bringup.core.blind.aims import AIMS
+from jammkle_bringup.core.blind.redacted import redacted
 from jammkle_bringup.core.blind.regimes import SMALL_SEED
 from jammkle_bringup.core.blind.sources import Reality
 from jammkle_sim.gap.ankle.effects import ankle_library
+from jammkle_sim.gap.ankle.loading import load_recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -80,6 +83,23 @@ def test_the_same_seed_makes_the_same_bags(tmp_path: Path) -> None:
     keys = [json.loads((tmp_path / f"{name}_key.json").read_text(encoding="utf-8")) for name in ("one", "two")]
     assert keys[0]["cases"] == keys[1]["cases"]
     assert keys[0]["salt"] != keys[1]["salt"]
+
+
+def test_a_bag_of_the_graph_is_copied_without_its_secret(tmp_path: Path) -> None:
+    """A simulated ankle's bag names the effects in it; the copy does not, and reads the same to the diagnosis."""
+    leak = tmp_path / "leak.yaml"
+    leak.write_text("line_leak_achilles: {conductance_dm3_s_bar: 0.003}", encoding="utf-8")
+    rig = ["rig", "pressure", "--cycles", "1", "--jam-time-s", "1", "--vent-time-s", "0.3", "--seed", "4242"]
+    assert main([*rig, "--effects", str(leak), "-o", str(tmp_path / "whole" / "bag")]) == 0
+    redacted(tmp_path / "whole/bag", tmp_path / "copy/bag", "/")
+    assert "line_leak" in everything_in(tmp_path / "whole")
+    text = everything_in(tmp_path / "copy")
+    assert not any(word in text for word in ("line_leak", "conductance", "effects", "4242"))
+    whole, copy = (load_recording(tmp_path / name / "bag") for name in ("whole", "copy"))
+    assert (copy.regime, copy.inputs.key) == (whole.regime, whole.inputs.key)
+    for one, other in zip(whole.signals, copy.signals, strict=True):
+        assert one.name == other.name
+        assert np.array_equal(one.values, other.values)
 
 
 def pretended(monkeypatch: pytest.MonkeyPatch, fail_after: int = 1000) -> list[Sequence[str]]:

@@ -15,6 +15,8 @@ STANDARD_SEED: Final = 20_000
 """Of the standard trial, `make blind`. The one place where it stands."""
 STANDARD_CASES: Final = 320
 """Of the standard trial; 110 of them without a gap."""
+STANDARD_LIVE: Final = 6
+"""Further cases from the live graph: each is four landings in real time."""
 SMALL_SEED: Final = 7
 """Of the trial in the tests; a development seed."""
 
