@@ -51,16 +51,16 @@ def test_the_standard_trial_has_what_was_promised() -> None:
     assert len({case.machine for case in cases}) == len(cases)
 
 
-@given(st.integers(0, 2**20), st.integers(1, 400))
-def test_any_trial_can_be_planned(seed: int, count: int) -> None:
-    """As many cases as asked for, each of faults that fit its kind and that one of its rigs can show."""
+@given(st.integers(0, 2**20), st.integers(1, 400), st.sets(st.sampled_from(rigs()), min_size=1))
+def test_any_trial_can_be_planned(seed: int, count: int, recorded: set[str]) -> None:
+    """As many cases as asked for, each of faults that fit its kind and that the rigs recorded can show."""
     by_name = {fault.name: fault for fault in (*FAULTS, *KNOWN)}
-    cases = plan_cases(seed, count, rigs(), FAULTS, KNOWN)
+    cases = plan_cases(seed, count, sorted(recorded), FAULTS, KNOWN)
     assert [case.name for case in cases] == [f"{k + 1:04d}" for k in range(count)]
     for case in cases:
         chosen = [by_name[name] for name in case.faults]
         assert len(chosen) == {Kind.NONE: 0, Kind.PAIR: 2}.get(case.kind, 1)
-        assert all(set(case.rigs) <= set(fault.rigs) for fault in chosen)
+        assert all(set(case.rigs) <= set(fault.rigs) & recorded for fault in chosen)
         assert case.rigs
         assert all((fault.effect is None) is (case.kind is Kind.OUTSIDE) for fault in chosen)
 

@@ -74,8 +74,9 @@ def plan_cases(
     """
     random = np.random.default_rng([seed, 1])
     slots = [slot for slot, number in zip(_SHARES, _counts(count), strict=True) for _ in range(number)]
-    inside = [each for each in faults if each.effect is not None]
-    outside = [each for each in faults if each.effect is None]
+    shown, known = _shown_on(rigs, faults), _shown_on(rigs, known)
+    inside = [each for each in shown if each.effect is not None]
+    outside = [each for each in shown if each.effect is None]
     drawn = {
         (Kind.NONE, Rung.WITHHELD): itertools.repeat(((), None)),
         (Kind.SINGLE, Rung.WITHHELD): _singles(random, inside, SIZES),
@@ -89,7 +90,9 @@ def plan_cases(
     made: list[CasePlan | None] = [None] * len(slots)
     for slot, place in zip(slots, order.tolist(), strict=True):
         kind, rung, _ = slot
-        chosen, wanted = next(drawn[kind, rung])
+        # Where the rigs can show no fault of a kind, nothing is wrong.
+        chosen, wanted = next(drawn[kind, rung], ((), None))
+        kind, rung = (kind, rung) if chosen else (Kind.NONE, Rung.WITHHELD)
         offered = [next(turn)] if not chosen else [rig for rig in rigs if all(rig in each.rigs for each in chosen)]
         made[place] = CasePlan(
             name=f"{place + 1:04d}",
@@ -102,6 +105,12 @@ def plan_cases(
             seed=int(random.integers(1, 2**31)),
         )
     return tuple(each for each in made if each is not None)
+
+
+def _shown_on(rigs: Sequence[str], faults: Sequence[FaultFact]) -> list[FaultFact]:
+    """Return the faults that some of the rigs can show, with those rigs alone."""
+    kept = [FaultFact(each.name, each.effect, tuple(rig for rig in each.rigs if rig in rigs)) for each in faults]
+    return [each for each in kept if each.rigs]
 
 
 def _counts(count: int) -> list[int]:
@@ -131,13 +140,16 @@ def _pairs(
 ) -> Iterator[tuple[tuple[FaultFact, ...], float | None]]:
     """Give pairs of different effects that one rig can show, each fault about as often as any other."""
     size = itertools.cycle(_LARGER)
-    while faults:
+    while any(_fit(one, other) for one, other in itertools.combinations(faults, 2)):
         left = [faults[place] for place in random.permutation(len(faults)).tolist()]
         while len(left) > 1:
             first = left.pop()
-            partner = next(
-                (each for each in left if each.effect != first.effect and set(each.rigs) & set(first.rigs)), None
-            )
+            partner = next((each for each in left if _fit(first, each)), None)
             if partner is not None:
                 left.remove(partner)
                 yield (first, partner), next(size)
+
+
+def _fit(one: FaultFact, other: FaultFact) -> bool:
+    """Tell whether two faults are a pair: different effects, and a rig that can show both."""
+    return one.effect != other.effect and bool(set(one.rigs) & set(other.rigs))
