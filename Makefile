@@ -3,12 +3,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo test bench lint format readme lock set-up clean
+.PHONY: help demo test bench blind lint format readme lock set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
 	@echo "make test   set up, run every test"
 	@echo "make bench  set up, measure speed; writes bench.json"
+	@echo "make blind  set up, check the diagnosis blind: the standard trial, takes hours; goes on where it was stopped"
 	@echo "make lint   set up, ruff and mypy"
 	@echo "make format set up, format the code with ruff"
 	@echo "make readme set up, write the tables of README.md anew from the code"
@@ -26,6 +27,9 @@ test: set-up
 
 bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
+
+blind: set-up
+	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json
 
 lint: set-up
 	@$(BIN)/ruff check

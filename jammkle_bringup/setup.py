@@ -16,7 +16,11 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={"jammkle_bringup.core.gap": ["*.j2"], "jammkle_bringup.core.paper": ["*.j2"]},
+    package_data={
+        "jammkle_bringup.core.blind": ["*.j2"],
+        "jammkle_bringup.core.gap": ["*.j2"],
+        "jammkle_bringup.core.paper": ["*.j2"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Protocol, runtime_checkable
 
 import typer
 
+from jammkle_bringup.blind_command import blind_app
 from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.namespace import normalised
 from jammkle_bringup.core.node_table import Hardware, Robot
@@ -31,6 +32,7 @@ gap_app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
 )
+gap_app.add_typer(blind_app, name="blind")
 app.add_typer(gap_app, name="gap")
 
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="ROS namespace of the ankle, for example lf_ankle.")]
@@ -236,6 +238,12 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
         typer.Option("--set", help="NAME=VALUE: how the simulated rig is set, whatever the bags say; may be repeated."),
     ] = None,
     library: Annotated[Path | None, typer.Option(help="Effects of your own (YAML), beside the built-in ones.")] = None,
+    without: Annotated[
+        list[str] | None, typer.Option(metavar="EFFECT", help="Take an effect out of the library; may be repeated.")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="EFFECT", help="Offer this effect and no other; may be repeated.")
+    ] = None,
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.")
     ] = Path("runs/gap"),
@@ -252,7 +260,20 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     from jammkle_bringup.gap import diagnose as run
 
     return run(
-        DiagnoseRequest(bags, reference or [], rig, settings or [], namespace, library, output, json, jobs, scheduler)
+        DiagnoseRequest(
+            bags,
+            reference or [],
+            rig,
+            settings or [],
+            namespace,
+            library,
+            output,
+            json,
+            jobs,
+            scheduler,
+            without or (),
+            only or (),
+        )
     )
 
 

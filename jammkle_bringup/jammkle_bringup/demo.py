@@ -94,7 +94,7 @@ def demo(
         folder = make_folder()
         bag = folder / "bag"
         with (folder / "graph.log").open("w", encoding="utf-8") as log:
-            bad = _land(replace(options, bag=bag), log, asked_to_stop)
+            bad = land(replace(options, bag=bag), log, asked_to_stop)
     if say_how_it_ended(None, bad):
         msg = f"the graph did not stop well; its output is in {folder / 'graph.log'}"
         raise GraphError(msg)
@@ -121,7 +121,7 @@ def say_verdict(summary: RunSummary) -> int:
     return 1 if failures else 0
 
 
-def _land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) -> tuple[Death, ...]:
+def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) -> tuple[Death, ...]:
     """Run the graph through one landing and stop it; return what did not end well."""
     lock = threading.Lock()
 

@@ -24,7 +24,7 @@ from jammkle_sim.gap.ankle.loading import load_recording
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.subsystems import subsystem_simulators
 from jammkle_sim.gap.diagnosis import diagnose as diagnose_recordings
-from jammkle_sim.gap.effect import BadEffectError
+from jammkle_sim.gap.effect import BadEffectError, Library
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.result import as_dict
 from jammkle_sim.gap.runs import StoppedError
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_sim.gap.diagnosis import Diagnosis
-    from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording
 
 PAGE_NAME = "gap.html"
@@ -59,6 +58,10 @@ class DiagnoseRequest:
     json: Path | None
     jobs: int | None
     scheduler: str | None
+    without: Sequence[str] = ()
+    """Effects taken out of the library: what is said if the true cause is not on offer?"""
+    only: Sequence[str] = ()
+    """Effects that are on offer, and no others; empty: all."""
 
 
 def diagnose(request: DiagnoseRequest) -> int:
@@ -72,9 +75,9 @@ def diagnose(request: DiagnoseRequest) -> int:
     """
     options = _check(request)
     stop = StopRequest()
-    library = _library(request.library)
-    recordings = _recordings(request.bags, request, options, stop)
-    references = _recordings(request.references, request, options, stop)
+    library = library_of(request)
+    recordings = recordings_of(request.bags, request, options, stop)
+    references = recordings_of(request.references, request, options, stop)
     _try_changes(library, recordings)
     with backend(request.jobs, request.scheduler) as jobs:
         diagnosis = _diagnose(recordings, references, library, jobs, stop)
@@ -115,6 +118,16 @@ def _check(request: DiagnoseRequest) -> dict[str, Any]:
     report.check_writable(request.json)
     for name in (PAGE_NAME, CORRECTED_NAME):
         report.check_writable(request.folder / name, "--output")
+    return rig_options(request)
+
+
+def rig_options(request: DiagnoseRequest) -> dict[str, Any]:
+    """Return how the rig is set, whatever the bags say.
+
+    Raises:
+        InputError: a setting that is none.
+
+    """
     return dict(map(_setting, request.settings))
 
 
@@ -134,11 +147,25 @@ def _setting(text: str) -> tuple[str, Any]:
         return name.replace("-", "_"), read
 
 
-def _library(file: Path | None) -> Library:
+def library_of(request: DiagnoseRequest) -> Library:
+    """Return the effects on offer.
+
+    Raises:
+        InputError: one of them cannot be used.
+
+    """
     try:
-        return ankle_library(file)
+        library = ankle_library(request.library)
+        if request.only:
+            library = Library(tuple(library.effect(name) for name in dict.fromkeys(request.only)))
+        for name in dict.fromkeys(request.without):
+            library = library.without(library.effect(name).name)
     except BadEffectError as error:
         raise InputError(str(error)) from error
+    if not library.effects:
+        msg = "--without leaves no effect to offer; leave one in the library"
+        raise InputError(msg)
+    return library
 
 
 def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:
@@ -150,9 +177,17 @@ def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:
         raise InputError(str(error)) from error
 
 
-def _recordings(
+def recordings_of(
     bags: Sequence[Path], request: DiagnoseRequest, options: dict[str, Any], stop: Callable[[], bool]
 ) -> list[Recording]:
+    """Read bags.
+
+    Raises:
+        InputError: one cannot be used.
+        GraphError: the simulator fails on one.
+        Interrupted: asked to stop.
+
+    """
     found: list[Recording] = []
     with progress_bar("reading bags") as update:
         for place, bag in enumerate(bags):

@@ -1,0 +1,105 @@
+"""Arguments of `jammkle gap blind`. What the subcommands do stands in modules of their own."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for NumPy
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+blind_app = typer.Typer(
+    help="Check the diagnosis blind: cases whose truth it is not told, their answers, and how good they are.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
+)
+
+TrialArgument = Annotated[Path, typer.Argument(help="Folder of the trial.", metavar="TRIAL")]
+JobsOption = Annotated[int | None, typer.Option(help="Processes. [default: one per core]")]
+SchedulerOption = Annotated[
+    str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs of each diagnosis.")
+]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the results to this file as JSON too.")]
+
+
+@blind_app.command()
+def make(
+    seed: Annotated[int, typer.Option(help="Everything is drawn from it; below 1000: settings for development.")],
+    cases: Annotated[int, typer.Option(help="How many.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the trial.")],
+    key: Annotated[Path | None, typer.Option(help="File of the key. [default: beside the folder]")] = None,
+    rig: Annotated[list[str] | None, typer.Option(help="Only this rig; may be repeated.")] = None,
+    live: Annotated[int, typer.Option(help="Further cases, recorded from the live graph in real time.")] = 0,
+    jobs: JobsOption = None,
+) -> int:
+    """Write the bags of a trial and, elsewhere, its key, and publish the key's hash. Goes on where it was stopped."""
+    from jammkle_bringup.blind_make import MakeRequest, default_key
+    from jammkle_bringup.blind_make import make as make_trial
+
+    return make_trial(MakeRequest(seed, cases, output, key or default_key(output), jobs, rig or (), live))
+
+
+@blind_app.command()
+def run(
+    trial: TrialArgument,
+    key: Annotated[
+        Path | None,
+        typer.Option(help="Open the key once all is diagnosed, and try the true effects alone and left out."),
+    ] = None,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+) -> int:
+    """Diagnose every case, in processes that see bags alone. Goes on where it was stopped."""
+    from jammkle_bringup.blind_run import RunRequest
+    from jammkle_bringup.blind_run import run as run_trial
+
+    return run_trial(RunRequest(trial, key, jobs, scheduler))
+
+
+@blind_app.command()
+def score(
+    trial: TrialArgument,
+    key: Annotated[Path, typer.Option(help="File of the key.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the page, blind.html.")] = Path(
+        "runs/blind"
+    ),
+    json: JsonOption = None,
+) -> int:
+    """Compare what was said with what is true, and write a page with every figure."""
+    from jammkle_bringup.blind_score import ScoreRequest
+    from jammkle_bringup.blind_score import score as score_trial
+
+    return score_trial(ScoreRequest(trial, key, output, json))
+
+
+@blind_app.command()
+def standard(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of trial, key and page.")] = Path("runs/blind"),
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+    json: JsonOption = None,
+) -> int:
+    """Make, diagnose and score the standard trial. Goes on where it was stopped."""
+    from jammkle_bringup.blind_standard import StandardRequest
+    from jammkle_bringup.blind_standard import standard as run_standard
+
+    return run_standard(StandardRequest(output, jobs, scheduler, json))
+
+
+@blind_app.command()
+def baselines(
+    bags: Annotated[list[Path], typer.Argument(help="Recordings.", metavar="BAG ...")],
+    reference: Annotated[list[Path] | None, typer.Option(help="Recording of the machine in good order.")] = None,
+    rig: Annotated[str | None, typer.Option(help="What was recorded, where the bags do not tell.")] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="NAME=VALUE: how the rig is set.")] = None,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+    json: JsonOption = None,
+) -> int:
+    """Say what simpler methods make of recordings: best fit of one effect, BIC, everything free."""
+    from jammkle_bringup.blind_baselines import baselines as run_baselines
+    from jammkle_bringup.gap import DiagnoseRequest
+
+    request = DiagnoseRequest(bags, reference or [], rig, settings or [], None, None, Path(), json, jobs, scheduler)
+    return run_baselines(request)

@@ -1,0 +1,146 @@
+"""`jammkle gap blind run`: diagnose every case in a process of its own that is told of its bags and nothing else."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jammkle_bringup import report
+from jammkle_bringup.core import tether
+from jammkle_bringup.core.blind import files
+from jammkle_bringup.core.blind.answers import refused
+from jammkle_bringup.core.blind.key import check_apart, read_key
+from jammkle_bringup.core.blind.tasks import Run, blind_tasks, missing, open_tasks, seal
+from jammkle_bringup.core.errors import GraphError, InputError
+from jammkle_bringup.core.signals import Interrupted, StopRequest
+from jammkle_bringup.progress import progress_bar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from jammkle_bringup.core.blind.tasks import Task
+
+_POLL_S = 0.2
+_SAY_EVERY_S = 60.0
+"""How often progress is said where there is no terminal for a bar."""
+_EXIT_INTERRUPTED = 130
+_KEPT = {
+    "verdict", "reasons", "effects", "set", "probabilities", "where", "subsystems", "gap", "noise", "dropped",
+    "ranking", "notes", "finished", "runtime", "formula", "next_experiment", "baselines",
+}  # fmt: skip
+"""Of a diagnosis's JSON; the rest are paths of this machine."""
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """One call of `jammkle gap blind run`."""
+
+    folder: Path
+    key: Path | None
+    """If given: the key is opened, and what needs it is done too."""
+    jobs: int | None
+    scheduler: str | None
+
+
+def run(request: RunRequest) -> int:
+    """Diagnose what is left to diagnose, and return the exit code.
+
+    Raises:
+        InputError: the trial or the key cannot be used.
+        GraphError: a diagnosis failed in a way that says nothing of its case.
+        Interrupted: asked to stop; finished diagnoses are kept, one that is under way is made again.
+
+    """
+    if request.jobs is not None and request.jobs < 1:
+        msg = f"--jobs {request.jobs} must be 1 or more"
+        raise InputError(msg)
+    facts = files.read_trial(request.folder)
+    if request.key is not None:
+        check_apart(request.key, request.folder)
+    stop = StopRequest()
+    _diagnose(request, blind_tasks(request.folder), "diagnosing", stop)
+    if request.key is not None:
+        seal(request.folder)
+        key = read_key(request.key, facts.key_sha256)
+        _diagnose(request, open_tasks(request.folder, key), "the key is open: oracle and effects left out", stop)
+    report.console().print(f"every case of {request.folder} is diagnosed", markup=False)
+    return 0
+
+
+def _diagnose(request: RunRequest, tasks: Sequence[Task], title: str, stop: Callable[[], bool]) -> None:
+    left = missing(request.folder, tasks)
+    jobs = request.jobs or (1 if request.scheduler is not None else os.cpu_count() or 1)
+    done, started, said = len(tasks) - len(left), time.monotonic(), time.monotonic()
+    ended = contextlib.ExitStack()
+    with ended, progress_bar(title) as show:
+        pool = ended.enter_context(concurrent.futures.ThreadPoolExecutor(jobs))
+        waiting = {pool.submit(_answer, request, task, stop) for task in left}
+        ended.callback(lambda: [each.cancel() for each in waiting])
+        while waiting:
+            finished, waiting = concurrent.futures.wait(waiting, _POLL_S, concurrent.futures.FIRST_COMPLETED)
+            for each in finished:
+                each.result()
+            done += len(finished)
+            show(done / len(tasks), f"{done} of {len(tasks)}")
+            if stop():
+                raise Interrupted
+            if finished and time.monotonic() - said > _SAY_EVERY_S and not sys.stderr.isatty():
+                said = time.monotonic()
+                left_s = (said - started) / max(done - len(tasks) + len(left), 1) * (len(tasks) - done)
+                report.console().print(f"{title}: {done} of {len(tasks)}, {left_s / 60.0:.0f} min left", markup=False)
+
+
+def _answer(request: RunRequest, task: Task, stop: Callable[[], bool]) -> None:
+    """Diagnose one case in a new process and keep what it says."""
+    if stop():
+        return
+    file = files.answer_file(request.folder, task.run.value, task.case)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="jammkle_blind_") as folder:
+        result = Path(folder) / "answer.json"
+        code, said = _call(_command(request, task, result), folder, stop)
+        if stop():
+            return
+        if code == 0:
+            content = files.read_json(result, "answer", "see what the diagnosis printed")
+            files.write_json(file, {key: value for key, value in content.items() if key in _KEPT})
+        elif code < 0 or code == _EXIT_INTERRUPTED:
+            msg = f"the diagnosis of case {task.case} was ended from outside (exit code {code}); run it again to go on"
+            raise GraphError(msg)
+        else:
+            files.write_json(file, refused(said))
+
+
+def _command(request: RunRequest, task: Task, result: Path) -> list[str]:
+    what = "baselines" if task.run is Run.BASELINES else "diagnose"
+    words = [sys.executable, tether.__file__, str(os.getpid()), sys.executable, "-m", "jammkle_bringup", "gap"]
+    words += ["blind", what] if task.run is Run.BASELINES else [what, "-o", str(result.parent / "page")]
+    words += [str(bag) for bag in task.bags]
+    words += [word for bag in task.references for word in ("--reference", str(bag))]
+    words += [*task.options, "--json", str(result)]
+    return [*words, "--jobs", "1"] if request.scheduler is None else [*words, "--scheduler", request.scheduler]
+
+
+def _call(command: Sequence[str], folder: str, stop: Callable[[], bool]) -> tuple[int, str]:
+    """Return the exit code of a command, and the last line that it said to stderr."""
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as errors:
+        # A session of its own: Ctrl-C would make the diagnosis end early with what it knows by then.
+        process: Any = subprocess.Popen(  # noqa: S603 - this program itself
+            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
+            start_new_session=True,
+        )  # fmt: skip
+        while process.poll() is None:
+            time.sleep(_POLL_S)
+            if stop():
+                process.kill()
+        errors.seek(0)
+        lines = [line.strip() for line in errors if line.strip()]
+    return int(process.returncode), (lines[-1] if lines else f"exit code {process.returncode}")

@@ -1,0 +1,76 @@
+"""`jammkle gap blind score`: open the key, compare, write page and JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from jammkle_bringup import report
+from jammkle_bringup.core.blind import files
+from jammkle_bringup.core.blind.aims import AIMS, OTHERS
+from jammkle_bringup.core.blind.key import check_apart, read_key
+from jammkle_bringup.core.blind.page import figure_text, page
+from jammkle_bringup.core.blind.result import as_dict, result_of
+from jammkle_bringup.core.blind.tasks import seal
+from jammkle_bringup.core.errors import InputError
+from jammkle_sim.gap.ankle.effects import ankle_library
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jammkle_bringup.core.blind.result import Result
+
+PAGE_NAME = "blind.html"
+
+
+@dataclass(frozen=True)
+class ScoreRequest:
+    """One call of `jammkle gap blind score`."""
+
+    trial: Path
+    key: Path
+    folder: Path
+    json: Path | None
+
+
+def score(request: ScoreRequest) -> int:
+    """Compare answers with the key, write the page, and return the exit code.
+
+    Raises:
+        InputError: trial or key cannot be used, or answers are missing.
+
+    """
+    facts = files.read_trial(request.trial)
+    check_apart(request.key, request.trial)
+    report.check_writable(request.json)
+    try:
+        request.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {request.folder} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    report.check_writable(request.folder / PAGE_NAME, "--output")
+    key = read_key(request.key, facts.key_sha256)
+    sealed = seal(request.trial)
+    nulls = {effect.key(parameter): parameter.null for effect in ankle_library() for parameter in effect.parameters}
+    result = result_of(request.trial, facts, key, sealed, nulls)
+    (request.folder / PAGE_NAME).write_text(page(result), encoding="utf-8")
+    report.write_json(request.json, as_dict(result))
+    _show(result, request.folder / PAGE_NAME)
+    return 0
+
+
+def _show(result: Result, file: Path) -> None:
+    console = report.console()
+    table = Table(title="Blind trial", title_justify="left")
+    table.add_column("figure", max_width=40, overflow="fold")
+    for heading in ("aim", "with references", "without"):
+        table.add_column(heading, justify="right")
+    for aim in (*AIMS, *OTHERS):
+        if any(aim.figure in way.figures for way in result.ways):
+            cells = (figure_text(aim, way.figures.get(aim.figure)) for way in result.ways)
+            table.add_row(aim.text, aim.aim, *cells)
+    console.print(table)
+    console.print(f"hash of the key: {result.facts.key_sha256}", markup=False)
+    console.print(f"page: {file}", markup=False)

@@ -1,0 +1,49 @@
+"""`make blind`: the standard trial from one end to the other, each step gone on with where it was stopped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_bringup import report
+from jammkle_bringup.blind_make import MakeRequest, make
+from jammkle_bringup.blind_run import RunRequest, run
+from jammkle_bringup.blind_score import ScoreRequest, score
+from jammkle_bringup.core.blind.files import TRIAL_NAME
+from jammkle_bringup.core.blind.regimes import STANDARD_CASES, STANDARD_LIVE, STANDARD_SEED
+from jammkle_bringup.core.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@dataclass(frozen=True)
+class StandardRequest:
+    """One call of `jammkle gap blind standard`."""
+
+    folder: Path
+    jobs: int | None
+    scheduler: str | None
+    json: Path | None
+
+
+def standard(request: StandardRequest) -> int:
+    """Do what is left to do, and return the exit code.
+
+    Raises:
+        InputError: something cannot be as asked for.
+        GraphError: a diagnosis failed in a way that says nothing of its case.
+        Interrupted: asked to stop; what is done stays.
+
+    """
+    trial, key = request.folder / "trial", request.folder / "key.json"
+    try:
+        request.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {request.folder} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    report.check_writable(request.json)
+    if not (trial / TRIAL_NAME).exists():
+        make(MakeRequest(STANDARD_SEED, STANDARD_CASES, trial, key, request.jobs, live=STANDARD_LIVE))
+    run(RunRequest(trial, key, request.jobs, request.scheduler))
+    return score(ScoreRequest(trial, key, request.folder, request.json))

@@ -1,0 +1,178 @@
+"""Make one case: choose rig and size, run the tests and the references. What comes out is runs and the truth."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_bringup.core.blind.key import Kind, Truth
+from jammkle_bringup.core.blind.regimes import settings_of
+from jammkle_bringup.core.blind.sizes import columns_of, scatter_of, share_for, size_of
+from jammkle_bringup.core.blind.sources import Wrong
+from jammkle_sim.reality.record import Plan
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from jammkle_bringup.core.blind.plan import CasePlan
+    from jammkle_bringup.core.blind.sizes import Columns
+    from jammkle_bringup.core.blind.sources import Source
+    from jammkle_sim.reality.record import RealRun
+
+REPEATS = 2
+"""Runs to be diagnosed per setting: the least that shows what differs from run to run."""
+REFERENCES = 3
+"""Runs in good order per setting."""
+_SCATTER_RUNS = 6
+"""Repeats that the run-to-run scatter of a setting is taken from."""
+_SCATTER_MACHINE, _SCATTER_SEED = 0, 900_000
+_ENOUGH = 0.9
+"""Share of the wanted size with which a rig is taken."""
+_ONSET = (0.35, 0.65)
+"""Share of a run at which a change in mid-run sets in."""
+
+
+@dataclass(frozen=True)
+class MadeCase:
+    """Runs of a case, and the truth of it."""
+
+    runs: tuple[RealRun, ...]
+    references: tuple[RealRun, ...]
+    truth: Truth
+
+
+class Maker:
+    """Makes cases of one trial from one source."""
+
+    def __init__(self, source: Source, trial_seed: int) -> None:
+        """Prepare.
+
+        Args:
+            source: Of the runs.
+            trial_seed: Chooses the regimes.
+
+        """
+        self._source = source
+        self._trial_seed = trial_seed
+        self._scatters: dict[str, list[Mapping[str, float]]] = {}
+
+    def make(self, case: CasePlan) -> MadeCase:
+        """Make one case. The same plan always gives the same.
+
+        Args:
+            case: What is wanted.
+
+        """
+        random = np.random.default_rng(case.seed)
+        faults = [self._source.faults[name] for name in case.faults]
+        bounds = [fault.bounds(random) for fault in faults]
+        onset = float(random.uniform(*_ONSET)) if case.kind is Kind.MIDRUN else 0.0
+        seeds = [int(each) for each in random.integers(1, 2**31, 64)]
+        rig, shares = case.rigs[0], [0.0] * len(faults)
+        nearest = -1.0
+        for offered in case.rigs if faults else ():
+            found = [
+                self._share(_Trial(self, case, offered, onset, seeds), fault.fact.name, bound)
+                for fault, bound in zip(faults, bounds, strict=True)
+            ]
+            least = min(size for _, size in found)
+            if least > nearest:
+                nearest, rig, shares = least, offered, [share for share, _ in found]
+            if case.wanted is None or least >= _ENOUGH * case.wanted:
+                break
+        trial = _Trial(self, case, rig, onset, seeds)
+        wrong = [
+            Wrong(fault.fact.name, fault.at(share, bound))
+            for fault, share, bound in zip(faults, shares, bounds, strict=True)
+        ]
+        runs = tuple(trial.run(setting, repeat, wrong) for repeat in range(REPEATS) for setting in trial.settings)
+        references = tuple(
+            trial.run(setting, REPEATS + repeat, ()) for repeat in range(REFERENCES) for setting in trial.settings
+        )
+        truth = Truth(
+            kind=case.kind,
+            effects=self._source.effects(wrong),
+            rung=case.rung,
+            what=" + ".join(f"{each.fault} ({_text(each.values)})" for each in wrong),
+            location=tuple(dict.fromkeys(place for fault in faults for place in fault.location)),
+            size=trial.size(wrong) if wrong else None,
+            wanted=case.wanted,
+            rigs=(rig,),
+            machine=case.machine,
+        )
+        return MadeCase(runs, references, truth)
+
+    def _share(self, trial: _Trial, fault: str, bounds: Mapping[str, float]) -> tuple[float, float]:
+        row = self._source.faults[fault]
+
+        def size_at(share: float) -> float:
+            return trial.size([Wrong(fault, row.at(share, bounds))])
+
+        if trial.wanted is None:
+            return 1.0, size_at(1.0)
+        return share_for(size_at, trial.wanted)
+
+    def run(self, plan: Plan, machine: int, wrong: Sequence[Wrong], seed: int) -> RealRun:
+        """Run a plan once."""
+        return self._source.run(plan, machine, wrong, seed)
+
+    def scatters(self, rig: str) -> list[Mapping[str, float]]:
+        """Return what differs from run to run in each setting of a rig, of a specimen that is in no case."""
+        if rig not in self._scatters:
+            self._scatters[rig] = [
+                scatter_of(
+                    [
+                        columns_of(self.run(plan, _SCATTER_MACHINE, (), _SCATTER_SEED + repeat))
+                        for repeat in range(_SCATTER_RUNS)
+                    ]
+                )
+                for plan in self.plans(rig)
+            ]
+        return self._scatters[rig]
+
+    def plans(self, rig: str) -> list[Plan]:
+        """Return how a rig is set."""
+        return [Plan(rig, dict(settings)) for settings in settings_of(self._trial_seed, rig)]
+
+
+class _Trial:
+    """One case on one rig."""
+
+    def __init__(self, maker: Maker, case: CasePlan, rig: str, onset: float, seeds: Sequence[int]) -> None:
+        self._maker, self._case, self._rig, self._onset, self._seeds = maker, case, rig, onset, seeds
+        self._plans = maker.plans(rig)
+        self._healthy: list[Columns] = []
+        self.settings = range(len(self._plans))
+        self.wanted = case.wanted
+
+    def run(self, setting: int, repeat: int, wrong: Sequence[Wrong]) -> RealRun:
+        """Run one setting; repeats differ in all that a day makes differ."""
+        plan = self._plans[setting]
+        seed = self._seeds[repeat * len(self._plans) + setting]
+        if self._onset and wrong:
+            end_s = self._end_s(setting)
+            wrong = [dataclasses.replace(each, onset_s=self._onset * end_s) for each in wrong]
+        return self._maker.run(plan, self._case.machine, wrong, seed)
+
+    def size(self, wrong: Sequence[Wrong]) -> float:
+        """Return the size of what is wrong, over the first run of every setting."""
+        pairs = [
+            (healthy, columns_of(self.run(setting, 0, wrong)))
+            for setting, healthy in zip(self.settings, self._first_healthy(), strict=True)
+        ]
+        return size_of(pairs, self._maker.scatters(self._rig))
+
+    def _first_healthy(self) -> list[Columns]:
+        if not self._healthy:
+            self._healthy = [columns_of(self.run(setting, 0, ())) for setting in self.settings]
+        return self._healthy
+
+    def _end_s(self, setting: int) -> float:
+        return max(float(times_s[-1]) for times_s, _ in self._first_healthy()[setting].values())
+
+
+def _text(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.4g}" for name, value in values.items())
