@@ -22,7 +22,8 @@ from jammkle_bringup.core.gap.quantities import percent, percents, quantity, spa
 from jammkle_bringup.core.gap.tables import heat_map
 from jammkle_sim.gap.ankle.effects import ankle_library
 from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing
-from jammkle_sim.gap.diagnosis import Candidate, Diagnosis, FittedEffect, FittedParameter, Overlay
+from jammkle_sim.gap.described import Candidate, FittedEffect, FittedParameter, Overlay
+from jammkle_sim.gap.diagnosis import Diagnosis
 from jammkle_sim.gap.experiments import NextExperiment
 from jammkle_sim.gap.noise import NoiseSource
 from jammkle_sim.gap.runs import Spent

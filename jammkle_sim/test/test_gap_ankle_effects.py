@@ -296,6 +296,7 @@ def test_a_user_adds_an_effect_without_editing_the_package(tmp_path: Path) -> No
         (ENTRY.replace("maximum: 1", "maximum: much"), "no number"),
         (ENTRY.replace("maximum: 1", "maximum: .inf"), "no finite bounds"),
         (ENTRY.replace("minimum: 0", "minimum: 0.5"), "outside its bounds"),
+        (ENTRY.replace("minimum: 0", "minimum: 2"), "give the smaller number as minimum"),
         (ENTRY.replace("extra_mass", "payload"), "twice"),
         (ENTRY.replace('  sentence: "Mud sticks to the leg: clean it."\n', ""), "sentence"),
         (ENTRY.replace("unit: kg", "unit: ''"), "empty unit"),

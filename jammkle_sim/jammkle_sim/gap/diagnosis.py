@@ -6,88 +6,33 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing, ceiling, closings, held_out_regimes
+from jammkle_sim.gap.described import Candidate, FittedEffect, Overlay, beside_best, fitted_effects, overlays_of
 from jammkle_sim.gap.experiments import NextExperiment, next_experiment
 from jammkle_sim.gap.fitting import calibrate, uncalibrated
-from jammkle_sim.gap.intervals import half_widths
 from jammkle_sim.gap.limits import limits_of
 from jammkle_sim.gap.probability import probabilities
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.references import with_references, without_references
-from jammkle_sim.gap.residual import Layout, lay_out
+from jammkle_sim.gap.residual import lay_out
 from jammkle_sim.gap.runs import Runs, Spent, StoppedError
 from jammkle_sim.gap.search import Search
 from jammkle_sim.gap.sensitivity import probe
 from jammkle_sim.gap.signatures import Signature, signatures
 from jammkle_sim.gap.unexplained import Formula, sparse_formula
 from jammkle_sim.gap.verdict import Criteria, Verdict, judge
-from jammkle_sim.gap.where import Where, horizons, isolate, shares, subsystem_of_signals
+from jammkle_sim.gap.where import HORIZONS_S, Where, horizons, isolate, shares, subsystem_of_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.experiments import Experiment
     from jammkle_sim.gap.noise import NoiseSource
     from jammkle_sim.gap.recording import Recording
-    from jammkle_sim.gap.residual import Weighting
-    from jammkle_sim.gap.scoring import Score
     from jammkle_sim.gap.simulator import Simulator
 
 _FITTED = 0.8
-
-
-@dataclass(frozen=True)
-class FittedParameter:
-    """One number of an effect, with its 95 % interval."""
-
-    name: str
-    unit: str
-    value: float
-    interval: tuple[float, float]
-    at_bound: bool
-    """Whether it ended at a bound, where the truth may lie outside."""
-
-
-@dataclass(frozen=True)
-class FittedEffect:
-    """An effect that explains the gap, or a part of it."""
-
-    name: str
-    subsystem: str
-    sentence: str
-    parameters: tuple[FittedParameter, ...]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A set of effects that explains the gap as well as the best does."""
-
-    names: tuple[str, ...]
-    score: float
-    """Held-out log-likelihood above the nominal simulator's, nats."""
-    behind: float
-    """Nats behind the best."""
-    error: float
-    """Standard error of that, nats."""
-    effects: tuple[FittedEffect, ...]
-
-
-@dataclass(frozen=True)
-class Overlay:
-    """One signal of one recording: measured, nominal and corrected."""
-
-    recording: str
-    signal: str
-    unit: str
-    time_s: NDArray[np.float64]
-    measured: NDArray[np.float64]
-    nominal: NDArray[np.float64]
-    corrected: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -234,7 +179,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     where = Where(
         shares(layout, recordings, residual, subsystem_of_signals(fed)),
         isolate(layout, fed, limits),
-        horizons(layout, runs, simulator, residual),
+        horizons(layout, runs, simulator, residual, HORIZONS_S if finished else ()),
     )
     left_over = (
         sparse_formula(layout, nominal, best.fit.residual, limits.worst(layout, best.fit.residual)[0])
@@ -243,14 +188,14 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     )
     ambiguous = judgement.chosen if judgement.verdict is Verdict.AMBIGUOUS else ()
     following = next_experiment(ambiguous, experiments, recordings, simulator, noise)
-    described = [_effects(each, found.weighting, layout, limit) for each in judgement.chosen]
+    described = [fitted_effects(each, found.weighting, layout, limit) for each in judgement.chosen]
     progress("done", 1.0)
     return Diagnosis(
         verdict=judgement.verdict,
         reasons=judgement.reasons,
         effects=described[0],
         candidates=tuple(
-            _candidate(each, best, without, effects) for each, effects in zip(judgement.chosen, described, strict=True)
+            beside_best(each, best, without, effects) for each, effects in zip(judgement.chosen, described, strict=True)
         ),
         probabilities=probabilities(judgement, found.scores, [effect.name for effect in library], criteria),
         where=where,
@@ -264,7 +209,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         next_experiment=following,
         dropped={each.effect.name: _moves(each.moves) for each in probes if not each.alive},
         ranking=tuple((each.names, each.total - without.total) for each in found.scores),
-        overlays=_overlays(layout, recordings, residual, best.fit.residual),
+        overlays=overlays_of(layout, recordings, residual, best.fit.residual),
         notes=(*baseline.notes, *(note for recording in recordings for note in recording.notes)),
         spent=runs.spent,
         finished=finished,
@@ -274,48 +219,3 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
 def _moves(moves: Mapping[str, float]) -> str:
     name = max(moves, key=lambda each: moves[each])
     return f"moves no signal: {name} most, by {moves[name]:.2g} of its noise"
-
-
-def _effects(score: Score, weighting: Weighting, layout: Layout, limit: float) -> tuple[FittedEffect, ...]:
-    fit = score.fit
-    wide = half_widths(fit, layout, weighting, limit) * (fit.space.maximum - fit.space.minimum)
-    values = fit.space.all_values(fit.point)
-    found = []
-    for effect in fit.space.effects:
-        parameters = []
-        for parameter in effect.parameters:
-            key = effect.key(parameter)
-            half = float(wide[fit.space.keys.index(key)])
-            low = max(values[key] - half, parameter.minimum)
-            high = min(values[key] + half, parameter.maximum)
-            parameters.append(
-                FittedParameter(parameter.name, parameter.unit, values[key], (low, high), key in fit.at_bounds)
-            )
-        found.append(FittedEffect(effect.name, effect.subsystem, effect.sentence, tuple(parameters)))
-    return tuple(found)
-
-
-def _candidate(each: Score, best: Score, nominal: Score, effects: tuple[FittedEffect, ...]) -> Candidate:
-    behind = best.segments - each.segments
-    error = float(np.sqrt(behind.size) * np.std(behind, ddof=1))
-    return Candidate(each.names, each.total - nominal.total, float(behind.sum()), error, effects)
-
-
-def _overlays(
-    layout: Layout,
-    recordings: Sequence[Recording],
-    nominal: NDArray[np.float64],
-    corrected: NDArray[np.float64],
-) -> tuple[Overlay, ...]:
-    return tuple(
-        Overlay(
-            recording=recordings[piece.recording].name,
-            signal=piece.signal,
-            unit=piece.unit,
-            time_s=layout.time_s[piece.where],
-            measured=layout.measured[piece.where],
-            nominal=layout.measured[piece.where] - nominal[piece.where] * piece.noise,
-            corrected=layout.measured[piece.where] - corrected[piece.where] * piece.noise,
-        )
-        for piece in layout.pieces
-    )

@@ -31,14 +31,18 @@ class EffectParameter:
         """Check the numbers.
 
         Raises:
-            BadEffectError: a bound is missing or the null value lies outside.
+            BadEffectError: a bound is missing, the bounds are the wrong way round, or the null value lies outside.
 
         """
         if not all(map(math.isfinite, (self.null, self.minimum, self.maximum))):
             msg = f"parameter '{self.name}' has no finite bounds ({self.minimum} to {self.maximum}, null {self.null})"
             msg = f"{msg}; give minimum, maximum and null"
             raise BadEffectError(msg)
-        if not self.minimum <= self.null <= self.maximum or self.minimum >= self.maximum:
+        if self.minimum >= self.maximum:
+            msg = f"parameter '{self.name}' has its minimum {self.minimum:g} not below its maximum {self.maximum:g}"
+            msg = f"{msg}; give the smaller number as minimum"
+            raise BadEffectError(msg)
+        if not self.minimum <= self.null <= self.maximum:
             bounds = f"{self.minimum:g} to {self.maximum:g}"
             msg = f"parameter '{self.name}' is off at {self.null:g}, outside its bounds {bounds}"
             raise BadEffectError(msg)

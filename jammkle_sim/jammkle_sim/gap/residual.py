@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 LARGEST = 1e6
 """A residual is cut off here, in noise units, so that a diverging run stays a number."""
-BIASES = 2.0
+BIASES = 3.0
 """A constant offset of up to so many times what a sensor's data sheet allows is taken off, of every run by itself."""
 _TAILS = 4.0
 _WINDOW = 5.0

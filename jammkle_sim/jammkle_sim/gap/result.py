@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_sim.gap.closing import Closing
-    from jammkle_sim.gap.diagnosis import Diagnosis, FittedEffect
+    from jammkle_sim.gap.described import FittedEffect
+    from jammkle_sim.gap.diagnosis import Diagnosis
 
 
 def _number(value: float) -> float | None:

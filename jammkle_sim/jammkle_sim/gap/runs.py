@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
-from joblib import Parallel, cpu_count, delayed  # type: ignore[import-untyped]  # carries no types
+from joblib import Parallel, cpu_count, delayed, effective_n_jobs  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.gap.recording import BadRecordingError
 
@@ -27,6 +27,8 @@ WORTH_SPREADING_S = 2.0
 """A batch that takes less than this on one core is not worth starting other processes for."""
 _WORTH_SENDING_S = 0.2
 """The same, where they have been started."""
+_PORTION = 8
+"""Runs that each process is given at a time."""
 _KEPT_BYTES = 60_000_000
 """What results kept for being asked for again may take; that of the nominal simulator is always kept."""
 
@@ -195,9 +197,16 @@ class Runs:
         spread = self._jobs is not None or (cpu_count() > 1 and expected_s > worth_s)
         if len(tasks) < 2 or not self._picklable or self._jobs == 1 or not spread:  # noqa: PLR2004  # one needs no help
             return self._one_by_one(tasks)
-        parallel: Any = Parallel(n_jobs=self._jobs if self._jobs is not None else -1)
+        workers = self._jobs if self._jobs is not None else -1
+        parallel: Any = Parallel(n_jobs=workers)
+        # In portions, so that a wish to stop is heard.
+        portion = _PORTION * effective_n_jobs(workers)
+        done: list[tuple[Signals | None, float]] = []
         try:
-            done: list[tuple[Signals | None, float]] = parallel(delayed(_run)(*task) for task in tasks)
+            for first in range(0, len(tasks), portion):
+                if first and self._stop():
+                    raise StoppedError
+                done += parallel(delayed(_run)(*task) for task in tasks[first : first + portion])
         except BrokenExecutor:
             # A process died, or could not import what the simulator is made of: here it is at hand.
             self._picklable = False

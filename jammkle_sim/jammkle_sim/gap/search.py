@@ -10,19 +10,18 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from jammkle_sim.gap.fitting import CALIBRATED_RUNS, POLISHING_RUNS, Fit, Loss, jacobians_at, polish, uncalibrated
+from jammkle_sim.gap.fitting import CALIBRATED_RUNS, POLISHING_RUNS, Fit, jacobians_at, polish, uncalibrated
 from jammkle_sim.gap.ledger import Ledger
 from jammkle_sim.gap.promise import Promises
 from jammkle_sim.gap.refining import fit_contenders, fit_side_by_side, linear_step
 from jammkle_sim.gap.runs import StoppedError
 from jammkle_sim.gap.scoring import CLEAR_NATS, Score, best_set, difference
-from jammkle_sim.gap.sensitivity import space_of
+from jammkle_sim.gap.starts import Starts, promise
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from jammkle_sim.gap.residual import Layout, Weighting
@@ -36,6 +35,9 @@ MOST_PAIRS = 14
 FEWEST_PAIRS = 5
 """Pairs fitted in any case where the best single leaves a gap: a promise is only a linear one."""
 _AT_FLOOR = 1.2
+_WIDE = 1.5
+SCANNED = 10
+"""Where no single effect comes nearer to the floor than `_WIDE`, so many of them are tried over their ranges."""
 BEST_SINGLES = 2
 MOST_RENEWED = 5
 """Of them, fitted once more with derivatives of their own."""
@@ -90,6 +92,7 @@ class Search:
         self._polishing = CALIBRATED_RUNS if self._calibration else POLISHING_RUNS
         self._ledger = Ledger(layout, self._nominal)
         self._progress = on_progress
+        self._starts = Starts(layout, runs, self._probes, self._nominal)
 
     @property
     def _tried(self) -> int:
@@ -100,6 +103,8 @@ class Search:
         finished = True
         try:
             self._singles()
+            if self._least_gap() > _WIDE:
+                self._scan()
             self._more(2)
             for size in range(3, MOST_EFFECTS + 1):
                 if len(self._best().names) == size - 1:
@@ -115,7 +120,7 @@ class Search:
         """Return what the probes alone say of single effects: enough where there is nothing to explain."""
         loss = self._ledger.loss()
         for name in sorted(self._probes):
-            start = self._start([name], loss)
+            start = self._starts.of([name], self._ledger.fits, loss)
             step = linear_step(start.residual, start.jacobian, loss, -start.point, 1.0 - start.point)
             after = start.residual + start.jacobian @ step
             self._ledger.fits[name,] = replace(start, point=start.point + step, residual=after, cost=loss.cost(after))
@@ -126,44 +131,12 @@ class Search:
     def _best(self) -> Score:
         return best_set(self._ledger.scores(), self._tried)[0]
 
-    def _start(self, names: Sequence[str], loss: Loss) -> Fit:
-        """Return a start from the probes, or from a fit of all effects but one: whichever is better."""
-        space = space_of([self._probes[name].effect for name in names], self._calibration)
-        probes = [self._probes[name] for name in names]
-        jacobian = np.column_stack([*(probe.jacobian for probe in probes), self._nominal.jacobian])
-        point = np.concatenate([*(probe.start for probe in probes), self._nominal.point])
-        residual = self._nominal.residual + sum(
-            (probe.residual - self._nominal.residual for probe in probes), np.zeros_like(self._nominal.residual)
-        )
-        moved = [probe for probe in probes if probe.residual is not self._nominal.residual]
-        known = len(moved) <= 1
-        # Where several probes start away from null, their sum is only a guess and has to be run.
-        if not known:
-            residual = self._layout.residual(self._runs.evaluate([space.values(point)])[0])
-        starts = [Fit(space, point, residual, jacobian, loss.cost(residual), calibration=self._calibration)]
-        for name in names if len(names) > 1 else ():
-            rest = self._ledger.fits.get(tuple(sorted(set(names) - {name})))
-            if rest is None or self._probes[name].residual is not self._nominal.residual:
-                continue
-            columns = {key: rest.jacobian[:, k] for k, key in enumerate(rest.space.keys)}
-            places = {key: rest.point[k] for k, key in enumerate(rest.space.keys)}
-            matrix = np.column_stack([columns.get(key, jacobian[:, k]) for k, key in enumerate(space.keys)])
-            place = np.array([places.get(key, point[k]) for k, key in enumerate(space.keys)])
-            starts.append(replace(starts[0], point=place, residual=rest.residual, jacobian=matrix))
-            starts[-1] = replace(starts[-1], cost=loss.cost(rest.residual))
-        fitted = self._ledger.fits.get(tuple(sorted(names)))
-        if fitted is not None:
-            starts.append(replace(fitted, cost=loss.cost(fitted.residual), polished=False))
-        return min(starts, key=lambda each: each.cost)
-
-    def _promise(self, start: Fit, loss: Loss) -> float:
-        """Return the cost after a linear step."""
-        step = linear_step(start.residual, start.jacobian, loss, -start.point, 1.0 - start.point)
-        return min(start.cost, loss.cost(start.residual + start.jacobian @ step))
+    def _least_gap(self) -> float:
+        return min(self._layout.gap(fit.residual) for fit in self._ledger.fits.values())
 
     def _fit(self, candidates: Sequence[tuple[str, ...]], most_runs: int, share: float) -> None:
         loss = self._ledger.loss()
-        starts = [self._start(names, loss) for names in candidates]
+        starts = [self._starts.of(names, self._ledger.fits, loss) for names in candidates]
         self._ledger.add(fit_contenders(starts, loss, self._runs, self._layout, most_runs))
         self._progress("fitting effects", share)
 
@@ -172,7 +145,7 @@ class Search:
         self._fit([(name,) for name in sorted(self._probes)], RUNS_PER_SINGLE, 0.2)
         loss = self._ledger.loss()
         away = [probe for probe in self._probes.values() if probe.residual is not self._nominal.residual]
-        nulls = [self._null_start(probe, loss) for probe in away]
+        nulls = [self._starts.at_null(probe.effect.name, self._ledger.fits, loss) for probe in away]
         for fit in fit_contenders(nulls, loss, self._runs, self._layout, RUNS_PER_SINGLE):
             if fit.cost < loss.cost(self._ledger.fits[fit.names].residual):
                 self._ledger.fits[fit.names] = fit
@@ -190,12 +163,14 @@ class Search:
         self._ledger.add(fit_contenders(renewed, loss, self._runs, self._layout, 2))
         self._ledger.judge()
 
-    def _null_start(self, probe: Probe, loss: Loss) -> Fit:
-        start = self._start([probe.effect.name], loss)
-        point = np.concatenate([space_of([probe.effect]).null, self._nominal.point])
-        jacobian = np.column_stack([probe.alone, self._nominal.jacobian])
-        residual = self._nominal.residual
-        return replace(start, point=point, residual=residual, jacobian=jacobian, cost=loss.cost(residual))
+    def _scan(self) -> None:
+        """Fit effects of one parameter again from the best of some values all over its range."""
+        loss = self._ledger.loss()
+        singles = [fit for names, fit in self._ledger.fits.items() if len(names) == 1 and len(fit.point) == 1]
+        singles = sorted(singles, key=lambda fit: promise(fit, loss))[:SCANNED]
+        starts = self._starts.over_range(singles, loss)
+        self._ledger.add(fit_side_by_side(starts, loss, self._runs, self._layout, RUNS_PER_SINGLE))
+        self._ledger.judge()
 
     def _more(self, size: int) -> None:
         """Fit the combinations of one more effect that promise most."""
@@ -218,10 +193,7 @@ class Search:
                 self._progress(f"weighing combinations of {size}", 0.3 + 0.2 * place / len(offered))
         promised.sort()
         worth = [names for cost, names in promised if cost < least - CLEAR_NATS]
-        if (
-            len(worth) < FEWEST_PAIRS
-            and min(self._layout.gap(fit.residual) for fit in self._ledger.fits.values()) > _AT_FLOOR
-        ):
+        if len(worth) < FEWEST_PAIRS and self._least_gap() > _AT_FLOOR:
             worth = [names for _, names in promised[:FEWEST_PAIRS]]
         with_top = [names for names in worth if any(top < set(names) for top in tops)]
         half = MOST_PAIRS // 2
@@ -238,8 +210,8 @@ class Search:
         Two effects that nearly make up for each other lie in a narrow valley, which the probes' derivatives miss.
         """
         loss = self._ledger.loss()
-        starts = [self._start(names, loss) for names in candidates]
-        ranked = sorted(zip([self._promise(start, loss) for start in starts], candidates, strict=True))
+        starts = [self._starts.of(names, self._ledger.fits, loss) for names in candidates]
+        ranked = sorted(zip([promise(start, loss) for start in starts], candidates, strict=True))
         places = dict(zip(candidates, starts, strict=True))
         best = [places[names] for _, names in ranked[:MOST_RENEWED]]
         fresh = jacobians_at(best, self._runs, self._layout)
@@ -250,7 +222,7 @@ class Search:
 
     def _finish(self) -> None:
         """Fit what may end in the set again, with derivatives of its own."""
-        for _ in range(2):
+        for _ in range(3):
             scores = self._ledger.scores()
             chosen = best_set(scores, self._tried)
             leader = chosen[0]
@@ -270,6 +242,10 @@ class Search:
                     self._ledger.fits[names], self._ledger.loss(), self._runs, self._layout, self._polishing
                 )
                 self._progress("fitting the best once more", 0.7 + 0.3 * (place + 1) / len(rough))
+            loss = self._ledger.loss()
+            # Alone, a part may have been stuck elsewhere than where the whole has ended.
+            parts = self._starts.of_parts([self._ledger.fits[names] for names in rough], self._ledger.fits, loss)
+            self._ledger.add(fit_side_by_side(parts, loss, self._runs, self._layout, RUNS_PER_PAIR))
             self._ledger.judge()
             self._ledger.hold_out(finalists, self._runs)
             self._progress("holding out stretches", 1.0)

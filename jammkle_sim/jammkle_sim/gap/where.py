@@ -141,8 +141,10 @@ def subsystem_of_signals(fed: Fed) -> dict[str, str]:
     return {signal: name for name, simulated in fed.items() for signals in simulated for signal in signals}
 
 
-def horizons(layout: Layout, runs: Runs, simulator: Simulator, full: NDArray[np.float64]) -> tuple[HorizonGap, ...]:
-    """Return the gap at each horizon; only the full run if the simulator cannot be restarted."""
+def horizons(
+    layout: Layout, runs: Runs, simulator: Simulator, full: NDArray[np.float64], horizons_s: Sequence[float]
+) -> tuple[HorizonGap, ...]:
+    """Return the gap at each horizon and over full runs; only the latter if the simulator cannot be restarted."""
     whole = HorizonGap(float("inf"), layout.gaps(full))
     if not hasattr(simulator, "restarted"):
         return (whole,)
@@ -154,7 +156,7 @@ def horizons(layout: Layout, runs: Runs, simulator: Simulator, full: NDArray[np.
                 layout, [runs.counted(restarting.restarted(each, {}, horizon_s), each) for each in runs.recordings]
             ),
         )
-        for horizon_s in HORIZONS_S
+        for horizon_s in horizons_s
     ]
     return (*shorter, whole)
 

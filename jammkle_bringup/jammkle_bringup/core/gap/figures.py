@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from jammkle_sim.gap.diagnosis import Overlay
+    from jammkle_sim.gap.described import Overlay
 
 MOST_SIGNALS = 12
 MOST_RECORDINGS = 3

@@ -24,7 +24,8 @@ from jammkle_sim.gap.verdict import Verdict
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from jammkle_sim.gap.diagnosis import Diagnosis, Overlay
+    from jammkle_sim.gap.described import Overlay
+    from jammkle_sim.gap.diagnosis import Diagnosis
 
 _TEMPLATE = "page.html.j2"
 _OPEN = 2

@@ -13,7 +13,8 @@ from jammkle_sim.gap.verdict import Criteria
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from jammkle_sim.gap.diagnosis import Diagnosis, FittedEffect
+    from jammkle_sim.gap.described import FittedEffect
+    from jammkle_sim.gap.diagnosis import Diagnosis
     from jammkle_sim.gap.where import HorizonGap, Place
 
 PHASES = (

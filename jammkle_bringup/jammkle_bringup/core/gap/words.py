@@ -9,7 +9,8 @@ from jammkle_bringup.core.gap.quantities import noise_units, percent, percents, 
 from jammkle_sim.gap.verdict import Criteria, Verdict
 
 if TYPE_CHECKING:
-    from jammkle_sim.gap.diagnosis import Candidate, Diagnosis, FittedEffect
+    from jammkle_sim.gap.described import Candidate, FittedEffect
+    from jammkle_sim.gap.diagnosis import Diagnosis
     from jammkle_sim.gap.where import Place
 
 PHASE_WORDS = {
