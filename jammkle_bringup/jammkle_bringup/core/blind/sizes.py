@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_graph.names import PUMP_DUTY, SOLENOIDS
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     Columns = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
     """By topic and column: times, s, and values, each of shape (n,)."""
 
-_COMMANDS = ("pump/duty", "/solenoid")
+_COMMANDS = frozenset({PUMP_DUTY.name, *(topic.name for topic in SOLENOIDS.values())})
 _LEFT_OUT = ("rate_m_s", "velocity", "broken", "force_x_n", "force_y_n")
 """Columns that the diagnosis does not compare, or that say the same again."""
 _TOLERANCE = 0.05
@@ -32,7 +34,7 @@ _SMALLEST = 1e-4
 
 def is_command(topic: str) -> bool:
     """Tell whether a topic holds what was commanded, which is the same whatever is wrong, and never lost."""
-    return topic.endswith(_COMMANDS)
+    return topic in _COMMANDS
 
 
 def columns_of(run: RealRun) -> Columns:
