@@ -51,7 +51,7 @@ MOST_EVALUATIONS = 20
 _INWARDS = 0.02
 _TOLERANCE = 1e-4
 """Of scipy's fits: the one that the diagnosis asks of its own last fits."""
-_EVERY_S = 0.05
+_EVERY_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class GapDiagnosis:
     effects: list[str]
     wall_s: float
     peak_mib: float
-    """Resident memory of a process that does nothing else, and of its workers together, sampled 20 times a second;
-    pages that they share count for each."""
+    """Memory of a process that does nothing else and of its workers together, sampled ten times a second; pages that
+    they share count once (PSS, where the system tells it, else for each)."""
     runs: int
     simulated_s: float
     singles: int
@@ -121,15 +121,16 @@ class _Peak:
     def _watch(self) -> None:
         process = psutil.Process()
         while not self._done.wait(_EVERY_S):
-            total = sum(_resident(each) for each in (process, *process.children(recursive=True)))
+            total = sum(_memory(each) for each in (process, *process.children(recursive=True)))
             self.mib = max(self.mib, total / 2**20)
 
 
-def _resident(process: psutil.Process) -> int:
-    """Return resident memory, bytes; none where the process has ended."""
+def _memory(process: psutil.Process) -> int:
+    """Return memory in use, bytes; none where the process has ended."""
     try:
-        return int(process.memory_info().rss)
-    except psutil.NoSuchProcess:
+        found = process.memory_full_info()
+        return int(getattr(found, "pss", found.rss))
+    except (psutil.NoSuchProcess, psutil.AccessDenied):
         return 0
 
 
