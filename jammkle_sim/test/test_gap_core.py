@@ -12,7 +12,7 @@ from jammkle_sim.gap.diagnosis import diagnose
 from jammkle_sim.gap.effect import BadEffectError, Effect, EffectParameter, Library
 from jammkle_sim.gap.fitting import Fit
 from jammkle_sim.gap.limits import Limits, limits_of
-from jammkle_sim.gap.noise import NoiseSource, find_noise, still_noise
+from jammkle_sim.gap.noise import Hanging, NoiseSource, find_noise, still_noise
 from jammkle_sim.gap.recording import BadRecordingError, Recording, Signal
 from jammkle_sim.gap.residual import Layout, Weighting, autocorrelation_factor, lay_out
 from jammkle_sim.gap.runs import Runs
@@ -77,7 +77,7 @@ def test_repeats_show_what_stretches_hide() -> None:
     """Runs that drift apart slowly have the noise of the drift, and their samples count as few."""
     random = np.random.default_rng(2)
     runs = [record(random.normal() * TIME_S + random.normal(0.0, 0.01, TIME_S.size), f"run {k}") for k in range(6)]
-    sources, _ = find_noise(runs, [linear(run, {}) for run in runs])
+    sources, _ = find_noise((runs, [linear(run, {}) for run in runs]))
     assert "repeats" in sources["x"].source
     assert sources["x"].noise > 1.0
     assert sources["x"].factor > 50.0
@@ -96,7 +96,7 @@ def test_the_limit_grows_as_less_is_known_of_the_noise() -> None:
     recording = record(np.zeros(TIME_S.size))
     limits = []
     for known_from in (float("inf"), 1e4, 50.0, 5.0):
-        source = NoiseSource("x", "m", 1.0, "repeats", 100.0, known_from)
+        source = NoiseSource("x", "m", 1.0, "repeats", 100.0, Hanging(1.0, 100.0, known_from))
         layout = lay_out([recording], [{"x": np.zeros(TIME_S.size)}], {"x": 1.0}, factors={"x": source.factor})
         limits.append(limits_of(layout, {"x": source}, 1.2).of_signal["x"])
     assert limits[0] == 1.2

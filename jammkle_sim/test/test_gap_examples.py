@@ -72,7 +72,9 @@ def test_the_seal_rubs_more_under_pressure() -> None:
     singles = sorted((nats, names) for names, nats in scores.items() if len(names) == 1)
     assert singles[-1][1] == ("pressure_friction",)
     assert singles[-1][0] - singles[-2][0] > 100.0
-    assert "pressure_friction" in {each.name for each in found.effects}
+    assert [each.name for each in found.effects] == ["pressure_friction"]
+    assert found.verdict is Verdict.EFFECTS
+    assert found.effects[0].parameters[0].interval[0] > 0.0
 
 
 @present

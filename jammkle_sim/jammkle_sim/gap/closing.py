@@ -37,7 +37,8 @@ class Closing:
     nominal: float
     with_effect: float
     closed: float
-    """1 - (with_effect - floor) / (nominal - floor); not a number where there was nothing to close."""
+    """1 - (with_effect - floor) / (nominal - floor), signals below the floor counting as at it; not a number where
+    there was nothing to close."""
     interval: tuple[float, float]
 
 
@@ -62,11 +63,23 @@ class SignalClosing:
         return self.closing.with_effect * self.noise
 
 
-def closed_share(nominal: float, with_effect: float, floor: float = FLOOR) -> float:
-    """Return how much of the gap above the floor is closed, 1: all; negative: it has grown."""
-    if nominal - floor < SMALLEST_GAP:
+def closed_share(nominal: float, with_effect: float, signals: int = 1) -> float:
+    """Return how much of the gap above the floor is closed, 1: all; negative: it has grown.
+
+    Args:
+        nominal: Before, noise units; of several signals, `Layout.gap_above_floor`.
+        with_effect: After, the same.
+        signals: How many they are of: one that is off is diluted by all others.
+
+    """
+    if nominal - FLOOR < _smallest(signals):
         return float("nan")
-    return 1.0 - (with_effect - floor) / (nominal - floor)
+    return 1.0 - (max(with_effect, FLOOR) - FLOOR) / (nominal - FLOOR)
+
+
+def _smallest(signals: int) -> float:
+    """Return what one signal that is off by the smallest gap adds to all, noise units."""
+    return float(np.sqrt(FLOOR**2 + ((FLOOR + SMALLEST_GAP) ** 2 - FLOOR**2) / signals)) - FLOOR
 
 
 def _table(layout: Layout, residual: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,20 +107,23 @@ def closings(
     def root(table: NDArray[np.float64], signals: slice) -> NDArray[np.float64]:
         sums, sizes = table[drawn].sum(axis=1)[:, signals], counts[drawn].sum(axis=1)[:, signals]
         held = (sizes > 0).sum(axis=1)
-        squares = np.where(sizes > 0, sums / np.maximum(sizes, 1), 0.0).sum(axis=1)
+        above = np.maximum(sums / np.maximum(sizes, 1), FLOOR**2)
+        squares = np.where(sizes > 0, above, 0.0).sum(axis=1)
         # Blocks may be drawn in which none of these signals was recorded.
         result: NDArray[np.float64] = np.sqrt(np.where(held > 0, squares / np.maximum(held, 1), np.nan))
         return result
 
     def one(signals: slice) -> Closing:
-        first = float(np.sqrt(np.mean(before.sum(axis=0)[signals] / counts.sum(axis=0)[signals])))
-        last = float(np.sqrt(np.mean(after.sum(axis=0)[signals] / counts.sum(axis=0)[signals])))
+        squares = [each.sum(axis=0)[signals] / counts.sum(axis=0)[signals] for each in (before, after)]
+        first, last = (float(np.sqrt(np.mean(each))) for each in squares)
+        count = len(squares[0])
+        closed = closed_share(_above(squares[0]), _above(squares[1]), count)
         befores, afters = root(before, signals), root(after, signals)
-        real = befores - FLOOR >= SMALLEST_GAP
+        real = befores - FLOOR >= _smallest(count)
         if not real.any():
-            return Closing(first, last, closed_share(first, last), (float("nan"), float("nan")))
+            return Closing(first, last, closed, (float("nan"), float("nan")))
         low, high = np.quantile(1.0 - (afters[real] - FLOOR) / (befores[real] - FLOOR), INTERVAL)
-        return Closing(first, last, closed_share(first, last), (float(low), float(high)))
+        return Closing(first, last, closed, (float(low), float(high)))
 
     per_signal = []
     for index, name in enumerate(layout.names):
@@ -146,16 +162,25 @@ def held_out_regimes(
     points = [fit.space.values(point) for point in held.points]
     for place, results in enumerate(runs.evaluate(points)):
         inside = regime_of == place
-        before_gap, after_gap = _gap(layout, nominal, inside), _gap(layout, layout.residual(results), inside)
-        found.append(RegimeClosing(regimes[place], before_gap, after_gap, closed_share(before_gap, after_gap)))
+        squares = [_squares(layout, each, inside) for each in (nominal, layout.residual(results))]
+        before, after = (float(np.sqrt(np.mean(each))) for each in squares)
+        closed = closed_share(_above(squares[0]), _above(squares[1]), squares[0].size)
+        found.append(RegimeClosing(regimes[place], before, after, closed))
     return tuple(found)
 
 
-def _gap(layout: Layout, residual: NDArray[np.float64], inside: NDArray[np.bool_]) -> float:
+def _above(squares: NDArray[np.float64]) -> float:
+    """Return the gap over signals of such mean squares, those below the floor counting as at it."""
+    return float(np.sqrt(np.mean(np.maximum(squares, FLOOR**2))))
+
+
+def _squares(layout: Layout, residual: NDArray[np.float64], inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the mean square of every signal that has samples there."""
     size = len(layout.names)
     counts = np.bincount(layout.signal_of[inside], minlength=size)
     squares = np.bincount(layout.signal_of[inside], residual[inside] ** 2, size)
-    return float(np.sqrt(np.mean(squares[counts > 0] / counts[counts > 0])))
+    found: NDArray[np.float64] = squares[counts > 0] / counts[counts > 0]
+    return found
 
 
 def ceiling(

@@ -59,7 +59,7 @@ class Loss:
 
 def loss_of(layout: Layout, weighting: Weighting) -> Loss:
     """Return the loss for a judgement of the signals."""
-    return Loss(weighting.scale[layout.signal_of], weighting.factor[layout.signal_of])
+    return Loss(weighting.scale_of(layout), weighting.factor[layout.signal_of])
 
 
 @dataclass(frozen=True)

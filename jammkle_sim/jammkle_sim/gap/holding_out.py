@@ -111,7 +111,12 @@ def _anew(full: Fit, point: NDArray[np.float64], loss: Loss) -> Worker:
     miss = left - full.residual - full.jacobian @ step
     jacobian = full.jacobian + np.outer(miss, step) / max(float(step @ step), _NO_STEP)
     start = replace(full, point=point, residual=left, jacobian=jacobian)
-    return (yield from refine(start, loss, RUNS_PER_GROUP, PRIOR))
+    found = yield from refine(start, loss, RUNS_PER_GROUP, PRIOR)
+    away = 0.5 * PRIOR * float(np.sum((full.point - full.space.null) ** 2))
+    if found.cost <= loss.cost(full.residual) + away:
+        return found
+    # One step led astray: the others alone are foretold better from where the full fit stands.
+    return (yield from refine(full, loss, RUNS_PER_GROUP, PRIOR))
 
 
 def _without(loss: Loss, group_of: NDArray[np.intp], group: int) -> Loss:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_sim.gap.fitting import Loss, loss_of
 from jammkle_sim.gap.holding_out import fitted_again
-from jammkle_sim.gap.residual import Weighting, weigh
+from jammkle_sim.gap.residual import Weighting, doubt_of, weigh
 from jammkle_sim.gap.scoring import Score, score, scored
 
 if TYPE_CHECKING:
@@ -47,10 +48,12 @@ class Ledger:
         for names, fit in self.fits.items():
             if self._weighted.get(names, (None,))[0] is not fit:
                 self._weighted[names] = fit, weigh(self._layout, fit.residual)
-        self.weighting = min(
-            (each for _, each in self._weighted.values()),
-            key=lambda each: float(np.sum(np.log(each.scale) + 1e-3 * np.log(each.factor))),
+        best, weighting = min(
+            self._weighted.values(),
+            key=lambda each: float(np.sum(np.log(each[1].scale) + 1e-3 * np.log(each[1].factor))),
         )
+        change = self.fits[()].residual - best.residual
+        self.weighting = replace(weighting, doubt=doubt_of(self._layout, change))
 
     def loss(self) -> Loss:
         """Return the loss to search by.
@@ -59,7 +62,7 @@ class Ledger:
         is: else what takes a lasting error away would look worth little. Held-out scores alone decide in the end.
         """
         factor = np.full_like(self.weighting.factor, min(float(self.weighting.factor.min()), MOST_CORRELATED))
-        return loss_of(self._layout, Weighting(self.weighting.scale, factor))
+        return loss_of(self._layout, replace(self.weighting, factor=factor))
 
     def cost(self, names: tuple[str, ...]) -> float:
         """Return the cost of a fit as judged now, nats."""

@@ -42,8 +42,8 @@ class Limits:
 def limits_of(layout: Layout, noise: Mapping[str, NoiseSource], base: float) -> Limits:
     """Return the limits of all signals.
 
-    The ratio of two variances in good order, each known from so many independent samples, follows Fisher's F: where
-    noise comes from a few runs that drift, a few more that drift further are no gap.
+    The part of the noise that hangs together may be known from a few runs only; the ratio of two such variances follows
+    Fisher's F. Where runs drift, a few more that drift further are no gap.
 
     Args:
         layout: Of the residuals.
@@ -51,11 +51,13 @@ def limits_of(layout: Layout, noise: Mapping[str, NoiseSource], base: float) -> 
         base: Smallest limit, noise units.
 
     """
-    counts = np.bincount(layout.signal_of, minlength=len(layout.names)) / layout.least_factor
+    counts = np.bincount(layout.signal_of, minlength=len(layout.names))
     found = {}
     for name, samples in zip(layout.names, counts, strict=True):
-        known_from = noise[name].known_from
-        sure = np.isinf(known_from)
-        ratio = 1.0 if sure else float(fisher.ppf(1.0 - FALSE_ALARMS, max(samples, 1.0), max(known_from, 1.0)))
+        hanging = noise[name].hanging
+        ratio = 1.0
+        if hanging.share > 0.0 and np.isfinite(hanging.known_from):
+            freedoms = max(samples / hanging.samples, 1.0), max(hanging.known_from, 1.0)
+            ratio += hanging.share * (float(fisher.ppf(1.0 - FALSE_ALARMS, *freedoms)) - 1.0)
         found[name] = max(base, float(np.sqrt(ratio)))
     return Limits(base, found)

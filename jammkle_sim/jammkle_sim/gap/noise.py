@@ -5,20 +5,22 @@ From repeats of the same run where there are any, else from still stretches: nev
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_sim.gap.recording import BadRecordingError
-from jammkle_sim.gap.residual import BIASES, autocorrelation_factor, without_bias
+from jammkle_sim.gap.repeats import likeness, scatters
+from jammkle_sim.gap.residual import correlation_of, independence_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.gap.recording import Recording, Signal
+    from jammkle_sim.gap.recording import Signal
+    from jammkle_sim.gap.repeats import Batch
 
 STILL_SAMPLES = 24
 """Length of a stretch that is looked at for stillness, samples. Assumed: long enough for a scatter within 15 %."""
@@ -27,12 +29,24 @@ STILL_SHARE = 0.2
 FEWEST_STRETCHES = 3
 MOVING = 0.6
 """Correlation of neighbours in the calmest stretches, their curve taken out, above which the signal never rests."""
-SAME_RUN = 0.02
-"""Two recordings are repeats if their nominal simulations differ by less than this share of their range (root mean
-square). Assumed: measured starts scatter by less."""
 _SAME_NEIGHBOURS = 0.1
 _USUAL_STEP = 0.2
 _STAIRS = 1.5
+_NEIGHBOURS = 2
+"""Lags, in samples, by whose correlation noise that hangs together is told from noise that does not."""
+_LEAST_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Hanging:
+    """The part of a noise that hangs together over many samples, as runs that drift apart or start late do."""
+
+    share: float = 0.0
+    """Of the variance."""
+    samples: float = 1.0
+    """Over which it hangs together."""
+    known_from: float = float("inf")
+    """Independent values that it was found from; endless where the noise is declared."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +60,8 @@ class NoiseSource:
     """In words, such as `3 repeats of the same run`."""
     factor: float = 1.0
     """Samples over which it hangs together, and that so count as one."""
-    known_from: float = float("inf")
-    """Independent samples that it was found from; endless where it is declared, or taken from many."""
+    hanging: Hanging = Hanging()
+    """What of it hangs together, and how well that is known."""
 
 
 def still_noise(signal: Signal) -> float:
@@ -104,98 +118,38 @@ def _calmest_correction() -> float:
     return float(1.0 / (1.0 + quantile / np.sqrt(2.0 * (STILL_SAMPLES - 3))))
 
 
-def repeats(
-    recordings: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]]
-) -> tuple[tuple[int, ...], ...]:
-    """Group the recordings of one and the same run, told by what the nominal simulator makes of their inputs."""
-    groups: list[list[int]] = []
-    for index in range(len(recordings)):
-        for group in groups:
-            if is_same_run(recordings[group[0]], simulated[group[0]], recordings[index], simulated[index]):
-                group.append(index)
-                break
-        else:
-            groups.append([index])
-    return tuple(tuple(group) for group in groups)
-
-
-def is_same_run(
-    first: Recording,
-    first_nominal: Mapping[str, NDArray[np.float64]],
-    second: Recording,
-    second_nominal: Mapping[str, NDArray[np.float64]],
-) -> bool:
-    """Whether two recordings are of the same run, told by what the nominal simulator makes of their inputs."""
-    shared = sorted(set(first_nominal) & set(second_nominal))
-    if first.regime != second.regime:
-        return False
-    for name in shared:
-        one, two = first.signal(name).time_s, second.signal(name).time_s
-        if abs(one[-1] - two[-1]) > SAME_RUN * max(one[-1], two[-1]):
-            return False
-        other = np.interp(one, two, second_nominal[name])
-        span = max(float(np.ptp(first_nominal[name])), float(np.ptp(other)))
-        if float(np.sqrt(np.mean((first_nominal[name] - other) ** 2))) > SAME_RUN * span:
-            return False
-    return bool(shared)
-
-
-def repeat_noise(
-    recordings: Sequence[Recording],
-    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
-    group: Sequence[int],
-    name: str,
-) -> float:
-    """Return the standard deviation of one signal from run to run at the same time, over the repeats of one run."""
-    rows = _scatter(recordings, simulated, group, name)
-    return float(np.sqrt(np.mean(np.sum(rows**2, axis=0) / (len(group) - 1))))
-
-
-def _scatter(
-    recordings: Sequence[Recording],
-    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
-    group: Sequence[int],
-    name: str,
-) -> NDArray[np.float64]:
-    """Return how each repeat differs from their mean, shape (repeats, samples); sensors' own offsets are taken off."""
-    base = recordings[group[0]].signal(name).time_s
-    held = [(recordings[i].signal(name), simulated[i][name]) for i in group]
-    table = np.array([np.interp(base, signal.time_s, signal.values - nominal) for signal, nominal in held])
-    # Off from their common mean: only where runs differ may their sensors' offsets be what makes them differ.
-    apart = table - table.mean(axis=0)
-    table = np.array([without_bias(row, BIASES * signal.bias) for row, (signal, _) in zip(apart, held, strict=True)])
-    result: NDArray[np.float64] = table - table.mean(axis=0)
-    return result
-
-
-def find_noise(
-    recordings: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]]
-) -> tuple[dict[str, NoiseSource], tuple[str, ...]]:
+def find_noise(*batches: Batch) -> tuple[dict[str, NoiseSource], tuple[str, ...]]:
     """Return the noise of every signal that can be compared, and a note on each that has to be left out.
 
     A noise that a recording brings with it is not gone below, but repeats may show more. The noise is one number per
     signal, the same for all recordings.
 
+    Args:
+        batches: Recordings with what the nominal simulator makes of them. What differs from batch to batch, as between
+            a machine in good order and one that is not, is no noise.
+
     Raises:
         BadRecordingError: no signal at all has a noise.
 
     """
-    groups = repeats(recordings, simulated)
     sources: dict[str, NoiseSource] = {}
     notes: list[str] = []
-    for name in sorted({name for each in simulated for name in each}):
-        holders = [i for i in range(len(recordings)) if name in simulated[i]]
-        held = [[i for i in group if i in holders] for group in groups]
-        offers = [
-            _given([recordings[i].signal(name) for i in holders]),
-            _repeated(recordings, simulated, [group for group in held if len(group) > 1], name),
+    for name in sorted({name for _, simulated in batches for each in simulated for name in each}):
+        signals = [
+            recording.signal(name)
+            for recordings, simulated in batches
+            for recording, each in zip(recordings, simulated, strict=True)
+            if name in each
         ]
-        found = [offer for offer in offers if offer is not None]
+        given, repeated = _given(signals), _repeated(scatters(batches, name), signals[0])
+        found = [offer for offer in (given, repeated) if offer is not None]
         if found:
-            sources[name] = max(found, key=lambda each: each.noise)
+            sources[name] = found[0]
+            if given is not None and repeated is not None:
+                sources[name] = _both(given, repeated)
             continue
         try:
-            sources[name] = _still([recordings[i].signal(name) for i in holders])
+            sources[name] = _still(signals)
         except BadRecordingError as error:
             notes.append(f"left out: {error}")
     if not sources:
@@ -214,25 +168,49 @@ def _given(signals: Sequence[Signal]) -> NoiseSource | None:
     return NoiseSource(first.name, first.unit, noise, "given with the recording", max(1.0, first.noise_time_s / step_s))
 
 
-def _repeated(
-    recordings: Sequence[Recording],
-    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
-    groups: Sequence[Sequence[int]],
-    name: str,
-) -> NoiseSource | None:
-    if not groups:
+def _repeated(runs: Sequence[Sequence[NDArray[np.float64]]], signal: Signal) -> NoiseSource | None:
+    """Return the noise that repeats show, or none where there are none that differ."""
+    tables = [table for run in runs for table in run]
+    if not tables:
         return None
-    values = [repeat_noise(recordings, simulated, group, name) for group in groups]
-    weights = np.array([len(group) - 1 for group in groups], dtype=float)
-    noise = float(np.sqrt(np.average(np.square(values), weights=weights)))
+    free = sum(len(table) - 1 for table in tables)
+    noise = float(np.sqrt(sum(float(np.mean(np.sum(table**2, axis=0))) for table in tables) / free))
     if noise == 0.0:
         return None
-    scatter = [row for group in groups for row in _scatter(recordings, simulated, group, name)]
-    factor = float(np.median([autocorrelation_factor(row) for row in scatter]))
-    count = max(len(group) for group in groups)
-    known_from = sum((len(group) - 1) * recordings[group[0]].signal(name).values.size for group in groups) / factor
-    unit = recordings[groups[0][0]].signal(name).unit
-    return NoiseSource(name, unit, noise, f"{count} repeats of the same run", factor, known_from)
+    correlation = correlation_of([row for table in tables for row in table])
+    hanging = _hanging(correlation, runs)
+    # What makes one curve of a whole run counts once there, also where its samples look new.
+    factor = max(independence_factor(correlation), hanging.share**2 * hanging.samples)
+    source = f"{max(map(len, tables))} repeats of the same run"
+    return NoiseSource(signal.name, signal.unit, noise, source, factor, hanging)
+
+
+def _both(given: NoiseSource, repeated: NoiseSource) -> NoiseSource:
+    """Return the larger of a noise that is given and one that repeats show, hanging together as these show."""
+    if repeated.noise >= given.noise:
+        return repeated
+    hanging = replace(repeated.hanging, share=repeated.hanging.share * (repeated.noise / given.noise) ** 2)
+    return replace(given, hanging=hanging, factor=max(given.factor, repeated.factor))
+
+
+def _hanging(correlation: NDArray[np.float64], runs: Sequence[Sequence[NDArray[np.float64]]]) -> Hanging:
+    """Tell what hangs together from what is new in every sample, and how well its variance is known.
+
+    That goes by the sum of the squared correlation, so that a wave that swings on counts as few samples as a drift;
+    and, where there are more than two repeats, by how alike they differ: runs that start a little earlier or later
+    differ by one and the same curve, which counts once however short its bumps are.
+    """
+    tables = [table for run in runs for table in run]
+    samples = sum((len(table) - 1) * table.shape[1] for table in tables)
+    alike, most = np.sum([likeness(run) for run in runs], axis=0)
+    like = float(alike / most) if most > 0.0 else 0.0
+    share = float(np.clip(max(np.mean(correlation[1 : 1 + _NEIGHBOURS]), np.sqrt(like)), 0.0, 1.0))
+    if share < _LEAST_SHARE:
+        return Hanging(0.0, 1.0, float(samples))
+    length = float(np.mean([table.shape[1] for table in tables]))
+    over = 1.0 + 2.0 * float(np.sum(np.clip(correlation[1:] / share, -1.0, 1.0) ** 2))
+    over = float(np.clip(max(over, length * like / share**2), 1.0, length))
+    return Hanging(share, over, samples / over)
 
 
 def _still(signals: Sequence[Signal]) -> NoiseSource:

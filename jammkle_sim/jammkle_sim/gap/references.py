@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.noise import NoiseSource, find_noise, is_same_run
+from jammkle_sim.gap.noise import NoiseSource, find_noise
 from jammkle_sim.gap.recording import BadRecordingError
+from jammkle_sim.gap.repeats import is_same_run
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,7 +35,7 @@ def without_references(
     recordings: Sequence[Recording], nominal: Sequence[Mapping[str, NDArray[np.float64]]]
 ) -> Baseline:
     """Return the baseline where there are no references: nothing is taken off."""
-    noise, notes = find_noise(recordings, nominal)
+    noise, notes = find_noise((recordings, nominal))
     return Baseline(tuple({} for _ in recordings), noise, notes)
 
 
@@ -54,11 +55,7 @@ def with_references(
 
     """
     _refuse_the_same(recordings, references)
-    noise, notes = find_noise(recordings, nominal)
-    reference_noise, _ = find_noise(references, reference_nominal)
-    for name, source in reference_noise.items():
-        if "repeats" in source.source or name not in noise:
-            noise[name] = source
+    noise, notes = find_noise((recordings, nominal), (references, reference_nominal))
     corrections: list[dict[str, NDArray[np.float64]]] = [{} for _ in recordings]
     grown = dict.fromkeys(noise, _SMALLEST_FLOOR)
     for index, recording in enumerate(recordings):

@@ -79,6 +79,10 @@ class Layout:
         """Return the root mean square over all signals, each signal counting the same; 1 is the noise floor."""
         return float(np.sqrt(np.mean([value**2 for value in self.gaps(residual).values()])))
 
+    def gap_above_floor(self, residual: NDArray[np.float64]) -> float:
+        """As `gap`, but signals below their noise count as at it: quiet ones hide nothing of what others are off."""
+        return float(np.sqrt(np.mean([max(value, 1.0) ** 2 for value in self.gaps(residual).values()])))
+
     def gaps(self, residual: NDArray[np.float64]) -> dict[str, float]:
         """Return the root mean square of each signal, in its noise."""
         squares = np.bincount(self.signal_of, residual**2, len(self.names))
@@ -185,26 +189,44 @@ def lay_out(
     )
 
 
-def autocorrelation_factor(residual: NDArray[np.float64]) -> float:
-    """Return how many neighbouring samples count as one: 1 + 2 sum of the autocorrelation, at least 1.
+def correlation_of(residuals: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the autocorrelation by lag, 1 at first, up to half of the longest; zero where all are nothing.
 
-    The sum ends where the lag exceeds five times it (Sokal's window). Moments are taken about zero, so that a constant
-    offset counts as one single sample.
+    Moments are taken about zero, so that a constant offset stays.
 
     Args:
-        residual: Evenly sampled or nearly so, shape (n,).
+        residuals: Evenly sampled or nearly so, shape (n,) each; of several, the larger counts more.
 
     """
-    size = residual.size
-    power = float(residual @ residual)
-    if size < 2 or power == 0.0:  # noqa: PLR2004  # one sample has no neighbour
+    size = max(each.size for each in residuals)
+    spectrum = np.sum([np.abs(np.fft.rfft(each, 2 * size)) ** 2 for each in residuals], axis=0)
+    correlation = np.fft.irfft(spectrum, 2 * size)[: size // 2 + 1]
+    found: NDArray[np.float64] = correlation / correlation[0] if correlation[0] > 0.0 else 0.0 * correlation
+    return found
+
+
+def independence_factor(correlation: NDArray[np.float64]) -> float:
+    """Return how many neighbouring samples count as one: 1 + 2 sum of the autocorrelation, at least 1.
+
+    The sum ends where the lag exceeds five times it (Sokal's window).
+    """
+    size = 2 * (correlation.size - 1)
+    if size < 2:  # noqa: PLR2004  # one sample has no neighbour
         return 1.0
-    spectrum = np.fft.rfft(residual, 2 * size)
-    correlation = np.fft.irfft(spectrum * np.conj(spectrum))[: size // 2 + 1] / power
     running = 1.0 + 2.0 * np.cumsum(correlation[1:])
     enough = np.arange(1, running.size + 1) >= _WINDOW * running
     factor = float(running[np.argmax(enough)]) if enough.any() else float(size)
     return float(np.clip(factor, 1.0, size))
+
+
+def autocorrelation_factor(residual: NDArray[np.float64]) -> float:
+    """Return how many neighbouring samples of a residual count as one; a constant offset is one single sample."""
+    return independence_factor(correlation_of([residual]))
+
+
+DOUBT = 0.1
+"""Share of the change that an effect makes that no simulator foretells better: by so much the samples that it moves
+count as noisier. What explains a gap must close nine tenths of it, for the same reason. Assumed."""
 
 
 @dataclass(frozen=True)
@@ -215,6 +237,27 @@ class Weighting:
     """Per signal: what the best candidate leaves, in noise units, at least 1."""
     factor: NDArray[np.float64]
     """Per signal: samples that count as one."""
+    doubt: NDArray[np.float64] | float = 0.0
+    """Per sample: what the simulator may be off where the best candidate changes it, noise units."""
+
+    def scale_of(self, layout: Layout) -> NDArray[np.float64]:
+        """Return the scale of every sample, shape (n,), noise units."""
+        scale: NDArray[np.float64] = np.hypot(self.scale[layout.signal_of], self.doubt)
+        return scale
+
+
+def doubt_of(layout: Layout, change: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what a simulator may be off where it is changed, from the root mean square of each signal and segment.
+
+    Args:
+        layout: Of the residual.
+        change: Made by the effects of a candidate, shape (n,), noise units.
+
+    """
+    cell = layout.segment_of * len(layout.names) + layout.signal_of
+    squares, counts = np.bincount(cell, change**2), np.bincount(cell)
+    root: NDArray[np.float64] = DOUBT * np.sqrt(squares / np.maximum(counts, 1))[cell]
+    return root
 
 
 def weigh(layout: Layout, residual: NDArray[np.float64]) -> Weighting:

@@ -65,7 +65,7 @@ class Difference:
 
 def log_likelihood(layout: Layout, weighting: Weighting, residual: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the log-likelihood of each segment up to a constant, nats, shape (segments,)."""
-    scale, factor = weighting.scale[layout.signal_of], weighting.factor[layout.signal_of]
+    scale, factor = weighting.scale_of(layout), weighting.factor[layout.signal_of]
     each = -0.5 * (FREEDOM + 1.0) * np.log1p((residual / scale) ** 2 / FREEDOM) / factor
     return np.bincount(layout.segment_of, each, layout.block_of_segment.size).astype(np.float64)
 

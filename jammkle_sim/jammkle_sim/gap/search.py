@@ -42,8 +42,14 @@ BEST_SINGLES = 2
 MOST_RENEWED = 5
 """Of them, fitted once more with derivatives of their own."""
 MOST_EFFECTS = 4
-MOST_FINALISTS = 5
+_PROMISING = 0.5
+"""Where all pairs leave more than this of the gap, no more effects are put together: nothing will be named anyway."""
+_ROUNDS = 3
+MOST_ALIKE = 4
+MOST_FINALISTS = 8
 """Candidates that are fitted again with derivatives of their own."""
+_ALIKE = 0.02
+"""Candidates that gain as much as the best but for this share are fitted again, too."""
 _ROOM_NATS = 6.0
 """Candidates this far behind what is told apart are still fitted again."""
 
@@ -107,7 +113,7 @@ class Search:
                 self._scan()
             self._more(2)
             for size in range(3, MOST_EFFECTS + 1):
-                if len(self._best().names) == size - 1:
+                if len(self._best().names) == size - 1 and self._worthwhile():
                     self._more(size)
             self._finish()
         except (StoppedError, KeyboardInterrupt):
@@ -130,6 +136,11 @@ class Search:
 
     def _best(self) -> Score:
         return best_set(self._ledger.scores(), self._tried)[0]
+
+    def _worthwhile(self) -> bool:
+        """Whether what has been fitted closes enough that going on may end in an explanation."""
+        nominal, *others = (self._layout.gap_above_floor(fit.residual) for fit in self._ledger.fits.values())
+        return min(others, default=nominal) - 1.0 < _PROMISING * (nominal - 1.0)
 
     def _least_gap(self) -> float:
         return min(self._layout.gap(fit.residual) for fit in self._ledger.fits.values())
@@ -222,7 +233,7 @@ class Search:
 
     def _finish(self) -> None:
         """Fit what may end in the set again, with derivatives of its own."""
-        for _ in range(3):
+        for _ in range(_ROUNDS if self._worthwhile() else 1):
             scores = self._ledger.scores()
             chosen = best_set(scores, self._tried)
             leader = chosen[0]
@@ -233,7 +244,16 @@ class Search:
                 and (len(each.names) <= len(leader.names) or each.total > leader.total)
                 and difference(leader, each).nats < 2.0 * difference(leader, each).error + _ROOM_NATS
             ]
-            finalists = list(dict.fromkeys([each.names for each in chosen + near if each.names]))[:MOST_FINALISTS]
+            # One step may foretell wrongly what a new fit without a block would: what fits as well gets its own.
+            least = self._ledger.cost(leader.names)
+            utmost = least + _ROOM_NATS + _ALIKE * max(self._ledger.cost(()) - least, 0.0)
+            alike = [
+                each
+                for each in sorted(scores, key=lambda one: self._ledger.cost(one.names))
+                if each.names and len(each.names) <= len(leader.names) and self._ledger.cost(each.names) < utmost
+            ]
+            finalists = list(dict.fromkeys([each.names for each in chosen + alike[:MOST_ALIKE] + near if each.names]))
+            finalists = finalists[:MOST_FINALISTS]
             rough = [names for names in finalists if not self._ledger.fits[names].polished]
             if not rough:
                 return

@@ -40,6 +40,8 @@ class Criteria:
     """The same, where references took the simulator's own faults off."""
     explained_share: float = 0.9
     """Share of the gap above the floor that a candidate has to close, held out."""
+    explained_share_within: float = 0.75
+    """The same, where every signal is left with what counts as none: of a small gap much is chance."""
     explained_share_each: float = 0.8
     """The same, of every single signal that is left with a gap."""
     material_share: float = 0.035
@@ -81,10 +83,10 @@ def material(
             parts = [by_names[names] for names in _parts(current.names) if names in by_names]
             if not parts:
                 break
-            simpler = min(parts, key=lambda part: layout.gap(part.held_out))
-            gained = layout.gap(simpler.held_out) - layout.gap(current.held_out)
+            simpler = min(parts, key=lambda part: layout.gap_above_floor(part.held_out))
+            gained = layout.gap_above_floor(simpler.held_out) - layout.gap_above_floor(current.held_out)
             enough = limits.holds(layout, simpler.held_out)
-            if not enough and gained > criteria.material_share * _at_stake(layout, by_names[()], current):
+            if not enough and gained > criteria.material_share * _at_stake(layout, by_names[()]):
                 break
             current = simpler
         if current.names not in [one.names for one in kept]:
@@ -92,10 +94,14 @@ def material(
     return [each for each in kept if not any(set(other.names) < set(each.names) for other in kept)]
 
 
-def _at_stake(layout: Layout, nominal: Score, best: Score) -> float:
-    """Return what there is to close: the gap above the floor, or what is closed, as quiet signals pull it below 1."""
-    before = layout.gap(nominal.held_out)
-    return max(before - 1.0, before - layout.gap(best.held_out), 0.0)
+def _at_stake(layout: Layout, nominal: Score) -> float:
+    """Return what there is to close: the gap above the floor."""
+    return layout.gap_above_floor(nominal.held_out) - 1.0
+
+
+def _closed(layout: Layout, nominal: Score, candidate: Score) -> float:
+    before, after = layout.gap_above_floor(nominal.held_out), layout.gap_above_floor(candidate.held_out)
+    return closed_share(before, after, len(layout.names))
 
 
 def _parts(names: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -120,7 +126,7 @@ def judge(
     kept = material(layout, chosen, scores, criteria, limits)
     best = kept[0]
     left_signal, left_gap, left_ratio = limits.worst(layout, best.held_out)
-    closed = closed_share(layout.gap(nominal.held_out), layout.gap(best.held_out))
+    closed = _closed(layout, nominal, best)
 
     def answer(verdict: Verdict, *reasons: str) -> Judgement:
         return Judgement(verdict, tuple(kept), nominal_ratio, left_ratio, closed, reasons)
@@ -128,9 +134,9 @@ def judge(
     def leads(*reasons: str) -> Judgement:
         """Return what explains most, though no one part of it is proven: with UNKNOWN nothing is named anyway."""
         top = material(layout, [max(scores, key=lambda score: score.total)], scores, criteria, limits)[0]
-        spare = criteria.material_share * _at_stake(layout, nominal, top)
-        if layout.gap(top.held_out) < layout.gap(best.held_out) - spare:
-            share = 100.0 * closed_share(layout.gap(nominal.held_out), layout.gap(top.held_out))
+        spare = criteria.material_share * _at_stake(layout, nominal)
+        if layout.gap_above_floor(top.held_out) < layout.gap_above_floor(best.held_out) - spare:
+            share = 100.0 * _closed(layout, nominal, top)
             kept.insert(0, top)
             names = " + ".join(top.names)
             reasons = (*reasons, f"as a lead: {names} would close {share:.0f} %, but is not clearly better")
@@ -150,21 +156,24 @@ def judge(
     names = " + ".join(best.names)
     share = f"{names} closes {100.0 * closed:.0f} % of the gap on held-out data"
     # Also what a small gap leaves, though it would count as none, must not be much of it.
-    utmost = closed_share(layout.gap(nominal.held_out), layout.gap(chosen[0].held_out))
+    utmost = _closed(layout, nominal, chosen[0])
+    wanted = criteria.explained_share_within if left_ratio <= 1.0 else criteria.explained_share
     before, after = layout.gaps(nominal.held_out), layout.gaps(best.held_out)
+    # What an effect does besides is foretold no better than the share that may be left of all.
+    spared = (1.0 - criteria.explained_share) * nominal_gap
     poor = [
         name
         for name in layout.names
-        if after[name] > limits.of_signal[name]
+        if after[name] > max(limits.of_signal[name], spared)
         and not closed_share(before[name], after[name]) >= criteria.explained_share_each
     ]
     if poor:
         return leads(where, f"{share}, but {poor[0]} is still off by {after[poor[0]]:.1f} times its noise")
-    if not max(closed, utmost) >= criteria.explained_share:
+    if not max(closed, utmost) >= wanted:
         return leads(
             where,
             f"{share}; {left_signal} is still off by {left_gap:.1f} times its noise",
-            f"what explains a gap must close {100.0 * criteria.explained_share:.0f} % of it",
+            f"what explains a gap must close {100.0 * wanted:.0f} % of it",
         )
     if len(kept) > 1:
         others = "; ".join(" + ".join(score.names) or "no effect" for score in kept[1:])

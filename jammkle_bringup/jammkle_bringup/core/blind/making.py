@@ -26,9 +26,6 @@ REPEATS = 2
 """Runs to be diagnosed per setting: the least that shows what differs from run to run."""
 REFERENCES = 3
 """Runs in good order per setting."""
-_SCATTER_RUNS = 6
-"""Repeats that the run-to-run scatter of a setting is taken from."""
-_SCATTER_MACHINE, _SCATTER_SEED = 0, 900_000
 _ENOUGH = 0.9
 """Share of the wanted size with which a rig is taken."""
 _ONSET = (0.35, 0.65)
@@ -57,7 +54,6 @@ class Maker:
         """
         self._source = source
         self._trial_seed = trial_seed
-        self._scatters: dict[str, list[Mapping[str, float]]] = {}
 
     def make(self, case: CasePlan) -> MadeCase:
         """Make one case. The same plan always gives the same.
@@ -71,27 +67,22 @@ class Maker:
         bounds = [fault.bounds(random) for fault in faults]
         onset = float(random.uniform(*_ONSET)) if case.kind is Kind.MIDRUN else 0.0
         seeds = [int(each) for each in random.integers(1, 2**31, 64)]
-        rig, shares = case.rigs[0], [0.0] * len(faults)
+        trial, shares = _Trial(self, case, case.rigs[0], onset, seeds), [0.0] * len(faults)
         nearest = -1.0
         for offered in case.rigs if faults else ():
-            found = [
-                self._share(_Trial(self, case, offered, onset, seeds), fault.fact.name, bound)
-                for fault, bound in zip(faults, bounds, strict=True)
-            ]
+            tried = _Trial(self, case, offered, onset, seeds)
+            found = [self._share(tried, fault.fact.name, bound) for fault, bound in zip(faults, bounds, strict=True)]
             least = min(size for _, size in found)
             if least > nearest:
-                nearest, rig, shares = least, offered, [share for share, _ in found]
+                nearest, trial, shares = least, tried, [share for share, _ in found]
             if case.wanted is None or least >= _ENOUGH * case.wanted:
                 break
-        trial = _Trial(self, case, rig, onset, seeds)
         wrong = [
             Wrong(fault.fact.name, fault.at(share, bound))
             for fault, share, bound in zip(faults, shares, bounds, strict=True)
         ]
         runs = tuple(trial.run(setting, repeat, wrong) for repeat in range(REPEATS) for setting in trial.settings)
-        references = tuple(
-            trial.run(setting, REPEATS + repeat, ()) for repeat in range(REFERENCES) for setting in trial.settings
-        )
+        references = tuple(run for repeat in zip(*trial.references(), strict=True) for run in repeat)
         truth = Truth(
             kind=case.kind,
             effects=self._source.effects(wrong),
@@ -100,7 +91,7 @@ class Maker:
             location=tuple(dict.fromkeys(place for fault in faults for place in fault.location)),
             size=trial.size(wrong) if wrong else None,
             wanted=case.wanted,
-            rigs=(rig,),
+            rigs=(trial.rig,),
             machine=case.machine,
         )
         return MadeCase(runs, references, truth)
@@ -119,20 +110,6 @@ class Maker:
         """Run a plan once."""
         return self._source.run(plan, machine, wrong, seed)
 
-    def scatters(self, rig: str) -> list[Mapping[str, float]]:
-        """Return what differs from run to run in each setting of a rig, of a specimen that is in no case."""
-        if rig not in self._scatters:
-            self._scatters[rig] = [
-                scatter_of(
-                    [
-                        columns_of(self.run(plan, _SCATTER_MACHINE, (), _SCATTER_SEED + repeat))
-                        for repeat in range(_SCATTER_RUNS)
-                    ]
-                )
-                for plan in self.plans(rig)
-            ]
-        return self._scatters[rig]
-
     def plans(self, rig: str) -> list[Plan]:
         """Return how a rig is set."""
         return [Plan(rig, dict(settings)) for settings in settings_of(self._trial_seed, rig)]
@@ -142,9 +119,11 @@ class _Trial:
     """One case on one rig."""
 
     def __init__(self, maker: Maker, case: CasePlan, rig: str, onset: float, seeds: Sequence[int]) -> None:
-        self._maker, self._case, self._rig, self._onset, self._seeds = maker, case, rig, onset, seeds
+        self._maker, self._case, self.rig, self._onset, self._seeds = maker, case, rig, onset, seeds
         self._plans = maker.plans(rig)
         self._healthy: list[Columns] = []
+        self._references: list[list[RealRun]] = []
+        self._scatters: list[Mapping[str, float]] = []
         self.settings = range(len(self._plans))
         self.wanted = case.wanted
 
@@ -163,7 +142,24 @@ class _Trial:
             (healthy, columns_of(self.run(setting, 0, wrong)))
             for setting, healthy in zip(self.settings, self._first_healthy(), strict=True)
         ]
-        return size_of(pairs, self._maker.scatters(self._rig))
+        return size_of(pairs, self._scatter())
+
+    def references(self) -> list[list[RealRun]]:
+        """Return runs in good order, per setting."""
+        if not self._references:
+            self._references = [
+                [self.run(setting, REPEATS + repeat, ()) for repeat in range(REFERENCES)] for setting in self.settings
+            ]
+        return self._references
+
+    def _scatter(self) -> list[Mapping[str, float]]:
+        """Return what differs from run to run in each setting, when nothing is wrong with this very specimen."""
+        if not self._scatters:
+            self._scatters = [
+                scatter_of([healthy, *map(columns_of, references)])
+                for healthy, references in zip(self._first_healthy(), self.references(), strict=True)
+            ]
+        return self._scatters
 
     def _first_healthy(self) -> list[Columns]:
         if not self._healthy:
