@@ -111,10 +111,13 @@ def test_a_node_that_dies_while_up_waits_is_named(start: Callable[..., Up]) -> N
     assert "Traceback" not in up.text()
 
 
+PACKAGES = {"jammkle_sim", "jammkle_controller", "jammkle_driver"}
+
+
 def wait_for_children(up: Up) -> None:
-    """Wait until `up` has started the last of its processes."""
+    """Wait until `up` has started all of its processes."""
     deadline_s = time.monotonic() + TIMEOUT_S
-    while not any("jammkle_driver" in child.cmdline() for child in up.children()):
+    while not {word for child in up.children() for word in child.cmdline()} >= PACKAGES:
         assert time.monotonic() < deadline_s, up.text()
         assert up.process.poll() is None, up.text()
         time.sleep(0.02)

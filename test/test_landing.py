@@ -30,7 +30,7 @@ FALL_HEIGHT_M = 0.05
 GRAVITY_M_S2 = 9.80665
 FREE_FALL_S = (2.0 * FALL_HEIGHT_M / GRAVITY_M_S2) ** 0.5
 RELEASE_S = 1.0
-EFFECT = "fibre_loss_achilles_left"
+EFFECT = "line_leak_achilles"
 """What is wrong with the ankle that lands."""
 LOAD_CELL_PERIOD_S = 0.002
 LONGEST_DETECTION_S = 0.010

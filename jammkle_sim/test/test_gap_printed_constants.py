@@ -47,15 +47,16 @@ def test_every_correction_moves_a_row(example: ModuleType) -> None:
             assert max(far) > 1.0, effect.name
 
 
-def test_all_rows_lead_to_c1_with_less_friction_and_no_further(example: ModuleType) -> None:
-    """C1 is the lead, about ten times the printed, with friction; much is left, and so nothing is named."""
+def test_all_rows_lead_to_c1_and_no_further(example: ModuleType) -> None:
+    """C1 is the lead, about ten times the printed; much is left, and so nothing is named."""
     found = example.run()
     assert found.verdict is Verdict.UNKNOWN
-    assert tuple(sorted(effect.name for effect in found.effects)) == PAIR
+    assert [effect.name for effect in found.effects] == ["soft_c1"]
     assert 8.0 < example.fitted_values(found)["soft_c1.c1"] / example.NULL["soft_c1.c1"] < 15.0
     assert 0.6 < found.gap.closed < 0.85
     assert found.gap.with_effect > 20.0
-    assert "soft_c1" in found.ranking[0][0]
+    assert PAIR in [names for names, _ in found.ranking[:5]]
+    assert "friction_scale" in found.ranking[0][0]
 
 
 def test_without_c1_on_offer_nothing_is_named(example: ModuleType) -> None:

@@ -58,8 +58,11 @@ class Loss:
 
 
 def loss_of(layout: Layout, weighting: Weighting) -> Loss:
-    """Return the loss for a judgement of the signals."""
-    return Loss(weighting.scale_of(layout), weighting.factor[layout.signal_of])
+    """Return the loss that fits make small, by a judgement of the signals.
+
+    What a simulator is doubted for is left out: it says how far fits may be told apart, not how well each should fit.
+    """
+    return Loss(weighting.scale[layout.signal_of], weighting.factor[layout.signal_of])
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.fitting import PRIOR, loss_of
+from jammkle_sim.gap.fitting import PRIOR, Loss
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from jammkle_sim.gap.fitting import Fit, Loss
+    from jammkle_sim.gap.fitting import Fit
     from jammkle_sim.gap.residual import Layout, Weighting
 
 _Z95 = 1.96
@@ -55,7 +55,9 @@ def half_widths(fit: Fit, layout: Layout, weighting: Weighting, limit: float) ->
     """
     if not fit.space.keys:
         return np.zeros(0)
-    scatter = _Z95 * np.sqrt(np.diag(covariance(fit, loss_of(layout, weighting), layout)))
+    # Of the parameters, unlike of the fit itself, no more is known than the simulator is trusted.
+    doubted = Loss(weighting.scale_of(layout), weighting.factor[layout.signal_of])
+    scatter = _Z95 * np.sqrt(np.diag(covariance(fit, doubted, layout)))
     counts = np.bincount(layout.signal_of, minlength=len(layout.names)) * len(layout.names)
     each = fit.jacobian / np.sqrt(counts[layout.signal_of])[:, None]
     curvature = np.linalg.inv(each.T @ each + 1e-9 * np.eye(fit.point.size))
