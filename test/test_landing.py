@@ -31,7 +31,7 @@ GRAVITY_M_S2 = 9.80665
 FREE_FALL_S = (2.0 * FALL_HEIGHT_M / GRAVITY_M_S2) ** 0.5
 RELEASE_S = 1.0
 EFFECT = "line_leak_achilles"
-"""What is wrong with the ankle that lands."""
+"""What is wrong with the ankle that lands. Not a lost fibre: one landing does not tell it from a failed tendon."""
 LOAD_CELL_PERIOD_S = 0.002
 LONGEST_DETECTION_S = 0.010
 """Five samples of the IMU at 500 Hz: beyond that the shock is half over."""

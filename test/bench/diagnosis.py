@@ -74,7 +74,8 @@ class GapDiagnosis:
     wall_s: float
     peak_mib: float
     """Memory of a process that does nothing else and of its workers together, sampled ten times a second; pages that
-    they share count once (PSS, where the system tells it, else for each)."""
+    they share count once (PSS, where the system tells it, else for each). Resident memory, summed, is about a tenth
+    larger."""
     runs: int
     simulated_s: float
     singles: int
