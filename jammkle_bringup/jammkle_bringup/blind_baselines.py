@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from jammkle_bringup import report
-from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.gap.backend import backend
-from jammkle_bringup.core.signals import Interrupted, StopRequest
-from jammkle_bringup.gap import library_of, recordings_of, rig_options
+from jammkle_bringup.core.signals import StopRequest
+from jammkle_bringup.gap_diagnosing import failures_told
+from jammkle_bringup.gap_inputs import library_of, recordings_of, rig_options
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.baselines import baselines as rank
-from jammkle_sim.gap.recording import BadRecordingError
-from jammkle_sim.gap.runs import StoppedError
-from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
     from jammkle_bringup.gap import DiagnoseRequest
@@ -31,18 +28,11 @@ def baselines(request: DiagnoseRequest) -> int:
 
     """
     report.check_writable(request.json)
-    options, stop, library = rig_options(request), StopRequest(), library_of(request)
-    recordings = recordings_of(request.bags, request, options, stop)
-    references = recordings_of(request.references, request, options, stop)
-    try:
-        with backend(request.jobs, request.scheduler) as jobs:
-            found = rank(recordings, AnkleSimulator(library), library, references=references, jobs=jobs, stop=stop)
-    except BadRecordingError as error:
-        raise InputError(str(error)) from error
-    except UnstableSimulationError as error:
-        raise GraphError(str(error)) from error
-    except StoppedError as error:
-        raise Interrupted from error
+    options, stop, library = rig_options(request.settings), StopRequest(), library_of(request.library)
+    recordings = recordings_of(request.bags, request.rig, options, stop)
+    references = recordings_of(request.references, request.rig, options, stop)
+    with failures_told(), backend(request.jobs, request.scheduler) as jobs:
+        found = rank(recordings, AnkleSimulator(library), library, references=references, jobs=jobs, stop=stop)
     ranked = {"rmse": found.rmse, "bic": found.bic, "free": found.free}
     for name, names in ranked.items():
         report.console().print(f"{name}: {', '.join(names[:_SHOWN]) or 'no effect'}", markup=False)

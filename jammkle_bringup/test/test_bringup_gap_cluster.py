@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from distributed import LocalCluster
 
-from jammkle_bringup import gap as gap_command
+from jammkle_bringup import gap_diagnosing
 from jammkle_bringup.command import main
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
     cluster: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With one of two workers killed half-way, verdict, effects, values and runs are those of this machine alone."""
-    bag, whole = tmp_path / "slow", gap_command.diagnose_recordings
+    bag, whole = tmp_path / "slow", gap_diagnosing.diagnose_recordings
     rig = ["rig", "pressure", "--cycles", "2", "--jam-time-s", "0.8", "--vent-time-s", "0.4", "--channel", "achilles"]
     assert main([*rig, "--valve-dead-time-s", "0.05", "-o", str(bag)]) == 0
     killed: list[int] = []
@@ -46,7 +46,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
     found = []
     for name, options in (("here", ["--jobs", "1"]), ("there", ["--scheduler", cluster.scheduler_address])):
         if name == "there":
-            monkeypatch.setattr(gap_command, "diagnose_recordings", losing_a_worker)
+            monkeypatch.setattr(gap_diagnosing, "diagnose_recordings", losing_a_worker)
         said = ["--set", "valve_dead_time_s=0.01", "-o", str(tmp_path / name), "--json", str(tmp_path / f"{name}.json")]
         assert main(["gap", "diagnose", str(bag), *options, *said]) == 0
         found.append(json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8")))

@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_bringup import gap as gap_command
+from jammkle_bringup import gap_diagnosing
 from jammkle_bringup.command import main
 from jammkle_bringup.core.message_definitions import MessageDefinitions, share_folders
 from jammkle_bringup.rig_bag import write_bag
@@ -213,7 +213,7 @@ def test_ctrl_c_keeps_what_is_known(
     leaking: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """SIGINT in the middle of the search ends it with results that say they are not finished."""
-    whole = gap_command.diagnose_recordings
+    whole = gap_diagnosing.diagnose_recordings
 
     def interrupted(*arguments: Any, on_progress: Callable[[str, float, float], None], **options: Any) -> Any:
         def report_and_interrupt(stage: str, share: float, left_s: float) -> None:
@@ -223,7 +223,7 @@ def test_ctrl_c_keeps_what_is_known(
 
         return whole(*arguments, on_progress=report_and_interrupt, **options)
 
-    monkeypatch.setattr(gap_command, "diagnose_recordings", interrupted)
+    monkeypatch.setattr(gap_diagnosing, "diagnose_recordings", interrupted)
     out = tmp_path / "out"
     assert main(["gap", "diagnose", str(leaking), "-o", str(out), "--json", str(tmp_path / "x.json")]) == 0
     assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))["finished"] is False
