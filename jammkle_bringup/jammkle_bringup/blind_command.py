@@ -87,19 +87,14 @@ def standard(
     return run_standard(StandardRequest(output, jobs, scheduler, json))
 
 
-@blind_app.command()
-def baselines(
-    bags: Annotated[list[Path], typer.Argument(help="Recordings.", metavar="BAG ...")],
-    reference: Annotated[list[Path] | None, typer.Option(help="Recording of the machine in good order.")] = None,
-    rig: Annotated[str | None, typer.Option(help="What was recorded, where the bags do not tell.")] = None,
-    settings: Annotated[list[str] | None, typer.Option("--set", help="NAME=VALUE: how the rig is set.")] = None,
+@blind_app.command(hidden=True)
+def answer(
+    questions: Annotated[Path, typer.Argument(help="What is asked, as `run` writes it.", metavar="QUESTIONS")],
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
-    json: JsonOption = None,
 ) -> int:
-    """Say what simpler methods make of recordings: best fit of one effect, BIC, everything free."""
-    from jammkle_bringup.blind_baselines import baselines as run_baselines
-    from jammkle_bringup.gap import DiagnoseRequest
+    """Answer what `run` asks of one case, and write the answers beside the questions."""
+    from jammkle_bringup.blind_answer import AnswerRequest
+    from jammkle_bringup.blind_answer import answer as answer_questions
 
-    request = DiagnoseRequest(bags, reference or [], rig, settings or [], None, None, Path(), json, jobs, scheduler)
-    return run_baselines(request)
+    return answer_questions(AnswerRequest(questions, jobs, scheduler))

@@ -1,9 +1,10 @@
-"""`jammkle gap blind run`: diagnose every case in a process of its own that is told of its bags and nothing else."""
+"""`jammkle gap blind run`: diagnose every case in a process of its own that is told of its bags and no more."""
 
 from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import functools
 import os
 import subprocess
 import sys
@@ -18,14 +19,16 @@ from jammkle_bringup.core import tether
 from jammkle_bringup.core.blind import files
 from jammkle_bringup.core.blind.answers import refused
 from jammkle_bringup.core.blind.key import check_apart, read_key
-from jammkle_bringup.core.blind.tasks import Run, blind_tasks, missing, open_tasks, seal
+from jammkle_bringup.core.blind.questions import said_file, write_questions
+from jammkle_bringup.core.blind.tasks import blind_tasks, missing, open_tasks, seal
 from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.progress import progress_bar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    from jammkle_bringup.core.blind.questions import Way
     from jammkle_bringup.core.blind.tasks import Task
 
 _POLL_S = 0.2
@@ -36,7 +39,8 @@ _KEPT = {
     "verdict", "reasons", "effects", "set", "probabilities", "where", "subsystems", "gap", "noise", "dropped",
     "ranking", "notes", "finished", "runtime", "formula", "next_experiment", "baselines",
 }  # fmt: skip
-"""Of a diagnosis's JSON; the rest are paths of this machine."""
+"""Of a diagnosis's JSON; the rest is in no figure."""
+_QUESTIONS = "questions.json"
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ def run(request: RunRequest) -> int:
     Raises:
         InputError: the trial or the key cannot be used.
         GraphError: a diagnosis failed in a way that says nothing of its case.
-        Interrupted: asked to stop; finished diagnoses are kept, one that is under way is made again.
+        Interrupted: asked to stop; finished diagnoses are kept, those that are under way are made again.
 
     """
     if request.jobs is not None and request.jobs < 1:
@@ -89,47 +93,65 @@ def _diagnose(request: RunRequest, tasks: Sequence[Task], title: str, stop: Call
             for each in finished:
                 each.result()
             done += len(finished)
-            show(done / len(tasks), f"{done} of {len(tasks)}")
+            show(done / len(tasks), f"{done} of {len(tasks)} cases")
             if stop():
                 raise Interrupted
             if finished and time.monotonic() - said > _SAY_EVERY_S and not sys.stderr.isatty():
                 said = time.monotonic()
                 left_s = (said - started) / max(done - len(tasks) + len(left), 1) * (len(tasks) - done)
-                report.console().print(f"{title}: {done} of {len(tasks)}, {left_s / 60.0:.0f} min left", markup=False)
+                report.console().print(
+                    f"{title}: {done} of {len(tasks)} cases, {left_s / 60.0:.0f} min left", markup=False
+                )
 
 
 def _answer(request: RunRequest, task: Task, stop: Callable[[], bool]) -> None:
-    """Diagnose one case in a new process and keep what it says."""
-    if stop():
-        return
-    file = files.answer_file(request.folder, task.run.value, task.case)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="jammkle_blind_") as folder:
-        result = Path(folder) / "answer.json"
-        code, said = _call(_command(request, task, result), folder, stop)
-        if stop():
+    """Diagnose one case in a new process and keep what it says; if it refuses one way, ask for the rest in another."""
+    left = [task]
+    while left and not stop():
+        with tempfile.TemporaryDirectory(prefix="jammkle_blind_") as name:
+            folder = Path(name)
+            write_questions(folder / _QUESTIONS, left[0].asked)
+            code, said = _call(_command(request), folder, stop, functools.partial(_keep, request.folder, task, folder))
+            _keep(request.folder, task, folder)
+        left = missing(request.folder, left)
+        if not left or stop():
             return
-        if code == 0:
-            content = files.read_json(result, "answer", "see what the diagnosis printed")
-            files.write_json(file, {key: value for key, value in content.items() if key in _KEPT})
-        elif code < 0 or code == _EXIT_INTERRUPTED:
+        if code < 0 or code == _EXIT_INTERRUPTED:
             msg = f"the diagnosis of case {task.case} was ended from outside (exit code {code}); run it again to go on"
             raise GraphError(msg)
-        else:
-            files.write_json(file, refused(said))
+        way = left[0].asked.ways[0]
+        if code == 0:
+            msg = f"the diagnosis of case {task.case} ended without an answer for {way.run.value}; run it again"
+            raise GraphError(msg)
+        _write_answer(request.folder, task, way, refused(said))
+        left = missing(request.folder, left)
 
 
-def _command(request: RunRequest, task: Task, result: Path) -> list[str]:
-    what = "baselines" if task.run is Run.BASELINES else "diagnose"
-    words = [sys.executable, tether.__file__, str(os.getpid()), sys.executable, "-m", "jammkle_bringup", "gap"]
-    words += ["blind", what] if task.run is Run.BASELINES else [what, "-o", str(result.parent / "page")]
-    words += [str(bag) for bag in task.bags]
-    words += [word for bag in task.references for word in ("--reference", str(bag))]
-    words += [*task.options, "--json", str(result)]
+def _keep(trial: Path, task: Task, folder: Path) -> None:
+    """Keep the answers that are there by now, and are not kept yet."""
+    for way in task.asked.ways:
+        made = said_file(folder, way.run)
+        if made.exists():
+            content = files.read_json(made, "answer", "see what the diagnosis printed")
+            _write_answer(trial, task, way, {key: value for key, value in content.items() if key in _KEPT})
+            made.unlink()
+
+
+def _write_answer(trial: Path, task: Task, way: Way, content: Mapping[str, Any]) -> None:
+    file = files.answer_file(trial, way.run.value, task.case)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    files.write_json(file, content)
+
+
+def _command(request: RunRequest) -> list[str]:
+    words = [sys.executable, tether.__file__, str(os.getpid()), sys.executable, "-m", "jammkle_bringup"]
+    words += ["gap", "blind", "answer", _QUESTIONS]
     return [*words, "--jobs", "1"] if request.scheduler is None else [*words, "--scheduler", request.scheduler]
 
 
-def _call(command: Sequence[str], folder: str, stop: Callable[[], bool]) -> tuple[int, str]:
+def _call(
+    command: Sequence[str], folder: Path, stop: Callable[[], bool], meanwhile: Callable[[], None]
+) -> tuple[int, str]:
     """Return the exit code of a command, and the last line that it said to stderr."""
     with tempfile.TemporaryFile("w+", encoding="utf-8") as errors:
         # A session of its own: Ctrl-C would make the diagnosis end early with what it knows by then.
@@ -137,10 +159,13 @@ def _call(command: Sequence[str], folder: str, stop: Callable[[], bool]) -> tupl
             command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
             start_new_session=True,
         )  # fmt: skip
-        while process.poll() is None:
-            time.sleep(_POLL_S)
-            if stop():
-                process.kill()
+        try:
+            while process.poll() is None and not stop():
+                time.sleep(_POLL_S)
+                meanwhile()
+        finally:
+            process.kill()
+            process.wait()
         errors.seek(0)
         lines = [line.strip() for line in errors if line.strip()]
     return int(process.returncode), (lines[-1] if lines else f"exit code {process.returncode}")

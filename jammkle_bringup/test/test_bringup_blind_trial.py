@@ -22,7 +22,7 @@ from jammkle_sim.gap.ankle.effects import ankle_library
 from jammkle_sim.gap.ankle.loading import load_recording
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "docs/examples/blind_external.py"
 
@@ -102,51 +102,119 @@ def test_a_bag_of_the_graph_is_copied_without_its_secret(tmp_path: Path) -> None
         assert np.array_equal(one.values, other.values)
 
 
-def pretended(monkeypatch: pytest.MonkeyPatch, fail_after: int = 1000) -> list[Sequence[str]]:
-    """Have diagnoses answered at once; the one after `fail_after` is ended from outside. Returns what was called."""
-    called: list[Sequence[str]] = []
+Asked = list[dict[str, Any]]
+"""What processes were told, one after the other."""
 
-    def call(command: Sequence[str], _folder: str, _stop: Any) -> tuple[int, str]:
-        if len(called) == fail_after:
-            return -9, "killed"
-        called.append(command)
-        content: dict[str, Any] = {"verdict": "NO_GAP", "probabilities": {"no_gap": 1.0}, "bags": ["where"]}
-        if "baselines" in command:
-            content = {"baselines": {"rmse": ["pump_wear"], "bic": [], "free": ["pump_wear"]}}
-        Path(command[list(command).index("--json") + 1]).write_text(json.dumps(content), encoding="utf-8")
+
+def pretended(
+    monkeypatch: pytest.MonkeyPatch, fail_after: int = 1000, refuse: tuple[str, ...] = (), code: int = 2
+) -> Asked:
+    """Have processes answer at once; returns what they were told.
+
+    Args:
+        monkeypatch: Of the test.
+        fail_after: Answers after which the process that makes them is ended from outside.
+        refuse: Ways that are refused.
+        code: What the process of such a way ends with.
+
+    """
+    asked: Asked = []
+    made = 0
+
+    def call(_command: Any, folder: Path, _stop: Any, meanwhile: Callable[[], None]) -> tuple[int, str]:
+        nonlocal made
+        told = json.loads((folder / "questions.json").read_text(encoding="utf-8"))
+        asked.append(told)
+        for way in told["ways"]:
+            if made == fail_after:
+                return -9, "killed"
+            if way["run"] in refuse:
+                return code, f"jammkle: nothing can be said of {way['run']}"
+            content: dict[str, Any] = {"verdict": "NO_GAP", "probabilities": {"no_gap": 1.0}, "bags": ["where"]}
+            if way["run"] == "baselines":
+                content = {"baselines": {"rmse": ["pump_wear"], "bic": [], "free": ["pump_wear"]}}
+            (folder / f"{way['run']}.json").write_text(json.dumps(content), encoding="utf-8")
+            made += 1
+            meanwhile()
         return 0, ""
 
     monkeypatch.setattr(blind_run, "_call", call)
-    return called
+    return asked
 
 
 def test_a_stopped_trial_goes_on_where_it_was(
     external: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What was finished is kept and not made again; what was under way is made again; a third call does nothing."""
+    """What was answered is kept and not asked again, also of a case that was under way; a third call does nothing."""
     trial, _ = external
-    first = pretended(monkeypatch, fail_after=4)
+    pretended(monkeypatch, fail_after=4)
     assert main(["gap", "blind", "run", str(trial), "--jobs", "1"]) == 1
-    assert "to go on" in capsys.readouterr().err
+    assert "case 0002 was ended from outside" in capsys.readouterr().err
     kept = {file: file.stat().st_mtime_ns for file in trial.glob("answers/*/*.json")}
-    assert len(kept) == len(first) == 4
+    assert len(kept) == 4
     second = pretended(monkeypatch)
     assert main(["gap", "blind", "run", str(trial), "--jobs", "1"]) == 0
-    assert len(second) == 9 - 4
+    assert [len(told["ways"]) for told in second] == [2, 3]
     assert all(file.stat().st_mtime_ns == time_ns for file, time_ns in kept.items())
     third = pretended(monkeypatch)
     assert main(["gap", "blind", "run", str(trial), "--jobs", "1"]) == 0
     assert third == []
 
 
-def test_a_diagnosis_is_told_of_its_bags_alone(external: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before the key is opened no call names the key or an effect, and those without references name none."""
-    trial, key = external
-    called = pretended(monkeypatch)
+@pytest.mark.parametrize("code", [1, 2])
+def test_a_refusal_is_one_of_its_way_alone(
+    external: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    """The way that a process gives up at is kept as refused with what it said; the others are still answered."""
+    trial, _ = external
+    pretended(monkeypatch, refuse=("with_references",), code=code)
     assert main(["gap", "blind", "run", str(trial), "--jobs", "1"]) == 0
-    for command in called:
-        assert not any(str(key) in word or word in {"--only", "--without"} for word in command)
-    assert sorted("--reference" in command for command in called) == [False] * 3 + [True] * 6
+    answers = {file.relative_to(trial): json.loads(file.read_text("utf-8")) for file in trial.glob("answers/*/*.json")}
+    assert len(answers) == 9
+    for file, answer in answers.items():
+        said = answer.get("refused", "")
+        assert said == ("jammkle: nothing can be said of with_references" if "with_" in str(file) else "")
+
+
+def test_a_diagnosis_is_told_of_its_bags_alone(external: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the key is opened a process is told the bags of one case, and no effect.
+
+    What must not look at references is answered before the others, and alone is told of none.
+    """
+    trial, key = external
+    asked = pretended(monkeypatch)
+    assert main(["gap", "blind", "run", str(trial), "--jobs", "1"]) == 0
+    assert len(asked) == 3
+    for told in asked:
+        assert set(told) == {"format", "bags", "references", "rig", "settings", "ways"}
+        assert str(key) not in json.dumps(told)
+        assert len({bag.split("/cases/")[1][:4] for bag in (*told["bags"], *told["references"])}) == 1
+        assert not any(way["only"] or way["without"] for way in told["ways"])
+        assert told["ways"][0]["run"] == "without_references"
+        assert told["references"]
+    for file in trial.glob("answers/without_references/*.json"):
+        file.unlink()
+    again = pretended(monkeypatch)
+    assert main(["gap", "blind", "run", str(trial), "--jobs", "1"]) == 0
+    assert [told["references"] for told in again] == [[], [], []]
+
+
+def test_a_bag_that_is_its_own_reference_is_still_diagnosed_without(
+    external: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A process answers the ways that it can, writes each beside its questions, and says why it gives up."""
+    trial, _ = external
+    asked = pretended(monkeypatch)
+    assert main(["gap", "blind", "run", str(trial), "--jobs", "1"]) == 0
+    told = {**asked[1], "references": asked[1]["bags"]}
+    questions = trial.parent / "asked" / "questions.json"
+    questions.parent.mkdir()
+    questions.write_text(json.dumps(told), encoding="utf-8")
+    assert main(["gap", "blind", "answer", str(questions), "--jobs", "1"]) == 2
+    assert "is given as a reference too" in capsys.readouterr().err
+    made = {file.name for file in questions.parent.iterdir()}
+    assert made == {"questions.json", "without_references.json"}
+    assert json.loads((questions.parent / "without_references.json").read_text(encoding="utf-8"))["finished"]
 
 
 def test_answers_are_fixed_before_the_key_is_opened(
@@ -165,7 +233,7 @@ def test_answers_are_fixed_before_the_key_is_opened(
     assert "not blind any more" in capsys.readouterr().err
 
 
-@pytest.mark.timeout(600)  # nine diagnoses, each a process of its own
+@pytest.mark.timeout(600)  # three cases, each a process of its own
 def test_a_small_trial_of_a_stranger(external: tuple[Path, Path], tmp_path: Path) -> None:
     """Three cases of a reality that this project does not know are diagnosed blind and scored; the hash is on the page.
 

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from jammkle_bringup.core.blind.aims import AIMS, OTHERS, Aim
 from jammkle_bringup.core.blind.key import Rung
 from jammkle_bringup.core.blind.pictures import calibration_svg, detection_svg
+from jammkle_bringup.core.blind.questions import Run
 from jammkle_bringup.core.blind.result import (
     case_as_dict,
     confusion,
@@ -19,7 +20,6 @@ from jammkle_bringup.core.blind.result import (
     outcome_names,
     outcomes_by_kind,
 )
-from jammkle_bringup.core.blind.tasks import Run
 from jammkle_bringup.core.gap.quantities import digits, percent, percents
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure as Sheet
 
 from jammkle_bringup.core.blind.outcomes import SIZES
-from jammkle_bringup.core.blind.tasks import Run
+from jammkle_bringup.core.blind.questions import Run
 from jammkle_bringup.core.paper.drawing import STYLE
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ from jammkle_bringup.core.blind.answers import Answer, Said, answer_of
 from jammkle_bringup.core.blind.files import answer_file, read_json
 from jammkle_bringup.core.blind.key import Kind, Rung
 from jammkle_bringup.core.blind.outcomes import Outcome, answer_label, label, level, likeliest, probability
+from jammkle_bringup.core.blind.questions import Run
 from jammkle_bringup.core.blind.scoring import Case, Figure, calibration, figures
-from jammkle_bringup.core.blind.tasks import BLIND, Run
+from jammkle_bringup.core.blind.tasks import BLIND
 from jammkle_bringup.core.errors import InputError
 
 if TYPE_CHECKING:

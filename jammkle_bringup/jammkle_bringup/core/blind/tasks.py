@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import enum
+import dataclasses
 import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 from jammkle_bringup.core.blind import files
 from jammkle_bringup.core.blind.key import Kind
 from jammkle_bringup.core.blind.outcomes import level
+from jammkle_bringup.core.blind.questions import Questions, Run, Way
 from jammkle_bringup.core.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from jammkle_bringup.core.blind.key import Key
@@ -22,63 +23,50 @@ _SEAL = "sealed.json"
 _LEFT_OUT_FROM = 4.0
 """Size from which an effect is left out of the library: where it would be named."""
 
-
-class Run(enum.Enum):
-    """A way of diagnosing, and the folder of its answers."""
-
-    WITH = "with_references"
-    WITHOUT = "without_references"
-    BASELINES = "baselines"
-    """What simpler methods say, with references; as blind as the first two."""
-    ORACLE = "oracle"
-    """Only the true effects on offer: how far the gap can be closed."""
-    LEFT_OUT = "left_out"
-    """The true effect not on offer."""
-
-
 BLIND = (Run.WITH, Run.WITHOUT, Run.BASELINES)
 """Those that need no key."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One call of the diagnosis."""
+    """One case and the ways in which it is to be diagnosed."""
 
-    run: Run
     case: str
-    bags: tuple[Path, ...]
-    references: tuple[Path, ...]
-    options: tuple[str, ...]
-    """Further arguments."""
+    asked: Questions
 
 
 def blind_tasks(trial: Path) -> list[Task]:
     """Return all that can be done without the key, case by case."""
-    return [_task(trial, run, case, ()) for case in files.case_names(trial) for run in BLIND]
+    return [_task(trial, case, map(Way, BLIND)) for case in files.case_names(trial)]
 
 
 def open_tasks(trial: Path, key: Key) -> list[Task]:
-    """Return what is done with the key.
+    """Return what is done with the key, case by case.
 
     The oracle is asked about every single effect and pair; an effect is left out in the largest of its cases.
     """
-    found = []
+    ways: dict[str, list[Way]] = {}
     largest: dict[str, tuple[float, str]] = {}
     for case, truth in sorted(key.cases.items()):
         if truth.kind in {Kind.SINGLE, Kind.PAIR}:
-            only = tuple(word for name in sorted(truth.names) for word in ("--only", name))
-            found.append(_task(trial, Run.ORACLE, case, only))
+            ways[case] = [Way(Run.ORACLE, only=tuple(sorted(truth.names)))]
         reached = level(truth)
         if truth.kind is Kind.SINGLE and reached is not None and reached >= _LEFT_OUT_FROM:
             name = next(iter(truth.names))
             largest[name] = max(largest.get(name, (0.0, "")), (truth.size or 0.0, case))
-    found += [_task(trial, Run.LEFT_OUT, case, ("--without", name)) for name, (_, case) in sorted(largest.items())]
-    return found
+    for name, (_, case) in largest.items():
+        ways[case].append(Way(Run.LEFT_OUT, without=(name,)))
+    return [_task(trial, case, asked) for case, asked in ways.items()]
 
 
 def missing(trial: Path, tasks: Sequence[Task]) -> list[Task]:
-    """Return the tasks without an answer yet."""
-    return [task for task in tasks if not files.answer_file(trial, task.run.value, task.case).exists()]
+    """Return the tasks with ways that have no answer yet, and of each task those ways alone."""
+    found = []
+    for task in tasks:
+        ways = [way for way in task.asked.ways if not files.answer_file(trial, way.run.value, task.case).exists()]
+        if ways:
+            found.append(dataclasses.replace(task, asked=dataclasses.replace(task.asked, ways=tuple(ways))))
+    return found
 
 
 def seal(trial: Path) -> str:
@@ -91,13 +79,14 @@ def seal(trial: Path) -> str:
     tasks = blind_tasks(trial)
     left = missing(trial, tasks)
     if left:
-        msg = f"{len(left)} of {len(tasks)} diagnoses of {trial} are still to be made"
+        msg = f"{_ways(left)} of {_ways(tasks)} diagnoses of {trial} are still to be made"
         msg += f"; run `jammkle gap blind run {trial}`"
         raise InputError(msg)
     digest = hashlib.sha256()
     for task in tasks:
-        digest.update(f"{task.run.value}/{task.case}\n".encode())
-        digest.update(files.answer_file(trial, task.run.value, task.case).read_bytes())
+        for run in BLIND:
+            digest.update(f"{run.value}/{task.case}\n".encode())
+            digest.update(files.answer_file(trial, run.value, task.case).read_bytes())
     found = digest.hexdigest()
     file = trial / files.ANSWERS / _SEAL
     if file.exists():
@@ -111,16 +100,19 @@ def seal(trial: Path) -> str:
     return found
 
 
-def _task(trial: Path, run: Run, case: str, options: tuple[str, ...]) -> Task:
+def _ways(tasks: Sequence[Task]) -> int:
+    return sum(len(task.asked.ways) for task in tasks)
+
+
+def _task(trial: Path, case: str, ways: Iterable[Way]) -> Task:
     folder = trial / files.CASES / case
     note = files.read_case(folder)
-    told: tuple[str, ...] = () if note.rig is None else ("--rig", note.rig)
-    told += tuple(word for name, value in note.options.items() for word in ("--set", f"{name}={value}"))
-    references = () if run is Run.WITHOUT else note.references
-    return Task(
-        run,
-        case,
+    asked = Questions(
         tuple((folder / bag).resolve() for bag in note.bags),
-        tuple((folder / bag).resolve() for bag in references),
-        (*told, *options),
+        tuple((folder / bag).resolve() for bag in note.references),
+        note.rig,
+        tuple(f"{name}={value}" for name, value in note.options.items()),
+        # Those without references first: what must not look at them is answered before they are read.
+        tuple(sorted(ways, key=lambda way: way.takes_references)),
     )
+    return Task(case, asked)
