@@ -12,8 +12,9 @@ from jammkle_sim.gap.effect import Effect, EffectParameter, Library
 from jammkle_sim.gap.limits import limits_of
 from jammkle_sim.gap.noise import NoiseSource, find_noise
 from jammkle_sim.gap.recording import Recording, Signal
-from jammkle_sim.gap.repeats import repeats
+from jammkle_sim.gap.repeats import leaders, repeats
 from jammkle_sim.gap.residual import doubt_of, lay_out
+from jammkle_sim.gap.runs import Runs
 from jammkle_sim.gap.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -103,3 +104,28 @@ def test_a_simulator_is_doubted_where_it_changes_something() -> None:
     doubt = doubt_of(layout, change)
     assert np.all(doubt[layout.time_s < TIME_S[300]] == 0.0)
     assert doubt.max() == pytest.approx(5.0)
+
+
+def test_one_repeat_is_run_for_all_that_hardly_differ() -> None:
+    """An effect is run once for both; what is said of the other is what a run of its own would say."""
+    one, same, other = (run(size, size * np.sin(TIME_S), str(size)) for size in (1.0, 1.004, 1.04))
+    recordings = [one, same, other]
+    simulated = [simulate(each, {}) for each in recordings]
+    led = leaders(recordings, simulated, {"x": WHITE})
+    assert led == (0, 0, 2), "the third is the same run, too, but differs by more than half of the noise"
+    runs = Runs(simulate, recordings, jobs=1)
+    runs.nominal()
+    runs.lead(led)
+    before = runs.spent.runs
+    (found,) = runs.evaluate([{"push.size": 2.0}])
+    assert runs.spent.runs - before == 2
+    for recording, signals in zip(recordings, found, strict=True):
+        assert signals is not None
+        np.testing.assert_allclose(signals["x"], simulate(recording, {"push.size": 2.0})["x"], atol=1e-12)
+
+
+def test_repeats_with_other_signals_are_run_for_themselves() -> None:
+    """A sensor that only one of them has is not foretold by the other."""
+    swing = np.sin(TIME_S)
+    recordings = [run(1.0, swing, name) for name in "pq"]
+    assert leaders(recordings, [{"x": swing}, {"x": swing, "y": swing}], {"x": WHITE, "y": WHITE}) == (0, 1)

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_sim.gap.references import with_references, without_references
-from jammkle_sim.gap.residual import lay_out
-from jammkle_sim.gap.runs import Runs
+from jammkle_sim.gap.compared import compare
 from jammkle_sim.gap.sensitivity import probe, space_of
 
 if TYPE_CHECKING:
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording
     from jammkle_sim.gap.residual import Layout
-    from jammkle_sim.gap.runs import Spent
+    from jammkle_sim.gap.runs import Runs, Spent
     from jammkle_sim.gap.sensitivity import Probe, Space
     from jammkle_sim.gap.simulator import Simulator
 
@@ -73,16 +71,9 @@ def baselines(
         StoppedError: stopped.
 
     """
-    runs = Runs(simulator, recordings, jobs=jobs, stop=stop)
-    nominal = runs.nominal()
-    if references:
-        reference_nominal = Runs(simulator, references, jobs=jobs, stop=stop).nominal()
-        baseline = with_references(recordings, nominal, references, reference_nominal)
-    else:
-        baseline = without_references(recordings, nominal)
-    noise = {name: source.noise for name, source in baseline.noise.items()}
-    layout = lay_out(recordings, nominal, noise, baseline.corrections)
-    residual = layout.residual(nominal)
+    compared = compare(recordings, simulator, references, jobs, stop)
+    runs, layout = compared.runs, compared.layout
+    residual = layout.residual(compared.nominal)
     probes = [each for each in probe(library, runs, layout, residual) if each.alive]
     errors = {"": _rms(residual)}
     for each in probes:

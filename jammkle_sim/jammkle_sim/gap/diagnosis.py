@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_sim.gap.closing import Closing, RegimeClosing, SignalClosing, ceiling, closings, held_out_regimes
+from jammkle_sim.gap.compared import compare
 from jammkle_sim.gap.described import Candidate, FittedEffect, Overlay, beside_best, fitted_effects, overlays_of
 from jammkle_sim.gap.experiments import NextExperiment, next_experiment
 from jammkle_sim.gap.fitting import calibrate, uncalibrated
 from jammkle_sim.gap.limits import limits_of
 from jammkle_sim.gap.probability import probabilities
 from jammkle_sim.gap.recording import BadRecordingError
-from jammkle_sim.gap.references import with_references, without_references
-from jammkle_sim.gap.residual import lay_out
-from jammkle_sim.gap.runs import Runs, Spent, StoppedError
+from jammkle_sim.gap.runs import Spent, StoppedError
 from jammkle_sim.gap.search import Search
 from jammkle_sim.gap.sensitivity import probe
 from jammkle_sim.gap.signatures import Signature, signatures
@@ -129,16 +128,8 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     criteria = criteria or Criteria()
     progress = _Progress(on_progress)
     progress("simulating the recordings", 0.0)
-    runs = Runs(simulator, recordings, jobs=jobs, stop=stop)
-    nominal = runs.nominal()
-    if references:
-        reference_runs = Runs(simulator, references, jobs=jobs, stop=stop)
-        baseline = with_references(recordings, nominal, references, reference_runs.nominal())
-    else:
-        baseline = without_references(recordings, nominal)
-    noise = {name: source.noise for name, source in baseline.noise.items()}
-    hanging = {name: source.factor for name, source in baseline.noise.items()}
-    layout = lay_out(recordings, nominal, noise, baseline.corrections, hanging)
+    compared = compare(recordings, simulator, references, jobs, stop)
+    runs, nominal, baseline, layout = compared.runs, compared.nominal, compared.baseline, compared.layout
     limit = criteria.worth_gap_with_references if references else criteria.worth_gap
     limits = limits_of(layout, baseline.noise, limit)
     residual = layout.residual(nominal)
@@ -187,7 +178,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         else None
     )
     ambiguous = judgement.chosen if judgement.verdict is Verdict.AMBIGUOUS else ()
-    following = next_experiment(ambiguous, experiments, recordings, simulator, noise)
+    following = next_experiment(ambiguous, experiments, recordings, simulator, compared.noise)
     described = [fitted_effects(each, found.weighting, layout, limit) for each in judgement.chosen]
     progress("done", 1.0)
     return Diagnosis(

@@ -26,6 +26,11 @@ their range (root mean square). Assumed: measured starts scatter by less; single
 slips, and other settings differ in most."""
 
 
+LED = 0.5
+"""A repeat need not be run again for every effect if half of the signals of its nominal simulation differ from those of
+the other by less than this, root mean square, in noise units. Assumed: then effects change both alike."""
+
+
 def is_same_run(
     first: Recording,
     first_nominal: Mapping[str, NDArray[np.float64]],
@@ -41,11 +46,22 @@ def is_same_run(
         one, two = first.signal(name).time_s, second.signal(name).time_s
         if abs(one[-1] - two[-1]) > SAME_RUN * max(one[-1], two[-1]):
             return False
-        other = np.interp(one, two, second_nominal[name])
-        span = max(float(np.ptp(first_nominal[name])), float(np.ptp(other)))
-        root = float(np.sqrt(np.mean((first_nominal[name] - other) ** 2)))
+        span = max(float(np.ptp(first_nominal[name])), float(np.ptp(second_nominal[name])))
+        root = _apart(first, first_nominal, second, second_nominal, name)
         apart.append(root / span if span > 0.0 else float(root > 0.0))
     return bool(shared) and float(np.median(apart)) <= SAME_RUN
+
+
+def _apart(
+    first: Recording,
+    first_nominal: Mapping[str, NDArray[np.float64]],
+    second: Recording,
+    second_nominal: Mapping[str, NDArray[np.float64]],
+    name: str,
+) -> float:
+    """Return by how much two nominal simulations of a signal differ, root mean square, in its unit."""
+    other = np.interp(first.signal(name).time_s, second.signal(name).time_s, second_nominal[name])
+    return float(np.sqrt(np.mean((first_nominal[name] - other) ** 2)))
 
 
 def repeats(recordings: Sequence[Recording], simulated: Simulated) -> tuple[tuple[int, ...], ...]:
@@ -59,6 +75,27 @@ def repeats(recordings: Sequence[Recording], simulated: Simulated) -> tuple[tupl
         else:
             groups.append([index])
     return tuple(tuple(group) for group in groups)
+
+
+def leaders(recordings: Sequence[Recording], simulated: Simulated, noise: Mapping[str, float]) -> tuple[int, ...]:
+    """Return by recording which one may be run for it: the first of its repeats, where they hardly differ.
+
+    Args:
+        recordings: Measured.
+        simulated: Nominal.
+        noise: Standard deviation per signal, in its unit; signals without one do not count.
+
+    """
+    found = list(range(len(recordings)))
+    for first, *others in repeats(recordings, simulated):
+        for index in others:
+            if set(simulated[first]) != set(simulated[index]):
+                continue
+            shared = sorted(set(simulated[first]) & set(noise))
+            pair = (recordings[first], simulated[first], recordings[index], simulated[index])
+            if shared and float(np.median([_apart(*pair, name) / noise[name] for name in shared])) <= LED:
+                found[index] = first
+    return tuple(found)
 
 
 def scatters(batches: Sequence[Batch], name: str) -> list[list[NDArray[np.float64]]]:

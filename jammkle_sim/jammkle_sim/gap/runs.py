@@ -99,6 +99,7 @@ class Runs:
         self._kept: OrderedDict[_Key, Signals | None] = OrderedDict()
         self._kept_bytes = 0
         self._silent: list[set[str]] = [set() for _ in self.recordings]
+        self._leaders = tuple(range(len(self.recordings)))
         self._started = False
         self._runs = 0
         self._simulated_s = 0.0
@@ -147,7 +148,7 @@ class Runs:
 
         """
         keys = [[self._key(i, point) for i in range(len(self.recordings))] for point in points]
-        wanted = dict.fromkeys(key for row in keys for key in row)
+        wanted = dict.fromkeys(self._led(key) for row in keys for key in row)
         found = {key: self._kept[key] for key in wanted if key in self._kept}
         # Recording by recording, as a simulator may keep what its latest runs had in common.
         missing = sorted((key for key in wanted if key not in found), key=lambda key: key[0])
@@ -158,7 +159,37 @@ class Runs:
             self._keep(key, signals)
             self.counted(signals, self.recordings[key[0]])
             self._run_s += seconds
-        return [[found[key] for key in row] for row in keys]
+        return [[self._followed(key, found[self._led(key)]) for key in row] for row in keys]
+
+    def lead(self, leaders: Sequence[int]) -> None:
+        """Take it that effects change repeats of one run alike, so that one of them is run for all.
+
+        Args:
+            leaders: By recording, the index of the one that is run for it, which is its own where it has none. What
+                the others are changed by is what it is; without any effect, all have been run.
+
+        """
+        self._leaders = tuple(leaders)
+
+    def _led(self, key: _Key) -> _Key:
+        index, values = key
+        return (self._leaders[index], values) if values else key
+
+    def _followed(self, key: _Key, led: Signals | None) -> Signals | None:
+        """Return the signals of a recording, from those of the one that was run for it."""
+        index, values = key
+        leader = self._leaders[index]
+        if leader == index or not values or led is None:
+            return led
+        own, before = self._kept[index, frozenset()], self._kept[leader, frozenset()]
+        if own is None or before is None:
+            return None
+        first, second = self.recordings[leader], self.recordings[index]
+        found = {}
+        for name, nominal in own.items():
+            change = led[name] - before[name]
+            found[name] = nominal + np.interp(second.signal(name).time_s, first.signal(name).time_s, change)
+        return found
 
     def silence(self, index: int, parameters: Iterable[str]) -> None:
         """Take it that parameters change nothing in one recording, so that it is not run again for them.

@@ -1,0 +1,72 @@
+"""What is compared: recordings beside the nominal simulator, in units of a noise, less what references say anyway."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_sim.gap.references import with_references, without_references
+from jammkle_sim.gap.repeats import leaders
+from jammkle_sim.gap.residual import lay_out
+from jammkle_sim.gap.runs import Runs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from jammkle_sim.gap.recording import Recording
+    from jammkle_sim.gap.references import Baseline
+    from jammkle_sim.gap.residual import Layout
+    from jammkle_sim.gap.simulator import Simulator
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Recordings and the nominal simulator, ready for effects to be tried."""
+
+    runs: Runs
+    nominal: list[dict[str, NDArray[np.float64]]]
+    """Of the simulator, per recording."""
+    baseline: Baseline
+    layout: Layout
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Standard deviation per signal, in its unit."""
+        return {name: source.noise for name, source in self.baseline.noise.items()}
+
+
+def compare(
+    recordings: Sequence[Recording],
+    simulator: Simulator,
+    references: Sequence[Recording],
+    jobs: int | None,
+    stop: Callable[[], bool],
+) -> Compared:
+    """Run the simulator without any effect, and lay out what can be compared.
+
+    Args:
+        recordings: What was measured.
+        simulator: Runs a recording again.
+        references: Of the same machine in good order; none, and nothing is taken off.
+        jobs: Processes.
+        stop: Asked now and then; True ends it with StoppedError.
+
+    Raises:
+        BadRecordingError: the recordings cannot be used.
+        StoppedError: stopped.
+
+    """
+    runs = Runs(simulator, recordings, jobs=jobs, stop=stop)
+    nominal = runs.nominal()
+    if references:
+        healthy = Runs(simulator, references, jobs=jobs, stop=stop).nominal()
+        baseline = with_references(recordings, nominal, references, healthy)
+    else:
+        baseline = without_references(recordings, nominal)
+    noise = {name: source.noise for name, source in baseline.noise.items()}
+    runs.lead(leaders(recordings, nominal, noise))
+    hanging = {name: source.factor for name, source in baseline.noise.items()}
+    return Compared(runs, nominal, baseline, lay_out(recordings, nominal, noise, baseline.corrections, hanging))
