@@ -81,7 +81,8 @@ class Maker:
             Wrong(fault.fact.name, fault.at(share, bound))
             for fault, share, bound in zip(faults, shares, bounds, strict=True)
         ]
-        runs = tuple(trial.run(setting, repeat, wrong) for repeat in range(REPEATS) for setting in trial.settings)
+        repeats = (trial.run(setting, repeat, wrong) for repeat in range(1, REPEATS) for setting in trial.settings)
+        runs = (*trial.first(wrong), *repeats)
         references = tuple(run for repeat in zip(*trial.references(), strict=True) for run in repeat)
         truth = Truth(
             kind=case.kind,
@@ -124,6 +125,7 @@ class _Trial:
         self._healthy: list[Columns] = []
         self._references: list[list[RealRun]] = []
         self._scatters: list[Mapping[str, float]] = []
+        self._first: tuple[list[Wrong], list[RealRun]] | None = None
         self.settings = range(len(self._plans))
         self.wanted = case.wanted
 
@@ -136,13 +138,16 @@ class _Trial:
             wrong = [dataclasses.replace(each, onset_s=self._onset * end_s) for each in wrong]
         return self._maker.run(plan, self._case.machine, wrong, seed)
 
+    def first(self, wrong: Sequence[Wrong]) -> list[RealRun]:
+        """Return the first run of every setting; the latest are kept, as a search ends with those that are wanted."""
+        if self._first is None or self._first[0] != list(wrong):
+            self._first = list(wrong), [self.run(setting, 0, wrong) for setting in self.settings]
+        return self._first[1]
+
     def size(self, wrong: Sequence[Wrong]) -> float:
         """Return the size of what is wrong, over the first run of every setting."""
-        pairs = [
-            (healthy, columns_of(self.run(setting, 0, wrong)))
-            for setting, healthy in zip(self.settings, self._first_healthy(), strict=True)
-        ]
-        return size_of(pairs, self._scatter())
+        faulty = [columns_of(run) for run in self.first(wrong)]
+        return size_of(list(zip(self._first_healthy(), faulty, strict=True)), self._scatter())
 
     def references(self) -> list[list[RealRun]]:
         """Return runs in good order, per setting."""
