@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_graph import names
 from jammkle_sim.reality.air import AMBIENT, LINES, NODES, STEP_S, advance_air, air_law, fill_again, vented
-from jammkle_sim.reality.faults import era_at
-from jammkle_sim.reality.machine import stream
+from jammkle_sim.reality.faults import Era, era_at
+from jammkle_sim.reality.machine import Machine, stream
 from jammkle_sim.reality.record import Track
 from jammkle_sim.reality.regulator import PERIOD_S, Memory, Orders, decide, wanted_pa
 from jammkle_sim.reality.sampling import coloured, skewed_s
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.reality.faults import Era
     from jammkle_sim.reality.regulator import SetPoint
 
 HISTORY_S = 5e-4
@@ -32,11 +33,13 @@ _TARE = 8
 """Readings of which the firmware takes the mean as atmosphere when it starts."""
 _SENSED = (0, *(2 + 2 * i for i in range(LINES)))
 """Nodes with a pressure sensor: manifold, then the tendons of each line."""
+_KEPT = 16
+"""Runs of the air kept per process, as the same day is run with one fault after the other; each takes 0.5 MB."""
 
 
 @dataclass(frozen=True)
 class AirRun:
-    """What the air did and what was recorded of it."""
+    """What the air did and what was recorded of it. Runs share it: nothing in it may be changed."""
 
     time_s: NDArray[np.float64]
     """Every HISTORY_S from 0, shape (n,)."""
@@ -58,6 +61,24 @@ def breathe(periods: Sequence[Era], schedule: Sequence[SetPoint], duration_s: fl
         seed: Of the run.
 
     """
+    return _breathed(_of_the_air(periods), tuple(schedule), duration_s, seed)
+
+
+def _of_the_air(periods: Sequence[Era]) -> tuple[Era, ...]:
+    """Return the machine over time with all at its default that the air knows nothing of."""
+    found: list[Era] = []
+    for period in periods:
+        real, plain = period.machine, Machine()
+        sensors = dataclasses.replace(plain.sensors, pressure=real.sensors.pressure, clock=real.sensors.clock)
+        machine = dataclasses.replace(plain, air=real.air, regulator=real.regulator, sensors=sensors)
+        if not found or machine != found[-1].machine:
+            found.append(Era(period.start_s, machine))
+    return tuple(found)
+
+
+@lru_cache(maxsize=_KEPT)
+def _breathed(periods: tuple[Era, ...], schedule: tuple[SetPoint, ...], duration_s: float, seed: int) -> AirRun:
+    """Run the air, or return what it did before: a fault of a tendon, of a body or of an IMU leaves it as it is."""
     return _Breathing(periods, schedule, duration_s, seed).run()
 
 
