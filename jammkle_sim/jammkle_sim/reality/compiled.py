@@ -17,14 +17,15 @@ R = TypeVar("R")
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a function of numbers, arrays and tuples of them; functions compiled so may call one another.
 
+    They are written into their callers: handing over tuples of arrays takes longer than what most of them compute.
     Numba itself looks only at the age of the file that holds a function. Here the loops of one file call those of
     others, so what is kept is thrown away when any source of this package is another one.
     """
     try:
-        kept: Any = numba.njit(function, cache=True, error_model="numpy", nogil=True)
+        kept: Any = numba.njit(function, cache=True, error_model="numpy", nogil=True, forceinline=True)
         kept._cache._cache_file._source_stamp = _stamp()  # noqa: SLF001  # numba has no other way to say it
     except RuntimeError:  # "no locator available": no folder for what is kept
-        kept = numba.njit(function, error_model="numpy", nogil=True)
+        kept = numba.njit(function, error_model="numpy", nogil=True, forceinline=True)
     return cast("Callable[P, R]", kept)
 
 
