@@ -18,16 +18,17 @@ from jammkle_graph import names
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
     from rosbags.typesys.store import Typestore
 
     from jammkle_bringup.core.message_definitions import MessageDefinitions
     from jammkle_sim.reality.record import RealRun, Track
 
-    Row = Mapping[str, float]
-    Maker = Callable[[int, Row], Any]
+    Maker = Callable[[Track], Iterator[Any]]
+    """Gives the message of every sample."""
 
 _ENDLESS = QosTime(2**31 - 1, 2**32 - 1)
 
@@ -99,75 +100,79 @@ class RunWriter:
                     typestore=self._store,
                     offered_qos_profiles=[_qos(QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE)],
                 )
-            for log_ns, name, message in sorted(self._messages(run), key=lambda each: each[:2]):
-                data = self._store.serialize_cdr(message, _TOPICS[name].message_type)
+            for log_ns, name, data in sorted(self._messages(run), key=lambda each: each[:2]):
                 writer.write(connections[name], log_ns, data)
 
-    def _messages(self, run: RealRun) -> Iterator[tuple[int, str, Any]]:
-        yield 0, names.SIM_PARAMETERS.name, self._type("std_msgs/msg/String")(note_of(run))
+    def _messages(self, run: RealRun) -> Iterator[tuple[int, str, memoryview]]:
+        """Give log time, topic and data of every message, topic by topic."""
+        note = self._type("std_msgs/msg/String")(note_of(run))
+        yield 0, names.SIM_PARAMETERS.name, self._store.serialize_cdr(note, names.SIM_PARAMETERS.message_type)
         for name, track in run.topics.items():
             maker = self._makers.get(name)
-            if maker is None:
-                continue
-            for log_ns, stamp_ns, row in _rows(track):
-                yield log_ns, name, maker(stamp_ns, row)
+            if maker is not None:
+                message_type = _TOPICS[name].message_type
+                for log_ns, message in zip(_nanoseconds(track.log_s).tolist(), maker(track), strict=True):
+                    yield log_ns, name, self._store.serialize_cdr(message, message_type)
 
     def _type(self, name: str) -> Any:
         return self._store.types[name]
 
-    def _header(self, stamp_ns: int, frame: str) -> Any:
-        seconds, left = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
-        return self._type("std_msgs/msg/Header")(self._type("builtin_interfaces/msg/Time")(seconds, left), frame)
+    def _headers(self, track: Track, frame: str) -> Iterator[Any]:
+        header, time = self._type("std_msgs/msg/Header"), self._type("builtin_interfaces/msg/Time")
+        seconds, left = np.divmod(_nanoseconds(track.stamp_s), NANOSECONDS_PER_SECOND)
+        return (header(time(*each), frame) for each in zip(seconds.tolist(), left.tolist(), strict=True))
 
-    def _vector(self, row: Row, pattern: str) -> Any:
-        return self._type("geometry_msgs/msg/Vector3")(*(row.get(pattern.format(axis), 0.0) for axis in "xyz"))
+    def _vectors(self, track: Track, pattern: str) -> Iterator[Any]:
+        return map(self._type("geometry_msgs/msg/Vector3"), *(_column(track, pattern.format(axis)) for axis in "xyz"))
 
-    def _data(self, message_type: str, convert: type, _: int, row: Row) -> Any:
-        return self._type(message_type)(convert(row["data"]))
+    def _data(self, message_type: str, convert: type, track: Track) -> Iterator[Any]:
+        return map(self._type(message_type), map(convert, _column(track, "data")))
 
-    def _pressure(self, stamp_ns: int, row: Row) -> Any:
-        header = self._header(stamp_ns, "")
-        return self._type("sensor_msgs/msg/FluidPressure")(header, row["fluid_pressure_pa"], 0.0)
+    def _pressure(self, track: Track) -> Iterator[Any]:
+        make = self._type("sensor_msgs/msg/FluidPressure")
+        for header, pressure_pa in zip(self._headers(track, ""), _column(track, "fluid_pressure_pa"), strict=True):
+            yield make(header, pressure_pa, 0.0)
 
-    def _imu(self, stamp_ns: int, row: Row) -> Any:
+    def _imu(self, track: Track) -> Iterator[Any]:
+        make = self._type("sensor_msgs/msg/Imu")
+        upright = self._type("geometry_msgs/msg/Quaternion")(0.0, 0.0, 0.0, 1.0)
         unknown = np.zeros(9)
         no_orientation = np.array([-1.0, *np.zeros(8)])
-        return self._type("sensor_msgs/msg/Imu")(
-            self._header(stamp_ns, names.IMU_FRAME),
-            self._type("geometry_msgs/msg/Quaternion")(0.0, 0.0, 0.0, 1.0),
-            no_orientation,
-            self._vector(row, "angular_velocity_{}_rad_s"),
-            unknown,
-            self._vector(row, "linear_acceleration_{}_m_s2"),
-            unknown,
-        )
+        rates = self._vectors(track, "angular_velocity_{}_rad_s")
+        forces = self._vectors(track, "linear_acceleration_{}_m_s2")
+        for header, rate, force in zip(self._headers(track, names.IMU_FRAME), rates, forces, strict=True):
+            yield make(header, upright, no_orientation, rate, unknown, force, unknown)
 
-    def _wrench(self, stamp_ns: int, row: Row) -> Any:
-        force, torque = self._vector(row, "force_{}_n"), self._vector(row, "torque_{}_n_m")
-        wrench = self._type("geometry_msgs/msg/Wrench")(force, torque)
-        return self._type("geometry_msgs/msg/WrenchStamped")(self._header(stamp_ns, names.LOAD_CELL_FRAME), wrench)
+    def _wrench(self, track: Track) -> Iterator[Any]:
+        stamped, wrench = self._type("geometry_msgs/msg/WrenchStamped"), self._type("geometry_msgs/msg/Wrench")
+        wrenches = map(wrench, self._vectors(track, "force_{}_n"), self._vectors(track, "torque_{}_n_m"))
+        return map(stamped, self._headers(track, names.LOAD_CELL_FRAME), wrenches)
 
-    def _joints(self, stamp_ns: int, row: Row) -> Any:
-        joints = [name.removesuffix(".position") for name in row if name.endswith(".position")]
-        positions = np.array([row[f"{name}.position"] for name in joints])
-        rates = np.array([row[f"{name}.velocity"] for name in joints if f"{name}.velocity" in row])
-        header = self._header(stamp_ns, "")
-        return self._type("sensor_msgs/msg/JointState")(header, joints, positions, rates, np.zeros(0))
+    def _joints(self, track: Track) -> Iterator[Any]:
+        make = self._type("sensor_msgs/msg/JointState")
+        joints = [name.removesuffix(".position") for name in track.columns if name.endswith(".position")]
+        positions = _table(track, [f"{name}.position" for name in joints])
+        rates = _table(track, [f"{name}.velocity" for name in joints if f"{name}.velocity" in track.columns])
+        for header, position, rate in zip(self._headers(track, ""), positions, rates, strict=True):
+            yield make(header, joints, position, rate, np.zeros(0))
 
-    def _tendons(self, stamp_ns: int, row: Row) -> Any:
+    def _tendons(self, track: Track) -> Iterator[Any]:
+        make = self._type(names.TENDON_STATES.message_type)
+        tendons = [self._tendon(track, name) for name in names.TENDONS if f"{name}.tension_n" in track.columns]
+        for header, *states in zip(self._headers(track, ""), *tendons, strict=True):
+            yield make(header, states)
+
+    def _tendon(self, track: Track, name: str) -> Iterator[Any]:
         make = self._type("jammkle_msgs/msg/TendonState")
-        tendons = [
-            make(
+        columns = (_column(track, f"{name}.{what}") for what in ("extension_m", "extension_rate_m_s", "tension_n"))
+        for extension_m, rate_m_s, tension_n in zip(*columns, strict=True):
+            yield make(
                 name=name,
                 condition=make.INTACT,
-                extension_m=row[f"{name}.extension_m"],
-                extension_rate_m_s=row.get(f"{name}.extension_rate_m_s", 0.0),
-                tension_n=row[f"{name}.tension_n"],
+                extension_m=extension_m,
+                extension_rate_m_s=rate_m_s,
+                tension_n=tension_n,
             )
-            for name in names.TENDONS
-            if f"{name}.tension_n" in row
-        ]
-        return self._type(names.TENDON_STATES.message_type)(self._header(stamp_ns, ""), tendons)
 
 
 _TOPICS = {topic.name: topic for topic in names.TOPICS}
@@ -179,9 +184,18 @@ def note_of(run: RealRun) -> str:
     return yaml.safe_dump(note, sort_keys=False, allow_unicode=True)
 
 
-def _rows(track: Track) -> Iterator[tuple[int, int, Row]]:
-    """Give log time, stamp (ns) and values of each sample."""
-    log_ns = np.maximum(np.round(track.log_s * NANOSECONDS_PER_SECOND).astype(np.int64), 0)
-    stamp_ns = np.maximum(np.round(track.stamp_s * NANOSECONDS_PER_SECOND).astype(np.int64), 0)
-    for log, stamp, values in zip(log_ns.tolist(), stamp_ns.tolist(), track.values.tolist(), strict=True):
-        yield log, stamp, dict(zip(track.columns, values, strict=True))
+def _nanoseconds(times_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.maximum(np.round(times_s * NANOSECONDS_PER_SECOND).astype(np.int64), 0)
+
+
+def _column(track: Track, name: str) -> list[float]:
+    """Return a column as plain numbers; zeros where the track has none of this name."""
+    if name not in track.columns:
+        return [0.0] * len(track.values)
+    found: list[float] = track.values[:, track.columns.index(name)].tolist()
+    return found
+
+
+def _table(track: Track, columns: Sequence[str]) -> NDArray[np.float64]:
+    """Return columns beside one another, a row per sample."""
+    return np.ascontiguousarray(track.values[:, [track.columns.index(name) for name in columns]])
