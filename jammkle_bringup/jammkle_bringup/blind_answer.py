@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_bringup.core.blind import files
 from jammkle_bringup.core.blind.questions import Run, read_questions, said_file
 from jammkle_bringup.core.gap.backend import backend
+from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.gap_diagnosing import diagnosis_of, failures_told
 from jammkle_bringup.gap_inputs import check_given, library_of, recordings_of, rig_options
@@ -73,7 +74,7 @@ def _diagnosis(
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> dict[str, Any]:
-    return as_dict(diagnosis_of(recordings, references, library, jobs, stop))
+    return as_dict(diagnosis_of(recordings, references, library, Simulated.PARTS, jobs, stop))
 
 
 def _ranking(

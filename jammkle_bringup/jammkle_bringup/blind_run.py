@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.blind.tasks import Task
 
 _POLL_S = 0.2
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Linear algebra in one thread: with a process per core, threads that wait for one another took ten times as long."""
 _SAY_EVERY_S = 60.0
 """How often progress is said where there is no terminal for a bar."""
 _EXIT_INTERRUPTED = 130
@@ -156,7 +158,8 @@ def _call(
     with tempfile.TemporaryFile("w+", encoding="utf-8") as errors:
         # A session of its own: Ctrl-C would make the diagnosis end early with what it knows by then.
         process: Any = subprocess.Popen(  # noqa: S603 - this program itself
-            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
+            command, cwd=folder, env=os.environ | _ONE_THREAD, stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=errors,
             start_new_session=True,
         )  # fmt: skip
         try:

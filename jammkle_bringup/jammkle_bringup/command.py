@@ -12,6 +12,7 @@ import typer
 
 from jammkle_bringup.blind_command import blind_app
 from jammkle_bringup.core.errors import GraphError, InputError
+from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.namespace import normalised
 from jammkle_bringup.core.node_table import Hardware, Robot
 from jammkle_bringup.core.signals import Interrupted, StopRequest
@@ -244,6 +245,10 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     only: Annotated[
         list[str] | None, typer.Option(metavar="EFFECT", help="Offer this effect and no other; may be repeated.")
     ] = None,
+    simulate: Annotated[
+        Simulated,
+        typer.Option(help="The whole from the commands, or each part from what was measured at its inputs."),
+    ] = Simulated.WHOLE,
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.")
     ] = Path("runs/gap"),
@@ -273,6 +278,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
             scheduler,
             without or (),
             only or (),
+            simulate,
         )
     )
 

@@ -10,6 +10,7 @@ from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.gap import words
 from jammkle_bringup.core.gap.backend import backend
 from jammkle_bringup.core.gap.page import Setting, page
+from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.signals import StopRequest
 from jammkle_bringup.gap_diagnosing import diagnosis_of
 from jammkle_bringup.gap_inputs import check_given, library_of, recordings_of, rig_options
@@ -52,6 +53,7 @@ class DiagnoseRequest:
     """Effects taken out of the library: what is said if the true cause is not on offer?"""
     only: Sequence[str] = ()
     """Effects that are on offer, and no others; empty: all."""
+    simulated: Simulated = Simulated.WHOLE
 
 
 def diagnose(request: DiagnoseRequest) -> int:
@@ -70,7 +72,7 @@ def diagnose(request: DiagnoseRequest) -> int:
     references = recordings_of(request.references, request.rig, options, stop, request.namespace)
     _try_changes(library, recordings)
     with backend(request.jobs, request.scheduler) as jobs:
-        diagnosis = diagnosis_of(recordings, references, library, jobs, stop)
+        diagnosis = diagnosis_of(recordings, references, library, request.simulated, jobs, stop)
     setting = Setting(
         bags=[each.name for each in recordings],
         references=[each.name for each in references],
@@ -78,6 +80,7 @@ def diagnose(request: DiagnoseRequest) -> int:
         library="" if request.library is None else str(request.library),
         effects=len(library.effects),
         corrected=str(request.folder / CORRECTED_NAME),
+        simulated=request.simulated,
     )
     (request.folder / CORRECTED_NAME).write_text(_corrected(diagnosis, library, request.library), encoding="utf-8")
     (request.folder / PAGE_NAME).write_text(page(diagnosis, setting), encoding="utf-8")
@@ -134,6 +137,7 @@ def _content(diagnosis: Diagnosis, setting: Setting, request: DiagnoseRequest) -
         "bags": [str(bag) for bag in request.bags],
         "references": [str(bag) for bag in request.references],
         "rigs": list(setting.rigs),
+        "simulated": setting.simulated.value,
         "library": {"effects": setting.effects, "file": setting.library or None},
         "page": str(request.folder / PAGE_NAME),
         "corrected": setting.corrected,

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.gap.experiments import experiments
+from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.progress import progress_bar
+from jammkle_sim.gap.ankle.parts import PartsSimulator, with_noise_of_restarts
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.subsystems import subsystem_simulators
 from jammkle_sim.gap.diagnosis import diagnose as diagnose_recordings
@@ -18,17 +20,24 @@ from jammkle_sim.gap.runs import StoppedError
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from jammkle_sim.gap.diagnosis import Diagnosis
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording
+    from jammkle_sim.gap.simulator import Simulator
+
+_SIMULATORS: Mapping[Simulated, Callable[[Library], Simulator]] = {
+    Simulated.WHOLE: AnkleSimulator,
+    Simulated.PARTS: PartsSimulator,
+}
 
 
 def diagnosis_of(
     recordings: Sequence[Recording],
     references: Sequence[Recording],
     library: Library,
+    simulated: Simulated,
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> Diagnosis:
@@ -40,6 +49,8 @@ def diagnosis_of(
         Interrupted: stopped before anything was known.
 
     """
+    if simulated is Simulated.PARTS and not references:
+        recordings = [with_noise_of_restarts(each) for each in recordings]
     with progress_bar("diagnosing") as update:
         furthest = 0.0
 
@@ -51,7 +62,7 @@ def diagnosis_of(
         with failures_told():
             return diagnose_recordings(
                 recordings,
-                AnkleSimulator(library),
+                _SIMULATORS[simulated](library),
                 library,
                 references=references,
                 subsystems=subsystem_simulators(library),

@@ -40,10 +40,12 @@ class Ledger:
         self.fits |= {fit.names: fit for fit in fits}
 
     def judge(self) -> None:
-        """Take scale and correlation of each signal from the candidate that leaves least, in shares, over all signals.
+        """Take the scale of each signal from the candidate that leaves least of it, correlation from the best over all.
 
-        Not from the one of the best score: where a lasting error is left, its samples count as few, and what would take
-        it away would look worth little.
+        The best over all leaves least in shares, which need not be the one of the best score: where a lasting error is
+        left, its samples count as few, and what would take it away would look worth little. For the same reason a
+        signal's scale is not what the best over all leaves: of two effects that each explain some signals, neither
+        alone would show what both are worth together.
         """
         for names, fit in self.fits.items():
             if self._weighted.get(names, (None,))[0] is not fit:
@@ -53,7 +55,8 @@ class Ledger:
             key=lambda each: float(np.sum(np.log(each[1].scale) + 1e-3 * np.log(each[1].factor))),
         )
         change = self.fits[()].residual - best.residual
-        self.weighting = replace(weighting, doubt=doubt_of(self._layout, change))
+        scale = np.min([each.scale for _, each in self._weighted.values()], axis=0)
+        self.weighting = replace(weighting, scale=scale, doubt=doubt_of(self._layout, change))
 
     def loss(self) -> Loss:
         """Return the loss to search by.

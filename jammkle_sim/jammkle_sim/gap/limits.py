@@ -57,7 +57,8 @@ def limits_of(layout: Layout, noise: Mapping[str, NoiseSource], base: float) -> 
         hanging = noise[name].hanging
         ratio = 1.0
         if hanging.share > 0.0 and np.isfinite(hanging.known_from):
-            freedoms = max(samples / hanging.samples, 1.0), max(hanging.known_from, 1.0)
+            known = max(hanging.known_from, 1.0)
+            freedoms = min(max(samples / hanging.samples, 1.0), known), known
             ratio += hanging.share * (float(fisher.ppf(1.0 - FALSE_ALARMS, *freedoms)) - 1.0)
         found[name] = max(base, float(np.sqrt(ratio)))
     return Limits(base, found)

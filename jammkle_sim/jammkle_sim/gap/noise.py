@@ -46,7 +46,8 @@ class Hanging:
     samples: float = 1.0
     """Over which it hangs together."""
     known_from: float = float("inf")
-    """Independent values that it was found from; endless where the noise is declared."""
+    """Independent values that it was found from, at most one for each repeat but the first; endless where the noise is
+    declared."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +211,9 @@ def _hanging(correlation: NDArray[np.float64], runs: Sequence[Sequence[NDArray[n
     length = float(np.mean([table.shape[1] for table in tables]))
     over = 1.0 + 2.0 * float(np.sum(np.clip(correlation[1:] / share, -1.0, 1.0) ** 2))
     over = float(np.clip(max(over, length * like / share**2), 1.0, length))
-    return Hanging(share, over, samples / over)
+    # However short it hangs together: where feet slip, it is a few runs that tell how much.
+    spare = float(sum(len(table) - 1 for table in tables))
+    return Hanging(share, over, min(samples / over, spare))
 
 
 def _still(signals: Sequence[Signal]) -> NoiseSource:

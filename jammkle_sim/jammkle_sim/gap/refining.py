@@ -29,6 +29,8 @@ _WORTH_NATS = 0.2
 _WORTH_SHARE = 3e-4
 _SMALLEST_STEP = 1e-7
 _REWEIGHTINGS = 4
+_ASTRAY = 1.0
+"""A step that makes it worse by this much of what it promised to gain corrects no derivatives."""
 _CONTENDING = 0.8
 """A fit is begun while it promises to end within this share of the way from the best promise back to the worst start,
 and goes on within half as much after every run. Assumed: a derivative tells the kind of an effect well, its size
@@ -121,9 +123,13 @@ def refine(start: Fit, loss: Loss, most_runs: int, prior: float = 0.0) -> Worker
         if np.abs(tried).max() >= LARGEST:
             trust = float(np.abs(step).max()) / 4.0
             continue
+        gained = cost - cost_of(point + step, tried)
+        if gained < -_ASTRAY * expected:
+            # Far beyond where the derivatives hold: what was seen there says nothing of them here.
+            trust = float(np.abs(step).max()) / 4.0
+            continue
         miss = tried - residual - jacobian @ step
         jacobian += np.outer(miss, step) / float(step @ step)
-        gained = cost - cost_of(point + step, tried)
         if gained > 0.0:
             point, residual, cost = point + step, tried, cost - gained
         trust = _new_trust(trust, float(np.abs(step).max()), gained / expected)

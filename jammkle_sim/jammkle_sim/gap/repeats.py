@@ -27,8 +27,8 @@ slips, and other settings differ in most."""
 
 
 LED = 0.5
-"""A repeat need not be run again for every effect if half of the signals of its nominal simulation differ from those of
-the other by less than this, root mean square, in noise units. Assumed: then effects change both alike."""
+"""A repeat need not be run again for every effect if no signal of its nominal simulation differs from that of the other
+by more than this, root mean square, in noise units. Assumed: then effects change both alike."""
 
 
 def is_same_run(
@@ -93,7 +93,7 @@ def leaders(recordings: Sequence[Recording], simulated: Simulated, noise: Mappin
                 continue
             shared = sorted(set(simulated[first]) & set(noise))
             pair = (recordings[first], simulated[first], recordings[index], simulated[index])
-            if shared and float(np.median([_apart(*pair, name) / noise[name] for name in shared])) <= LED:
+            if shared and all(_apart(*pair, name) <= LED * noise[name] for name in shared):
                 found[index] = first
     return tuple(found)
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from jammkle_sim.gap.fitting import Loss
     from jammkle_sim.gap.residual import Layout, Weighting
     from jammkle_sim.gap.runs import Runs
     from jammkle_sim.gap.sensitivity import Probe
@@ -43,11 +44,16 @@ MOST_RENEWED = 5
 """Of them, fitted once more with derivatives of their own."""
 MOST_EFFECTS = 4
 _PROMISING = 0.5
-"""Where all pairs leave more than this of the gap, no more effects are put together: nothing will be named anyway."""
+"""Where the pairs that promise most, or all that were fitted, leave more than this of the gap, few are fitted as leads,
+and no more effects are put together: nothing will be named anyway."""
+LOOKED_AT = 5
+"""Pairs whose promise decides whether more than a few are fitted."""
 _ROUNDS = 3
 MOST_ALIKE = 4
 MOST_FINALISTS = 8
 """Candidates that are fitted again with derivatives of their own."""
+FEWEST_FINALISTS = 3
+"""The same, where they can only be leads."""
 _ALIKE = 0.02
 """Candidates that gain as much as the best but for this share are fitted again, too."""
 _ROOM_NATS = 6.0
@@ -139,21 +145,32 @@ class Search:
 
     def _worthwhile(self) -> bool:
         """Whether what has been fitted closes enough that going on may end in an explanation."""
-        nominal, *others = (self._layout.gap_above_floor(fit.residual) for fit in self._ledger.fits.values())
-        return min(others, default=nominal) - 1.0 < _PROMISING * (nominal - 1.0)
+        return self._enough(min(self._layout.gap_above_floor(fit.residual) for fit in self._ledger.fits.values()))
+
+    def _promising(self, pairs: Sequence[tuple[str, ...]], loss: Loss) -> bool:
+        """Whether any of these pairs would, by a linear step, close enough to end in an explanation."""
+        promised = []
+        for names in pairs:
+            start = self._starts.of(names, self._ledger.fits, loss)
+            step = linear_step(start.residual, start.jacobian, loss, -start.point, 1.0 - start.point)
+            promised.append(self._layout.gap_above_floor(start.residual + start.jacobian @ step))
+        return self._enough(min(promised))
+
+    def _enough(self, gap: float) -> bool:
+        return gap - 1.0 < _PROMISING * (self._layout.gap_above_floor(self._nominal.residual) - 1.0)
 
     def _least_gap(self) -> float:
-        return min(self._layout.gap(fit.residual) for fit in self._ledger.fits.values())
+        """Return the gap of the worst signal, where it is least: many quiet signals hide nothing of one that is off."""
+        return min(max(self._layout.gaps(fit.residual).values()) for fit in self._ledger.fits.values())
 
-    def _fit(self, candidates: Sequence[tuple[str, ...]], most_runs: int, share: float) -> None:
-        loss = self._ledger.loss()
+    def _fit(self, candidates: Sequence[tuple[str, ...]], loss: Loss, most_runs: int, share: float) -> None:
         starts = [self._starts.of(names, self._ledger.fits, loss) for names in candidates]
         self._ledger.add(fit_contenders(starts, loss, self._runs, self._layout, most_runs))
         self._progress("fitting effects", share)
 
     def _singles(self) -> None:
         self._progress("fitting single effects", 0.0)
-        self._fit([(name,) for name in sorted(self._probes)], RUNS_PER_SINGLE, 0.2)
+        self._fit([(name,) for name in sorted(self._probes)], self._ledger.loss(), RUNS_PER_SINGLE, 0.2)
         loss = self._ledger.loss()
         away = [probe for probe in self._probes.values() if probe.residual is not self._nominal.residual]
         nulls = [self._starts.at_null(probe.effect.name, self._ledger.fits, loss) for probe in away]
@@ -203,6 +220,7 @@ class Search:
             if place % 200 == 0:
                 self._progress(f"weighing combinations of {size}", 0.3 + 0.2 * place / len(offered))
         promised.sort()
+        worthwhile = self._worthwhile() or self._promising([names for _, names in promised[:LOOKED_AT]], loss)
         worth = [names for cost, names in promised if cost < least - CLEAR_NATS]
         if len(worth) < FEWEST_PAIRS and self._least_gap() > _AT_FLOOR:
             worth = [names for _, names in promised[:FEWEST_PAIRS]]
@@ -210,8 +228,9 @@ class Search:
         half = MOST_PAIRS // 2
         chosen = list(dict.fromkeys(worth[:half] + with_top[:half]))
         chosen += [names for names in worth if names not in chosen][: MOST_PAIRS - len(chosen)]
+        chosen = chosen if worthwhile else chosen[:FEWEST_PAIRS]
         if chosen:
-            self._fit(chosen, RUNS_PER_PAIR, 0.55)
+            self._fit(chosen, loss, RUNS_PER_PAIR, 0.55)
             self._ledger.judge()
             self._again(chosen)
 
@@ -253,7 +272,7 @@ class Search:
                 if each.names and len(each.names) <= len(leader.names) and self._ledger.cost(each.names) < utmost
             ]
             finalists = list(dict.fromkeys([each.names for each in chosen + alike[:MOST_ALIKE] + near if each.names]))
-            finalists = finalists[:MOST_FINALISTS]
+            finalists = finalists[: MOST_FINALISTS if self._worthwhile() else FEWEST_FINALISTS]
             rough = [names for names in finalists if not self._ledger.fits[names].polished]
             if not rough:
                 return

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from jammkle_sim.gap.closing import closed_share
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ class Criteria:
     worth_gap_with_references: float = 1.2
     """The same, where references took the simulator's own faults off."""
     explained_share: float = 0.9
-    """Share of the gap above the floor that a candidate has to close, held out."""
+    """Share of the gap above the floor that a candidate has to close, held out, over all signals that are off."""
     explained_share_within: float = 0.75
     """The same, where every signal is left with what counts as none: of a small gap much is chance."""
     explained_share_each: float = 0.8
@@ -99,9 +101,14 @@ def _at_stake(layout: Layout, nominal: Score) -> float:
     return layout.gap_above_floor(nominal.held_out) - 1.0
 
 
-def _closed(layout: Layout, nominal: Score, candidate: Score) -> float:
-    before, after = layout.gap_above_floor(nominal.held_out), layout.gap_above_floor(candidate.held_out)
-    return closed_share(before, after, len(layout.names))
+def _closed(layout: Layout, nominal: Score, candidate: Score, limits: Limits) -> float:
+    """Return how much is closed over the signals that are off before or after: what is none need not be explained."""
+    before, after = layout.gaps(nominal.held_out), layout.gaps(candidate.held_out)
+    off = [name for name in layout.names if max(before[name], after[name]) > limits.of_signal[name]]
+    if not off:
+        return float("nan")
+    first, last = (float(np.sqrt(np.mean([max(gaps[name], 1.0) ** 2 for name in off]))) for gaps in (before, after))
+    return closed_share(first, last, len(off))
 
 
 def _parts(names: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -126,7 +133,7 @@ def judge(
     kept = material(layout, chosen, scores, criteria, limits)
     best = kept[0]
     left_signal, left_gap, left_ratio = limits.worst(layout, best.held_out)
-    closed = _closed(layout, nominal, best)
+    closed = _closed(layout, nominal, best, limits)
 
     def answer(verdict: Verdict, *reasons: str) -> Judgement:
         return Judgement(verdict, tuple(kept), nominal_ratio, left_ratio, closed, reasons)
@@ -136,7 +143,7 @@ def judge(
         top = material(layout, [max(scores, key=lambda score: score.total)], scores, criteria, limits)[0]
         spare = criteria.material_share * _at_stake(layout, nominal)
         if layout.gap_above_floor(top.held_out) < layout.gap_above_floor(best.held_out) - spare:
-            share = 100.0 * _closed(layout, nominal, top)
+            share = 100.0 * _closed(layout, nominal, top, limits)
             kept.insert(0, top)
             names = " + ".join(top.names)
             reasons = (*reasons, f"as a lead: {names} would close {share:.0f} %, but is not clearly better")
@@ -154,9 +161,9 @@ def judge(
     if not best.names:
         return leads(where, "no candidate foretells held-out data clearly better than no effect")
     names = " + ".join(best.names)
-    share = f"{names} closes {100.0 * closed:.0f} % of the gap on held-out data"
+    share = f"{names} closes {100.0 * closed:.0f} % of the gap of the signals that are off, on held-out data"
     # Also what a small gap leaves, though it would count as none, must not be much of it.
-    utmost = _closed(layout, nominal, chosen[0])
+    utmost = _closed(layout, nominal, chosen[0], limits)
     wanted = criteria.explained_share_within if left_ratio <= 1.0 else criteria.explained_share
     before, after = layout.gaps(nominal.held_out), layout.gaps(best.held_out)
     # What an effect does besides is foretold no better than the share that may be left of all.

@@ -411,7 +411,7 @@ def body_history(laws: Laws, states: States, body: Body, probe: Probe, pressure_
 
 
 @compiled
-def driven_history(states: States, body: Body, probe: Probe, tension_n: Any, rows: Any) -> int:
+def driven_history(laws: Laws, states: States, body: Body, probe: Probe, tension_n: Any, rows: Any) -> int:
     """Do what `body_history` does, with tensions that are given, shape (n, tendons), N."""
     step_1, step_2, model, data = body.addresses
     for step in range(rows.shape[0]):
@@ -419,6 +419,8 @@ def driven_history(states: States, body: Body, probe: Probe, tension_n: Any, row
             return step
         call_with_two_pointers(step_1, model, data)
         for i in range(tension_n.shape[1]):
+            states.tendons[i].extension_m = body.length_m[i] - laws.tendons[i].free_length_m
+            states.tendons[i].tension_n = tension_n[step, i]
             body.pull_n[i] = tension_n[step, i]
         call_with_two_pointers(step_2, model, data)
         for i in range(IMU_AXES):

@@ -163,7 +163,8 @@ class Bodies:
         """
         parts = self.parts
         return self._run(
-            tension_n, lambda given, rows: kernels.driven_history(self.states, parts.body, parts.probe, given, rows)
+            tension_n,
+            lambda given, rows: kernels.driven_history(parts.laws, self.states, parts.body, parts.probe, given, rows),
         )
 
     def jump(self, step: int) -> None:

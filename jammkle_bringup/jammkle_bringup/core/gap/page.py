@@ -19,6 +19,7 @@ from jammkle_bringup.core.gap.figures import (
     stretches_for,
 )
 from jammkle_bringup.core.gap.quantities import noise_units, percent, percents, quantity
+from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_sim.gap.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ class Setting:
     """How many effects were on offer."""
     corrected: str
     """File of the corrected simulator."""
+    simulated: Simulated = Simulated.WHOLE
 
 
 def page(diagnosis: Diagnosis, setting: Setting) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import itertools
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.ankle.inputs import AnkleInputs
     from jammkle_sim.gap.recording import Recording
     from jammkle_sim.rigs.rig import Rig
+
+
+Pull = Callable[[replay.Bodies, int, int], replay.BodyTrack]
+"""Goes on from a first step to before a last one."""
 
 
 class Drive(enum.Enum):
@@ -75,7 +80,8 @@ def _restarted(recording: Recording, rig: Rig, horizon_s: float, drive: Drive) -
     cuts = _cuts(recording, rig, steps, horizon_s)
     pressure_pa = _air(inputs, rig, measured, cuts)
     follows_pa = pressure_pa if pressure_pa is not None else air_of(recording, rig)
-    track, raw = _bodies(rig, measured, follows_pa, tension_n, cuts)
+    pull = _commanded(rig, measured, follows_pa, cuts) if tension_n is None else _driven(tension_n)
+    track, raw = _bodies(rig, measured, cuts, pull)
     truth = Truth(replay.timestep_s(rig), follows_pa, track, raw)
     made = readings(recording, rig, truth)
     return {name: values for name, values in made.items() if pressure_pa is not None or not name.endswith("/pressure")}
@@ -106,12 +112,53 @@ def _air(inputs: AnkleInputs, rig: Rig, measured: Measured, cuts: list[int]) -> 
     return pressure_pa
 
 
+def pulled_bodies(
+    recording: Recording, rig: Rig, horizon_s: float
+) -> tuple[replay.BodyTrack, NDArray[np.float64]] | None:
+    """Return how the bodies move if pulled by the measured tensions, from the measured state every `horizon_s`.
+
+    Args:
+        recording: What was measured.
+        rig: With effects in it, or without.
+        horizon_s: Time between two restarts, s; below the time between two samples it is that.
+
+    Returns:
+        The bodies after each step, and the raw sample of the IMU at the start, shape (6,). None where a tension was not
+        measured, or the rig has a joint that nobody measures.
+
+    Raises:
+        UnstableSimulationError: the simulation blew up.
+
+    """
+    steps = steps_of(recording, rig)
+    measured = Measured(recording, rig, steps)
+    tension_n = measured.tensions_n()
+    if tension_n is None:
+        return None
+    track, raw = _bodies(rig, measured, _cuts(recording, rig, steps, horizon_s), _driven(tension_n))
+    return None if track is None or raw is None else (track, raw)
+
+
+def _commanded(rig: Rig, measured: Measured, pressure_pa: NDArray[np.float64], cuts: list[int]) -> Pull:
+    """Pull by the tendons' laws, which remember what they have been taken through."""
+    memories = _tendon_memories(rig, measured, pressure_pa, cuts)
+
+    def pull(bodies: replay.Bodies, first: int, last: int) -> replay.BodyTrack:
+        for i, memory in enumerate(memories):
+            if memory is not None and first > 0:
+                bodies.states.tendons[i] = memory[cuts.index(first)]
+        return bodies.follow(pressure_pa[first + 1 : last + 1])
+
+    return pull
+
+
+def _driven(tension_n: NDArray[np.float64]) -> Pull:
+    """Pull with tensions that are given."""
+    return lambda bodies, first, last: bodies.driven(tension_n[first:last])
+
+
 def _bodies(
-    rig: Rig,
-    measured: Measured,
-    pressure_pa: NDArray[np.float64],
-    tension_n: NDArray[np.float64] | None,
-    cuts: list[int],
+    rig: Rig, measured: Measured, cuts: list[int], pull: Pull
 ) -> tuple[replay.BodyTrack | None, NDArray[np.float64] | None]:
     bodies = replay.Bodies(rig)
     data, model = bodies.parts.data, rig.model
@@ -120,23 +167,14 @@ def _bodies(
     free = [name for name in hinges if states[name] is None and name not in ANKLE_JOINTS]
     if free or CARRIAGE_JOINT not in hinges:
         return None, None
-    memories = _tendon_memories(rig, measured, pressure_pa, cuts)
     rows = []
-    for index, (first, last) in enumerate(itertools.pairwise(cuts)):
+    for first, last in itertools.pairwise(cuts):
         if first > 0:
             for name, state in states.items():
                 # An ankle's angle that was left out stood still.
                 position, rate = (0.0, 0.0) if state is None else (state[0][first - 1], state[1][first - 1])
                 data.joint(name).qpos[0], data.joint(name).qvel[0] = position, rate
-            for i, memory in enumerate(memories):
-                if memory is not None:
-                    bodies.states.tendons[i] = memory[index]
-        part = (
-            bodies.follow(pressure_pa[first + 1 : last + 1])
-            if tension_n is None
-            else bodies.driven(tension_n[first:last])
-        )
-        rows.append(part.rows)
+        rows.append(pull(bodies, first, last).rows)
     return replay.BodyTrack(bodies.parts.joints, rig.tendon_names, np.concatenate(rows)), bodies.raw_imu_at_start
 
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _STILL_M_S = 0.002
 """Speed of the slide below which it counts as standing still, for the IMU. Assumed: a tenth of a slip test's."""
-_MOTION_HORIZON_S = 0.1
+MOTION_HORIZON_S = 0.1
 """How long the bodies are pulled by measured tensions before they are put where they were measured. Assumed: a wrong
 mass or friction shows within; noise has not grown yet."""
 _SETTLE_S = 0.05
@@ -73,7 +73,7 @@ class SubsystemSimulator:
         if self.subsystem is Subsystem.PNEUMATICS:
             return readings(recording, rig, Truth(replay.timestep_s(rig), air_of(recording, rig), None))
         if self.subsystem is Subsystem.TENDON:
-            return _tensions(recording, rig)
+            return tensions_of(recording, rig)
         if self.subsystem is Subsystem.MECHANICS:
             return _motion(recording, rig)
         return _sensed(recording, rig)
@@ -84,7 +84,8 @@ def subsystem_simulators(library: Library) -> dict[str, SubsystemSimulator]:
     return {each.value: SubsystemSimulator(library, each) for each in Subsystem}
 
 
-def _tensions(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]]:
+def tensions_of(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]]:
+    """Return the tensions that the tendons' laws make of measured extensions and pressures, where both are there."""
     steps = steps_of(recording, rig)
     measured = Measured(recording, rig, steps)
     ambient_pa = laws_of(rig).pneumatics["ambient_pa"][0]
@@ -106,7 +107,7 @@ def _tensions(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]]:
 
 def _motion(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]]:
     """Pull with what was measured, from the measured state again and again: a body that is only pulled drifts off."""
-    made = restarted_readings(recording, rig, _MOTION_HORIZON_S, Drive.MEASURED)
+    made = restarted_readings(recording, rig, MOTION_HORIZON_S, Drive.MEASURED)
     outputs = ("position", "force_x", "force_y", "force_z")
     return {name: values for name, values in made.items() if name.rpartition("/")[2] in outputs}
 

@@ -37,8 +37,7 @@ def truth_of(recording: Recording, rig: Rig) -> Truth:
 
     """
     pressure_pa = air_of(recording, rig)
-    model = _model_bytes(rig, nominal_rig(inputs_of(recording)))
-    body_key = _digest(_air_key(recording, rig), rig.tendon_laws.tobytes(), model)
+    body_key = digest_of(_air_key(recording, rig), rig.tendon_laws.tobytes(), model_key(recording, rig))
 
     def run_bodies() -> Truth:
         bodies = replay.Bodies(rig)
@@ -46,6 +45,20 @@ def truth_of(recording: Recording, rig: Rig) -> Truth:
 
     truth: Truth = _stages().get(f"body {body_key}", run_bodies)
     return truth
+
+
+def digest_of(*parts: Any) -> str:
+    """Return a key of numbers, texts and bytes."""
+    digest = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        digest.update(part if isinstance(part, bytes) else repr(part).encode())
+        digest.update(b"|")
+    return digest.hexdigest()
+
+
+def model_key(recording: Recording, rig: Rig) -> bytes:
+    """Return what tells the bodies of a rig from those of others; nothing where they are as built."""
+    return _model_bytes(rig, nominal_rig(inputs_of(recording)))
 
 
 def inputs_of(recording: Recording) -> AnkleInputs:
@@ -76,10 +89,11 @@ def air_of(recording: Recording, rig: Rig) -> NDArray[np.float64]:
     return pressure_pa
 
 
-class _Stages:
+class Stages:
     """Keeps the latest results of each stage, for as long as the process lives."""
 
     def __init__(self, most: int) -> None:
+        """Keep up to `most` results."""
         self._most = most
         self._kept: OrderedDict[str, Any] = OrderedDict()
 
@@ -96,22 +110,14 @@ class _Stages:
 
 
 @lru_cache(maxsize=1)
-def _stages() -> _Stages:
+def _stages() -> Stages:
     """Return the store of this process; a simulator that travels between processes takes nothing with it."""
-    return _Stages(2 * _KEPT)
+    return Stages(2 * _KEPT)
 
 
 def _air_key(recording: Recording, rig: Rig) -> str:
     law = laws_of(rig).pneumatics.tobytes()
-    return _digest(inputs_of(recording).key, steps_of(recording, rig), law, rig.wiring.command_delay_s)
-
-
-def _digest(*parts: Any) -> str:
-    digest = hashlib.blake2b(digest_size=16)
-    for part in parts:
-        digest.update(part if isinstance(part, bytes) else repr(part).encode())
-        digest.update(b"|")
-    return digest.hexdigest()
+    return digest_of(inputs_of(recording).key, steps_of(recording, rig), law, rig.wiring.command_delay_s)
 
 
 def _model_bytes(rig: Rig, nominal: Rig) -> bytes:
