@@ -10,7 +10,7 @@ from jammkle_bringup.core.gap.experiments import experiments
 from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.progress import progress_bar
-from jammkle_sim.gap.ankle.parts import PartsSimulator, with_noise_of_restarts
+from jammkle_sim.gap.ankle.parts import PartsSimulator, prepared_for_parts
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.subsystems import subsystem_simulators
 from jammkle_sim.gap.diagnosis import diagnose as diagnose_recordings
@@ -49,8 +49,6 @@ def diagnosis_of(
         Interrupted: stopped before anything was known.
 
     """
-    if simulated is Simulated.PARTS and not references:
-        recordings = [with_noise_of_restarts(each) for each in recordings]
     with progress_bar("diagnosing") as update:
         furthest = 0.0
 
@@ -60,6 +58,8 @@ def diagnosis_of(
             update(furthest, stage)
 
         with failures_told():
+            if simulated is Simulated.PARTS:
+                recordings, references = prepared_for_parts(recordings, references, library)
             return diagnose_recordings(
                 recordings,
                 _SIMULATORS[simulated](library),

@@ -12,7 +12,7 @@ import pytest
 from jammkle_sim.gap.ankle.corrected import Correction
 from jammkle_sim.gap.ankle.effects import ankle_library
 from jammkle_sim.gap.ankle.instruments import PRESSURE, TENSION, quantity_of
-from jammkle_sim.gap.ankle.parts import PartsSimulator, with_noise_of_restarts
+from jammkle_sim.gap.ankle.parts import PartsSimulator, prepared_for_parts, with_noise_of_restarts
 from jammkle_sim.gap.ankle.runs import recording_of_run
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
@@ -97,3 +97,13 @@ def test_a_part_whose_inputs_were_not_measured_goes_with_the_whole() -> None:
     parts, whole = PARTS(blind, TORN), AnkleSimulator(LIBRARY)(blind, TORN)
     assert parts.keys() == whole.keys()
     assert all(np.array_equal(parts[name], whole[name]) for name in whole)
+
+
+def test_repeats_are_told_by_their_commands_though_parts_are_fed_with_noise() -> None:
+    """Two landings alike are one run, and another slope is not."""
+    options = RIGS["landing"].options(slope_deg=30.0)
+    other = recording_of_run(run_rig("landing", options, lambda _: None, lambda: False), "other")
+    again = dataclasses.replace(landing(), name="again")
+    recordings, references = prepared_for_parts([landing()], [again, other], LIBRARY)
+    assert recordings[0].run == references[0].run
+    assert references[1].run != references[0].run

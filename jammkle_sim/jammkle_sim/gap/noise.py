@@ -35,6 +35,9 @@ _STAIRS = 1.5
 _NEIGHBOURS = 2
 """Lags, in samples, by whose correlation noise that hangs together is told from noise that does not."""
 _LEAST_SHARE = 0.05
+FEW = 8.0
+"""Values that a noise that hangs together is known from, at most, where there are fewer repeats to spare. Chosen so
+that none of 106 development cases without a gap is one: feet slip more than their autocorrelation tells."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,8 @@ class Hanging:
     samples: float = 1.0
     """Over which it hangs together."""
     known_from: float = float("inf")
-    """Independent values that it was found from, at most one for each repeat but the first; endless where the noise is
-    declared."""
+    """Independent values that it was found from, at most one for each repeat but the first, or `FEW`; endless where the
+    noise is declared."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +216,7 @@ def _hanging(correlation: NDArray[np.float64], runs: Sequence[Sequence[NDArray[n
     over = float(np.clip(max(over, length * like / share**2), 1.0, length))
     # However short it hangs together: where feet slip, it is a few runs that tell how much.
     spare = float(sum(len(table) - 1 for table in tables))
-    return Hanging(share, over, min(samples / over, spare))
+    return Hanging(share, over, min(samples / over, max(spare, FEW)))
 
 
 def _still(signals: Sequence[Signal]) -> NoiseSource:

@@ -21,10 +21,11 @@ from jammkle_sim.gap.ankle.restarts import pulled_bodies
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.subsystems import MOTION_HORIZON_S, tensions_of
 from jammkle_sim.gap.ankle.truth import Stages, air_of, digest_of, inputs_of, model_key, truth_of
+from jammkle_sim.gap.repeats import repeats
 from jammkle_sim.rigs.replay import timestep_s
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -77,6 +78,44 @@ class PartsSimulator:
 
         """
         return AnkleSimulator(self.library).restarted(recording, values, horizon_s)
+
+
+def prepared_for_parts(
+    recordings: Sequence[Recording], references: Sequence[Recording], library: Library
+) -> tuple[list[Recording], list[Recording]]:
+    """Return recordings and references as a diagnosis in parts needs them.
+
+    With the names of their runs, told by what the whole simulator makes of their commands: parts are fed with what was
+    measured, and so differ between repeats. Without references, with a noise in which restarts are contained.
+
+    Args:
+        recordings: To be diagnosed.
+        references: Of the same machine in good order.
+        library: Of the simulator.
+
+    Raises:
+        UnstableSimulationError: the simulation blew up.
+
+    """
+    named = _with_runs([*recordings, *references], library)
+    own = named[: len(recordings)]
+    return own if references else [with_noise_of_restarts(each) for each in own], named[len(recordings) :]
+
+
+def _with_runs(recordings: Sequence[Recording], library: Library) -> list[Recording]:
+    simulator = AnkleSimulator(library)
+    groups = repeats(recordings, [simulator(recording, {}) for recording in recordings])
+    number_of = {index: number for number, group in enumerate(groups, start=1) for index in group}
+    return [
+        dataclasses.replace(each, run=f"run {number_of[index]} of {_setting(each)}")
+        for index, each in enumerate(recordings)
+    ]
+
+
+def _setting(recording: Recording) -> str:
+    """Return how the rig was set: two settings are two runs, however alike they look."""
+    inputs = inputs_of(recording)
+    return f"{inputs.rig} {[option for option in inputs.options if option[0] != 'seed']}"
 
 
 def with_noise_of_restarts(recording: Recording) -> Recording:
