@@ -10,6 +10,7 @@ from rich.table import Table
 from jammkle_bringup import report
 from jammkle_bringup.core.blind import files
 from jammkle_bringup.core.blind.aims import AIMS, OTHERS
+from jammkle_bringup.core.blind.apart import as_rows, not_apart
 from jammkle_bringup.core.blind.key import check_apart, read_key
 from jammkle_bringup.core.blind.page import figure_text, page
 from jammkle_bringup.core.blind.result import as_dict, result_of
@@ -53,10 +54,14 @@ def score(request: ScoreRequest) -> int:
     report.check_writable(request.folder / PAGE_NAME, "--output")
     key = read_key(request.key, facts.key_sha256)
     sealed = seal(request.trial)
-    nulls = {effect.key(parameter): parameter.null for effect in ankle_library() for parameter in effect.parameters}
+    library = ankle_library()
+    nulls = {effect.key(parameter): parameter.null for effect in library for parameter in effect.parameters}
     result = result_of(request.trial, facts, key, sealed, nulls)
-    (request.folder / PAGE_NAME).write_text(page(result), encoding="utf-8")
-    report.write_json(request.json, as_dict(result))
+    used = sorted({rig for truth in key.cases.values() for rig in truth.rigs})
+    # How a trial of somebody else's was set is not known.
+    pairs = [] if facts.seed is None else not_apart(facts.seed, used, library)
+    (request.folder / PAGE_NAME).write_text(page(result, pairs), encoding="utf-8")
+    report.write_json(request.json, {**as_dict(result), "not_told_apart": as_rows(pairs)})
     _show(result, request.folder / PAGE_NAME)
     return 0
 

@@ -257,3 +257,4 @@ def test_a_small_trial_of_a_stranger(external: tuple[Path, Path], tmp_path: Path
     assert found["trial"]["answers_sha256"] in text
     assert all(aim.text in text for aim in AIMS)
     assert "http://" not in text.replace("http://www.w3.org", "")
+    assert "cannot tell apart" not in text, "how a stranger's rigs were set is not known"

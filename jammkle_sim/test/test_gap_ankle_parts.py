@@ -107,3 +107,13 @@ def test_repeats_are_told_by_their_commands_though_parts_are_fed_with_noise() ->
     recordings, references = prepared_for_parts([landing()], [again, other], LIBRARY)
     assert recordings[0].run == references[0].run
     assert references[1].run != references[0].run
+
+
+def test_a_late_pressure_is_told_from_late_commands() -> None:
+    """Tendons pull by the pressure that is there, not by the one that is read late."""
+    recording = landing((("pressure_delay.delay_s", 0.05),))
+    late = gaps(recording, PARTS(recording, {"pressure_delay.delay_s": 0.05}))
+    commands = gaps(recording, PARTS(recording, {"command_delay.delay_s": 0.05}))
+    assert max(late.values()) < 1.5
+    assert max(commands[name] for name in commands if quantity_of(name) == PRESSURE) < 1.5
+    assert max(commands[name] for name in commands if quantity_of(name) == TENSION) > 3.0

@@ -25,6 +25,7 @@ from jammkle_bringup.core.gap.quantities import digits, percent, percents
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from jammkle_bringup.core.blind.apart import NotApart
     from jammkle_bringup.core.blind.result import Result, Way
     from jammkle_bringup.core.blind.scoring import Figure
 
@@ -43,8 +44,14 @@ _COMPARED = (
 _BY_NAME = {aim.figure: aim for aim in (*AIMS, *OTHERS)}
 
 
-def page(result: Result) -> str:
-    """Return the page as HTML."""
+def page(result: Result, pairs: Sequence[NotApart] = ()) -> str:
+    """Return the page as HTML.
+
+    Args:
+        result: Of the trial.
+        pairs: Effects that the rigs' sensors cannot tell apart, as far as that was looked at.
+
+    """
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -72,6 +79,7 @@ def page(result: Result) -> str:
         confusions=[(_NAMES[way.run], *confusion(main_cases(way.cases))) for way in result.ways],
         detection=_embedded(detection_svg(result.ways)),
         calibration=_embedded(calibration_svg(result.ways)),
+        pairs=[_pair_line(pair) for pair in pairs],
         lines=[(_NAMES[way.run], [_case_line(case_as_dict(case)) for case in way.cases]) for way in result.ways],
     )
 
@@ -118,6 +126,15 @@ def _baselines(
     return [
         (name, [figure_text(_BY_NAME[each], found.get(each)) for each in _COMPARED]) for name, found in rows.items()
     ]
+
+
+def _pair_line(pair: NotApart) -> dict[str, str]:
+    return {
+        "effects": f"{pair.first}, {pair.second}",
+        "apart": ", ".join(f"{rig} {percent(share)}" for rig, share in pair.apart.items()),
+        "same_signals": ", ".join(pair.same_signals) or "-",
+        "told_on": ", ".join(pair.told_on) or "no rig of the trial: it takes another sensor",
+    }
 
 
 def _case_line(line: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_graph import names
+from jammkle_sim.gap.ankle.instruments import PRESSURE, quantity_of
 from jammkle_sim.rigs.replay import timestep_s
 
 if TYPE_CHECKING:
@@ -33,9 +34,13 @@ class Measured:
         self._time_s = timestep_s(rig) * np.arange(1, steps + 1)
 
     def after_each_step(self, name: str) -> NDArray[np.float64] | None:
-        """Return a signal after each step, shape (steps,)."""
+        """Return a signal after each step, shape (steps,): what was read later by the delay of its sensor."""
         signal = self._signals.get(name)
-        return None if signal is None else np.interp(self._time_s, signal.time_s, signal.values)
+        return None if signal is None else np.interp(self._time_s + self._delay_s(name), signal.time_s, signal.values)
+
+    def _delay_s(self, name: str) -> float:
+        wiring = self._rig.wiring
+        return wiring.pressure_delay_s if quantity_of(name) == PRESSURE else wiring.joint_delay_s
 
     def extension_m(self, tendon: str) -> NDArray[np.float64] | None:
         """Return a tendon's extension, shape (steps,), m."""
@@ -68,4 +73,4 @@ class Measured:
             return None
         signal = self._signals[f"{name}/position"]
         rate = np.gradient(signal.values, signal.time_s)
-        return position, np.interp(self._time_s, signal.time_s, rate)
+        return position, np.interp(self._time_s + self._delay_s(signal.name), signal.time_s, rate)

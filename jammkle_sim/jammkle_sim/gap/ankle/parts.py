@@ -20,7 +20,7 @@ from jammkle_sim.gap.ankle.readings import Truth, readings
 from jammkle_sim.gap.ankle.restarts import pulled_bodies
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.subsystems import MOTION_HORIZON_S, tensions_of
-from jammkle_sim.gap.ankle.truth import Stages, air_of, digest_of, inputs_of, model_key, truth_of
+from jammkle_sim.gap.ankle.truth import Stages, air_of, digest_of, inputs_of, model_key, steps_of, truth_of
 from jammkle_sim.gap.repeats import repeats
 from jammkle_sim.rigs.replay import timestep_s
 
@@ -137,7 +137,8 @@ def with_noise_of_restarts(recording: Recording) -> Recording:
 def _pulled(recording: Recording, rig: Rig) -> Truth | None:
     """Return how the bodies move as they are pulled; kept for as long as only other parts are changed."""
     lengths = rig.tendon_laws["free_length_m"].tobytes()
-    key = digest_of(_measured(recording), lengths, inputs_of(recording).key, model_key(recording, rig))
+    told = inputs_of(recording).key, steps_of(recording, rig), rig.wiring.joint_delay_s
+    key = digest_of(_measured(recording), lengths, *told, model_key(recording, rig))
     pulled = _stages().get(f"pulled {key}", lambda: pulled_bodies(recording, rig, MOTION_HORIZON_S))
     if pulled is None:
         return None
@@ -160,7 +161,9 @@ def _errors_of_restarts(recording: Recording) -> dict[str, NDArray[np.float64]]:
         made = {} if pulled is None else readings(again, rig, pulled)
         return {name: own[name] - values for name, values in made.items() if quantity_of(name) != PRESSURE}
 
-    key = digest_of(_measured(recording), inputs_of(recording).key)
+    key = digest_of(
+        _measured(recording), inputs_of(recording).key, steps_of(recording, nominal_rig(inputs_of(recording)))
+    )
     errors: dict[str, NDArray[np.float64]] = _stages().get(f"errors {key}", make)
     return errors
 

@@ -101,7 +101,7 @@ def tensions_of(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]
         kernels.tendon_history(law, relaxed_state(law, float(extension_m[0])), extension_m, vacuum_pa, tension_n)
         name = f"{tendon}/tension"
         if any(signal.name == name for signal in recording.signals):
-            found[name] = np.interp(recording.signal(name).time_s, time_s, tension_n)
+            found[name] = np.interp(recording.signal(name).time_s - rig.wiring.joint_delay_s, time_s, tension_n)
     return found
 
 
