@@ -29,7 +29,8 @@ bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
 
 blind: set-up
-	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json
+	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json \
+		$(addprefix --real ,$(wildcard ../shared/data))
 
 lint: set-up
 	@$(BIN)/ruff check

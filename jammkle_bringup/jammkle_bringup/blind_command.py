@@ -17,6 +17,9 @@ blind_app = typer.Typer(
 
 TrialArgument = Annotated[Path, typer.Argument(help="Folder of the trial.", metavar="TRIAL")]
 JobsOption = Annotated[int | None, typer.Option(help="Processes. [default: one per core]")]
+RealOption = Annotated[
+    Path | None, typer.Option(help="Folder of the real recordings, to be diagnosed and shown beside the trial.")
+]
 SchedulerOption = Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs of each diagnosis.")
 ]
@@ -65,12 +68,13 @@ def score(
         "runs/blind"
     ),
     json: JsonOption = None,
+    real: RealOption = None,
 ) -> int:
     """Compare what was said with what is true, and write a page with every figure."""
     from jammkle_bringup.blind_score import ScoreRequest
     from jammkle_bringup.blind_score import score as score_trial
 
-    return score_trial(ScoreRequest(trial, key, output, json))
+    return score_trial(ScoreRequest(trial, key, output, json, real))
 
 
 @blind_app.command()
@@ -79,12 +83,13 @@ def standard(
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = None,
+    real: RealOption = None,
 ) -> int:
     """Make, diagnose and score the standard trial. Goes on where it was stopped."""
     from jammkle_bringup.blind_standard import StandardRequest
     from jammkle_bringup.blind_standard import standard as run_standard
 
-    return run_standard(StandardRequest(output, jobs, scheduler, json))
+    return run_standard(StandardRequest(output, jobs, scheduler, json, real))
 
 
 @blind_app.command(hidden=True)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from jammkle_bringup import report
-from jammkle_bringup.core.blind import files
+from jammkle_bringup.blind_real import diagnose_real
+from jammkle_bringup.core.blind import apart, files
+from jammkle_bringup.core.blind import real as real_cases
 from jammkle_bringup.core.blind.aims import AIMS, OTHERS
-from jammkle_bringup.core.blind.apart import as_rows, not_apart
 from jammkle_bringup.core.blind.key import check_apart, read_key
 from jammkle_bringup.core.blind.page import figure_text, page
 from jammkle_bringup.core.blind.result import as_dict, result_of
@@ -34,6 +35,8 @@ class ScoreRequest:
     key: Path
     folder: Path
     json: Path | None
+    real: Path | None = None
+    """Folder of real recordings, if they are to be diagnosed beside the trial."""
 
 
 def score(request: ScoreRequest) -> int:
@@ -59,9 +62,11 @@ def score(request: ScoreRequest) -> int:
     result = result_of(request.trial, facts, key, sealed, nulls)
     used = sorted({rig for truth in key.cases.values() for rig in truth.rigs})
     # How a trial of somebody else's was set is not known.
-    pairs = [] if facts.seed is None else not_apart(facts.seed, used, library)
-    (request.folder / PAGE_NAME).write_text(page(result, pairs), encoding="utf-8")
-    report.write_json(request.json, {**as_dict(result), "not_told_apart": as_rows(pairs)})
+    pairs = [] if facts.seed is None else apart.not_apart(facts.seed, used, library)
+    real = [] if request.real is None else diagnose_real(request.real)
+    (request.folder / PAGE_NAME).write_text(page(result, pairs, real), encoding="utf-8")
+    beside = {"not_told_apart": apart.as_rows(pairs), "real": real_cases.as_rows(real)}
+    report.write_json(request.json, {**as_dict(result), **beside})
     _show(result, request.folder / PAGE_NAME)
     return 0
 

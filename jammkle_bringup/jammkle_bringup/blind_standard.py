@@ -25,6 +25,8 @@ class StandardRequest:
     jobs: int | None
     scheduler: str | None
     json: Path | None
+    real: Path | None = None
+    """Folder of real recordings, if they are to be diagnosed beside the trial."""
 
 
 def standard(request: StandardRequest) -> int:
@@ -46,4 +48,4 @@ def standard(request: StandardRequest) -> int:
     if not (trial / TRIAL_NAME).exists():
         make(MakeRequest(STANDARD_SEED, STANDARD_CASES, trial, key, request.jobs, live=STANDARD_LIVE))
     run(RunRequest(trial, key, request.jobs, request.scheduler))
-    return score(ScoreRequest(trial, key, request.folder, request.json))
+    return score(ScoreRequest(trial, key, request.folder, request.json, request.real))

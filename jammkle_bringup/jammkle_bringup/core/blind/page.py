@@ -13,6 +13,7 @@ from jammkle_bringup.core.blind.aims import AIMS, OTHERS, Aim
 from jammkle_bringup.core.blind.key import Rung
 from jammkle_bringup.core.blind.pictures import calibration_svg, detection_svg
 from jammkle_bringup.core.blind.questions import Run
+from jammkle_bringup.core.blind.real import as_rows
 from jammkle_bringup.core.blind.result import (
     case_as_dict,
     confusion,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_bringup.core.blind.apart import NotApart
+    from jammkle_bringup.core.blind.real import RealCase
     from jammkle_bringup.core.blind.result import Result, Way
     from jammkle_bringup.core.blind.scoring import Figure
 
@@ -44,12 +46,13 @@ _COMPARED = (
 _BY_NAME = {aim.figure: aim for aim in (*AIMS, *OTHERS)}
 
 
-def page(result: Result, pairs: Sequence[NotApart] = ()) -> str:
+def page(result: Result, pairs: Sequence[NotApart] = (), real: Sequence[RealCase] = ()) -> str:
     """Return the page as HTML.
 
     Args:
         result: Of the trial.
         pairs: Effects that the rigs' sensors cannot tell apart, as far as that was looked at.
+        real: What was said of real recordings, if it was asked.
 
     """
     environment = jinja2.Environment(
@@ -80,6 +83,7 @@ def page(result: Result, pairs: Sequence[NotApart] = ()) -> str:
         detection=_embedded(detection_svg(result.ways)),
         calibration=_embedded(calibration_svg(result.ways)),
         pairs=[_pair_line(pair) for pair in pairs],
+        real=[{**row, "closed": percent(row["closed"]) if row["closed"] is not None else "-"} for row in as_rows(real)],
         lines=[(_NAMES[way.run], [_case_line(case_as_dict(case)) for case in way.cases]) for way in result.ways],
     )
 
