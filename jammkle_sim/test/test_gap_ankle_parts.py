@@ -117,3 +117,11 @@ def test_a_late_pressure_is_told_from_late_commands() -> None:
     assert max(late.values()) < 1.5
     assert max(commands[name] for name in commands if quantity_of(name) == PRESSURE) < 1.5
     assert max(commands[name] for name in commands if quantity_of(name) == TENSION) > 3.0
+
+
+@pytest.mark.parametrize(("effect", "value"), [("joint_delay.delay_s", 0.05), ("clock_skew.skew", 0.01)])
+def test_what_is_stamped_wrongly_is_put_right_before_it_is_fed(effect: str, value: float) -> None:
+    """A part's input is late as well as its output: with the effect put in, both are where they were."""
+    recording = with_noise_of_restarts(landing(((effect, value),)))
+    assert max(gaps(recording, PARTS(recording, {})).values()) > 5.0
+    assert max(gaps(recording, PARTS(recording, {effect: value})).values()) < 2.0

@@ -34,13 +34,15 @@ class Measured:
         self._time_s = timestep_s(rig) * np.arange(1, steps + 1)
 
     def after_each_step(self, name: str) -> NDArray[np.float64] | None:
-        """Return a signal after each step, shape (steps,): what was read later by the delay of its sensor."""
+        """Return a signal after each step, shape (steps,): what was stamped later, or by another clock, as it was."""
         signal = self._signals.get(name)
-        return None if signal is None else np.interp(self._time_s + self._delay_s(name), signal.time_s, signal.values)
+        return None if signal is None else np.interp(self._stamped_s(name), signal.time_s, signal.values)
 
-    def _delay_s(self, name: str) -> float:
+    def _stamped_s(self, name: str) -> NDArray[np.float64]:
+        """Return the stamps that a signal has at the end of each step; `readings` does the reverse."""
         wiring = self._rig.wiring
-        return wiring.pressure_delay_s if quantity_of(name) == PRESSURE else wiring.joint_delay_s
+        delay_s = wiring.pressure_delay_s if quantity_of(name) == PRESSURE else wiring.joint_delay_s
+        return np.asarray((self._time_s + delay_s) * (1.0 + wiring.clock_skew), dtype=np.float64)
 
     def extension_m(self, tendon: str) -> NDArray[np.float64] | None:
         """Return a tendon's extension, shape (steps,), m."""
@@ -73,4 +75,4 @@ class Measured:
             return None
         signal = self._signals[f"{name}/position"]
         rate = np.gradient(signal.values, signal.time_s)
-        return position, np.interp(self._time_s + self._delay_s(signal.name), signal.time_s, rate)
+        return position, np.interp(self._stamped_s(signal.name), signal.time_s, rate)

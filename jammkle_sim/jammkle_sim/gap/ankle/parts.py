@@ -137,8 +137,10 @@ def with_noise_of_restarts(recording: Recording) -> Recording:
 def _pulled(recording: Recording, rig: Rig) -> Truth | None:
     """Return how the bodies move as they are pulled; kept for as long as only other parts are changed."""
     lengths = rig.tendon_laws["free_length_m"].tobytes()
-    told = inputs_of(recording).key, steps_of(recording, rig), rig.wiring.joint_delay_s
-    key = digest_of(_measured(recording), lengths, *told, model_key(recording, rig))
+    told = digest_of(
+        inputs_of(recording).key, steps_of(recording, rig), rig.wiring.joint_delay_s, rig.wiring.clock_skew
+    )
+    key = digest_of(_measured(recording), lengths, told, model_key(recording, rig))
     pulled = _stages().get(f"pulled {key}", lambda: pulled_bodies(recording, rig, MOTION_HORIZON_S))
     if pulled is None:
         return None

@@ -101,7 +101,9 @@ def tensions_of(recording: Recording, rig: Rig) -> dict[str, NDArray[np.float64]
         kernels.tendon_history(law, relaxed_state(law, float(extension_m[0])), extension_m, vacuum_pa, tension_n)
         name = f"{tendon}/tension"
         if any(signal.name == name for signal in recording.signals):
-            found[name] = np.interp(recording.signal(name).time_s - rig.wiring.joint_delay_s, time_s, tension_n)
+            wiring = rig.wiring
+            true_s = recording.signal(name).time_s / (1.0 + wiring.clock_skew) - wiring.joint_delay_s
+            found[name] = np.interp(true_s, time_s, tension_n)
     return found
 
 
