@@ -71,6 +71,7 @@ def test_in_good_order_every_part_lies_at_its_noise() -> None:
     [
         ("line_leak_achilles.conductance_dm3_s_bar", 0.005, {PRESSURE}),
         ("tendon_stiffness.scale", 1.2, {TENSION}),
+        ("pretension_achilles_pair.extension_m", 0.001, {TENSION}),
     ],
 )
 def test_what_acts_in_one_part_leaves_the_others_as_they_were(effect: str, value: float, moved: set[str]) -> None:

@@ -28,15 +28,16 @@ def tendon_tension_n(law: Any, state: Any, extension_m: float, vacuum_pa: float)
     Args:
         law: One record of TENDON_LAW.
         state: One record of TENDON_STATE, changed in place.
-        extension_m: Length beyond the free length, m; negative when slack.
+        extension_m: Length beyond the free length as drawn, m; negative when slack.
         vacuum_pa: Pressure below ambient, Pa, 0 or more.
 
     """
-    if extension_m >= law.break_extension_m:
+    beyond_m = extension_m + law.shorter_m
+    if beyond_m >= law.break_extension_m:
         state.broken = 1.0
     if state.broken > 0.0:
         return 0.0
-    state.seat_m = min(max(state.seat_m, extension_m - law.play_m), extension_m)
+    state.seat_m = min(max(state.seat_m, beyond_m - law.play_m), beyond_m)
     stretched_m = max(state.seat_m, 0.0)
     place = stretched_m / law.table_step_m
     index = min(int(place), TABLE_POINTS - 2)

@@ -34,6 +34,7 @@ TENDON_LAW = np.dtype(
         ("softening", np.float64),
         ("softening_travel_m", np.float64),
         ("play_m", np.float64),
+        ("shorter_m", np.float64),
         ("break_extension_m", np.float64),
         ("free_length_m", np.float64),
         ("channel", np.int64),

@@ -63,18 +63,19 @@ def relaxed_state(law: NDArray[Any], extension_m: float) -> NDArray[Any]:
 
     Args:
         law: Its constants, shape (1,) of TENDON_LAW.
-        extension_m: Length beyond the free length, m.
+        extension_m: Length beyond the free length as drawn, m.
 
     """
     state = np.zeros(1, dtype=records.TENDON_STATE)
-    stretched_m = max(extension_m, 0.0)
+    beyond_m = extension_m + float(law["shorter_m"][0])
+    stretched_m = max(beyond_m, 0.0)
     places_m = np.arange(records.TABLE_POINTS) * law["table_step_m"][0]
     state["extension_m"] = extension_m
     state["static_n"] = np.interp(stretched_m, places_m, law["static_force_n"][0])
     state["tension_n"] = state["static_n"]
     state["slider_m"] = stretched_m
     state["stretched_m"] = stretched_m
-    state["seat_m"] = extension_m
+    state["seat_m"] = beyond_m
     return state
 
 

@@ -65,10 +65,10 @@ def stiffen_membrane(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
 
 def pretension(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
-    """Shorten the free length by `extension_m`; below 0 the tendons are slack."""
+    """Shorten the tendons by `extension_m`; below 0 they are slack. Their extension is still read from as drawn."""
 
     def change(law: Any) -> None:
-        law["free_length_m"] -= values["extension_m"]
+        law["shorter_m"] += values["extension_m"]
 
     return _with_tendons(rig, place, change)
 
