@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_sim.gap.ankle.disagreement import with_disagreement
 from jammkle_sim.gap.ankle.inputs import nominal_rig
 from jammkle_sim.gap.ankle.instruments import PRESSURE, TENSION, quantity_of
 from jammkle_sim.gap.ankle.readings import Truth, readings
@@ -86,7 +87,8 @@ def prepared_for_parts(
     """Return recordings and references as a diagnosis in parts needs them.
 
     With the names of their runs, told by what the whole simulator makes of their commands: parts are fed with what was
-    measured, and so differ between repeats. Without references, with a noise in which restarts are contained.
+    measured, and so differ between repeats. Without references, with a noise in which restarts are contained, and what
+    machines in good order disagree by.
 
     Args:
         recordings: To be diagnosed.
@@ -99,7 +101,9 @@ def prepared_for_parts(
     """
     named = _with_runs([*recordings, *references], library)
     own = named[: len(recordings)]
-    return own if references else [with_noise_of_restarts(each) for each in own], named[len(recordings) :]
+    if not references:
+        own = with_disagreement([with_noise_of_restarts(each) for each in own])
+    return own, named[len(recordings) :]
 
 
 def _with_runs(recordings: Sequence[Recording], library: Library) -> list[Recording]:
