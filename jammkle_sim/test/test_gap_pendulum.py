@@ -266,7 +266,7 @@ def test_two_processes_give_the_same_answer(by_value: bool) -> None:  # noqa: FB
 def test_a_stop_keeps_what_is_done() -> None:
     """Stopped among the pairs, there still is a diagnosis, and it says that it is not finished."""
     random = np.random.default_rng(81)
-    recordings = [measure(kind, {"payload.mass": 0.1}, random) for kind in RUNS]
+    recordings = [measure(kind, {"payload.mass": 0.1, "coulomb.torque": 0.1}, random) for kind in RUNS]
     stages: list[str] = []
     found = diagnose(
         recordings,
@@ -277,7 +277,7 @@ def test_a_stop_keeps_what_is_done() -> None:
         jobs=1,
     )
     assert not found.finished
-    assert "payload" in found.ranking[0][0]
+    assert {"payload", "coulomb"} & set(found.ranking[0][0])
 
 
 def test_it_says_where_and_fits_into_json() -> None:

@@ -1,4 +1,4 @@
-"""Which effects a set of sensors cannot tell apart: by what they move at all, and by how alike they move it."""
+"""What a set of sensors cannot tell apart: effects that move the same alike, candidates that explain a gap alike."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_sim.gap.fitting import Fit
     from jammkle_sim.gap.residual import Layout
+    from jammkle_sim.gap.scoring import Score
     from jammkle_sim.gap.sensitivity import Probe
 
 APART = DOUBT
@@ -63,6 +65,32 @@ def alike(probes: Sequence[Probe], layout: Layout) -> list[Alike]:
         apart = min(_left(bases[first], bases[second]), _left(bases[second], bases[first]))
         found.append(Alike(first, second, apart, moved[first] == moved[second]))
     return sorted(found, key=lambda each: each.apart)
+
+
+def doing_the_same(layout: Layout, nominal: Fit, best: Score, scores: Sequence[Score]) -> list[Score]:
+    """Return the candidates that change the nominal simulation as the best does, to what references trust it to.
+
+    However sure their scores seem: what they differ by is less than the simulator itself may be off. Samples that hang
+    together count as few. Where no reference shows it to be off, there are none.
+
+    Args:
+        layout: Of the residuals.
+        nominal: Fit of no effect.
+        best: What the others are compared with.
+        scores: Of all candidates fitted; parts of the best, those that it is part of, and longer ones are left out.
+
+    """
+    weight = 1.0 / np.sqrt(layout.least_factor[layout.signal_of])
+    change = (nominal.residual - best.fit.residual) * layout.off[layout.signal_of]
+    utmost = float(np.linalg.norm(change * weight))
+    return [
+        each
+        for each in scores
+        if each.names
+        and len(each.names) <= len(best.names)
+        and not set(each.names) <= set(best.names)
+        and float(np.linalg.norm((each.fit.residual - best.fit.residual) * weight)) <= utmost
+    ]
 
 
 def _basis(columns: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.sensitivity import Probe, Space
     from jammkle_sim.gap.simulator import Simulator
 
+_FITTED = 12
+"""Single effects that are fitted: those that promise most by their derivatives. Assumed: the best is among them."""
 _SINGLE_STEPS, _FREE_STEPS = 2, 6
 """Runs of a fit after its probes: each corrects the derivatives (Broyden's rule). More change no ranking."""
 _SHORTER = 0.4
@@ -76,7 +78,7 @@ def baselines(
     residual = layout.residual(compared.nominal)
     probes = [each for each in probe(library, runs, layout, residual) if each.alive]
     errors = {"": _rms(residual)}
-    for each in probes:
+    for each in sorted(probes, key=_promised)[:_FITTED]:
         space = space_of([each.effect])
         start = _Point(each.start, each.residual, each.jacobian)
         errors[each.effect.name] = min(errors[""], _rms(_fitted(space, start, layout, runs, _SINGLE_STEPS).residual))
@@ -101,6 +103,13 @@ class _Point:
     """Of the ranges."""
     residual: NDArray[np.float64]
     jacobian: NDArray[np.float64]
+
+
+def _promised(probe: Probe) -> float:
+    """Return the root mean square that an effect leaves if it does what its derivatives say."""
+    bounds = np.vstack([-probe.start, 1.0 - probe.start]) + np.array([[-1e-12], [1e-12]])
+    step = lsq_linear(probe.jacobian, -probe.residual, bounds=(bounds[0], bounds[1])).x
+    return _rms(probe.residual + probe.jacobian @ step)
 
 
 def _fitted(space: Space, start: _Point, layout: Layout, runs: Runs, steps: int) -> _Point:

@@ -49,18 +49,12 @@ class SignalClosing:
     signal: str
     unit: str
     noise: float
-    """One noise unit, in the signal's unit."""
+    """One noise unit, in the signal's unit, where nothing adds to it."""
     closing: Closing
-
-    @property
-    def nominal_physical(self) -> float:
-        """Root mean square before, in the signal's unit."""
-        return self.closing.nominal * self.noise
-
-    @property
-    def with_effect_physical(self) -> float:
-        """Root mean square after, in the signal's unit."""
-        return self.closing.with_effect * self.noise
+    nominal_physical: float
+    """Root mean square before, in the signal's unit."""
+    with_effect_physical: float
+    """Root mean square after, in the signal's unit."""
 
 
 def closed_share(nominal: float, with_effect: float, signals: int = 1) -> float:
@@ -87,6 +81,10 @@ def _table(layout: Layout, residual: NDArray[np.float64]) -> NDArray[np.float64]
     size, count = len(layout.names), len(layout.blocks)
     sums = np.bincount(layout.block_of * size + layout.signal_of, residual**2, count * size)
     return sums.astype(np.float64).reshape(count, size)
+
+
+def _root_of(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def closings(
@@ -128,7 +126,8 @@ def closings(
     per_signal = []
     for index, name in enumerate(layout.names):
         piece = next(piece for piece in layout.pieces if piece.signal == name)
-        per_signal.append(SignalClosing(name, piece.unit, piece.noise, one(slice(index, index + 1))))
+        physical = [_root_of((each * layout.noise)[layout.signal_of == index]) for each in (nominal, with_effect)]
+        per_signal.append(SignalClosing(name, piece.unit, piece.noise, one(slice(index, index + 1)), *physical))
     return one(slice(0, len(layout.names))), tuple(per_signal)
 
 

@@ -69,4 +69,5 @@ def compare(
     noise = {name: source.noise for name, source in baseline.noise.items()}
     runs.lead(leaders(recordings, nominal, noise))
     hanging = {name: source.factor for name, source in baseline.noise.items()}
-    return Compared(runs, nominal, baseline, lay_out(recordings, nominal, noise, baseline.corrections, hanging))
+    layout = lay_out(recordings, nominal, noise, baseline.corrections, baseline.added, hanging, baseline.off)
+    return Compared(runs, nominal, baseline, layout)

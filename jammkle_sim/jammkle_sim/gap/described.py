@@ -117,8 +117,8 @@ def overlays_of(
             unit=piece.unit,
             time_s=layout.time_s[piece.where],
             measured=layout.measured[piece.where],
-            nominal=layout.measured[piece.where] - nominal[piece.where] * piece.noise,
-            corrected=layout.measured[piece.where] - corrected[piece.where] * piece.noise,
+            nominal=layout.measured[piece.where] - (nominal * layout.noise)[piece.where],
+            corrected=layout.measured[piece.where] - (corrected * layout.noise)[piece.where],
         )
         for piece in layout.pieces
     )

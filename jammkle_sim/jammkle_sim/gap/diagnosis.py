@@ -147,6 +147,8 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         runs,
         [each for each in probes if each.alive],
         residual,
+        limits,
+        criteria,
         lambda stage, share: progress(stage, 0.1 + (_FITTED - 0.1) * share),
         calibrated,
     )

@@ -30,7 +30,7 @@ _DIFFERENCE = 0.02
 _INWARDS = 2e-3
 _MOVED = 2.0
 _FINEST = 1e-6
-POLISHING_RUNS = 5
+POLISHING_RUNS = 3
 """Derivatives that scipy may ask for when a candidate is fitted again; each is a run per parameter."""
 CALIBRATED_RUNS = 12
 """The same, where a calibration is fitted along."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.gap.noise import NoiseSource, find_noise
 from jammkle_sim.gap.recording import BadRecordingError
@@ -16,9 +17,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.gap.recording import Recording
+    from jammkle_sim.gap.recording import Recording, Signal
 
 _SMALLEST_FLOOR = 1.0
+MOST_OFF = 0.4
+"""Share of a change that a simulator is doubted by at most, however far references show it to be off. Assumed."""
+_AROUND = 0.02
+"""Share of a run over which such a doubt is the same. Assumed: what is late by so much is as doubtful."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +32,12 @@ class Baseline:
 
     corrections: tuple[Mapping[str, NDArray[np.float64]], ...]
     """Per recording and signal, in the signal's unit, at the signal's times."""
+    added: tuple[Mapping[str, NDArray[np.float64]], ...]
+    """Per recording and signal: standard deviation of what a correction may be off, in the signal's unit."""
     noise: Mapping[str, NoiseSource]
     notes: tuple[str, ...]
+    off: Mapping[str, float]
+    """By signal: share of what it foretells that the simulator is off, and so of a change that it may be wrong by."""
 
 
 def without_references(
@@ -36,7 +45,8 @@ def without_references(
 ) -> Baseline:
     """Return the baseline where there are no references: nothing is taken off."""
     noise, notes = find_noise((recordings, nominal))
-    return Baseline(tuple({} for _ in recordings), noise, notes)
+    nothing: tuple[dict[str, NDArray[np.float64]], ...] = tuple({} for _ in recordings)
+    return Baseline(nothing, nothing, noise, notes, {})
 
 
 def with_references(
@@ -57,6 +67,7 @@ def with_references(
     _refuse_the_same(recordings, references)
     noise, notes = find_noise((recordings, nominal), (references, reference_nominal))
     corrections: list[dict[str, NDArray[np.float64]]] = [{} for _ in recordings]
+    beside: list[dict[str, _Beside]] = [{} for _ in recordings]
     grown = dict.fromkeys(noise, _SMALLEST_FLOOR)
     for index, recording in enumerate(recordings):
         same = [
@@ -69,12 +80,12 @@ def with_references(
             holders = [k for k in same if name in reference_nominal[k]]
             if holders:
                 curves = [
-                    np.interp(
-                        time_s, references[k].signal(name).time_s, _off(references[k], reference_nominal[k], name)
-                    )
+                    _at(time_s, references[k].signal(name), _off(references[k], reference_nominal[k], name))
                     for k in holders
                 ]
                 corrections[index][name] = np.mean(curves, axis=0)
+                there = [_at(time_s, references[k].signal(name), reference_nominal[k][name]) for k in holders]
+                beside[index][name] = _Beside(corrections[index][name], np.mean(there, axis=0), nominal[index][name])
                 grown[name] = max(grown[name], float(np.sqrt(1.0 + 1.0 / len(holders))))
                 continue
             others = [k for k in range(len(references)) if name in reference_nominal[k]]
@@ -86,7 +97,48 @@ def with_references(
         source = noise[name]
         words = f"{source.source}, and what differs in the references" if factor > _SMALLEST_FLOOR else source.source
         noise[name] = replace(source, noise=source.noise * factor, source=words)
-    return Baseline(tuple(corrections), noise, notes)
+    shares = {name: _share_off([each[name] for each in beside if name in each], noise[name].noise) for name in noise}
+    added = tuple({name: _elsewhere(each, shares[name]) for name, each in found.items()} for found in beside)
+    return Baseline(tuple(corrections), added, noise, notes, shares)
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """One signal of one recording beside its references, at the times of the recording, in its unit."""
+
+    off: NDArray[np.float64]
+    """What the references are off the simulator."""
+    there: NDArray[np.float64]
+    """What the simulator makes of the references."""
+    here: NDArray[np.float64]
+    """What it makes of the recording: something else only if it is fed with what was measured."""
+
+
+def _share_off(runs: Sequence[_Beside], noise: float) -> float:
+    """Return which share of all that the simulator makes a signal move it is off in the references.
+
+    What it says of a change is no better.
+    """
+    moved = sum(run.there.size * float(np.var(run.there)) for run in runs)
+    missed = sum(run.off.size * max(float(np.var(run.off)) - noise**2, 0.0) for run in runs)
+    return min(float(np.sqrt(missed / moved)), MOST_OFF) if moved > 0.0 else 0.0
+
+
+def _elsewhere(run: _Beside, share: float) -> NDArray[np.float64]:
+    """Return what the correction may be off where the references went through other states, sample by sample.
+
+    It belongs to them, and is off by a share of what the simulator makes of the difference, root mean square around
+    each sample.
+    """
+    around = max(round(_AROUND * run.here.size), 1)
+    square = np.maximum(uniform_filter1d((run.here - run.there) ** 2, around, mode="nearest"), 0.0)
+    found: NDArray[np.float64] = share * np.sqrt(square)
+    return found
+
+
+def _at(time_s: NDArray[np.float64], signal: Signal, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    found: NDArray[np.float64] = np.interp(time_s, signal.time_s, values)
+    return found
 
 
 def _off(recording: Recording, nominal: Mapping[str, NDArray[np.float64]], name: str) -> NDArray[np.float64]:

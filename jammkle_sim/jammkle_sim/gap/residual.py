@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.recording import Recording
 
+DOUBT = 0.1
+"""Share of a change that no simulator foretells better: by so much the samples that an effect moves count as noisier.
+What explains a gap must close nine tenths of it, for the same reason. Assumed."""
 LARGEST = 1e6
 """A residual is cut off here, in noise units, so that a diverging run stays a number."""
 BIASES = 3.0
@@ -48,7 +51,7 @@ class Layout:
     measured: NDArray[np.float64]
     """Shape (n,), each in its own unit; a correction from reference recordings is already taken off."""
     noise: NDArray[np.float64]
-    """Shape (n,), each in its own unit."""
+    """Shape (n,), each in its own unit; more than its signal's where a correction is not trusted."""
     time_s: NDArray[np.float64]
     signal_of: NDArray[np.intp]
     """Index into `names`, shape (n,)."""
@@ -58,6 +61,8 @@ class Layout:
     block_of_segment: NDArray[np.intp]
     least_factor: NDArray[np.float64]
     """Per signal: samples that count as one at least, as the noise itself hangs together."""
+    off: NDArray[np.float64]
+    """Per signal: share of what it foretells that references show the simulator to be off; 0 where nothing shows it."""
 
     def residual(self, simulated: Sequence[Mapping[str, NDArray[np.float64]] | None]) -> NDArray[np.float64]:
         """Return (measured - simulated) / noise, shape (n,); a failed run counts as the largest residual."""
@@ -72,7 +77,9 @@ class Layout:
             np.nan_to_num(scaled, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST
         )
         for piece in self.pieces:
-            found[piece.where] = without_bias(found[piece.where], piece.tolerance)
+            if piece.tolerance:
+                weight = piece.noise / self.noise[piece.where]
+                found[piece.where] = without_bias(found[piece.where], piece.tolerance, weight)
         return found
 
     def gap(self, residual: NDArray[np.float64]) -> float:
@@ -90,15 +97,20 @@ class Layout:
         return {name: float(np.sqrt(squares[i] / counts[i])) for i, name in enumerate(self.names)}
 
 
-def without_bias(residual: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+def without_bias(
+    residual: NDArray[np.float64], tolerance: float, weight: NDArray[np.float64] | float = 1.0
+) -> NDArray[np.float64]:
     """Take off the mean of one signal of one run, as far as its sensor may be off.
 
     Args:
-        residual: Of one signal of one recording, shape (n,), in any unit.
+        residual: Of one signal of one recording, shape (n,), in any unit; already times the weight.
         tolerance: Largest offset that is taken off, same unit.
+        weight: By which each sample counts, shape (n,); 1 where all count alike.
 
     """
-    return residual - float(np.clip(residual.mean(), -tolerance, tolerance)) if tolerance else residual
+    weights = weight * np.ones(residual.size)
+    mean = float(np.sum(weights * residual) / np.sum(weights**2))
+    return residual - float(np.clip(mean, -tolerance, tolerance)) * weights
 
 
 def lay_out(
@@ -106,7 +118,9 @@ def lay_out(
     simulated: Sequence[Mapping[str, NDArray[np.float64]]],
     noise: Mapping[str, float],
     corrections: Sequence[Mapping[str, NDArray[np.float64]]] | None = None,
+    added: Sequence[Mapping[str, NDArray[np.float64]]] | None = None,
     factors: Mapping[str, float] | None = None,
+    off: Mapping[str, float] | None = None,
 ) -> Layout:
     """Lay out what can be compared.
 
@@ -115,7 +129,9 @@ def lay_out(
         simulated: Nominal, per recording; only its signals with a noise are compared.
         noise: Standard deviation per signal, in its unit.
         corrections: What reference recordings say the simulator is off by anyway, per recording and signal.
+        added: Standard deviation of what such a correction may be off, per recording and signal, in its unit.
         factors: Samples of a signal over which its noise hangs together.
+        off: Share of what it foretells that references show the simulator to be off, per signal.
 
     Raises:
         BadRecordingError: there is nothing to compare, or too little to hold anything out.
@@ -141,7 +157,7 @@ def lay_out(
             correction = corrections[index].get(signal.name) if corrections else None
             # What references say has the offset of their own sensor in it.
             sensors = 1 if correction is None else 2
-            off = 0.0 if correction is None else correction
+            taken = 0.0 if correction is None else correction
             pieces_here = per[index] * segments
             place_here = np.clip(np.interp(signal.time_s, *along) * pieces_here, 0, pieces_here - 1).astype(np.intp)
             fine = place_here + first_block[index] * segments
@@ -152,8 +168,8 @@ def lay_out(
             pieces.append(Piece(index, signal.name, signal.unit, unit, stretch, tolerance))
             columns.append(
                 (
-                    signal.values - off,
-                    np.full(size, unit),
+                    signal.values - taken,
+                    np.hypot(unit, added[index].get(signal.name, 0.0) if added else 0.0) * np.ones(size),
                     signal.time_s,
                     np.full(size, names.index(signal.name)),
                     fine,
@@ -186,6 +202,7 @@ def lay_out(
         blocks=tuple(labels),
         block_of_segment=np.arange(count * segments) // segments,
         least_factor=np.array([(factors or {}).get(name, 1.0) for name in names]),
+        off=np.array([(off or {}).get(name, 0.0) for name in names]),
     )
 
 
@@ -224,11 +241,6 @@ def autocorrelation_factor(residual: NDArray[np.float64]) -> float:
     return independence_factor(correlation_of([residual]))
 
 
-DOUBT = 0.1
-"""Share of the change that an effect makes that no simulator foretells better: by so much the samples that it moves
-count as noisier. What explains a gap must close nine tenths of it, for the same reason. Assumed."""
-
-
 @dataclass(frozen=True)
 class Weighting:
     """What each signal's residual is worth."""
@@ -256,8 +268,8 @@ def doubt_of(layout: Layout, change: NDArray[np.float64]) -> NDArray[np.float64]
     """
     cell = layout.segment_of * len(layout.names) + layout.signal_of
     squares, counts = np.bincount(cell, change**2), np.bincount(cell)
-    root: NDArray[np.float64] = DOUBT * np.sqrt(squares / np.maximum(counts, 1))[cell]
-    return root
+    root: NDArray[np.float64] = np.sqrt(squares / np.maximum(counts, 1))[cell]
+    return root * np.maximum(layout.off, DOUBT)[layout.signal_of]
 
 
 def weigh(layout: Layout, residual: NDArray[np.float64]) -> Weighting:

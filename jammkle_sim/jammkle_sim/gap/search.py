@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 from jammkle_sim.gap.fitting import CALIBRATED_RUNS, POLISHING_RUNS, Fit, jacobians_at, polish, uncalibrated
 from jammkle_sim.gap.ledger import Ledger
 from jammkle_sim.gap.promise import Promises
+from jammkle_sim.gap.prospects import Prospects
 from jammkle_sim.gap.refining import fit_contenders, fit_side_by_side, linear_step
 from jammkle_sim.gap.runs import StoppedError
 from jammkle_sim.gap.scoring import CLEAR_NATS, Score, best_set, difference
 from jammkle_sim.gap.starts import Starts, promise
+from jammkle_sim.gap.verdict import material_ones
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,9 +27,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_sim.gap.fitting import Loss
+    from jammkle_sim.gap.limits import Limits
     from jammkle_sim.gap.residual import Layout, Weighting
     from jammkle_sim.gap.runs import Runs
     from jammkle_sim.gap.sensitivity import Probe
+    from jammkle_sim.gap.verdict import Criteria
 
 RUNS_PER_SINGLE = 5
 RUNS_PER_PAIR = 5
@@ -43,14 +47,11 @@ BEST_SINGLES = 2
 MOST_RENEWED = 5
 """Of them, fitted once more with derivatives of their own."""
 MOST_EFFECTS = 4
-_PROMISING = 0.5
-"""Where the pairs that promise most, or all that were fitted, leave more than this of the gap, few are fitted as leads,
-and no more effects are put together: nothing will be named anyway."""
 LOOKED_AT = 5
 """Pairs whose promise decides whether more than a few are fitted."""
 _ROUNDS = 3
 MOST_ALIKE = 4
-MOST_FINALISTS = 8
+MOST_FINALISTS = 5
 """Candidates that are fitted again with derivatives of their own."""
 FEWEST_FINALISTS = 3
 """The same, where they can only be leads."""
@@ -82,6 +83,8 @@ class Search:
         runs: Runs,
         probes: Sequence[Probe],
         nominal: NDArray[np.float64],
+        limits: Limits,
+        criteria: Criteria,
         on_progress: Callable[[str, float], None],
         calibrated: Fit | None = None,
     ) -> None:
@@ -92,17 +95,21 @@ class Search:
             runs: Of the simulator.
             probes: Of the effects that move something.
             nominal: Residual without any effect.
+            limits: Largest gaps that count as none.
+            criteria: What a candidate has to close to be looked at.
             on_progress: Called with what is being done and the share that is done.
             calibrated: Fit of the calibration alone, from where it goes along with every candidate.
 
         """
         self._layout = layout
         self._runs = runs
+        self._criteria = criteria
         self._probes = {probe.effect.name: probe for probe in probes}
         self._nominal = calibrated or uncalibrated(nominal)
         self._calibration = self._nominal.calibration
         self._polishing = CALIBRATED_RUNS if self._calibration else POLISHING_RUNS
         self._ledger = Ledger(layout, self._nominal)
+        self._prospects = Prospects(layout, self._nominal, limits)
         self._progress = on_progress
         self._starts = Starts(layout, runs, self._probes, self._nominal)
 
@@ -110,23 +117,29 @@ class Search:
     def _tried(self) -> int:
         return len(self._probes)
 
+    @property
+    def _fits(self) -> list[Fit]:
+        return list(self._ledger.fits.values())
+
     def run(self) -> Found:
         """Search; an interruption or a stop keeps what is done."""
         finished = True
         try:
             self._singles()
-            if self._least_gap() > _WIDE:
+            if self._prospects.least(self._fits) > _WIDE:
                 self._scan()
-            self._more(2)
-            for size in range(3, MOST_EFFECTS + 1):
-                if len(self._best().names) == size - 1 and self._worthwhile():
-                    self._more(size)
+            for size in range(2, MOST_EFFECTS + 1):
+                if self._prospects.settled(self._fits):
+                    break
+                if size > 2 and not (len(self._best().names) == size - 1 and self._prospects.worthwhile(self._fits)):  # noqa: PLR2004  # pairs always
+                    break
+                self._more(size)
             self._finish()
         except (StoppedError, KeyboardInterrupt):
             finished = False
         self._ledger.judge()
         scores = self._ledger.scores()
-        return Found(tuple(scores), tuple(best_set(scores, self._tried)), self._ledger.weighting, finished)
+        return Found(tuple(scores), tuple(self._set()), self._ledger.weighting, finished)
 
     def without_runs(self) -> Found:
         """Return what the probes alone say of single effects: enough where there is nothing to explain."""
@@ -140,12 +153,11 @@ class Search:
         nominal = tuple(each for each in scores if not each.names)
         return Found(tuple(scores), nominal, self._ledger.weighting, finished=True)
 
-    def _best(self) -> Score:
-        return best_set(self._ledger.scores(), self._tried)[0]
+    def _set(self) -> list[Score]:
+        return best_set(material_ones(self._layout, self._ledger.scores(), self._criteria), self._tried)
 
-    def _worthwhile(self) -> bool:
-        """Whether what has been fitted closes enough that going on may end in an explanation."""
-        return self._enough(min(self._layout.gap_above_floor(fit.residual) for fit in self._ledger.fits.values()))
+    def _best(self) -> Score:
+        return self._set()[0]
 
     def _promising(self, pairs: Sequence[tuple[str, ...]], loss: Loss) -> bool:
         """Whether any of these pairs would, by a linear step, close enough to end in an explanation."""
@@ -154,14 +166,7 @@ class Search:
             start = self._starts.of(names, self._ledger.fits, loss)
             step = linear_step(start.residual, start.jacobian, loss, -start.point, 1.0 - start.point)
             promised.append(self._layout.gap_above_floor(start.residual + start.jacobian @ step))
-        return self._enough(min(promised))
-
-    def _enough(self, gap: float) -> bool:
-        return gap - 1.0 < _PROMISING * (self._layout.gap_above_floor(self._nominal.residual) - 1.0)
-
-    def _least_gap(self) -> float:
-        """Return the gap of the worst signal, where it is least: many quiet signals hide nothing of one that is off."""
-        return min(max(self._layout.gaps(fit.residual).values()) for fit in self._ledger.fits.values())
+        return self._prospects.enough(min(promised))
 
     def _fit(self, candidates: Sequence[tuple[str, ...]], loss: Loss, most_runs: int, share: float) -> None:
         starts = [self._starts.of(names, self._ledger.fits, loss) for names in candidates]
@@ -220,9 +225,11 @@ class Search:
             if place % 200 == 0:
                 self._progress(f"weighing combinations of {size}", 0.3 + 0.2 * place / len(offered))
         promised.sort()
-        worthwhile = self._worthwhile() or self._promising([names for _, names in promised[:LOOKED_AT]], loss)
+        worthwhile = self._prospects.worthwhile(self._fits) or self._promising(
+            [names for _, names in promised[:LOOKED_AT]], loss
+        )
         worth = [names for cost, names in promised if cost < least - CLEAR_NATS]
-        if len(worth) < FEWEST_PAIRS and self._least_gap() > _AT_FLOOR:
+        if len(worth) < FEWEST_PAIRS and self._prospects.least(self._fits) > _AT_FLOOR:
             worth = [names for _, names in promised[:FEWEST_PAIRS]]
         with_top = [names for names in worth if any(top < set(names) for top in tops)]
         half = MOST_PAIRS // 2
@@ -252,9 +259,9 @@ class Search:
 
     def _finish(self) -> None:
         """Fit what may end in the set again, with derivatives of its own."""
-        for _ in range(_ROUNDS if self._worthwhile() else 1):
+        for _ in range(_ROUNDS if self._prospects.worthwhile(self._fits) else 1):
             scores = self._ledger.scores()
-            chosen = best_set(scores, self._tried)
+            chosen = self._set()
             leader = chosen[0]
             near = [
                 each
@@ -272,7 +279,7 @@ class Search:
                 if each.names and len(each.names) <= len(leader.names) and self._ledger.cost(each.names) < utmost
             ]
             finalists = list(dict.fromkeys([each.names for each in chosen + alike[:MOST_ALIKE] + near if each.names]))
-            finalists = finalists[: MOST_FINALISTS if self._worthwhile() else FEWEST_FINALISTS]
+            finalists = finalists[: MOST_FINALISTS if self._prospects.worthwhile(self._fits) else FEWEST_FINALISTS]
             rough = [names for names in finalists if not self._ledger.fits[names].polished]
             if not rough:
                 return

@@ -76,7 +76,7 @@ def _of_signal(
         return np.concatenate([make[piece.recording] for piece in pieces])
 
     # In physical units, so that factors mean something.
-    off = joined({piece.recording: residual[piece.where] * piece.noise for piece in pieces})
+    off = joined({piece.recording: (residual * layout.noise)[piece.where] for piece in pieces})
     level = joined({piece.recording: simulated[piece.recording][name] for piece in pieces})
     time = {piece.recording: layout.time_s[piece.where] for piece in pieces}
     rate = joined({p.recording: np.gradient(simulated[p.recording][name], time[p.recording]) for p in pieces})
@@ -123,10 +123,10 @@ def _holds(
             time_s = layout.time_s[piece.where]
             inside = (time_s >= phase.start_s) & (time_s < phase.end_s)
             if inside.sum() > 4:  # noqa: PLR2004  # a line through fewer means nothing
-                held = residual[piece.where][inside]
+                held = (residual * layout.noise)[piece.where][inside]
                 since = time_s[inside] - time_s[inside].mean()
                 factor, share = _project(held - held.mean(), since)
-                ramps.append(factor * piece.noise)
+                ramps.append(factor)
                 parts += share * float((held - held.mean()) @ (held - held.mean()))
     if not ramps:
         return []

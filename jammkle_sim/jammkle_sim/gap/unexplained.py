@@ -116,7 +116,7 @@ def sparse_formula(
     held = np.concatenate([np.arange(p.where.start, p.where.stop) for p in layout.pieces if p.signal == name])
     noise = next(piece.noise for piece in layout.pieces if piece.signal == name)
     unit = next(piece.unit for piece in layout.pieces if piece.signal == name)
-    target, block = residual[held], layout.block_of[held]
+    target, block = (residual * layout.noise)[held] / noise, layout.block_of[held]
     offered = features(layout, simulated, residual, name)
     names = list(offered)
     matrix = np.column_stack([offered[term] for term in names])

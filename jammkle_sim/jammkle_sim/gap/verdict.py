@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_sim.gap.alike import doing_the_same
 from jammkle_sim.gap.closing import closed_share
+from jammkle_sim.gap.scoring import difference
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,6 +72,20 @@ class Judgement:
     reasons: tuple[str, ...]
 
 
+def material_ones(layout: Layout, scores: Sequence[Score], criteria: Criteria) -> list[Score]:
+    """Return no effect, and the candidates that close some of the gap: a better score alone may be of what is none.
+
+    Args:
+        layout: Of the residuals.
+        scores: Of all candidates fitted, the nominal simulator among them.
+        criteria: What counts.
+
+    """
+    nominal = next(score for score in scores if not score.names)
+    utmost = layout.gap_above_floor(nominal.held_out) - criteria.material_share * _at_stake(layout, nominal)
+    return [each for each in scores if not each.names or layout.gap_above_floor(each.held_out) < utmost]
+
+
 def material(
     layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, limits: Limits
 ) -> list[Score]:
@@ -94,6 +110,39 @@ def material(
         if current.names not in [one.names for one in kept]:
             kept.append(current)
     return [each for each in kept if not any(set(other.names) < set(each.names) for other in kept)]
+
+
+def _set_around(
+    layout: Layout, best: Score, kept: Sequence[Score], scores: Sequence[Score], criteria: Criteria
+) -> list[Score]:
+    """Return the set once more: taking effects off may have brought the best within reach of what it had left behind.
+
+    Args:
+        layout: Of the residuals.
+        best: What is named.
+        kept: What could not be told apart from it as it was.
+        scores: Of all candidates fitted.
+        criteria: What counts; a rival may leave as much more than the best as an explanation may leave of all.
+
+    """
+    by_names = {score.names: score for score in scores}
+    utmost = layout.gap_above_floor(best.held_out)
+    utmost += (1.0 - criteria.explained_share) * _at_stake(layout, by_names[()])
+    closing = {score.names for score in material_ones(layout, scores, criteria)}
+    same = {score.names for score in doing_the_same(layout, by_names[()].fit, best, scores)}
+
+    def is_rival(other: Score) -> bool:
+        if not other.names or len(other.names) > len(best.names) or set(other.names) <= set(best.names):
+            return False
+        if layout.gap_above_floor(other.held_out) > utmost or other.names not in closing:
+            return False
+        parts = [by_names[names] for names in (*_parts(other.names), ()) if names in by_names]
+        earned = all(difference(other, part).told_apart for part in parts)
+        return other.names in same or (earned and not difference(best, other).told_apart)
+
+    near = [score for score in kept if score is best or layout.gap_above_floor(score.held_out) <= utmost]
+    found = {score.names: score for score in (*near, *filter(is_rival, scores))}
+    return sorted(found.values(), key=lambda score: -score.total)
 
 
 def _at_stake(layout: Layout, nominal: Score) -> float:
@@ -182,7 +231,9 @@ def judge(
             f"{share}; {left_signal} is still off by {left_gap:.1f} times its noise",
             f"what explains a gap must close {100.0 * wanted:.0f} % of it",
         )
+    kept = _set_around(layout, best, kept, scores, criteria)
     if len(kept) > 1:
         others = "; ".join(" + ".join(score.names) or "no effect" for score in kept[1:])
-        return answer(Verdict.AMBIGUOUS, where, share, f"within two standard errors of it: {others}")
+        alike = f"within two standard errors of it, or no further off than the simulator may be: {others}"
+        return answer(Verdict.AMBIGUOUS, where, share, alike)
     return answer(Verdict.EFFECTS, where, share, "no other candidate is within two standard errors of it")
