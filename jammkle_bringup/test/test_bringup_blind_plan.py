@@ -142,3 +142,11 @@ def test_sizes_are_in_units_of_what_differs_from_run_to_run() -> None:
     healthy = run()
     faulty = {name: (times, values + 0.6 * (name == names[0])) for name, (times, values) in healthy.items()}
     assert size_of([(healthy, faulty)], [scatter]) == pytest.approx(1.5, rel=0.05)
+
+
+def test_a_signal_without_noise_makes_nothing_infinitely_large() -> None:
+    """A foot that never rolls in a simulation is seen to roll from some part of an encoder's step on."""
+    times_s = np.linspace(0.0, 1.0, 2000)
+    still = {"joint_states ankle_roll.position": (times_s, np.full(times_s.size, 1e-13))}
+    rolling = {name: (times, values + 1e-10) for name, (times, values) in still.items()}
+    assert size_of([(still, rolling)], [scatter_of([still, still, still])]) < 0.001

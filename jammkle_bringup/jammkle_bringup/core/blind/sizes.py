@@ -22,6 +22,16 @@ if TYPE_CHECKING:
 _COMMANDS = frozenset({PUMP_DUTY.name, *(topic.name for topic in SOLENOIDS.values())})
 _LEFT_OUT = ("rate_m_s", "velocity", "broken", "force_x_n", "force_y_n")
 """Columns that the diagnosis does not compare, or that say the same again."""
+_LEAST = {
+    "_pa": 10.0,
+    "extension_m": 2e-6,
+    "_n": 0.01,
+    "position": 1e-6,
+    "_rad_s": 1e-4,
+    "_m_s2": 1e-3,
+}
+"""Least scatter by the end of a column's name, SI. Assumed: well below what any sensor scatters. Where a simulator has
+no noise, anything would be infinitely large."""
 _TOLERANCE = 0.05
 """Relative error of a size that is aimed at. Assumed: sizes are a factor of two apart."""
 _STEPS = 12
@@ -61,7 +71,8 @@ def scatter_of(runs: Sequence[Columns]) -> dict[str, float]:
         times_s, _ = runs[0][name]
         table = np.array([np.interp(times_s, *run[name]) for run in runs if name in run])
         if len(table) > 1:
-            found[name] = float(np.sqrt(np.mean(np.var(table, axis=0, ddof=1))))
+            least = max((value for end, value in _LEAST.items() if name.endswith(end)), default=0.0)
+            found[name] = max(float(np.sqrt(np.mean(np.var(table, axis=0, ddof=1)))), least)
     return {name: value for name, value in found.items() if value > 0.0}
 
 
