@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import psutil
+from joblib.externals.loky import get_reusable_executor  # type: ignore[import-untyped]  # carries no types
 from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.gap.ankle.corrected import Correction
@@ -169,7 +170,7 @@ class _Scipy:
         baseline = without_references(recordings, nominal)
         noise = {name: source.noise for name, source in baseline.noise.items()}
         hanging = {name: source.factor for name, source in baseline.noise.items()}
-        self._layout: Layout = lay_out(recordings, nominal, noise, baseline.corrections, hanging)
+        self._layout: Layout = lay_out(recordings, nominal, noise, factors=hanging)
 
     def simulated_s(self, effects: Sequence[Effect]) -> float:
         """Fit these effects together; return what that took."""
@@ -222,6 +223,8 @@ def _whole() -> _Whole:
         begin_s = time.perf_counter()
         diagnosis = _diagnosed(recordings)
         wall_s = time.perf_counter() - begin_s
+    # The process would wait for its idle workers, which stay for five minutes.
+    get_reusable_executor().shutdown(wait=True)
     return _Whole(recordings, diagnosis, wall_s, peak.mib)
 
 

@@ -69,5 +69,13 @@ def compare(
     noise = {name: source.noise for name, source in baseline.noise.items()}
     runs.lead(leaders(recordings, nominal, noise))
     hanging = {name: source.factor for name, source in baseline.noise.items()}
-    layout = lay_out(recordings, nominal, noise, baseline.corrections, baseline.added, hanging, baseline.off)
+    layout = lay_out(
+        recordings,
+        nominal,
+        noise,
+        corrections=baseline.corrections,
+        added=baseline.added,
+        factors=hanging,
+        off=baseline.off,
+    )
     return Compared(runs, nominal, baseline, layout)

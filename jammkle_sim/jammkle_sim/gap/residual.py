@@ -117,6 +117,7 @@ def lay_out(
     recordings: Sequence[Recording],
     simulated: Sequence[Mapping[str, NDArray[np.float64]]],
     noise: Mapping[str, float],
+    *,
     corrections: Sequence[Mapping[str, NDArray[np.float64]]] | None = None,
     added: Sequence[Mapping[str, NDArray[np.float64]]] | None = None,
     factors: Mapping[str, float] | None = None,
