@@ -112,6 +112,7 @@ def test_a_simulator_that_is_a_fifth_off_does_not_tell_a_ripple() -> None:
     found = diagnosed("ramp", 1.2)
     assert found.verdict is Verdict.AMBIGUOUS
     assert [each.names for each in found.candidates] == [("ramp",), ("nearly",)]
+    assert all(sum(name in reason for reason in found.reasons) == 1 for name in ("ramp", "nearly"))
 
 
 @pytest.mark.parametrize(("shape", "swing"), [("ramp", 1.0), ("wave", 1.2)])

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.fitting import Fit
     from jammkle_sim.gap.residual import Layout
-    from jammkle_sim.gap.scoring import Score
     from jammkle_sim.gap.sensitivity import Probe
 
 APART = DOUBT
@@ -67,30 +66,22 @@ def alike(probes: Sequence[Probe], layout: Layout) -> list[Alike]:
     return sorted(found, key=lambda each: each.apart)
 
 
-def doing_the_same(layout: Layout, nominal: Fit, best: Score, scores: Sequence[Score]) -> list[Score]:
-    """Return the candidates that change the nominal simulation as the best does, to what references trust it to.
+def does_the_same(layout: Layout, nominal: Fit, best: Fit, other: Fit) -> bool:
+    """Whether a candidate changes the nominal simulation as the best does, to what references trust it to.
 
-    However sure their scores seem: what they differ by is less than the simulator itself may be off. Samples that hang
-    together count as few. Where no reference shows it to be off, there are none.
+    However sure the scores seem: what they differ by is less than the simulator itself may be off. Samples that hang
+    together count as few. Where no reference shows it to be off, nothing does the same.
 
     Args:
         layout: Of the residuals.
         nominal: Fit of no effect.
-        best: What the others are compared with.
-        scores: Of all candidates fitted; parts of the best, those that it is part of, and longer ones are left out.
+        best: What is named.
+        other: What is compared with it.
 
     """
     weight = 1.0 / np.sqrt(layout.least_factor[layout.signal_of])
-    change = (nominal.residual - best.fit.residual) * layout.off[layout.signal_of]
-    utmost = float(np.linalg.norm(change * weight))
-    return [
-        each
-        for each in scores
-        if each.names
-        and len(each.names) <= len(best.names)
-        and not set(each.names) <= set(best.names)
-        and float(np.linalg.norm((each.fit.residual - best.fit.residual) * weight)) <= utmost
-    ]
+    trusted = (nominal.residual - best.residual) * layout.off[layout.signal_of]
+    return float(np.linalg.norm((other.residual - best.residual) * weight)) < float(np.linalg.norm(trusted * weight))
 
 
 def _basis(columns: NDArray[np.float64]) -> NDArray[np.float64]:

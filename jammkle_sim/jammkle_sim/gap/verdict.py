@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.alike import doing_the_same
+from jammkle_sim.gap.alike import does_the_same
 from jammkle_sim.gap.closing import closed_share
 from jammkle_sim.gap.scoring import difference
 
@@ -129,7 +129,6 @@ def _set_around(
     utmost = layout.gap_above_floor(best.held_out)
     utmost += (1.0 - criteria.explained_share) * _at_stake(layout, by_names[()])
     closing = {score.names for score in material_ones(layout, scores, criteria)}
-    same = {score.names for score in doing_the_same(layout, by_names[()].fit, best, scores)}
 
     def is_rival(other: Score) -> bool:
         if not other.names or len(other.names) > len(best.names) or set(other.names) <= set(best.names):
@@ -138,7 +137,9 @@ def _set_around(
             return False
         parts = [by_names[names] for names in (*_parts(other.names), ()) if names in by_names]
         earned = all(difference(other, part).told_apart for part in parts)
-        return other.names in same or (earned and not difference(best, other).told_apart)
+        if earned and not difference(best, other).told_apart:
+            return True
+        return does_the_same(layout, by_names[()].fit, best.fit, other.fit)
 
     near = [score for score in kept if score is best or layout.gap_above_floor(score.held_out) <= utmost]
     found = {score.names: score for score in (*near, *filter(is_rival, scores))}
@@ -233,7 +234,7 @@ def judge(
         )
     kept = _set_around(layout, best, kept, scores, criteria)
     if len(kept) > 1:
-        others = "; ".join(" + ".join(score.names) or "no effect" for score in kept[1:])
+        others = "; ".join(" + ".join(score.names) or "no effect" for score in kept if score is not best)
         alike = f"within two standard errors of it, or no further off than the simulator may be: {others}"
         return answer(Verdict.AMBIGUOUS, where, share, alike)
     return answer(Verdict.EFFECTS, where, share, "no other candidate is within two standard errors of it")
