@@ -11,10 +11,11 @@ from jammkle_bringup.core.blind.questions import Run, read_questions, said_file
 from jammkle_bringup.core.gap.backend import backend
 from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.signals import Interrupted, StopRequest
-from jammkle_bringup.gap_diagnosing import diagnosis_of, failures_told
+from jammkle_bringup.gap_diagnosing import diagnosis_of, failures_told, prepared_for
 from jammkle_bringup.gap_inputs import check_given, library_of, recordings_of, rig_options
-from jammkle_sim.gap.ankle.simulator import AnkleSimulator
+from jammkle_sim.gap.ankle.parts import PartsSimulator
 from jammkle_sim.gap.baselines import baselines as rank
+from jammkle_sim.gap.remembering import Remembering
 from jammkle_sim.gap.result import as_dict
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording
+    from jammkle_sim.gap.simulator import Simulator
 
 _RANKED = 5
 """How many effects are kept of each ranking."""
@@ -50,9 +52,17 @@ def answer(request: AnswerRequest) -> int:
     asked = read_questions(request.questions)
     options, stop = rig_options(asked.settings), StopRequest()
 
+    every_effect = library_of(None, (), ())
+    # All ways look at the same recordings, and begin with the same small changes to them.
+    simulator = Remembering(PartsSimulator(every_effect))
+
     @functools.cache
     def read(bags: tuple[Path, ...]) -> list[Recording]:
         return recordings_of(bags, asked.rig, options, stop)
+
+    @functools.cache
+    def ready(references: tuple[Path, ...]) -> tuple[Sequence[Recording], Sequence[Recording]]:
+        return prepared_for(Simulated.PARTS, read(asked.bags), read(references), every_effect)
 
     with backend(request.jobs, request.scheduler) as jobs:
         for way in asked.ways:
@@ -60,7 +70,7 @@ def answer(request: AnswerRequest) -> int:
             check_given(asked.bags, references, asked.rig)
             library = library_of(None, way.only, way.without)
             ask = _ranking if way.run is Run.BASELINES else _diagnosis
-            content = ask(read(asked.bags), read(references), library, jobs, stop)
+            content = ask(*ready(references), library, simulator, jobs, stop)
             if stop():
                 raise Interrupted
             files.write_json(said_file(request.questions.parent, way.run), content)
@@ -71,21 +81,23 @@ def _diagnosis(
     recordings: Sequence[Recording],
     references: Sequence[Recording],
     library: Library,
+    simulator: Simulator,
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> dict[str, Any]:
-    return as_dict(diagnosis_of(recordings, references, library, Simulated.PARTS, jobs, stop))
+    return as_dict(diagnosis_of(recordings, references, library, simulator, jobs, stop))
 
 
 def _ranking(
     recordings: Sequence[Recording],
     references: Sequence[Recording],
     library: Library,
+    simulator: Simulator,
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> dict[str, Any]:
     with failures_told():
-        found = rank(recordings, AnkleSimulator(library), library, references=references, jobs=jobs, stop=stop)
+        found = rank(recordings, simulator, library, references=references, jobs=jobs, stop=stop)
     ranked = {"rmse": found.rmse, "bic": found.bic, "free": found.free}
     return {
         "baselines": {name: list(names[:_RANKED]) for name, names in ranked.items()},

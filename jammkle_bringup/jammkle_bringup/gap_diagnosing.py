@@ -33,11 +33,32 @@ _SIMULATORS: Mapping[Simulated, Callable[[Library], Simulator]] = {
 }
 
 
+def simulator_of(simulated: Simulated, library: Library) -> Simulator:
+    """Return the simulator of an ankle that is fed so, with effects of a library."""
+    return _SIMULATORS[simulated](library)
+
+
+def prepared_for(
+    simulated: Simulated, recordings: Sequence[Recording], references: Sequence[Recording], library: Library
+) -> tuple[Sequence[Recording], Sequence[Recording]]:
+    """Return recordings and references as a diagnosis with such a simulator needs them.
+
+    Raises:
+        InputError: a recording or an effect cannot be used.
+        GraphError: the simulator fails.
+
+    """
+    if simulated is Simulated.WHOLE:
+        return recordings, references
+    with failures_told():
+        return prepared_for_parts(recordings, references, library)
+
+
 def diagnosis_of(
     recordings: Sequence[Recording],
     references: Sequence[Recording],
     library: Library,
-    simulated: Simulated,
+    simulator: Simulator,
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> Diagnosis:
@@ -58,11 +79,9 @@ def diagnosis_of(
             update(furthest, stage)
 
         with failures_told():
-            if simulated is Simulated.PARTS:
-                recordings, references = prepared_for_parts(recordings, references, library)
             return diagnose_recordings(
                 recordings,
-                _SIMULATORS[simulated](library),
+                simulator,
                 library,
                 references=references,
                 subsystems=subsystem_simulators(library),

@@ -107,17 +107,26 @@ class _Point:
 
 def _promised(probe: Probe) -> float:
     """Return the root mean square that an effect leaves if it does what its derivatives say."""
-    bounds = np.vstack([-probe.start, 1.0 - probe.start]) + np.array([[-1e-12], [1e-12]])
-    step = lsq_linear(probe.jacobian, -probe.residual, bounds=(bounds[0], bounds[1])).x
+    step = _step_within(probe.start, probe.residual, probe.jacobian)
     return _rms(probe.residual + probe.jacobian @ step)
+
+
+def _step_within(
+    shares: NDArray[np.float64], residual: NDArray[np.float64], jacobian: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the step of least squares that stays in the ranges."""
+    room = np.vstack([-shares, 1.0 - shares]) + np.array([[-1e-12], [1e-12]])
+    # The same problem in as many rows as columns: there are far more samples.
+    rows = np.linalg.qr(np.column_stack([jacobian, -residual]), mode="r")
+    step: NDArray[np.float64] = lsq_linear(rows[:, :-1], rows[:, -1], bounds=(room[0], room[1])).x
+    return step
 
 
 def _fitted(space: Space, start: _Point, layout: Layout, runs: Runs, steps: int) -> _Point:
     """Return the bounded least-squares fit, by steps of Gauss and Newton with corrected derivatives."""
     best, jacobian, length = start, start.jacobian.copy(), 1.0
     for _ in range(steps):
-        room = np.vstack([-best.shares, 1.0 - best.shares]) + np.array([[-1e-12], [1e-12]])
-        step = length * lsq_linear(jacobian, -best.residual, bounds=(room[0], room[1])).x
+        step = length * _step_within(best.shares, best.residual, jacobian)
         if not np.abs(step).max() > 1e-9:  # noqa: PLR2004 - of the ranges: nothing moves any more
             break
         shares = np.clip(best.shares + step, 0.0, 1.0)

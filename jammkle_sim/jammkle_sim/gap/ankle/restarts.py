@@ -142,11 +142,12 @@ def pulled_bodies(
 def _commanded(rig: Rig, measured: Measured, pressure_pa: NDArray[np.float64], cuts: list[int]) -> Pull:
     """Pull by the tendons' laws, which remember what they have been taken through."""
     memories = _tendon_memories(rig, measured, pressure_pa, cuts)
+    place_of = {cut: place for place, cut in enumerate(cuts)}
 
     def pull(bodies: replay.Bodies, first: int, last: int) -> replay.BodyTrack:
         for i, memory in enumerate(memories):
             if memory is not None and first > 0:
-                bodies.states.tendons[i] = memory[cuts.index(first)]
+                bodies.states.tendons[i] = memory[place_of[first]]
         return bodies.follow(pressure_pa[first + 1 : last + 1])
 
     return pull
@@ -190,10 +191,12 @@ def _tendon_memories(
             memories.append(None)
             continue
         vacuum_pa = np.maximum(ambient_pa - pressure_pa[1:, int(law["channel"][0]) + 1], 0.0)
-        state, kept = relaxed_state(law, float(extension_m[0])), []
-        for first, last in itertools.pairwise(cuts):
-            kept.append(state.copy())
-            tension_n = np.zeros(last - first)
-            kernels.tendon_history(law, state, extension_m[first:last], vacuum_pa[first:last], tension_n)
-        memories.append(np.concatenate(kept))
+        state = relaxed_state(law, float(extension_m[0]))
+        kept = np.repeat(state, len(cuts) - 1)
+        tension_n = np.zeros(cuts[-1])
+        for place, (first, last) in enumerate(itertools.pairwise(cuts)):
+            kept[place] = state[0]
+            inside = slice(first, last)
+            kernels.tendon_history(law, state, extension_m[inside], vacuum_pa[inside], tension_n[inside])
+        memories.append(kept)
     return memories
