@@ -117,7 +117,7 @@ def _step_within(
     """Return the step of least squares that stays in the ranges."""
     room = np.vstack([-shares, 1.0 - shares]) + np.array([[-1e-12], [1e-12]])
     # The same problem in as many rows as columns: there are far more samples.
-    rows = np.linalg.qr(np.column_stack([jacobian, -residual]), mode="r")
+    rows: NDArray[np.float64] = np.asarray(np.linalg.qr(np.column_stack([jacobian, -residual]), mode="r"))
     step: NDArray[np.float64] = lsq_linear(rows[:, :-1], rows[:, -1], bounds=(room[0], room[1])).x
     return step
 
