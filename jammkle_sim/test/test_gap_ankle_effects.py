@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import pickle
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from jammkle_graph import names
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.gap.ankle.corrected import Correction
 from jammkle_sim.gap.ankle.effects import AnkleEffect, ankle_library, try_changes
 from jammkle_sim.gap.ankle.inputs import nominal_rig
@@ -203,16 +205,30 @@ def test_a_leak_acts_on_its_own_line() -> None:
     assert size(names.ACHILLES) == size(names.PERONEAL_RIGHT) == 0.0
 
 
-def test_backlash_opens_a_dead_zone_after_the_turn() -> None:
-    """Just after the crosshead turns, the tension of a tendon with play stands still where a tight one's falls."""
+def test_backlash_opens_a_dead_zone_before_a_tendon_pulls() -> None:
+    """A tendon with play pulls later by its play, then as a tight one does, and lets go earlier by as much."""
     recording = recorded("tensile", speed_m_s=0.02, extension_m=0.01)
-    tension = recording.signal("peroneal_left/tension")
-    slide = recording.signal("carriage/position")
-    turn_s = float(slide.time_s[int(np.argmax(slide.values))])
-    after = (tension.time_s > turn_s + 0.01) & (tension.time_s < turn_s + 0.09)
-    tight = SIMULATOR(recording, {"viscoelasticity.gain_scale": 0.0})[tension.name][after]
-    loose = SIMULATOR(recording, {"viscoelasticity.gain_scale": 0.0, "backlash.play_m": 0.003})[tension.name][after]
-    assert np.ptp(loose) < 0.05 * np.ptp(tight)
+    tension, extension = recording.signal("peroneal_left/tension"), recording.signal("peroneal_left/extension")
+    stretched_m = np.interp(tension.time_s, extension.time_s, extension.values)
+    tight = SIMULATOR(recording, {"viscoelasticity.gain_scale": 0.0})[tension.name]
+    loose = SIMULATOR(recording, {"viscoelasticity.gain_scale": 0.0, "backlash.play_m": 0.003})[tension.name]
+    assert loose[stretched_m < 0.0025].max() == 0.0
+    pulled = stretched_m > 0.0045
+    order = np.argsort(stretched_m)
+    earlier = np.interp(stretched_m[pulled] - 0.003, stretched_m[order], tight[order])
+    assert np.abs(loose[pulled] - earlier).max() < 0.02 * np.ptp(tight)
+
+
+def test_a_sensor_that_reads_low_is_no_vacuum_at_the_start() -> None:
+    """What a recording begins from is read by the sensors: with their offset in it, the line is vented as it is."""
+    recording = recorded("pressure", cycles=1)
+    sensor = "manifold/pressure"
+    low = dataclasses.replace(
+        recording.inputs, start_pa=np.array([STANDARD_ATMOSPHERE_PA - 4000.0, *(3 * [STANDARD_ATMOSPHERE_PA])])
+    )
+    offset = {"pressure_sensor_offset_manifold.offset_pa": -4000.0}
+    found = SIMULATOR(dataclasses.replace(recording, inputs=low), offset)[sensor]
+    np.testing.assert_allclose(found, SIMULATOR(recording, offset)[sensor], atol=1.0)
 
 
 def test_softening_takes_the_force_down_with_every_pull() -> None:

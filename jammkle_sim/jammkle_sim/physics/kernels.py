@@ -37,8 +37,7 @@ def tendon_tension_n(law: Any, state: Any, extension_m: float, vacuum_pa: float)
         state.broken = 1.0
     if state.broken > 0.0:
         return 0.0
-    state.seat_m = min(max(state.seat_m, beyond_m - law.play_m), beyond_m)
-    stretched_m = max(state.seat_m, 0.0)
+    stretched_m = max(beyond_m, 0.0)
     place = stretched_m / law.table_step_m
     index = min(int(place), TABLE_POINTS - 2)
     below = law.static_force_n[index]
@@ -64,7 +63,7 @@ def tendon_tension_n(law: Any, state: Any, extension_m: float, vacuum_pa: float)
         state.slider_m[i] = stretched_m - element_n / stiffness
         friction_n += element_n
 
-    if state.seat_m <= 0.0:
+    if beyond_m <= 0.0:
         return 0.0
     grip_n = law.grip_n_per_pa * vacuum_pa * min(stretched_m / law.grip_saturation_m, 1.0)
     stiffened = 1.0 + law.stiffening_per_pa * vacuum_pa

@@ -75,7 +75,6 @@ def relaxed_state(law: NDArray[Any], extension_m: float) -> NDArray[Any]:
     state["tension_n"] = state["static_n"]
     state["slider_m"] = stretched_m
     state["stretched_m"] = stretched_m
-    state["seat_m"] = beyond_m
     return state
 
 

@@ -84,9 +84,14 @@ def air_of(recording: Recording, rig: Rig) -> NDArray[np.float64]:
     """Return the pressures in a rig that is told what the recording was told; see `replay.air`."""
     inputs, steps = inputs_of(recording), steps_of(recording, rig)
     pressure_pa: NDArray[np.float64] = _stages().get(
-        f"air {_air_key(recording, rig)}", lambda: replay.air(rig, inputs.commands, steps, inputs.start_pa)
+        f"air {_air_key(recording, rig)}", lambda: replay.air(rig, inputs.commands, steps, _start_pa(inputs, rig))
     )
     return pressure_pa
+
+
+def _start_pa(inputs: AnkleInputs, rig: Rig) -> NDArray[np.float64] | None:
+    """Return the pressures at the start, shape (4,), Pa: as measured, less what the sensors read too much."""
+    return None if inputs.start_pa is None else inputs.start_pa - np.array(rig.wiring.pressure_offset_pa)
 
 
 class Stages:
@@ -116,8 +121,10 @@ def _stages() -> Stages:
 
 
 def _air_key(recording: Recording, rig: Rig) -> str:
-    law = laws_of(rig).pneumatics.tobytes()
-    return digest_of(inputs_of(recording).key, steps_of(recording, rig), law, rig.wiring.command_delay_s)
+    inputs, law = inputs_of(recording), laws_of(rig).pneumatics.tobytes()
+    start_pa = _start_pa(inputs, rig)
+    began = b"" if start_pa is None else start_pa.tobytes()
+    return digest_of(inputs.key, steps_of(recording, rig), law, rig.wiring.command_delay_s, began)
 
 
 def _model_bytes(rig: Rig, nominal: Rig) -> bytes:

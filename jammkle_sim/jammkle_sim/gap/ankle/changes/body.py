@@ -55,9 +55,13 @@ def soften_floor(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
 
 def lose_play(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
-    """Let every tendon's seat move by `play_m` before the tendon is stretched."""
+    """Let every tendon be stretched by `play_m` less: it only pulls, and so draws its pin to the end of the hole.
+
+    Between one tendon and the one that pulls against it the joint then moves freely. Assumed: dry friction of the pin
+    is small beside what tendons pull with.
+    """
     laws = rig.tendon_laws.copy()
-    laws["play_m"] += values["play_m"]
+    laws["shorter_m"] -= values["play_m"]
     return dataclasses.replace(rig, tendon_laws=laws)
 
 
