@@ -121,3 +121,54 @@ def test_a_good_simulator_tells_a_ripple_and_any_tells_another_shape(shape: str,
     found = diagnosed(shape, swing)
     assert found.verdict is Verdict.EFFECTS
     assert [each.names for each in found.candidates] == [(shape,)]
+
+
+def test_of_what_foretells_as_well_the_simplest_comes_first() -> None:
+    """A ripple of a few hundredths of the noise makes an effect with one more parameter foretell a little better."""
+    ripple = np.sin(5.0 * TIME_S)
+    parameters = [EffectParameter(name, "1", 0.0, -1.0, 1.0, "assumed") for name in ("size", "ripple")]
+    offered = Library(
+        (Effect("bent", "part", tuple(parameters), "Look."), Effect("ramp", "part", (parameters[0],), "Look."))
+    )
+
+    def bending(_: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        size = values.get("bent.size", 0.0) + values.get("ramp.size", 0.0)
+        return {"x": size * TIME_S + values.get("bent.ripple", 0.0) * ripple}
+
+    random = np.random.default_rng(5)
+    recordings = []
+    for number in range(4):
+        values = 0.3 * TIME_S + 0.0009 * ripple + random.normal(0.0, 0.01, TIME_S.size)
+        recordings.append(Recording(str(number), (Signal("x", "m", TIME_S, values, 0.01),)))
+    found = diagnose(recordings, bending, offered, jobs=1)
+    nats = dict(found.ranking)
+    assert nats["bent",] > nats["ramp",]
+    assert found.verdict is Verdict.AMBIGUOUS
+    assert [each.names for each in found.candidates] == [("ramp",), ("bent",)]
+
+
+def test_a_small_effect_elsewhere_is_named_beside_a_large_one() -> None:
+    """It closes little of all, but without it a signal would be off that it brings back to what counts as none."""
+    names = ("x", "y", *(f"quiet_{number}" for number in range(10)))
+    sizes = {"x": 0.2, "y": 0.0195}
+    size = EffectParameter("size", "1", 0.0, -1.0, 1.0, "assumed")
+    offered = Library(tuple(Effect(name, "part", (size,), "Look.") for name in "xy"))
+    shape = np.sqrt(2.0) * np.sin(5.0 * TIME_S)
+
+    def simulated(_: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        return {name: values.get(f"{name}.size", 0.0) * shape for name in names}
+
+    random = np.random.default_rng(7)
+    recordings = [
+        Recording(
+            str(number),
+            tuple(
+                Signal(name, "m", TIME_S, sizes.get(name, 0.0) * shape + random.normal(0.0, 0.01, TIME_S.size), 0.01)
+                for name in names
+            ),
+        )
+        for number in range(4)
+    ]
+    found = diagnose(recordings, simulated, offered, jobs=1)
+    assert found.verdict is Verdict.EFFECTS
+    assert [each.names for each in found.candidates] == [("x", "y")]

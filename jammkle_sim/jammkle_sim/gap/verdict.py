@@ -106,6 +106,10 @@ def material(
             enough = limits.holds(layout, simpler.held_out)
             if not enough and gained > criteria.material_share * _at_stake(layout, by_names[()]):
                 break
+            if _poor(layout, by_names[()], simpler, criteria, limits) and not _poor(
+                layout, by_names[()], current, criteria, limits
+            ):
+                break
             current = simpler
         if current.names not in [one.names for one in kept]:
             kept.append(current)
@@ -143,7 +147,12 @@ def _set_around(
 
     near = [score for score in kept if score is best or layout.gap_above_floor(score.held_out) <= utmost]
     found = {score.names: score for score in (*near, *filter(is_rival, scores))}
-    return sorted(found.values(), key=lambda score: -score.total)
+
+    def rank(score: Score) -> tuple[bool, int, float]:
+        # Of what foretells as well, the simplest comes first.
+        return difference(best, score).told_apart, score.fit.point.size, -score.total
+
+    return sorted(found.values(), key=rank)
 
 
 def _at_stake(layout: Layout, nominal: Score) -> float:
@@ -159,6 +168,19 @@ def _closed(layout: Layout, nominal: Score, candidate: Score, limits: Limits) ->
         return float("nan")
     first, last = (float(np.sqrt(np.mean([max(gaps[name], 1.0) ** 2 for name in off]))) for gaps in (before, after))
     return closed_share(first, last, len(off))
+
+
+def _poor(layout: Layout, nominal: Score, candidate: Score, criteria: Criteria, limits: Limits) -> list[str]:
+    """Return the signals that are still off with a candidate, and of which it closes too little."""
+    before, after = layout.gaps(nominal.held_out), layout.gaps(candidate.held_out)
+    # What an effect does besides is foretold no better than the share that may be left of all.
+    spared = (1.0 - criteria.explained_share) * limits.worst(layout, nominal.held_out)[1]
+    return [
+        name
+        for name in layout.names
+        if after[name] > max(limits.of_signal[name], spared)
+        and not closed_share(before[name], after[name]) >= criteria.explained_share_each
+    ]
 
 
 def _parts(names: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -210,22 +232,14 @@ def judge(
     where = f"{signal} is off by {nominal_gap:.1f} times its noise"
     if not best.names:
         return leads(where, "no candidate foretells held-out data clearly better than no effect")
-    names = " + ".join(best.names)
-    share = f"{names} closes {100.0 * closed:.0f} % of the gap of the signals that are off, on held-out data"
+    share = _said(best, closed)
     # Also what a small gap leaves, though it would count as none, must not be much of it.
     utmost = _closed(layout, nominal, chosen[0], limits)
     wanted = criteria.explained_share_within if left_ratio <= 1.0 else criteria.explained_share
-    before, after = layout.gaps(nominal.held_out), layout.gaps(best.held_out)
-    # What an effect does besides is foretold no better than the share that may be left of all.
-    spared = (1.0 - criteria.explained_share) * nominal_gap
-    poor = [
-        name
-        for name in layout.names
-        if after[name] > max(limits.of_signal[name], spared)
-        and not closed_share(before[name], after[name]) >= criteria.explained_share_each
-    ]
+    poor = _poor(layout, nominal, best, criteria, limits)
     if poor:
-        return leads(where, f"{share}, but {poor[0]} is still off by {after[poor[0]]:.1f} times its noise")
+        still = layout.gaps(best.held_out)[poor[0]]
+        return leads(where, f"{share}, but {poor[0]} is still off by {still:.1f} times its noise")
     if not max(closed, utmost) >= wanted:
         return leads(
             where,
@@ -234,7 +248,13 @@ def judge(
         )
     kept = _set_around(layout, best, kept, scores, criteria)
     if len(kept) > 1:
-        others = "; ".join(" + ".join(score.names) or "no effect" for score in kept if score is not best)
-        alike = f"within two standard errors of it, or no further off than the simulator may be: {others}"
-        return answer(Verdict.AMBIGUOUS, where, share, alike)
+        left_ratio, closed = limits.worst(layout, kept[0].held_out)[2], _closed(layout, nominal, kept[0], limits)
+        others = "; ".join(" + ".join(score.names) or "no effect" for score in kept[1:])
+        alike = f"within two standard errors of the best, or no further off than the simulator may be: {others}"
+        return answer(Verdict.AMBIGUOUS, where, _said(kept[0], closed), alike)
     return answer(Verdict.EFFECTS, where, share, "no other candidate is within two standard errors of it")
+
+
+def _said(candidate: Score, closed: float) -> str:
+    names = " + ".join(candidate.names)
+    return f"{names} closes {100.0 * closed:.0f} % of the gap of the signals that are off, on held-out data"
