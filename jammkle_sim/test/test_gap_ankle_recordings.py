@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.signal import lfilter  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_graph import names
 from jammkle_sim.gap.ankle.bag import Bag, Samples
@@ -235,6 +236,40 @@ def test_commands_of_a_live_graph_are_put_where_they_arrived() -> None:
     slow = SIMULATOR(recording, SLOW)
     residual = unbiased(signal, slow[ACHILLES])
     assert float(np.sqrt(np.mean((residual / signal.noise) ** 2))) > 5.0
+
+
+def heard_early(early_s: float, slow_s: float = 0.0) -> Recording:
+    """Return a run of three cycles whose recorder hears commands early, and whose Achilles line may answer slowly."""
+    given = bag_of_run(run("pressure", cycles=3))
+    solenoids = {topic.name for topic in names.SOLENOIDS.values()}
+    topics = dict(given.topics)
+    for name in solenoids:
+        times_s = topics[name].log_s - early_s * (topics[name].log_s > 0.0)
+        topics[name] = Samples(times_s, times_s, topics[name].columns)
+    for name in set(topics) - solenoids - {names.PUMP_DUTY.name}:
+        topics[name] = dataclasses.replace(topics[name], log_s=topics[name].log_s + 0.001)
+    line = topics[names.PRESSURES[names.ACHILLES].name]
+    (column, pressure_pa), *_ = line.columns.items()
+    if slow_s:
+        keep = float(np.exp(-np.median(np.diff(line.stamp_s)) / slow_s))
+        slow_pa = lfilter([1.0 - keep], [1.0, -keep], pressure_pa - pressure_pa[0]) + pressure_pa[0]
+        topics[names.PRESSURES[names.ACHILLES].name] = dataclasses.replace(line, columns={column: slow_pa})
+    return recording_of(dataclasses.replace(given, topics=topics))
+
+
+def test_what_all_commands_are_late_by_is_left_in() -> None:
+    """A few milliseconds are the recorder's; more is late valves, or a late command, and shows."""
+    assert worst_gap(heard_early(0.003)) < 1.5
+    late = heard_early(0.014)
+    assert any("14 ms late throughout" in note for note in late.notes)
+    assert worst_gap(late) > 5.0
+
+
+def test_one_slow_line_moves_no_command_of_the_others() -> None:
+    """Three lines switch at once: the two that answer in time tell when."""
+    sound, slow = heard_early(0.002), heard_early(0.002, slow_s=0.03)
+    for channel, line in sound.inputs.commands.solenoids.items():
+        assert np.abs(slow.inputs.commands.solenoids[channel].time_s - line.time_s).max() < 0.0015
 
 
 def test_commands_count_as_the_hardware_acknowledged_them() -> None:

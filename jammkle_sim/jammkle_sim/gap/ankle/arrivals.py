@@ -1,8 +1,9 @@
 """When commands of a live graph arrived: a recorder logs when it hears them, milliseconds off what the valves do.
 
 Where the hardware has said when it took each command, nothing needs to be searched for. Where it has not, and log times
-are not exact, each switching of the solenoids is put to where the pressures answer it. So on such a recording nothing
-within the range that is searched can be told of valves or of the command's delay.
+are not exact, each switching of the solenoids is put to where the pressures answer it. What all of them are late by may
+be the way to the recorder, of a few milliseconds: then nothing can be told of valves or of the command's delay within
+that. Where it is more, it may be the fault that is looked for, and is left in.
 """
 
 from __future__ import annotations
@@ -28,8 +29,13 @@ if TYPE_CHECKING:
 
 _EXACT_S = 1e-6
 """Difference of log time and stamp up to which a recorder hears everything at once, as one inside a simulation does."""
-_SHIFTS_S = np.arange(0.0, 0.0125, 0.001)
-"""Delays that are tried. Assumed: the graph's hop takes 0.2 ms, its callbacks are served every few milliseconds."""
+_SHIFTS_S = np.arange(0.0, 0.0305, 0.001)
+"""Delays that are tried. Assumed: the graph's hop takes 0.2 ms, its callbacks are served every few milliseconds, and
+what all switchings are late by leaves room for that."""
+_WAY_S = 0.006
+"""What all may be late by on the way to a recorder, at most. Assumed."""
+_MOST_S = 0.01
+"""Furthest that a switching is put from where it was logged. Assumed: beyond that it is no matter of the graph."""
 _TOGETHER_S = 0.02
 """Switchings of several solenoids within this time are one command."""
 _BEFORE_S, _AFTER_S = 0.05, 0.15
@@ -73,14 +79,22 @@ def with_arrivals(inputs: AnkleInputs, rig: Rig, signals: Mapping[str, Signal], 
     if not channels or not len(switchings):
         return inputs
     errors = np.array([_errors(inputs, rig, signals, channels, shift_s, switchings) for shift_s in _SHIFTS_S.tolist()])
-    shifts_s = _SHIFTS_S[np.argmin(errors, axis=0)]
+    late_s = np.where(_answering(inputs, channels, switchings), _SHIFTS_S[np.argmin(errors, axis=0)], np.nan)
+    # A line with a fault of its own answers late or slowly: the others tell.
+    told_s = np.array([np.nanmedian(each) if np.isfinite(each).any() else np.nan for each in late_s.T])
+    usual_s = float(np.nanmedian(told_s))
+    way_s = usual_s if usual_s <= _WAY_S else 0.0
+    shifts_s = np.clip(np.where(np.isnan(told_s), usual_s, told_s) - usual_s + way_s, -_MOST_S, _MOST_S)
     later = f"up to {1e3 * shifts_s.max():.0f} ms later" if shifts_s.any() else "at once"
     notes.append(f"commands have the time of the log only: by the pressures, solenoids switched {later}")
+    if usual_s > _WAY_S:
+        notes.append(f"the pressures answer {1e3 * usual_s:.0f} ms late throughout; that is left in")
     solenoids = {}
     for channel, line in inputs.commands.solenoids.items():
         nearest = np.clip(np.searchsorted(switchings, line.time_s + 1e-9, side="right") - 1, 0, None)
         moved = np.where(line.time_s >= switchings[0], shifts_s[nearest], 0.0)
-        solenoids[channel] = Timeline(np.maximum.accumulate(line.time_s + moved), line.values)
+        times_s = np.maximum(np.maximum.accumulate(line.time_s + moved), 0.0)
+        solenoids[channel] = Timeline(times_s, line.values)
     return dataclasses.replace(inputs, commands=dataclasses.replace(inputs.commands, solenoids=solenoids))
 
 
@@ -95,6 +109,16 @@ def _switchings(inputs: AnkleInputs) -> NDArray[np.float64]:
     return first
 
 
+def _answering(inputs: AnkleInputs, channels: list[str], switchings: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which channels switch at which of the switchings, shape (channels, switchings)."""
+    found = np.zeros((len(channels), len(switchings)), dtype=bool)
+    for row, channel in zip(found, channels, strict=True):
+        line = inputs.commands.solenoids[channel]
+        own_s = line.time_s[np.diff(np.concatenate(([0.0], line.values))) != 0.0]
+        row[np.searchsorted(switchings, own_s + 1e-9, side="right") - 1] = True
+    return found
+
+
 def _errors(
     inputs: AnkleInputs,
     rig: Rig,
@@ -103,20 +127,25 @@ def _errors(
     shift_s: float,
     switchings: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return how badly pressures answer each switching if all come later, offsets from before it taken out."""
+    """Return how badly pressures answer each switching if all come later, offsets from before it taken out.
+
+    Returns:
+        Squares, shape (channels, switchings).
+
+    """
     solenoids = {channel: line.later(shift_s) for channel, line in inputs.commands.solenoids.items()}
     commands = dataclasses.replace(inputs.commands, solenoids=solenoids)
     end_s = max(float(signals[names.PRESSURES[channel].name].time_s[-1]) for channel in channels)
     step_s = replay.timestep_s(rig)
     pressure_pa = replay.air(rig, commands, int(end_s / step_s) + 1, inputs.start_pa)
     grid_s = step_s * np.arange(len(pressure_pa))
-    errors = np.zeros(len(switchings))
-    for channel in channels:
+    errors = np.zeros((len(channels), len(switchings)))
+    for row, channel in zip(errors, channels, strict=True):
         signal = signals[names.PRESSURES[channel].name]
         simulated = np.interp(signal.time_s, grid_s, pressure_pa[:, names.CHANNELS.index(channel) + 1])
         residual = signal.values - simulated
         edges = np.searchsorted(signal.time_s, [switchings - _BEFORE_S, switchings, switchings + _AFTER_S])
         for i, (first, at, last) in enumerate(edges.T.tolist()):
             offset = float(residual[first:at].mean()) if at > first else 0.0
-            errors[i] += float(((residual[at:last] - offset) ** 2).sum())
+            row[i] = float(((residual[at:last] - offset) ** 2).sum())
     return errors

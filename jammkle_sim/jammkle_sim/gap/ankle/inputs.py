@@ -37,11 +37,13 @@ class AnkleInputs:
     """Absolute pressures at the start, shape (4,), Pa, where it was not vented."""
     ambient_pa: float | None = None
     """Pressure of the atmosphere, Pa, where it is not that of the rig's options."""
+    starts_by_motion: bool = False
+    """The start of the rig was told by its slide: if joints are read late, times count from later."""
 
     @cached_property
     def key(self) -> str:
         """Text that is the same for the same inputs."""
-        parts = [repr((self.rig, self.options, self.ambient_pa))]
+        parts = [repr((self.rig, self.options, self.ambient_pa, self.starts_by_motion))]
         timelines = (self.commands.duty, *(each for _, each in sorted(self.commands.solenoids.items())))
         digest = hashlib.blake2b("".join((*parts, *sorted(self.commands.solenoids))).encode(), digest_size=16)
         for timeline in timelines:

@@ -17,7 +17,7 @@ from jammkle_sim.gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
 from jammkle_sim.gap.ankle.instruments import UNITS, declared_bias, declared_noise, quantity_of
 from jammkle_sim.gap.ankle.phases import FALLING_RIGS, pressure_signals, recording_phases
 from jammkle_sim.gap.ankle.predictability import with_replay_scatter
-from jammkle_sim.gap.ankle.starting import rig_start_s
+from jammkle_sim.gap.ankle.starting import rig_start
 from jammkle_sim.gap.recording import BadRecordingError, Recording, Signal
 from jammkle_sim.rigs.assembly import assembled
 from jammkle_sim.rigs.catalogue import RIGS
@@ -99,7 +99,8 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
         raise BadRecordingError(msg)
     inputs = AnkleInputs(name, settings, CommandTrack(_nothing(), {}))
     built = nominal_rig(inputs)
-    start_s = rig_start_s(bag, topics, built, lambda guess_s: _commands(topics, guess_s), notes)
+    start = rig_start(bag, topics, built, lambda guess_s: _commands(topics, guess_s), notes)
+    start_s = start.stamp_s
     commands = _commands(topics, start_s)
     noise, bias = declared_noise(built, timestep_s(built)), declared_bias(built)
     signals = {
@@ -116,7 +117,7 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     parts = assembled(built)
     start_m = float(parts.data.joint(names.CARRIAGE_JOINT).qpos[0])
     checks.check_rig(bag.name, built, signals, parts.joints, start_m)
-    inputs = dataclasses.replace(inputs, commands=commands)
+    inputs = dataclasses.replace(inputs, commands=commands, starts_by_motion=start.by_motion)
     inputs = _with_air(inputs, bag, signals, built.pneumatics.ambient_pa, notes)
     exact = is_exact(bag)
     if not exact:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -54,4 +55,26 @@ class AnkleSimulator:
 
     def rig(self, recording: Recording, values: Mapping[str, float]) -> Rig:
         """Return the rig of a recording with effects in it."""
-        return apply_effects(nominal_rig(inputs_of(recording)), self.library, values)
+        inputs = inputs_of(recording)
+        rig = apply_effects(nominal_rig(inputs), self.library, values)
+        return _counted_from_motion(rig) if inputs.starts_by_motion else rig
+
+
+def _counted_from_motion(rig: Rig) -> Rig:
+    """Return the rig as it looks where times count from when the slide was seen to move off.
+
+    What the joints are read late by is not seen in themselves, but in all else, which comes earlier by as much.
+    """
+    wiring = rig.wiring
+    late_s = wiring.joint_delay_s
+    if late_s == 0.0:
+        return rig
+    counted = dataclasses.replace(
+        wiring,
+        command_delay_s=wiring.command_delay_s + late_s,
+        pressure_delay_s=wiring.pressure_delay_s - late_s,
+        imu_delay_s=wiring.imu_delay_s - late_s,
+        load_cell_delay_s=wiring.load_cell_delay_s - late_s,
+        joint_delay_s=0.0,
+    )
+    return dataclasses.replace(rig, wiring=counted)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,14 +35,24 @@ _SIMULATED_START_S = 60.0
 """A simulated rig's stamps begin no later than this, s, unless the simulation was reset."""
 
 
-def rig_start_s(
+@dataclass(frozen=True)
+class RigStart:
+    """Where a rig started."""
+
+    stamp_s: float
+    """Of the clock of the measurements."""
+    by_motion: bool
+    """Told by when the slide was measured to move off: however late that was."""
+
+
+def rig_start(
     bag: Bag,
     topics: Mapping[str, Samples],
     rig: Rig,
     commands_from: Callable[[float], replay.CommandTrack],
     notes: list[str],
-) -> float:
-    """Return the stamp, s, at which the rig started.
+) -> RigStart:
+    """Return when the rig started.
 
     Args:
         bag: Tells whether a simulation was recorded, whose stamps count from its start.
@@ -55,12 +66,13 @@ def rig_start_s(
     told = 0.0 if bag.description is not None and first_s < _SIMULATED_START_S else first_s
     moved_off_s = _moved_off_s(topics, rig)
     if moved_off_s is None or not rig.events:
-        return told
+        return RigStart(told, by_motion=False)
     by_motion = moved_off_s - rig.events[0].step * replay.timestep_s(rig)
     if abs(by_motion - told) <= _TOLERANCE_S and bag.description is not None:
-        return told
+        return RigStart(told, by_motion=False)
     notes.append(f"the start of the rig is told by when its slide moved off, at {moved_off_s - first_s:.3f} s")
-    return by_motion + _late_s(topics[names.JOINT_STATES.name], rig, commands_from(by_motion), by_motion)
+    late_s = _late_s(topics[names.JOINT_STATES.name], rig, commands_from(by_motion), by_motion)
+    return RigStart(by_motion + late_s, by_motion=True)
 
 
 def _late_s(joints: Samples, rig: Rig, commands: replay.CommandTrack, start_s: float) -> float:
