@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,3 +66,15 @@ def test_a_simulator_is_doubted_by_the_share_that_it_is_off(gain: float, off: fl
     nominal = [[simulate(each, {}) for each in batch] for batch in (recordings, references)]
     baseline = with_references(recordings, nominal[0], references, nominal[1])
     assert baseline.off["x"] == pytest.approx(off, rel=0.05, abs=0.01)
+
+
+def test_what_goes_astray_between_references_is_not_trusted_further_out() -> None:
+    """A simulator that makes something of inputs that the machine does not care for finds no gap where they differ."""
+
+    def indifferent(inputs: Sequence[float], seed: int) -> list[Recording]:
+        runs = machine([1.0] * len(inputs), seed, gain=1.0)
+        return [dataclasses.replace(each, inputs=size) for each, size in zip(runs, inputs, strict=True)]
+
+    references = indifferent((0.9, 1.0, 1.1), 8)
+    found = diagnose(indifferent((1.5, 1.5), 9), simulate, LIBRARY, references=references, jobs=1)
+    assert found.verdict is Verdict.NO_GAP

@@ -13,7 +13,7 @@ from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.repeats import is_same_run
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -69,6 +69,7 @@ def with_references(
     corrections: list[dict[str, NDArray[np.float64]]] = [{} for _ in recordings]
     beside: list[dict[str, _Beside]] = [{} for _ in recordings]
     grown = dict.fromkeys(noise, _SMALLEST_FLOOR)
+    groups: dict[str, set[tuple[int, ...]]] = {name: set() for name in noise}
     for index, recording in enumerate(recordings):
         same = [
             k
@@ -79,6 +80,7 @@ def with_references(
             time_s = recording.signal(name).time_s
             holders = [k for k in same if name in reference_nominal[k]]
             if holders:
+                groups[name].add(tuple(holders))
                 curves = [
                     _at(time_s, references[k].signal(name), _off(references[k], reference_nominal[k], name))
                     for k in holders
@@ -98,7 +100,11 @@ def with_references(
         words = f"{source.source}, and what differs in the references" if factor > _SMALLEST_FLOOR else source.source
         noise[name] = replace(source, noise=source.noise * factor, source=words)
     shares = {name: _share_off([each[name] for each in beside if name in each], noise[name].noise) for name in noise}
-    added = tuple({name: _elsewhere(each, shares[name]) for name, each in found.items()} for found in beside)
+    astray = {
+        name: max(shares[name], _share_astray(references, reference_nominal, each, name))
+        for name, each in groups.items()
+    }
+    added = tuple({name: _elsewhere(each, astray[name]) for name, each in found.items()} for found in beside)
     return Baseline(tuple(corrections), added, noise, notes, shares)
 
 
@@ -124,11 +130,44 @@ def _share_off(runs: Sequence[_Beside], noise: float) -> float:
     return min(float(np.sqrt(missed / moved)), MOST_OFF) if moved > 0.0 else 0.0
 
 
+def _share_astray(
+    references: Sequence[Recording],
+    nominal: Sequence[Mapping[str, NDArray[np.float64]]],
+    groups: Iterable[tuple[int, ...]],
+    name: str,
+) -> float:
+    """Return which share of the differences that the simulator makes between references of one run is not there.
+
+    A part that is fed with measured inputs makes something else of every run. If it is right, what is left of the
+    references differs by less than they do; if not, by more.
+
+    Args:
+        references: In good order.
+        nominal: What the simulator makes of them.
+        groups: Indices of those of one run.
+        name: Of the signal.
+
+    """
+    simulated = unexplained = 0.0
+    for group in groups:
+        base = references[group[0]].signal(name).time_s
+        measured = np.array([np.interp(base, *_curve(references[k].signal(name))) for k in group])
+        made = np.array([np.interp(base, references[k].signal(name).time_s, nominal[k][name]) for k in group])
+        simulated += float(np.sum((made - made.mean(axis=0)) ** 2))
+        left = measured - made
+        unexplained += float(np.sum((left - left.mean(axis=0)) ** 2) - np.sum((measured - measured.mean(axis=0)) ** 2))
+    return float(np.sqrt(np.clip(unexplained / simulated, 0.0, 1.0))) if simulated > 0.0 else 0.0
+
+
+def _curve(signal: Signal) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return signal.time_s, signal.values
+
+
 def _elsewhere(run: _Beside, share: float) -> NDArray[np.float64]:
     """Return what the correction may be off where the references went through other states, sample by sample.
 
     It belongs to them, and is off by a share of what the simulator makes of the difference, root mean square around
-    each sample.
+    each sample: the share that it is off by anyway, or that it goes astray by between them.
     """
     around = max(round(_AROUND * run.here.size), 1)
     square = np.maximum(uniform_filter1d((run.here - run.there) ** 2, around, mode="nearest"), 0.0)
