@@ -85,7 +85,8 @@ def _diagnosis(
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> dict[str, Any]:
-    return as_dict(diagnosis_of(recordings, references, library, simulator, jobs, stop))
+    # Horizons are for whoever reads the page: they decide nothing.
+    return as_dict(diagnosis_of(recordings, references, library, simulator, jobs, stop, horizons_s=()))
 
 
 def _ranking(

@@ -17,6 +17,7 @@ from jammkle_sim.gap.diagnosis import diagnose as diagnose_recordings
 from jammkle_sim.gap.effect import BadEffectError
 from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.runs import StoppedError
+from jammkle_sim.gap.where import HORIZONS_S
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def diagnosis_of(
     simulator: Simulator,
     jobs: int | None,
     stop: Callable[[], bool],
+    horizons_s: Sequence[float] = HORIZONS_S,
 ) -> Diagnosis:
     """Diagnose recordings; one that was stopped on the way says so.
 
@@ -86,6 +88,7 @@ def diagnosis_of(
                 references=references,
                 subsystems=subsystem_simulators(library),
                 experiments=experiments(),
+                horizons_s=horizons_s,
                 jobs=jobs,
                 on_progress=on_progress,
                 stop=stop,

@@ -96,6 +96,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     subsystems: Mapping[str, Simulator] | None = None,
     experiments: Sequence[Experiment] = (),
     criteria: Criteria | None = None,
+    horizons_s: Sequence[float] = HORIZONS_S,
     jobs: int | None = None,
     on_progress: Callable[[str, float, float], None] = _no_progress,
     stop: Callable[[], bool] = lambda: False,
@@ -113,6 +114,8 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         subsystems: By name, simulators of parts that are fed with measured inputs.
         experiments: Runs that could be made, if the recordings cannot split a set.
         criteria: What counts as a gap, and as an explanation.
+        horizons_s: Times between restarts from the measured state at which the gap is measured, s, where the simulator
+            can be restarted.
         jobs: Processes; by default one per core where that pays.
         on_progress: Called with what is being done, the share that is done, and the seconds left.
         stop: Asked now and then; True ends the search and keeps what is done. So does Ctrl-C.
@@ -172,7 +175,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     where = Where(
         shares(layout, recordings, residual, subsystem_of_signals(fed)),
         isolate(layout, fed, limits),
-        horizons(layout, runs, simulator, residual, HORIZONS_S if finished else ()),
+        horizons(layout, runs, simulator, residual, horizons_s if finished else ()),
     )
     left_over = (
         sparse_formula(layout, nominal, best.fit.residual, limits.worst(layout, best.fit.residual)[0])

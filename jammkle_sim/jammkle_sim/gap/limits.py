@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 FALSE_ALARMS = 0.002
 """Chance that a signal in good order exceeds its limit. Assumed: 1 % over some ten signals that hang together."""
 
+_SAME = 0.02
+"""Gaps that differ by less are the same, noise units."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -37,6 +40,22 @@ class Limits:
     def holds(self, layout: Layout, residual: NDArray[np.float64]) -> bool:
         """Whether no signal is off."""
         return self.worst(layout, residual)[2] <= 1.0
+
+    def do_not_tell(self, layout: Layout, best: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+        """Whether another residual is as good as the best, whatever scores make of it.
+
+        Both leave what counts as none, and where the other leaves more, the noise is badly known: a score takes it for
+        what it seems to be.
+
+        Args:
+            layout: Of the residuals.
+            best: What the best leaves, shape (n,).
+            other: What the other one leaves, shape (n,).
+
+        """
+        first, second = layout.gaps(best), layout.gaps(other)
+        known = [name for name in layout.names if self.of_signal[name] <= self.base]
+        return self.holds(layout, other) and all(second[name] < first[name] + _SAME for name in known)
 
 
 def limits_of(layout: Layout, noise: Mapping[str, NoiseSource], base: float) -> Limits:

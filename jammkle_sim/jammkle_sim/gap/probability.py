@@ -32,7 +32,8 @@ def probabilities(
 
     Candidates share what is left by their held-out scores, in units of the error that these differ by; a candidate of
     several effects gives each an equal part. Only candidates as short as those of the set take part: a longer one
-    holds the truth as well, and would spread it.
+    holds the truth as well, and would spread it. Where the gap is explained, only explanations do: a better score may
+    also be of what counts as none.
 
     Args:
         judgement: The verdict and what it stands on.
@@ -52,6 +53,8 @@ def probabilities(
     chosen = {score.names for score in judgement.chosen}
     longest = max(len(names) for names in chosen)
     rivals = [score for score in scores if score.names and (len(score.names) <= longest or score.names in chosen)]
+    if judgement.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}:
+        rivals = [score for score in rivals if score.names in judgement.explaining or score.names in chosen]
     if not rivals or not longest:
         result[NO_GAP] = 1.0 - gap
         if not rivals:

@@ -90,8 +90,13 @@ def difference(better: Score, other: Score) -> Difference:
 
 
 def clearly_better(more: Score, fewer: Score, tried: int) -> bool:
-    """Whether a candidate with more effects earns them: by two standard errors, and for how many were tried."""
+    """Whether a candidate with more effects earns them: by two standard errors, and for how many were tried.
+
+    That something is off is known beforehand, by limits of its own: beside no effect, the errors alone count.
+    """
     apart = difference(more, fewer)
+    if not fewer.names:
+        return apart.told_apart
     extra = max(1, len(more.names) - len(fewer.names))
     return apart.told_apart and apart.nats > extra * (CLEAR_NATS + float(np.log(max(tried, 1))))
 

@@ -104,6 +104,7 @@ class Search:
         self._layout = layout
         self._runs = runs
         self._criteria = criteria
+        self._limits = limits
         self._probes = {probe.effect.name: probe for probe in probes}
         self._nominal = calibrated or uncalibrated(nominal)
         self._calibration = self._nominal.calibration
@@ -154,7 +155,7 @@ class Search:
         return Found(tuple(scores), nominal, self._ledger.weighting, finished=True)
 
     def _set(self) -> list[Score]:
-        return best_set(material_ones(self._layout, self._ledger.scores(), self._criteria), self._tried)
+        return best_set(material_ones(self._layout, self._ledger.scores(), self._criteria, self._limits), self._tried)
 
     def _best(self) -> Score:
         return self._set()[0]

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.residual import Layout
     from jammkle_sim.gap.scoring import Score
 
+_EDGE = 1.2
+"""A signal that is beyond its limit by less, with an effect and without, speaks neither against an effect that explains
+what is far beyond, nor for another one beside it. Assumed: limits are known no better."""
+
 
 class Verdict(Enum):
     """What a diagnosis says."""
@@ -70,20 +74,24 @@ class Judgement:
     closed: float
     """By the best candidate, held out."""
     reasons: tuple[str, ...]
+    explaining: frozenset[tuple[str, ...]]
+    """Candidates that leave no more of the gap than an explanation may, beside the best."""
 
 
-def material_ones(layout: Layout, scores: Sequence[Score], criteria: Criteria) -> list[Score]:
-    """Return no effect, and the candidates that close some of the gap: a better score alone may be of what is none.
+def material_ones(layout: Layout, scores: Sequence[Score], criteria: Criteria, limits: Limits) -> list[Score]:
+    """Return no effect, and the candidates that close some of what is off: a better score may be of what is none.
 
     Args:
         layout: Of the residuals.
         scores: Of all candidates fitted, the nominal simulator among them.
         criteria: What counts.
+        limits: Largest gaps that count as none.
 
     """
     nominal = next(score for score in scores if not score.names)
-    utmost = layout.gap_above_floor(nominal.held_out) - criteria.material_share * _at_stake(layout, nominal)
-    return [each for each in scores if not each.names or layout.gap_above_floor(each.held_out) < utmost]
+    return [
+        each for each in scores if not each.names or _closed(layout, nominal, each, limits) > criteria.material_share
+    ]
 
 
 def material(
@@ -103,7 +111,7 @@ def material(
                 break
             simpler = min(parts, key=lambda part: layout.gap_above_floor(part.held_out))
             gained = layout.gap_above_floor(simpler.held_out) - layout.gap_above_floor(current.held_out)
-            enough = limits.holds(layout, simpler.held_out)
+            enough = limits.worst(layout, simpler.held_out)[2] <= (_EDGE if simpler.names else 1.0)
             if not enough and gained > criteria.material_share * _at_stake(layout, by_names[()]):
                 break
             if _poor(layout, by_names[()], simpler, criteria, limits) and not _poor(
@@ -117,7 +125,7 @@ def material(
 
 
 def _set_around(
-    layout: Layout, best: Score, kept: Sequence[Score], scores: Sequence[Score], criteria: Criteria
+    layout: Layout, best: Score, kept: Sequence[Score], scores: Sequence[Score], criteria: Criteria, limits: Limits
 ) -> list[Score]:
     """Return the set once more: taking effects off may have brought the best within reach of what it had left behind.
 
@@ -126,26 +134,28 @@ def _set_around(
         best: What is named.
         kept: What could not be told apart from it as it was.
         scores: Of all candidates fitted.
-        criteria: What counts; a rival may leave as much more than the best as an explanation may leave of all.
+        criteria: What counts.
+        limits: Largest gaps that count as none.
 
     """
     by_names = {score.names: score for score in scores}
-    utmost = layout.gap_above_floor(best.held_out)
-    utmost += (1.0 - criteria.explained_share) * _at_stake(layout, by_names[()])
-    closing = {score.names for score in material_ones(layout, scores, criteria)}
+    explaining = _explaining(layout, best, scores, criteria)
+    closing = {score.names for score in material_ones(layout, scores, criteria, limits)}
 
     def is_rival(other: Score) -> bool:
         if not other.names or len(other.names) > len(best.names) or set(other.names) <= set(best.names):
             return False
-        if layout.gap_above_floor(other.held_out) > utmost or other.names not in closing:
+        if other.names not in explaining or other.names not in closing:
             return False
+        if limits.do_not_tell(layout, best.held_out, other.held_out):
+            return True
         parts = [by_names[names] for names in (*_parts(other.names), ()) if names in by_names]
         earned = all(difference(other, part).told_apart for part in parts)
         if earned and not difference(best, other).told_apart:
             return True
         return does_the_same(layout, by_names[()].fit, best.fit, other.fit)
 
-    near = [score for score in kept if score is best or layout.gap_above_floor(score.held_out) <= utmost]
+    near = [score for score in kept if score is best or score.names in explaining]
     found = {score.names: score for score in (*near, *filter(is_rival, scores))}
 
     def rank(score: Score) -> tuple[bool, int, float]:
@@ -153,6 +163,13 @@ def _set_around(
         return difference(best, score).told_apart, score.fit.point.size, -score.total
 
     return sorted(found.values(), key=rank)
+
+
+def _explaining(layout: Layout, best: Score, scores: Sequence[Score], criteria: Criteria) -> frozenset[tuple[str, ...]]:
+    """Return the candidates that leave at most as much more than the best as an explanation may leave of all."""
+    nominal = next(score for score in scores if not score.names)
+    utmost = layout.gap_above_floor(best.held_out) + (1.0 - criteria.explained_share) * _at_stake(layout, nominal)
+    return frozenset(each.names for each in scores if layout.gap_above_floor(each.held_out) <= utmost)
 
 
 def _at_stake(layout: Layout, nominal: Score) -> float:
@@ -179,6 +196,7 @@ def _poor(layout: Layout, nominal: Score, candidate: Score, criteria: Criteria, 
         name
         for name in layout.names
         if after[name] > max(limits.of_signal[name], spared)
+        and max(before[name], after[name]) > _EDGE * limits.of_signal[name]
         and not closed_share(before[name], after[name]) >= criteria.explained_share_each
     ]
 
@@ -208,7 +226,8 @@ def judge(
     closed = _closed(layout, nominal, best, limits)
 
     def answer(verdict: Verdict, *reasons: str) -> Judgement:
-        return Judgement(verdict, tuple(kept), nominal_ratio, left_ratio, closed, reasons)
+        explaining = _explaining(layout, best, scores, criteria)
+        return Judgement(verdict, tuple(kept), nominal_ratio, left_ratio, closed, reasons, explaining)
 
     def leads(*reasons: str) -> Judgement:
         """Return what explains most, though no one part of it is proven: with UNKNOWN nothing is named anyway."""
@@ -246,7 +265,7 @@ def judge(
             f"{share}; {left_signal} is still off by {left_gap:.1f} times its noise",
             f"what explains a gap must close {100.0 * wanted:.0f} % of it",
         )
-    kept = _set_around(layout, best, kept, scores, criteria)
+    kept = _set_around(layout, best, kept, scores, criteria, limits)
     if len(kept) > 1:
         left_ratio, closed = limits.worst(layout, kept[0].held_out)[2], _closed(layout, nominal, kept[0], limits)
         others = "; ".join(" + ".join(score.names) or "no effect" for score in kept[1:])
