@@ -13,7 +13,7 @@ from jammkle_sim.gap.recording import BadRecordingError
 from jammkle_sim.gap.repeats import is_same_run
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -24,6 +24,9 @@ MOST_OFF = 0.4
 """Share of a change that a simulator is doubted by at most, however far references show it to be off. Assumed."""
 _AROUND = 0.02
 """Share of a run over which such a doubt is the same. Assumed: what is late by so much is as doubtful."""
+
+_NOTHING = 1e-9
+"""Square of a difference, in noise, that is none."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,6 @@ def with_references(
     corrections: list[dict[str, NDArray[np.float64]]] = [{} for _ in recordings]
     beside: list[dict[str, _Beside]] = [{} for _ in recordings]
     grown = dict.fromkeys(noise, _SMALLEST_FLOOR)
-    groups: dict[str, set[tuple[int, ...]]] = {name: set() for name in noise}
     for index, recording in enumerate(recordings):
         same = [
             k
@@ -80,14 +82,19 @@ def with_references(
             time_s = recording.signal(name).time_s
             holders = [k for k in same if name in reference_nominal[k]]
             if holders:
-                groups[name].add(tuple(holders))
                 curves = [
                     _at(time_s, references[k].signal(name), _off(references[k], reference_nominal[k], name))
                     for k in holders
                 ]
                 corrections[index][name] = np.mean(curves, axis=0)
                 there = [_at(time_s, references[k].signal(name), reference_nominal[k][name]) for k in holders]
-                beside[index][name] = _Beside(corrections[index][name], np.mean(there, axis=0), nominal[index][name])
+                seen = [_at(time_s, references[k].signal(name), references[k].signal(name).values) for k in holders]
+                beside[index][name] = _Beside(
+                    corrections[index][name],
+                    np.mean(there, axis=0),
+                    nominal[index][name],
+                    _astray(np.array(seen), np.array(there), noise[name].noise),
+                )
                 grown[name] = max(grown[name], float(np.sqrt(1.0 + 1.0 / len(holders))))
                 continue
             others = [k for k in range(len(references)) if name in reference_nominal[k]]
@@ -100,11 +107,7 @@ def with_references(
         words = f"{source.source}, and what differs in the references" if factor > _SMALLEST_FLOOR else source.source
         noise[name] = replace(source, noise=source.noise * factor, source=words)
     shares = {name: _share_off([each[name] for each in beside if name in each], noise[name].noise) for name in noise}
-    astray = {
-        name: max(shares[name], _share_astray(references, reference_nominal, each, name))
-        for name, each in groups.items()
-    }
-    added = tuple({name: _elsewhere(each, astray[name]) for name, each in found.items()} for found in beside)
+    added = tuple({name: _elsewhere(each, shares[name]) for name, each in found.items()} for found in beside)
     return Baseline(tuple(corrections), added, noise, notes, shares)
 
 
@@ -118,6 +121,8 @@ class _Beside:
     """What the simulator makes of the references."""
     here: NDArray[np.float64]
     """What it makes of the recording: something else only if it is fed with what was measured."""
+    astray: NDArray[np.float64]
+    """Share of the differences that it makes between references that is not there, 0 to 1."""
 
 
 def _share_off(runs: Sequence[_Beside], noise: float) -> float:
@@ -130,37 +135,34 @@ def _share_off(runs: Sequence[_Beside], noise: float) -> float:
     return min(float(np.sqrt(missed / moved)), MOST_OFF) if moved > 0.0 else 0.0
 
 
-def _share_astray(
-    references: Sequence[Recording],
-    nominal: Sequence[Mapping[str, NDArray[np.float64]]],
-    groups: Iterable[tuple[int, ...]],
-    name: str,
-) -> float:
+def _astray(seen: NDArray[np.float64], made: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
     """Return which share of the differences that the simulator makes between references of one run is not there.
 
     A part that is fed with measured inputs makes something else of every run. If it is right, what is left of the
-    references differs by less than they do; if not, by more.
+    references differs by less than they do; if not, by more. Differences within the noise tell nothing: inputs have
+    their own.
 
     Args:
-        references: In good order.
-        nominal: What the simulator makes of them.
-        groups: Indices of those of one run.
-        name: Of the signal.
+        seen: The references, shape (runs, n), in the signal's unit.
+        made: What the simulator makes of them, shape (runs, n).
+        noise: In the same unit.
+
+    Returns:
+        Around each sample, shape (n,), 0 to 1.
 
     """
-    simulated = unexplained = 0.0
-    for group in groups:
-        base = references[group[0]].signal(name).time_s
-        measured = np.array([np.interp(base, *_curve(references[k].signal(name))) for k in group])
-        made = np.array([np.interp(base, references[k].signal(name).time_s, nominal[k][name]) for k in group])
-        simulated += float(np.sum((made - made.mean(axis=0)) ** 2))
-        left = measured - made
-        unexplained += float(np.sum((left - left.mean(axis=0)) ** 2) - np.sum((measured - measured.mean(axis=0)) ** 2))
-    return float(np.sqrt(np.clip(unexplained / simulated, 0.0, 1.0))) if simulated > 0.0 else 0.0
+    differs, apart, left = (each - each.mean(axis=0) for each in (made, seen, seen - made))
+    large = np.abs(differs) > noise
+    simulated = _around(np.sum(large * differs**2, axis=0))
+    unexplained = _around(np.sum(large * (left**2 - apart**2), axis=0))
+    share = np.divide(unexplained, simulated, out=np.zeros_like(simulated), where=simulated > _NOTHING * noise**2)
+    found: NDArray[np.float64] = np.sqrt(np.clip(share, 0.0, 1.0))
+    return found
 
 
-def _curve(signal: Signal) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return signal.time_s, signal.values
+def _around(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    found: NDArray[np.float64] = uniform_filter1d(values, max(round(_AROUND * values.size), 1), mode="nearest")
+    return found
 
 
 def _elsewhere(run: _Beside, share: float) -> NDArray[np.float64]:
@@ -169,9 +171,8 @@ def _elsewhere(run: _Beside, share: float) -> NDArray[np.float64]:
     It belongs to them, and is off by a share of what the simulator makes of the difference, root mean square around
     each sample: the share that it is off by anyway, or that it goes astray by between them.
     """
-    around = max(round(_AROUND * run.here.size), 1)
-    square = np.maximum(uniform_filter1d((run.here - run.there) ** 2, around, mode="nearest"), 0.0)
-    found: NDArray[np.float64] = share * np.sqrt(square)
+    square = np.maximum(_around((run.here - run.there) ** 2), 0.0)
+    found: NDArray[np.float64] = np.maximum(share, run.astray) * np.sqrt(square)
     return found
 
 
