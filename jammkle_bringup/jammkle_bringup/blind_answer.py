@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 from jammkle_bringup.core.blind import files
 from jammkle_bringup.core.blind.questions import Run, read_questions, said_file
 from jammkle_bringup.core.gap.backend import backend
-from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.signals import Interrupted, StopRequest
-from jammkle_bringup.gap_diagnosing import diagnosis_of, failures_told, prepared_for
+from jammkle_bringup.gap_diagnosing import Question, asked_in_parts, diagnosis_of, failures_told
 from jammkle_bringup.gap_inputs import check_given, library_of, recordings_of, rig_options
 from jammkle_sim.gap.ankle.parts import PartsSimulator
 from jammkle_sim.gap.baselines import baselines as rank
@@ -19,12 +18,11 @@ from jammkle_sim.gap.remembering import Remembering
 from jammkle_sim.gap.result import as_dict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
     from pathlib import Path
 
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording
-    from jammkle_sim.gap.simulator import Simulator
 
 _RANKED = 5
 """How many effects are kept of each ranking."""
@@ -61,8 +59,8 @@ def answer(request: AnswerRequest) -> int:
         return recordings_of(bags, asked.rig, options, stop)
 
     @functools.cache
-    def ready(references: tuple[Path, ...]) -> tuple[Sequence[Recording], Sequence[Recording]]:
-        return prepared_for(Simulated.PARTS, read(asked.bags), read(references), every_effect)
+    def question(references: tuple[Path, ...]) -> Question:
+        return asked_in_parts(read(asked.bags), read(references), every_effect, simulator)
 
     with backend(request.jobs, request.scheduler) as jobs:
         for way in asked.ways:
@@ -70,7 +68,7 @@ def answer(request: AnswerRequest) -> int:
             check_given(asked.bags, references, asked.rig)
             library = library_of(None, way.only, way.without)
             ask = _ranking if way.run is Run.BASELINES else _diagnosis
-            content = ask(*ready(references), library, simulator, jobs, stop)
+            content = ask(question(references), library, jobs, stop)
             if stop():
                 raise Interrupted
             files.write_json(said_file(request.questions.parent, way.run), content)
@@ -78,27 +76,25 @@ def answer(request: AnswerRequest) -> int:
 
 
 def _diagnosis(
-    recordings: Sequence[Recording],
-    references: Sequence[Recording],
+    question: Question,
     library: Library,
-    simulator: Simulator,
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> dict[str, Any]:
     # Horizons are for whoever reads the page: they decide nothing.
-    return as_dict(diagnosis_of(recordings, references, library, simulator, jobs, stop, horizons_s=()))
+    return as_dict(diagnosis_of(question, library, jobs, stop, horizons_s=()))
 
 
 def _ranking(
-    recordings: Sequence[Recording],
-    references: Sequence[Recording],
+    question: Question,
     library: Library,
-    simulator: Simulator,
     jobs: int | None,
     stop: Callable[[], bool],
 ) -> dict[str, Any]:
     with failures_told():
-        found = rank(recordings, simulator, library, references=references, jobs=jobs, stop=stop)
+        found = rank(
+            question.recordings, question.simulator, library, references=question.references, jobs=jobs, stop=stop
+        )
     ranked = {"rmse": found.rmse, "bic": found.bic, "free": found.free}
     return {
         "baselines": {name: list(names[:_RANKED]) for name, names in ranked.items()},

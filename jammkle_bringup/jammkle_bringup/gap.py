@@ -12,7 +12,7 @@ from jammkle_bringup.core.gap.backend import backend
 from jammkle_bringup.core.gap.page import Setting, page
 from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.signals import StopRequest
-from jammkle_bringup.gap_diagnosing import diagnosis_of, prepared_for, simulator_of
+from jammkle_bringup.gap_diagnosing import asked_in_parts, asked_whole, diagnosis_of
 from jammkle_bringup.gap_inputs import check_given, library_of, recordings_of, rig_options
 from jammkle_bringup.gap_report import show
 from jammkle_sim.gap.ankle.corrected import corrected_text
@@ -72,8 +72,8 @@ def diagnose(request: DiagnoseRequest) -> int:
     references = recordings_of(request.references, request.rig, options, stop, request.namespace)
     _try_changes(library, recordings)
     with backend(request.jobs, request.scheduler) as jobs:
-        ready = prepared_for(request.simulated, recordings, references, library)
-        diagnosis = diagnosis_of(*ready, library, simulator_of(request.simulated, library), jobs, stop)
+        ask = asked_in_parts if request.simulated is Simulated.PARTS else asked_whole
+        diagnosis = diagnosis_of(ask(recordings, references, library), library, jobs, stop)
     setting = Setting(
         bags=[each.name for each in recordings],
         references=[each.name for each in references],

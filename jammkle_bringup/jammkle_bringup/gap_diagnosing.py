@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.core.gap.experiments import experiments
-from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.progress import progress_bar
 from jammkle_sim.gap.ankle.parts import PartsSimulator, prepared_for_parts
 from jammkle_sim.gap.ankle.simulator import AnkleSimulator
+from jammkle_sim.gap.ankle.specimen import WithTendons, tendons_told_by
 from jammkle_sim.gap.ankle.subsystems import subsystem_simulators
 from jammkle_sim.gap.diagnosis import diagnose as diagnose_recordings
 from jammkle_sim.gap.effect import BadEffectError
@@ -21,45 +22,57 @@ from jammkle_sim.gap.where import HORIZONS_S
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from jammkle_sim.gap.diagnosis import Diagnosis
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.recording import Recording
-    from jammkle_sim.gap.simulator import Simulator
-
-_SIMULATORS: Mapping[Simulated, Callable[[Library], Simulator]] = {
-    Simulated.WHOLE: AnkleSimulator,
-    Simulated.PARTS: PartsSimulator,
-}
+    from jammkle_sim.gap.simulator import RestartingSimulator, Simulator
 
 
-def simulator_of(simulated: Simulated, library: Library) -> Simulator:
-    """Return the simulator of an ankle that is fed so, with effects of a library."""
-    return _SIMULATORS[simulated](library)
+@dataclass(frozen=True)
+class Question:
+    """What is asked about: recordings, references and a simulator that go together."""
+
+    recordings: Sequence[Recording]
+    references: Sequence[Recording]
+    simulator: Simulator
 
 
-def prepared_for(
-    simulated: Simulated, recordings: Sequence[Recording], references: Sequence[Recording], library: Library
-) -> tuple[Sequence[Recording], Sequence[Recording]]:
-    """Return recordings and references as a diagnosis with such a simulator needs them.
+def asked_whole(recordings: Sequence[Recording], references: Sequence[Recording], library: Library) -> Question:
+    """Ask by the commands alone."""
+    return Question(recordings, references, AnkleSimulator(library))
+
+
+def asked_in_parts(
+    recordings: Sequence[Recording],
+    references: Sequence[Recording],
+    library: Library,
+    parts: RestartingSimulator | None = None,
+) -> Question:
+    """Ask in parts, of tendons as references tell them to be.
+
+    Args:
+        recordings: To be diagnosed.
+        references: Of the same machine in good order.
+        library: Effects offered.
+        parts: The simulator in parts, if there is one already.
 
     Raises:
         InputError: a recording or an effect cannot be used.
         GraphError: the simulator fails.
 
     """
-    if simulated is Simulated.WHOLE:
-        return recordings, references
+    simulator = parts or PartsSimulator(library)
     with failures_told():
-        return prepared_for_parts(recordings, references, library)
+        own, others = prepared_for_parts(recordings, references, library)
+        told = tendons_told_by(others)
+    return Question(own, others, WithTendons(simulator, library, tuple(told.items())) if told else simulator)
 
 
 def diagnosis_of(
-    recordings: Sequence[Recording],
-    references: Sequence[Recording],
+    question: Question,
     library: Library,
-    simulator: Simulator,
     jobs: int | None,
     stop: Callable[[], bool],
     horizons_s: Sequence[float] = HORIZONS_S,
@@ -82,10 +95,10 @@ def diagnosis_of(
 
         with failures_told():
             return diagnose_recordings(
-                recordings,
-                simulator,
+                question.recordings,
+                question.simulator,
                 library,
-                references=references,
+                references=question.references,
                 subsystems=subsystem_simulators(library),
                 experiments=experiments(),
                 horizons_s=horizons_s,
