@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _EXACT_S = 1e-6
 """Difference of log time and stamp up to which a recorder hears everything at once, as one inside a simulation does."""
-_SHIFTS_S = np.arange(0.0, 0.0305, 0.001)
+_SHIFTS_S = np.arange(0.0, 0.0301, 0.00025)
 """Delays that are tried. Assumed: the graph's hop takes 0.2 ms, its callbacks are served every few milliseconds, and
 what all switchings are late by leaves room for that."""
 _WAY_S = 0.006
@@ -78,7 +78,11 @@ def with_arrivals(inputs: AnkleInputs, rig: Rig, signals: Mapping[str, Signal], 
     switchings = _switchings(inputs)
     if not channels or not len(switchings):
         return inputs
-    errors = np.array([_errors(inputs, rig, signals, channels, shift_s, switchings) for shift_s in _SHIFTS_S.tolist()])
+    end_s = max(float(signals[names.PRESSURES[channel].name].time_s[-1]) for channel in channels)
+    pressure_pa = replay.air(rig, inputs.commands, int(end_s / replay.timestep_s(rig)) + 1, inputs.start_pa)
+    tracks = {each: pressure_pa[:, names.CHANNELS.index(each) + 1] for each in channels}
+    step_s = replay.timestep_s(rig)
+    errors = np.array([_errors(tracks, step_s, signals, shift_s, switchings) for shift_s in _SHIFTS_S.tolist()])
     late_s = np.where(_answering(inputs, channels, switchings), _SHIFTS_S[np.argmin(errors, axis=0)], np.nan)
     # A line with a fault of its own answers late or slowly: the others tell.
     told_s = np.array([np.nanmedian(each) if np.isfinite(each).any() else np.nan for each in late_s.T])
@@ -120,30 +124,31 @@ def _answering(inputs: AnkleInputs, channels: list[str], switchings: NDArray[np.
 
 
 def _errors(
-    inputs: AnkleInputs,
-    rig: Rig,
+    tracks: Mapping[str, NDArray[np.float64]],
+    step_s: float,
     signals: Mapping[str, Signal],
-    channels: list[str],
     shift_s: float,
     switchings: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return how badly pressures answer each switching if all come later, offsets from before it taken out.
 
+    The pump's duty changes slowly: solenoids that switch later make the same pressures later.
+
+    Args:
+        tracks: Simulated pressures by channel, from the start on.
+        step_s: Time between two of their values.
+        signals: What was measured.
+        shift_s: How much later solenoids switch.
+        switchings: When they do as logged, s.
+
     Returns:
         Squares, shape (channels, switchings).
 
     """
-    solenoids = {channel: line.later(shift_s) for channel, line in inputs.commands.solenoids.items()}
-    commands = dataclasses.replace(inputs.commands, solenoids=solenoids)
-    end_s = max(float(signals[names.PRESSURES[channel].name].time_s[-1]) for channel in channels)
-    step_s = replay.timestep_s(rig)
-    pressure_pa = replay.air(rig, commands, int(end_s / step_s) + 1, inputs.start_pa)
-    grid_s = step_s * np.arange(len(pressure_pa))
-    errors = np.zeros((len(channels), len(switchings)))
-    for row, channel in zip(errors, channels, strict=True):
+    errors = np.zeros((len(tracks), len(switchings)))
+    for row, (channel, pressure_pa) in zip(errors, tracks.items(), strict=True):
         signal = signals[names.PRESSURES[channel].name]
-        simulated = np.interp(signal.time_s, grid_s, pressure_pa[:, names.CHANNELS.index(channel) + 1])
-        residual = signal.values - simulated
+        residual = signal.values - np.interp(signal.time_s - shift_s, step_s * np.arange(len(pressure_pa)), pressure_pa)
         edges = np.searchsorted(signal.time_s, [switchings - _BEFORE_S, switchings, switchings + _AFTER_S])
         for i, (first, at, last) in enumerate(edges.T.tolist()):
             offset = float(residual[first:at].mean()) if at > first else 0.0
