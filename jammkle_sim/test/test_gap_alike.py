@@ -10,11 +10,15 @@ import pytest
 from jammkle_sim.gap.alike import Alike, alike
 from jammkle_sim.gap.diagnosis import diagnose
 from jammkle_sim.gap.effect import Effect, EffectParameter, Library
+from jammkle_sim.gap.explanations import set_around
+from jammkle_sim.gap.fitting import Fit
+from jammkle_sim.gap.limits import Limits
 from jammkle_sim.gap.recording import Recording, Signal
 from jammkle_sim.gap.residual import lay_out
 from jammkle_sim.gap.runs import Runs
-from jammkle_sim.gap.sensitivity import probe
-from jammkle_sim.gap.verdict import Verdict
+from jammkle_sim.gap.scoring import Score
+from jammkle_sim.gap.sensitivity import probe, space_of
+from jammkle_sim.gap.verdict import Criteria, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -123,7 +127,7 @@ def test_a_good_simulator_tells_a_ripple_and_any_tells_another_shape(shape: str,
     assert [each.names for each in found.candidates] == [(shape,)]
 
 
-def test_of_what_foretells_as_well_the_simplest_comes_first() -> None:
+def test_of_what_closes_as_much_the_simplest_comes_first() -> None:
     """A ripple of a few hundredths of the noise makes an effect with one more parameter foretell a little better."""
     ripple = np.sin(5.0 * TIME_S)
     parameters = [EffectParameter(name, "1", 0.0, -1.0, 1.0, "assumed") for name in ("size", "ripple")]
@@ -172,3 +176,22 @@ def test_a_small_effect_elsewhere_is_named_beside_a_large_one() -> None:
     found = diagnose(recordings, simulated, offered, jobs=1)
     assert found.verdict is Verdict.EFFECTS
     assert [each.names for each in found.candidates] == [("x", "y")]
+
+
+def test_what_leaves_less_stays_beside_what_scores_better() -> None:
+    """A robust score forgives a short knock that is missed by far; what is left of the gap does not."""
+    recording = Recording("one", (Signal("x", "m", TIME_S, TIME_S, 0.01),))
+    layout = lay_out([recording], [{"x": 0.0 * TIME_S}], {"x": 0.01})
+
+    def scored(left: float, nats: float, *names: str) -> Score:
+        residual = np.full(TIME_S.size, left)
+        space = space_of([LIBRARY.effect(name) for name in names])
+        fit = Fit(space, space.null, residual, np.zeros((residual.size, len(names))), 0.0)
+        segments = np.linspace(0.9, 1.1, layout.block_of_segment.size) * nats / layout.block_of_segment.size
+        return Score(fit, segments, residual, np.zeros((len(layout.blocks), len(names))))
+
+    nominal, best = scored(30.0, 0.0), scored(2.5, 900.0, "wave")
+    less, more = scored(2.0, 600.0, "ramp"), scored(3.5, 600.0, "nearly")
+    limits = Limits(1.5, {"x": 1.5})
+    found = set_around(layout, best, [best], [best, less, more, nominal], Criteria(), limits)
+    assert [each.names for each in found] == [("ramp",), ("wave",)]

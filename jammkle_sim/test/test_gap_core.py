@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from jammkle_sim.gap.closing import closed_share
 from jammkle_sim.gap.diagnosis import diagnose
 from jammkle_sim.gap.effect import BadEffectError, Effect, EffectParameter, Library
+from jammkle_sim.gap.explanations import material
 from jammkle_sim.gap.fitting import Fit
 from jammkle_sim.gap.limits import Limits, limits_of
 from jammkle_sim.gap.noise import Hanging, NoiseSource, find_noise, still_noise
@@ -18,7 +19,7 @@ from jammkle_sim.gap.residual import Layout, Weighting, autocorrelation_factor, 
 from jammkle_sim.gap.runs import Runs
 from jammkle_sim.gap.scoring import Score, best_set, score
 from jammkle_sim.gap.sensitivity import probe, space_of
-from jammkle_sim.gap.verdict import Criteria, Verdict, judge, material
+from jammkle_sim.gap.verdict import Criteria, Verdict, judge
 
 TIME_S = 0.01 * np.arange(600)
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.noise import NoiseSource
     from jammkle_sim.gap.residual import Layout
 
-FALSE_ALARMS = 0.002
+FALSE_ALARMS = 0.001
 """Chance that a signal in good order exceeds its limit. Assumed: 1 % over some ten signals that hang together."""
 
 _SAME = 0.02

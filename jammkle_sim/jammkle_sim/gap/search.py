@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+from jammkle_sim.gap.explanations import material_ones
 from jammkle_sim.gap.fitting import CALIBRATED_RUNS, POLISHING_RUNS, Fit, jacobians_at, polish, uncalibrated
 from jammkle_sim.gap.ledger import Ledger
 from jammkle_sim.gap.promise import Promises
@@ -18,7 +19,6 @@ from jammkle_sim.gap.refining import fit_contenders, fit_side_by_side, linear_st
 from jammkle_sim.gap.runs import StoppedError
 from jammkle_sim.gap.scoring import CLEAR_NATS, Score, best_set, difference
 from jammkle_sim.gap.starts import Starts, promise
-from jammkle_sim.gap.verdict import material_ones
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

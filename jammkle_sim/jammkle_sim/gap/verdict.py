@@ -6,11 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from jammkle_sim.gap.alike import does_the_same
-from jammkle_sim.gap.closing import closed_share
-from jammkle_sim.gap.scoring import difference
+from jammkle_sim.gap.explanations import at_stake, closed_of, explaining_ones, material, set_around, still_off
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,10 +14,6 @@ if TYPE_CHECKING:
     from jammkle_sim.gap.limits import Limits
     from jammkle_sim.gap.residual import Layout
     from jammkle_sim.gap.scoring import Score
-
-_EDGE = 1.2
-"""A signal that is beyond its limit by less, with an effect and without, speaks neither against an effect that explains
-what is far beyond, nor for another one beside it. Assumed: limits are known no better."""
 
 
 class Verdict(Enum):
@@ -78,133 +70,6 @@ class Judgement:
     """Candidates that leave no more of the gap than an explanation may, beside the best."""
 
 
-def material_ones(layout: Layout, scores: Sequence[Score], criteria: Criteria, limits: Limits) -> list[Score]:
-    """Return no effect, and the candidates that close some of what is off: a better score may be of what is none.
-
-    Args:
-        layout: Of the residuals.
-        scores: Of all candidates fitted, the nominal simulator among them.
-        criteria: What counts.
-        limits: Largest gaps that count as none.
-
-    """
-    nominal = next(score for score in scores if not score.names)
-    return [
-        each for each in scores if not each.names or _closed(layout, nominal, each, limits) > criteria.material_share
-    ]
-
-
-def material(
-    layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, limits: Limits
-) -> list[Score]:
-    """Take effects off that close next to nothing of the gap, or are not needed to bring it to where it counts as none.
-
-    The simulator's own small faults are no finding.
-    """
-    by_names = {score.names: score for score in scores}
-    kept: list[Score] = []
-    for each in chosen:
-        current = each
-        while current.names:
-            parts = [by_names[names] for names in _parts(current.names) if names in by_names]
-            if not parts:
-                break
-            simpler = min(parts, key=lambda part: layout.gap_above_floor(part.held_out))
-            gained = layout.gap_above_floor(simpler.held_out) - layout.gap_above_floor(current.held_out)
-            enough = limits.worst(layout, simpler.held_out)[2] <= (_EDGE if simpler.names else 1.0)
-            if not enough and gained > criteria.material_share * _at_stake(layout, by_names[()]):
-                break
-            if _poor(layout, by_names[()], simpler, criteria, limits) and not _poor(
-                layout, by_names[()], current, criteria, limits
-            ):
-                break
-            current = simpler
-        if current.names not in [one.names for one in kept]:
-            kept.append(current)
-    return [each for each in kept if not any(set(other.names) < set(each.names) for other in kept)]
-
-
-def _set_around(
-    layout: Layout, best: Score, kept: Sequence[Score], scores: Sequence[Score], criteria: Criteria, limits: Limits
-) -> list[Score]:
-    """Return the set once more: taking effects off may have brought the best within reach of what it had left behind.
-
-    Args:
-        layout: Of the residuals.
-        best: What is named.
-        kept: What could not be told apart from it as it was.
-        scores: Of all candidates fitted.
-        criteria: What counts.
-        limits: Largest gaps that count as none.
-
-    """
-    by_names = {score.names: score for score in scores}
-    explaining = _explaining(layout, best, scores, criteria)
-    closing = {score.names for score in material_ones(layout, scores, criteria, limits)}
-
-    def is_rival(other: Score) -> bool:
-        if not other.names or len(other.names) > len(best.names) or set(other.names) <= set(best.names):
-            return False
-        if other.names not in explaining or other.names not in closing:
-            return False
-        if limits.do_not_tell(layout, best.held_out, other.held_out):
-            return True
-        parts = [by_names[names] for names in (*_parts(other.names), ()) if names in by_names]
-        earned = all(difference(other, part).told_apart for part in parts)
-        if earned and not difference(best, other).told_apart:
-            return True
-        return does_the_same(layout, by_names[()].fit, best.fit, other.fit)
-
-    near = [score for score in kept if score is best or score.names in explaining]
-    found = {score.names: score for score in (*near, *filter(is_rival, scores))}
-
-    def rank(score: Score) -> tuple[bool, int, float]:
-        # Of what foretells as well, the simplest comes first.
-        return difference(best, score).told_apart, score.fit.point.size, -score.total
-
-    return sorted(found.values(), key=rank)
-
-
-def _explaining(layout: Layout, best: Score, scores: Sequence[Score], criteria: Criteria) -> frozenset[tuple[str, ...]]:
-    """Return the candidates that leave at most as much more than the best as an explanation may leave of all."""
-    nominal = next(score for score in scores if not score.names)
-    utmost = layout.gap_above_floor(best.held_out) + (1.0 - criteria.explained_share) * _at_stake(layout, nominal)
-    return frozenset(each.names for each in scores if layout.gap_above_floor(each.held_out) <= utmost)
-
-
-def _at_stake(layout: Layout, nominal: Score) -> float:
-    """Return what there is to close: the gap above the floor."""
-    return layout.gap_above_floor(nominal.held_out) - 1.0
-
-
-def _closed(layout: Layout, nominal: Score, candidate: Score, limits: Limits) -> float:
-    """Return how much is closed over the signals that are off before or after: what is none need not be explained."""
-    before, after = layout.gaps(nominal.held_out), layout.gaps(candidate.held_out)
-    off = [name for name in layout.names if max(before[name], after[name]) > limits.of_signal[name]]
-    if not off:
-        return float("nan")
-    first, last = (float(np.sqrt(np.mean([max(gaps[name], 1.0) ** 2 for name in off]))) for gaps in (before, after))
-    return closed_share(first, last, len(off))
-
-
-def _poor(layout: Layout, nominal: Score, candidate: Score, criteria: Criteria, limits: Limits) -> list[str]:
-    """Return the signals that are still off with a candidate, and of which it closes too little."""
-    before, after = layout.gaps(nominal.held_out), layout.gaps(candidate.held_out)
-    # What an effect does besides is foretold no better than the share that may be left of all.
-    spared = (1.0 - criteria.explained_share) * limits.worst(layout, nominal.held_out)[1]
-    return [
-        name
-        for name in layout.names
-        if after[name] > max(limits.of_signal[name], spared)
-        and max(before[name], after[name]) > _EDGE * limits.of_signal[name]
-        and not closed_share(before[name], after[name]) >= criteria.explained_share_each
-    ]
-
-
-def _parts(names: tuple[str, ...]) -> list[tuple[str, ...]]:
-    return [tuple(other for other in names if other != name) for name in names]
-
-
 def judge(
     layout: Layout, chosen: Sequence[Score], scores: Sequence[Score], criteria: Criteria, limits: Limits
 ) -> Judgement:
@@ -223,18 +88,18 @@ def judge(
     kept = material(layout, chosen, scores, criteria, limits)
     best = kept[0]
     left_signal, left_gap, left_ratio = limits.worst(layout, best.held_out)
-    closed = _closed(layout, nominal, best, limits)
+    closed = closed_of(layout, nominal, best, limits)
 
     def answer(verdict: Verdict, *reasons: str) -> Judgement:
-        explaining = _explaining(layout, best, scores, criteria)
+        explaining = explaining_ones(layout, best, scores, criteria)
         return Judgement(verdict, tuple(kept), nominal_ratio, left_ratio, closed, reasons, explaining)
 
     def leads(*reasons: str) -> Judgement:
         """Return what explains most, though no one part of it is proven: with UNKNOWN nothing is named anyway."""
         top = material(layout, [max(scores, key=lambda score: score.total)], scores, criteria, limits)[0]
-        spare = criteria.material_share * _at_stake(layout, nominal)
+        spare = criteria.material_share * at_stake(layout, nominal)
         if layout.gap_above_floor(top.held_out) < layout.gap_above_floor(best.held_out) - spare:
-            share = 100.0 * _closed(layout, nominal, top, limits)
+            share = 100.0 * closed_of(layout, nominal, top, limits)
             kept.insert(0, top)
             names = " + ".join(top.names)
             reasons = (*reasons, f"as a lead: {names} would close {share:.0f} %, but is not clearly better")
@@ -253,9 +118,9 @@ def judge(
         return leads(where, "no candidate foretells held-out data clearly better than no effect")
     share = _said(best, closed)
     # Also what a small gap leaves, though it would count as none, must not be much of it.
-    utmost = _closed(layout, nominal, chosen[0], limits)
+    utmost = closed_of(layout, nominal, chosen[0], limits)
     wanted = criteria.explained_share_within if left_ratio <= 1.0 else criteria.explained_share
-    poor = _poor(layout, nominal, best, criteria, limits)
+    poor = still_off(layout, nominal, best, criteria, limits)
     if poor:
         still = layout.gaps(best.held_out)[poor[0]]
         return leads(where, f"{share}, but {poor[0]} is still off by {still:.1f} times its noise")
@@ -265,9 +130,9 @@ def judge(
             f"{share}; {left_signal} is still off by {left_gap:.1f} times its noise",
             f"what explains a gap must close {100.0 * wanted:.0f} % of it",
         )
-    kept = _set_around(layout, best, kept, scores, criteria, limits)
+    kept = set_around(layout, best, kept, scores, criteria, limits)
     if len(kept) > 1:
-        left_ratio, closed = limits.worst(layout, kept[0].held_out)[2], _closed(layout, nominal, kept[0], limits)
+        left_ratio, closed = limits.worst(layout, kept[0].held_out)[2], closed_of(layout, nominal, kept[0], limits)
         others = "; ".join(" + ".join(score.names) or "no effect" for score in kept[1:])
         alike = f"within two standard errors of the best, or no further off than the simulator may be: {others}"
         return answer(Verdict.AMBIGUOUS, where, _said(kept[0], closed), alike)
