@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -67,7 +68,12 @@ def asked_in_parts(
     with failures_told():
         own, others = prepared_for_parts(recordings, references, library)
         told = tendons_told_by(others)
-    return Question(own, others, WithTendons(simulator, library, tuple(told.items())) if told else simulator)
+    if not told:
+        return Question(own, others, simulator)
+    values = ", ".join(f"{name} {value:.3g}" for name, value in told.items())
+    note = f"effects come on top of tendons as the references tell them to be: {values}"
+    own = [dataclasses.replace(own[0], notes=(*own[0].notes, note)), *own[1:]]
+    return Question(own, others, WithTendons(simulator, library, tuple(told.items())))
 
 
 def diagnosis_of(

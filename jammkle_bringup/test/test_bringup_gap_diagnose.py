@@ -186,6 +186,21 @@ def test_a_bag_of_another_recorder_is_diagnosed_with_its_rig_by_hand(leaking: Pa
     assert any("tendon_states" in note for note in found["notes"])
 
 
+def test_in_parts_effects_come_on_top_of_what_references_tell(tmp_path: Path) -> None:
+    """Stiff tendons are how this machine is; a leak is what has changed, and what was told stands in the notes."""
+    stiff = "tendon_stiffness: {scale: 1.3}"
+    healthy = [str(bag(tmp_path, f"healthy_{seed}", seed, stiff)) for seed in (11, 12)]
+    leaking = bag(tmp_path, "leaking", 13, f"{stiff}\nline_leak_manifold: {{conductance_dm3_s_bar: {TRUE_LEAK}}}")
+    call = ["gap", "diagnose", str(leaking), "--reference", healthy[0], "--reference", healthy[1]]
+    call += ["--simulate", "parts", "-o", str(tmp_path / "out"), "--json", str(tmp_path / "x.json")]
+    assert main(call) == 0
+    found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
+    assert found["set"][0]["names"] == ["line_leak_manifold"]
+    assert found["simulated"] == "parts"
+    told = next(note for note in found["notes"] if "references tell" in note)
+    assert float(told.partition("tendon_stiffness.scale ")[2].partition(",")[0]) == pytest.approx(1.3, abs=0.1)
+
+
 def test_a_run_without_a_gap_has_none(tmp_path: Path) -> None:
     """Another seed of the very same rig is no gap, names nothing, and corrects nothing."""
     same = bag(tmp_path, "same", 11)

@@ -82,6 +82,16 @@ def test_bodies_and_air_stay_as_they_are() -> None:
     assert all(np.array_equal(plain[name], machine[name]) for name in plain if quantity_of(name) != TENSION)
 
 
+def test_where_nothing_is_told_parts_are_as_built() -> None:
+    """Also with effects on, and where times count from when the slide was seen to move off."""
+    landed = landing(MACHINE, 3)
+    counted = dataclasses.replace(landed, inputs=dataclasses.replace(landed.inputs, starts_by_motion=True))
+    values = {"joint_delay.delay_s": 0.02, TORN: 0.3}
+    plain, machine = PARTS(counted, values), WithTendons(PARTS, LIBRARY, ())(counted, values)
+    assert plain.keys() == machine.keys()
+    assert all(np.array_equal(plain[name], machine[name]) for name in plain)
+
+
 def test_without_tensions_nothing_is_told() -> None:
     """A recorder that knows no tendons says nothing of them, and no reference nothing at all."""
     recording = landing(MACHINE, 1)

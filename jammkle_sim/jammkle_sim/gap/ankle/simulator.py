@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_sim.gap.ankle.effects import apply_effects
+from jammkle_sim.gap.ankle.effects import ankle_library, apply_effects
 from jammkle_sim.gap.ankle.inputs import nominal_rig
 from jammkle_sim.gap.ankle.readings import readings
 from jammkle_sim.gap.ankle.restarts import restarted_readings
@@ -29,6 +29,8 @@ class AnkleSimulator:
 
     library: Library
     """Effects whose parameters it takes."""
+    machine: tuple[tuple[str, float], ...] = ()
+    """What this very machine is like, by parameters of the package's effects: those of a call come on top."""
 
     def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
         """Run again what was commanded; see `gap.simulator.Simulator`.
@@ -56,7 +58,8 @@ class AnkleSimulator:
     def rig(self, recording: Recording, values: Mapping[str, float]) -> Rig:
         """Return the rig of a recording with effects in it."""
         inputs = inputs_of(recording)
-        rig = apply_effects(nominal_rig(inputs), self.library, values)
+        machine = apply_effects(nominal_rig(inputs), ankle_library(), dict(self.machine))
+        rig = apply_effects(machine, self.library, values)
         return _counted_from_motion(rig) if inputs.starts_by_motion else rig
 
 

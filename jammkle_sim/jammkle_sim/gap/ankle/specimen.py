@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_sim.gap.ankle.effects import ankle_library, apply_effects
-from jammkle_sim.gap.ankle.inputs import nominal_rig
+from jammkle_sim.gap.ankle.effects import ankle_library
+from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.gap.ankle.subsystems import tensions_of
-from jammkle_sim.gap.ankle.truth import inputs_of
 from jammkle_sim.gap.fitting import ROBUST
 
 if TYPE_CHECKING:
@@ -96,7 +95,7 @@ def _residual(references: Sequence[Recording], values: Mapping[str, float]) -> N
     """Return measured less simulated tensions, in their noise, shape (n,)."""
     found = [np.zeros(0)]
     for each in references:
-        rig = apply_effects(nominal_rig(inputs_of(each)), ankle_library(), values)
+        rig = AnkleSimulator(ankle_library()).rig(each, values)
         for name, tension_n in tensions_of(each, rig).items():
             signal = each.signal(name)
             found.append(((signal.values - tension_n) / signal.noise)[::_EVERY])
@@ -118,8 +117,7 @@ class WithTendons:
 
     def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
         """Run every part; see `gap.simulator.Simulator`."""
-        machine = apply_effects(nominal_rig(inputs_of(recording)), ankle_library(), dict(self.told))
-        tensions = tensions_of(recording, apply_effects(machine, self.library, values))
+        tensions = tensions_of(recording, AnkleSimulator(self.library, self.told).rig(recording, values))
         return {name: tensions.get(name, made) for name, made in self.simulator(recording, values).items()}
 
     def restarted(
