@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_bringup.core.blind import files
 from jammkle_bringup.core.blind.questions import Run, read_questions, said_file
+from jammkle_bringup.core.commit import commit
 from jammkle_bringup.core.gap.backend import backend
 from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.gap_diagnosing import Question, asked_in_parts, diagnosis_of, failures_told
@@ -47,7 +48,7 @@ def answer(request: AnswerRequest) -> int:
         Interrupted: asked to stop; what is known by then is no answer.
 
     """
-    asked = read_questions(request.questions)
+    asked, program = read_questions(request.questions), commit()
     options, stop = rig_options(asked.settings), StopRequest()
 
     every_effect = library_of(None, (), ())
@@ -71,7 +72,7 @@ def answer(request: AnswerRequest) -> int:
             content = ask(question(references), library, jobs, stop)
             if stop():
                 raise Interrupted
-            files.write_json(said_file(request.questions.parent, way.run), content)
+            files.write_json(said_file(request.questions.parent, way.run), {**content, "commit": program})
     return 0
 
 

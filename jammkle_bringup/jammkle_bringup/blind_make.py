@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import joblib
@@ -20,6 +18,7 @@ from jammkle_bringup.core.blind.making import Maker
 from jammkle_bringup.core.blind.plan import plan_cases
 from jammkle_bringup.core.blind.regimes import regime_name, rigs
 from jammkle_bringup.core.blind.sources import Reality, Simulator
+from jammkle_bringup.core.commit import commit
 from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.gap.backend import backend
 from jammkle_bringup.core.message_definitions import MessageDefinitions, share_folders
@@ -30,6 +29,7 @@ from jammkle_sim.gap.ankle.effects import ankle_library
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from jammkle_bringup.core.blind.plan import CasePlan
 
@@ -117,21 +117,6 @@ def _make_live(request: MakeRequest, notes: _Notes, stop: StopRequest) -> None:
         note, truth = case.make(place, stop)
         files.write_case(place, note)
         notes.add(case.name, truth_as_dict(truth))
-
-
-def commit() -> str:
-    """Return the commit of this program, with a + if files differ from it; empty where it is not known."""
-    git = shutil.which("git")
-    if git is None:
-        return ""
-    here = str(Path(__file__).resolve().parent)
-    found = [
-        subprocess.run([git, "-C", here, *words], capture_output=True, text=True, check=False)  # noqa: S603
-        for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no"))
-    ]
-    if found[0].returncode:
-        return ""
-    return found[0].stdout.strip() + ("+" if found[1].stdout.strip() else "")
 
 
 def _check(request: MakeRequest) -> None:

@@ -39,7 +39,7 @@ _SAY_EVERY_S = 60.0
 _EXIT_INTERRUPTED = 130
 _KEPT = {
     "verdict", "reasons", "effects", "set", "probabilities", "where", "subsystems", "gap", "noise", "dropped",
-    "ranking", "notes", "finished", "runtime", "formula", "next_experiment", "baselines",
+    "ranking", "notes", "finished", "runtime", "formula", "next_experiment", "baselines", "commit",
 }  # fmt: skip
 """Of a diagnosis's JSON; the rest is in no figure."""
 _QUESTIONS = "questions.json"

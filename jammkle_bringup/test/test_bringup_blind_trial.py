@@ -18,6 +18,7 @@ from jammkle_bringup.core.blind.aims import AIMS
 from jammkle_bringup.core.blind.redacted import redacted
 from jammkle_bringup.core.blind.regimes import SMALL_SEED
 from jammkle_bringup.core.blind.sources import Reality
+from jammkle_bringup.core.commit import commit
 from jammkle_sim.gap.ankle.effects import ankle_library
 from jammkle_sim.gap.ankle.loading import load_recording
 
@@ -255,6 +256,8 @@ def test_a_small_trial_of_a_stranger(external: tuple[Path, Path], tmp_path: Path
     text = (page / "blind.html").read_text(encoding="utf-8")
     assert found["trial"]["key_sha256"] in text
     assert found["trial"]["answers_sha256"] in text
+    assert found["trial"]["diagnosed_by"] == [commit()]
+    assert "diagnosed by" in text
     assert all(aim.text in text for aim in AIMS)
     assert "http://" not in text.replace("http://www.w3.org", "")
     assert "cannot tell apart" not in text, "how a stranger's rigs were set is not known"

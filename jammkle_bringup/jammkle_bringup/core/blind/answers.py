@@ -51,6 +51,8 @@ class Answer:
     runs: int = 0
     problem: str = ""
     """Why it was refused."""
+    commit: str = ""
+    """Of the program that diagnosed; empty: not known."""
 
     @property
     def names(self) -> frozenset[str]:
@@ -92,6 +94,7 @@ def answer_of(content: Mapping[str, Any]) -> Answer:
         estimates,
         wall_s,
         runs,
+        commit=str(content.get("commit") or ""),
     )
 
 

@@ -17,6 +17,7 @@ from jammkle_bringup.core.blind.real import as_rows
 from jammkle_bringup.core.blind.result import (
     case_as_dict,
     confusion,
+    diagnosed_by,
     main_cases,
     outcome_names,
     outcomes_by_kind,
@@ -64,6 +65,7 @@ def page(result: Result, pairs: Sequence[NotApart] = (), real: Sequence[RealCase
     asked = [aim for aim in AIMS if aim.figure in first.figures]
     return environment.from_string(source).render(
         facts=result.facts,
+        diagnosed_by=diagnosed_by(result),
         answers_sha256=result.answers_sha256,
         met=len(met),
         asked=len(asked),

@@ -148,6 +148,12 @@ def _ranked(content: Mapping[str, Any], name: str) -> Answer:
     return Answer(Said.EFFECTS, tuple(frozenset({each}) for each in names))
 
 
+def diagnosed_by(result: Result) -> tuple[str, ...]:
+    """Return the commits of the programs that diagnosed, each once; an empty one is not known."""
+    said = [case.answer for way in result.ways for case in way.cases if case.answer.said is not Said.REFUSED]
+    return tuple(sorted({answer.commit for answer in said}))
+
+
 def as_dict(result: Result) -> dict[str, Any]:
     """Return what JSON can hold."""
     return {
@@ -156,6 +162,7 @@ def as_dict(result: Result) -> dict[str, Any]:
             "answers_sha256": result.answers_sha256,
             "seed": result.facts.seed,
             "commit": result.facts.commit,
+            "diagnosed_by": list(diagnosed_by(result)),
             "regimes": result.facts.regimes,
         },
         **{way.run.value: _way_as_dict(way) for way in result.ways},
