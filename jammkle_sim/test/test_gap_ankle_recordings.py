@@ -272,6 +272,16 @@ def test_one_slow_line_moves_no_command_of_the_others() -> None:
         assert np.abs(slow.inputs.commands.solenoids[channel].time_s - line.time_s).max() < 0.0015
 
 
+def test_commands_stay_where_they_were_heard_if_no_pressure_answers() -> None:
+    """One line switches, and its pressure was not recorded."""
+    given = bag_of_run(run("pressure", cycles=1, channel=names.ACHILLES))
+    late = {name: dataclasses.replace(each, log_s=each.log_s + 0.001) for name, each in given.topics.items()}
+    del late[names.PRESSURES[names.ACHILLES].name]
+    recording = recording_of(dataclasses.replace(given, topics=late))
+    for line in recording.inputs.commands.solenoids.values():
+        assert np.isfinite(line.time_s).all()
+
+
 def test_commands_count_as_the_hardware_acknowledged_them() -> None:
     """However late the recorder heard them, a recording with acknowledgements is the exact one; late valves show."""
     given = bag_of_run(run("pressure", cycles=2))

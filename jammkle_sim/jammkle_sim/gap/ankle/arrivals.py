@@ -78,12 +78,15 @@ def with_arrivals(inputs: AnkleInputs, rig: Rig, signals: Mapping[str, Signal], 
     switchings = _switchings(inputs)
     if not channels or not len(switchings):
         return inputs
+    answering = _answering(inputs, channels, switchings)
+    if not answering.any():
+        return inputs
     end_s = max(float(signals[names.PRESSURES[channel].name].time_s[-1]) for channel in channels)
     pressure_pa = replay.air(rig, inputs.commands, int(end_s / replay.timestep_s(rig)) + 1, inputs.start_pa)
     tracks = {each: pressure_pa[:, names.CHANNELS.index(each) + 1] for each in channels}
     step_s = replay.timestep_s(rig)
     errors = np.array([_errors(tracks, step_s, signals, shift_s, switchings) for shift_s in _SHIFTS_S.tolist()])
-    late_s = np.where(_answering(inputs, channels, switchings), _SHIFTS_S[np.argmin(errors, axis=0)], np.nan)
+    late_s = np.where(answering, _SHIFTS_S[np.argmin(errors, axis=0)], np.nan)
     # A line with a fault of its own answers late or slowly: the others tell.
     told_s = np.array([np.nanmedian(each) if np.isfinite(each).any() else np.nan for each in late_s.T])
     usual_s = float(np.nanmedian(told_s))
