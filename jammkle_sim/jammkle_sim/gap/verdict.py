@@ -134,9 +134,9 @@ def judge(
     if len(kept) > 1:
         left_ratio, closed = limits.worst(layout, kept[0].held_out)[2], closed_of(layout, nominal, kept[0], limits)
         others = "; ".join(" + ".join(score.names) or "no effect" for score in kept[1:])
-        alike = f"within two standard errors of the best, or no further off than the simulator may be: {others}"
+        alike = f"not told from it, by scores, by what is left, or by what the simulator may be off: {others}"
         return answer(Verdict.AMBIGUOUS, where, _said(kept[0], closed), alike)
-    return answer(Verdict.EFFECTS, where, share, "no other candidate is within two standard errors of it")
+    return answer(Verdict.EFFECTS, where, share, "no other candidate explains it as well")
 
 
 def _said(candidate: Score, closed: float) -> str:

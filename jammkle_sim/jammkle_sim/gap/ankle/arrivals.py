@@ -33,7 +33,8 @@ _SHIFTS_S = np.arange(0.0, 0.0301, 0.00025)
 """Delays that are tried. Assumed: the graph's hop takes 0.2 ms, its callbacks are served every few milliseconds, and
 what all switchings are late by leaves room for that."""
 _WAY_S = 0.006
-"""What all may be late by on the way to a recorder, at most. Assumed."""
+"""What all may be late by on the way to a recorder, at most. Assumed: above the 5 ms that development cases showed,
+those in good order and one with a kinked line."""
 _MOST_S = 0.01
 """Furthest that a switching is put from where it was logged. Assumed: beyond that it is no matter of the graph."""
 _TOGETHER_S = 0.02

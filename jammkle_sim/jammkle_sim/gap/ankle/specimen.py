@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 _FRICTION = "jamming_friction.scale"
 _FRICTIONS = (1.0, 0.4)
-"""Where fits begin: fibres that never slide tell nothing of the force at which they would."""
+"""Where fits begin: fibres that never slide tell nothing of the force at which they would. The second is near where
+fits to development landings ended."""
 _LAW = (
     "tendon_stiffness.scale",
     "viscoelasticity.gain_scale",
