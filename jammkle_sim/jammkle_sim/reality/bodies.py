@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 SPEEDS = 7
 """Carriage, leg about x, y, z, foot about x, y, z; axes of the world."""
+LEG, FOOT = 1, 4
+"""Where the turning of each begins among the speeds."""
 CORNERS = 4
 """Round corners of a foot: toe left and right, heel left and right."""
 TENDONS = 4

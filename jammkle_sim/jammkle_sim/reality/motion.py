@@ -10,19 +10,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from jammkle_sim.reality.bodies import CORNERS, PRESS_POINTS, SPEEDS, TENDONS
+from jammkle_sim.reality.bodies import CORNERS, FOOT, LEG, SPEEDS, TENDONS
 from jammkle_sim.reality.compiled import compiled
+from jammkle_sim.reality.inertia import solve
+from jammkle_sim.reality.loads import gather
+from jammkle_sim.reality.vectors import Vector, cross, dot, less, plus, row, scaled, turn, turned, vector
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-Vector = tuple[float, float, float]
-
-_LEG, _FOOT = 1, 4
-"""Where the turning of each begins among the speeds."""
-_STILL = 1e-12
-"""Turns, speeds and forces below it are none, in SI."""
 
 
 @compiled
@@ -56,8 +52,8 @@ def advance(
     free = -1.0 if is_held else 1.0
     if state.freedom != free:  # what is let go accelerates from the first moment
         state.freedom = free
-        _gather(law, state, pull_n, step_s, drive_m, drive_m_s)
-        _solve(law, state, active)
+        gather(law, state, pull_n, step_s, drive_m, drive_m_s)
+        solve(law, state, active)
     for step in range(steps):
         for i in range(SPEEDS):
             state.speed[i] += state.change[i] * step_s / 2.0
@@ -65,10 +61,10 @@ def advance(
         for i in range(SPEEDS):  # what depends on speed looks at the end of the step
             state.speed[i] += state.change[i] * step_s / 2.0
         at_m = drive_m + drive_m_s * step_s * (step + 1)
-        ground = _gather(law, state, pull_n, step_s, at_m, drive_m_s)
+        ground = gather(law, state, pull_n, step_s, at_m, drive_m_s)
         for i in range(SPEEDS):
             state.speed[i] -= state.change[i] * step_s / 2.0
-        _solve(law, state, active)
+        solve(law, state, active)
         for i in range(SPEEDS):
             state.speed[i] += state.change[i] * step_s / 2.0
         _weigh(law, state, ground, steps)
@@ -83,14 +79,14 @@ def lengths_and_rates(
 ) -> None:
     """Write length and rate of every tendon from seat to seat, each of shape (TENDONS,)."""
     law, state = laws[0], states[0]
-    leg_spin = _vector(state.speed, _LEG)
-    foot_spin = _vector(state.speed, _FOOT)
+    leg_spin = vector(state.speed, LEG)
+    foot_spin = vector(state.speed, FOOT)
     for i in range(TENDONS):
-        up = _turned(state.leg_turn, _row(law.seat_leg_m, i))
-        down = _turned(state.foot_turn, _row(law.seat_foot_m, i))
-        way = _less(up, down)
-        length_m[i] = math.sqrt(_dot(way, way))
-        rate_m_s[i] = _dot(way, _less(_cross(leg_spin, up), _cross(foot_spin, down))) / length_m[i]
+        up = turned(state.leg_turn, row(law.seat_leg_m, i))
+        down = turned(state.foot_turn, row(law.seat_foot_m, i))
+        way = less(up, down)
+        length_m[i] = math.sqrt(dot(way, way))
+        rate_m_s[i] = dot(way, less(cross(leg_spin, up), cross(foot_spin, down))) / length_m[i]
 
 
 @compiled
@@ -99,8 +95,8 @@ def _find_active(law: Any, state: Any, is_held: bool) -> int:  # noqa: FBT001  #
     for i in range(SPEEDS):
         free = (
             (i == 0 and not is_held)
-            or (_LEG <= i < _FOOT and law.leg_is_free > 0.0)
-            or (i >= _FOOT and law.foot_is_free > 0.0)
+            or (LEG <= i < FOOT and law.leg_is_free > 0.0)
+            or (i >= FOOT and law.foot_is_free > 0.0)
         )
         if free:
             state.active[count] = i
@@ -111,383 +107,30 @@ def _find_active(law: Any, state: Any, is_held: bool) -> int:  # noqa: FBT001  #
 @compiled
 def _drift(state: Any, step_s: float) -> None:
     state.height_m += state.speed[0] * step_s
-    _turn(state.leg_turn, _vector(state.speed, _LEG), step_s)
-    _turn(state.foot_turn, _vector(state.speed, _FOOT), step_s)
+    turn(state.leg_turn, vector(state.speed, LEG), step_s)
+    turn(state.foot_turn, vector(state.speed, FOOT), step_s)
     state.plate_m += state.plate_m_s * step_s
     for i in range(CORNERS):
         state.mat_m[i] = max(state.mat_m[i] + state.mat_m_s[i] * step_s, 0.0)
 
 
 @compiled
-def _gather(law: Any, state: Any, pull_n: Any, step_s: float, drive_m: float, drive_m_s: float) -> Vector:
-    """Gather the loads on every speed; return the force of the ground."""
-    for i in range(SPEEDS):
-        state.load[i] = 0.0
-    to_ankle = _turned(state.leg_turn, (law.ankle_m[0], law.ankle_m[1], law.ankle_m[2]))
-    state.load[0] += _carriage_n(law, state, step_s, drive_m, drive_m_s)
-    _add_weight(law, state, to_ankle)
-    if law.foot_is_free > 0.0:
-        for i in range(TENDONS):
-            up = _turned(state.leg_turn, _row(law.seat_leg_m, i))
-            down = _turned(state.foot_turn, _row(law.seat_foot_m, i))
-            way = _less(up, down)
-            pull = _scaled(way, pull_n[i] / math.sqrt(_dot(way, way)))
-            _push_foot(state, to_ankle, down, pull)
-            _push_leg(state, _plus(to_ankle, up), _scaled(pull, -1.0))
-        _add_joint(law, state, step_s)
-    if law.plate_kg > 0.0:
-        _add_plate(law, state, to_ankle, step_s)
-    for i in range(3):
-        state.load[_LEG + i] -= law.pivot_viscous_n_m_s * state.speed[_LEG + i]
-    total = (0.0, 0.0, 0.0)
-    for i in range(CORNERS):
-        total = _plus(total, _corner_n(law, state, i, to_ankle, step_s))
-    return total
-
-
-@compiled
-def _carriage_n(law: Any, state: Any, step_s: float, drive_m: float, drive_m_s: float) -> float:
-    speed = state.speed[0]
-    force = -law.drive_n_m * (state.height_m - drive_m) - law.drive_n_s_m * (speed - drive_m_s)
-    if law.cable_n != 0.0 or law.cable_n_m != 0.0:
-        force += max(law.cable_n + law.cable_n_m * (law.cable_m - state.height_m), 0.0)
-    if law.rail_static_n > 0.0:
-        tight = 1.0
-        if law.rail_width_m > 0.0:
-            tight = math.exp(-(((state.height_m - law.rail_tight_m) / law.rail_width_m) ** 2))
-        slower = math.exp(-((speed / law.rail_stribeck_m_s) ** 2))
-        level_n = tight * (law.rail_sliding_n + (law.rail_static_n - law.rail_sliding_n) * slower)
-        if level_n > _STILL:
-            bending = state.rail_bristle_m + speed * step_s
-            state.rail_bristle_m = bending / (1.0 + law.rail_bristle_n_m * abs(speed) * step_s / level_n)
-            force -= law.rail_bristle_n_m * state.rail_bristle_m
-        else:
-            state.rail_bristle_m = 0.0
-    pull_n: float = force
-    return pull_n
-
-
-@compiled
-def _add_weight(law: Any, state: Any, to_ankle: Vector) -> None:
-    """Add gravity, and what turning asks for beside acceleration."""
-    leg_spin, foot_spin = _vector(state.speed, _LEG), _vector(state.speed, _FOOT)
-    gravity = (0.0, 0.0, -law.gravity_m_s2)
-    state.load[0] -= law.carriage_kg * law.gravity_m_s2
-    to_leg = _turned(state.leg_turn, (law.leg_centre_m[0], law.leg_centre_m[1], law.leg_centre_m[2]))
-    inward = _cross(leg_spin, _cross(leg_spin, to_leg))
-    _push_leg(state, to_leg, _scaled(_less(gravity, inward), law.leg_kg))
-    to_foot = _turned(state.foot_turn, (law.foot_centre_m[0], law.foot_centre_m[1], law.foot_centre_m[2]))
-    inward = _plus(
-        _cross(leg_spin, _cross(leg_spin, to_ankle)),
-        _cross(foot_spin, _cross(foot_spin, to_foot)),
-    )
-    _push_foot(state, to_ankle, to_foot, _scaled(_less(gravity, inward), law.foot_kg))
-    _add_moment(state, _LEG, _scaled(_gyroscopic(state.leg_turn, law.leg_inertia_kg_m2, leg_spin), -1.0))
-    _add_moment(state, _FOOT, _scaled(_gyroscopic(state.foot_turn, law.foot_inertia_kg_m2, foot_spin), -1.0))
-
-
-@compiled
-def _add_joint(law: Any, state: Any, step_s: float) -> None:
-    """Add friction of the ball joint by LuGre, and its stop."""
-    spin = _less(_vector(state.speed, _FOOT), _vector(state.speed, _LEG))
-    fast = math.sqrt(_dot(spin, spin))
-    moment = _scaled(spin, -law.joint_viscous_n_m_s)
-    if law.joint_static_n_m > 0.0:
-        slower = math.exp(-((fast / law.joint_stribeck_rad_s) ** 2))
-        level = law.joint_sliding_n_m + (law.joint_static_n_m - law.joint_sliding_n_m) * slower
-        give = 1.0 + law.joint_bristle_n_m_rad * fast * step_s / level
-        for i in range(3):
-            state.joint_bristle_rad[i] = (state.joint_bristle_rad[i] + spin[i] * step_s) / give
-        moment = _less(moment, _scaled(_vector(state.joint_bristle_rad, 0), law.joint_bristle_n_m_rad))
-    leg, foot = state.leg_turn, state.foot_turn
-    trace = 0.0
-    for i in range(3):
-        for j in range(3):
-            trace += leg[i, j] * foot[i, j]
-    if trace < 1.0 + 2.0 * math.cos(law.stop_rad):
-        angle = math.acos(max((trace - 1.0) / 2.0, -1.0))
-        axis = (0.0, 0.0, 0.0)
-        for j in range(3):  # foot = turn leg: the turn's axis from its skew part
-            axis = _plus(axis, _cross((leg[0, j], leg[1, j], leg[2, j]), (foot[0, j], foot[1, j], foot[2, j])))
-        size = max(math.sqrt(_dot(axis, axis)), _STILL)
-        moment = _less(moment, _scaled(axis, law.stop_n_m_rad * (angle - law.stop_rad) / size))
-    _add_moment(state, _FOOT, moment)
-    _add_moment(state, _LEG, _scaled(moment, -1.0))
-
-
-@compiled
-def _add_plate(law: Any, state: Any, to_ankle: Vector, step_s: float) -> None:
-    """Let the loose plate strike the ends of its gap."""
-    at = _turned(state.foot_turn, (law.plate_at_m[0], law.plate_at_m[1], law.plate_at_m[2]))
-    across = (state.foot_turn[0, 2], state.foot_turn[1, 2], state.foot_turn[2, 2])
-    half_m = law.plate_gap_m / 2.0
-    over_m = state.plate_m - min(max(state.plate_m, -half_m), half_m)
-    force = 0.0
-    if over_m != 0.0:
-        force = -law.plate_n_m * over_m - law.plate_n_s_m * state.plate_m_s
-        if force * over_m > 0.0:  # ends push, they never pull
-            force = 0.0
-    carried = _plus(
-        (0.0, 0.0, state.change[0] + law.gravity_m_s2),
-        _plus(_cross(_vector(state.change, _LEG), to_ankle), _cross(_vector(state.change, _FOOT), at)),
-    )
-    state.plate_m_s += (force / law.plate_kg - _dot(carried, across)) * step_s
-    _push_foot(state, to_ankle, at, _scaled(across, -force))
-
-
-@compiled
-def _corner_n(law: Any, state: Any, corner: int, to_ankle: Vector, step_s: float) -> Vector:
-    """Add what the ground does to one corner, and return it."""
-    sine, cosine = math.sin(law.slope_rad), math.cos(law.slope_rad)
-    out, along = (-sine, 0.0, cosine), (cosine, 0.0, sine)
-    arm = _turned(state.foot_turn, _row(law.corner_m, corner))
-    centre = _plus(to_ankle, arm)
-    pivot_m = state.height_m - law.ankle_m[2]
-    depth_m = law.corner_radius_m - _dot(out, centre) - out[2] * pivot_m
-    pressed_m = depth_m - state.mat_m[corner]
-    if pressed_m <= 0.0:
-        state.bristle_m[corner, 0] = state.bristle_m[corner, 1] = 0.0
-        for i in range(3):
-            state.ground_n[corner, i] = 0.0
-        _press_mat(law, state, corner, 0.0)
-        return (0.0, 0.0, 0.0)
-    arm = _less(arm, _scaled(out, law.corner_radius_m - depth_m))
-    speed = _plus(
-        (0.0, 0.0, state.speed[0]),
-        _plus(_cross(_vector(state.speed, _LEG), to_ankle), _cross(_vector(state.speed, _FOOT), arm)),
-    )
-    pressing_m_s = -_dot(out, speed) - state.mat_m_s[corner]
-    load_n = max(_pressed_n(law, pressed_m) * (1.0 + law.press_damping_s_m * pressing_m_s), 0.0)
-    _press_mat(law, state, corner, load_n)
-    first, second = _dot(along, speed), speed[1]
-    fast = math.sqrt(first * first + second * second)
-    slower = math.exp(-((fast / law.friction_stribeck_m_s) ** 2))
-    level = max(law.friction_sliding + (law.friction_static - law.friction_sliding) * slower, _STILL)
-    give = 1.0 + law.friction_bristle_1_m * fast * step_s / level
-    rub_first = _rubbed(law, state, corner, 0, first, give, step_s)
-    rub_second = _rubbed(law, state, corner, 1, second, give, step_s)
-    size = math.sqrt(rub_first * rub_first + rub_second * rub_second)
-    most = max(law.friction_static, level)
-    scale = -load_n * (1.0 if size <= most else most / size)
-    force = _plus(_plus(_scaled(along, scale * rub_first), (0.0, scale * rub_second, 0.0)), _scaled(out, load_n))
-    state.ground_n[corner, 0] = scale * rub_first
-    state.ground_n[corner, 1] = scale * rub_second
-    state.ground_n[corner, 2] = load_n
-    _push_foot(state, to_ankle, arm, force)
-    return force
-
-
-@compiled
-def _rubbed(law: Any, state: Any, corner: int, way: int, speed: float, give: float, step_s: float) -> float:
-    """Bend the bristles of one corner one way on, and return their force per load."""
-    before = state.bristle_m[corner, way]
-    after = (before + speed * step_s) / give
-    state.bristle_m[corner, way] = after
-    rub: float = law.friction_bristle_1_m * after + law.friction_bristle_s_m * (after - before) / step_s
-    return rub
-
-
-@compiled
-def _press_mat(law: Any, state: Any, corner: int, load_n: float) -> None:
-    if law.mat_n_m > 0.0:
-        state.mat_m_s[corner] = (load_n - law.mat_n_m * state.mat_m[corner]) / law.mat_n_s_m
-
-
-@compiled
-def _pressed_n(law: Any, depth_m: float) -> float:
-    place = depth_m / law.press_step_m
-    index = min(int(place), PRESS_POINTS - 2)
-    below = law.press_n[index]
-    pressed_n: float = below + (law.press_n[index + 1] - below) * (place - index)
-    return pressed_n
-
-
-@compiled
-def _solve(law: Any, state: Any, count: int) -> None:
-    """Fill the matrix of inertia and solve it for the change of the speeds that are free."""
-    matrix, load = state.matrix, state.load
-    to_ankle = _turned(state.leg_turn, (law.ankle_m[0], law.ankle_m[1], law.ankle_m[2]))
-    to_leg = _turned(state.leg_turn, (law.leg_centre_m[0], law.leg_centre_m[1], law.leg_centre_m[2]))
-    to_foot = _turned(state.foot_turn, (law.foot_centre_m[0], law.foot_centre_m[1], law.foot_centre_m[2]))
-    matrix[0, 0] = law.carriage_kg + law.leg_kg + law.foot_kg
-    reach = _dot(to_ankle, to_foot)
-    for i in range(3):
-        for j in range(3):
-            same = 1.0 if i == j else 0.0
-            leg = law.leg_kg * (_dot(to_leg, to_leg) * same - to_leg[i] * to_leg[j])
-            leg += law.foot_kg * (_dot(to_ankle, to_ankle) * same - to_ankle[i] * to_ankle[j])
-            foot = law.foot_kg * (_dot(to_foot, to_foot) * same - to_foot[i] * to_foot[j])
-            for k in range(3):
-                leg += state.leg_turn[i, k] * law.leg_inertia_kg_m2[k] * state.leg_turn[j, k]
-                foot += state.foot_turn[i, k] * law.foot_inertia_kg_m2[k] * state.foot_turn[j, k]
-            matrix[_LEG + i, _LEG + j] = leg
-            matrix[_FOOT + i, _FOOT + j] = foot
-            both = law.foot_kg * (reach * same - to_foot[i] * to_ankle[j])
-            matrix[_LEG + i, _FOOT + j] = both
-            matrix[_FOOT + j, _LEG + i] = both
-    leg_lever = _plus(_scaled(to_leg, law.leg_kg), _scaled(to_ankle, law.foot_kg))
-    foot_lever = _scaled(to_foot, law.foot_kg)
-    _border(matrix, _LEG, leg_lever)
-    _border(matrix, _FOOT, foot_lever)
-    if law.foot_is_free <= 0.0 and law.leg_is_free > 0.0:
-        _fold(matrix, load)
-    _eliminate(matrix, load, state.active, count)
-    for i in range(SPEEDS):
-        state.change[i] = 0.0
-    for a in range(count):
-        state.change[state.active[a]] = load[state.active[a]]
-    if law.foot_is_free <= 0.0:
-        for i in range(3):
-            state.change[_FOOT + i] = state.change[_LEG + i]
-
-
-@compiled
-def _fold(matrix: Any, load: Any) -> None:
-    """Let the foot turn as the leg does."""
-    for i in range(3):
-        load[_LEG + i] += load[_FOOT + i]
-        matrix[0, _LEG + i] += matrix[0, _FOOT + i]
-        matrix[_LEG + i, 0] = matrix[0, _LEG + i]
-        for j in range(3):
-            both = matrix[_LEG + i, _FOOT + j] + matrix[_FOOT + i, _LEG + j]
-            matrix[_LEG + i, _LEG + j] += both + matrix[_FOOT + i, _FOOT + j]
-
-
-@compiled
-def _border(matrix: Any, at: int, lever: Vector) -> None:
-    """Couple a body's turning to the carriage: what rises per turn, lever cross z."""
-    for i, value in enumerate((lever[1], -lever[0], 0.0)):
-        matrix[0, at + i] = value
-        matrix[at + i, 0] = value
-
-
-@compiled
-def _eliminate(matrix: Any, load: Any, active: Any, count: int) -> None:
-    """Solve the symmetric system of the active rows in place; the solution stands in load."""
-    for a in range(count):
-        row = active[a]
-        for b in range(a + 1, count):
-            below = active[b]
-            factor = matrix[below, row] / matrix[row, row]
-            for c in range(a, count):
-                matrix[below, active[c]] -= factor * matrix[row, active[c]]
-            load[below] -= factor * load[row]
-    for a in range(count - 1, -1, -1):
-        row = active[a]
-        value = load[row]
-        for c in range(a + 1, count):
-            value -= matrix[row, active[c]] * load[active[c]]
-        load[row] = value / matrix[row, row]
-
-
-@compiled
 def _weigh(law: Any, state: Any, ground: Vector, steps: int) -> None:
     """Add to the mean of what the load cell bears: mass times acceleration of all below it, less gravity and ground."""
-    leg_spin, foot_spin = _vector(state.speed, _LEG), _vector(state.speed, _FOOT)
-    leg_change, foot_change = _vector(state.change, _LEG), _vector(state.change, _FOOT)
-    to_ankle = _turned(state.leg_turn, (law.ankle_m[0], law.ankle_m[1], law.ankle_m[2]))
-    to_leg = _turned(state.leg_turn, (law.leg_centre_m[0], law.leg_centre_m[1], law.leg_centre_m[2]))
-    to_foot = _turned(state.foot_turn, (law.foot_centre_m[0], law.foot_centre_m[1], law.foot_centre_m[2]))
+    leg_spin, foot_spin = vector(state.speed, LEG), vector(state.speed, FOOT)
+    leg_change, foot_change = vector(state.change, LEG), vector(state.change, FOOT)
+    to_ankle = turned(state.leg_turn, (law.ankle_m[0], law.ankle_m[1], law.ankle_m[2]))
+    to_leg = turned(state.leg_turn, (law.leg_centre_m[0], law.leg_centre_m[1], law.leg_centre_m[2]))
+    to_foot = turned(state.foot_turn, (law.foot_centre_m[0], law.foot_centre_m[1], law.foot_centre_m[2]))
     up = (0.0, 0.0, state.change[0] + law.gravity_m_s2)
-    leg = _plus(up, _carried(leg_spin, leg_change, to_leg))
-    foot = _plus(up, _plus(_carried(leg_spin, leg_change, to_ankle), _carried(foot_spin, foot_change, to_foot)))
-    total = _plus(_scaled(leg, law.leg_kg), _plus(_scaled(foot, law.foot_kg), _scaled(up, law.cell_kg)))
-    total = _less(total, ground)
+    leg = plus(up, _carried(leg_spin, leg_change, to_leg))
+    foot = plus(up, plus(_carried(leg_spin, leg_change, to_ankle), _carried(foot_spin, foot_change, to_foot)))
+    total = plus(scaled(leg, law.leg_kg), plus(scaled(foot, law.foot_kg), scaled(up, law.cell_kg)))
+    total = less(total, ground)
     for i in range(3):
         state.cell_n[i] += total[i] / steps
 
 
 @compiled
 def _carried(spin: Vector, change: Vector, arm: Vector) -> Vector:
-    return _plus(_cross(change, arm), _cross(spin, _cross(spin, arm)))
-
-
-@compiled
-def _gyroscopic(turn: Any, inertia: Any, spin: Vector) -> Vector:
-    """Return spin cross angular momentum."""
-    x, y, z = 0.0, 0.0, 0.0
-    for k in range(3):
-        share = inertia[k] * (turn[0, k] * spin[0] + turn[1, k] * spin[1] + turn[2, k] * spin[2])
-        x += turn[0, k] * share
-        y += turn[1, k] * share
-        z += turn[2, k] * share
-    return _cross(spin, (x, y, z))
-
-
-@compiled
-def _turn(matrix: Any, spin: Vector, step_s: float) -> None:
-    """Turn a body on by Rodrigues' formula, in place."""
-    fast = math.sqrt(_dot(spin, spin))
-    angle = fast * step_s
-    if angle < _STILL:
-        return
-    axis = _scaled(spin, 1.0 / fast)
-    sine, less = math.sin(angle), 1.0 - math.cos(angle)
-    for j in range(3):
-        column = (matrix[0, j], matrix[1, j], matrix[2, j])
-        first = _cross(axis, column)
-        second = _cross(axis, first)
-        for i in range(3):
-            matrix[i, j] = column[i] + sine * first[i] + less * second[i]
-
-
-@compiled
-def _push_leg(state: Any, at: Vector, force: Vector) -> None:
-    state.load[0] += force[2]
-    _add_moment(state, _LEG, _cross(at, force))
-
-
-@compiled
-def _push_foot(state: Any, to_ankle: Vector, at: Vector, force: Vector) -> None:
-    _push_leg(state, to_ankle, force)
-    _add_moment(state, _FOOT, _cross(at, force))
-
-
-@compiled
-def _add_moment(state: Any, at: int, moment: Vector) -> None:
-    for i in range(3):
-        state.load[at + i] += moment[i]
-
-
-@compiled
-def _vector(values: Any, at: int) -> Vector:
-    return (values[at], values[at + 1], values[at + 2])
-
-
-@compiled
-def _row(values: Any, row: int) -> Vector:
-    return (values[row, 0], values[row, 1], values[row, 2])
-
-
-@compiled
-def _turned(matrix: Any, vector: Vector) -> Vector:
-    return (
-        matrix[0, 0] * vector[0] + matrix[0, 1] * vector[1] + matrix[0, 2] * vector[2],
-        matrix[1, 0] * vector[0] + matrix[1, 1] * vector[1] + matrix[1, 2] * vector[2],
-        matrix[2, 0] * vector[0] + matrix[2, 1] * vector[1] + matrix[2, 2] * vector[2],
-    )
-
-
-@compiled
-def _cross(a: Vector, b: Vector) -> Vector:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@compiled
-def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled
-def _plus(a: Vector, b: Vector) -> Vector:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-@compiled
-def _less(a: Vector, b: Vector) -> Vector:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-@compiled
-def _scaled(a: Vector, factor: float) -> Vector:
-    return (a[0] * factor, a[1] * factor, a[2] * factor)
+    return plus(cross(change, arm), cross(spin, cross(spin, arm)))
