@@ -1,0 +1,49 @@
+"""Short runs of the rigs as bags and recordings, and how far the simulator is off them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_graph import names
+from jammkle_sim.gap.ankle.effects import ankle_library
+from jammkle_sim.gap.ankle.runs import bag_of_run
+from jammkle_sim.gap.ankle.simulator import AnkleSimulator
+from jammkle_sim.rigs.catalogue import RIGS, run_rig
+
+if TYPE_CHECKING:
+    from jammkle_sim.gap.ankle.bag import Bag
+    from jammkle_sim.gap.recording import Recording, Signal
+    from jammkle_sim.rigs.run import RigRun
+
+
+SIMULATOR = AnkleSimulator(ankle_library())
+ACHILLES = names.PRESSURES[names.ACHILLES].name
+
+
+@lru_cache(maxsize=8)
+def run(rig: str, **options: object) -> RigRun:
+    """Run a rig once."""
+    return run_rig(rig, RIGS[rig].options(**options), lambda _: None, lambda: False)
+
+
+def bag() -> Bag:
+    """Jam and vent an ankle once."""
+    return bag_of_run(run("pressure", cycles=1))
+
+
+def unbiased(signal: Signal, simulated: np.ndarray) -> np.ndarray:
+    """Measured less simulated, less what the sensor may be off by throughout."""
+    residual = signal.values - simulated
+    return residual - np.clip(residual.mean(), -3.0 * signal.bias, 3.0 * signal.bias)
+
+
+def worst_gap(recording: Recording) -> float:
+    """Largest difference of measured and nominal over the signals, root mean square in noise."""
+    simulated = SIMULATOR(recording, {})
+    assert set(simulated) == {signal.name for signal in recording.signals}
+    return max(
+        float(np.sqrt(np.mean((unbiased(each, simulated[each.name]) / each.noise) ** 2))) for each in recording.signals
+    )
