@@ -86,7 +86,7 @@ def made_up(verdict: Verdict, signals: int = 2, samples: int = 400, recordings: 
         noise=tuple(NoiseSource(name, "Pa", 100.0, "still stretches") for name in names),
         gap=Closing(20.0, left, 0.95, (0.9, 0.97)),
         signals=tuple(
-            SignalClosing(name, "Pa", 100.0, Closing(gap, left, 0.95, (0.9, 1.2)), 100.0 * gap, 100.0 * left)
+            SignalClosing(name, "Pa", 100.0, 1.5, Closing(gap, left, 0.95, (0.9, 1.2)), 100.0 * gap, 100.0 * left)
             for name, gap in zip(names, gaps, strict=True)
         ),
         regimes=(RegimeClosing("50 kPa", 20.0, 2.0, 0.94),),

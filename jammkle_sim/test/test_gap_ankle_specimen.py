@@ -75,6 +75,18 @@ def test_a_change_comes_on_top_of_what_the_machine_is_like() -> None:
     assert max(after.values()) < 1.5
 
 
+def test_a_machine_that_softens_softens_further() -> None:
+    """A little more loss takes force off, never gives it back; the travel of no further loss changes nothing."""
+    recording = landing((), 5)
+    machine = WithTendons(PARTS, LIBRARY, (("softening.loss", 0.1), ("softening.travel_m", 0.05)))
+    before = machine(recording, {})
+    softer = machine(recording, {"softening.loss": 0.02, "softening.travel_m": 0.05})
+    same = machine(recording, {"softening.travel_m": 0.2})
+    for name in (name for name in before if quantity_of(name) == TENSION):
+        assert np.array_equal(same[name], before[name])
+        assert softer[name].max() < before[name].max()
+
+
 def test_bodies_and_air_stay_as_they_are() -> None:
     recording = landing(MACHINE, 3)
     plain, machine = PARTS(recording, {}), WithTendons(PARTS, LIBRARY, tuple(told().items()))(recording, {})

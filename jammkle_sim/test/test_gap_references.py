@@ -78,3 +78,28 @@ def test_what_goes_astray_between_references_is_not_trusted_further_out() -> Non
     references = indifferent((0.9, 1.0, 1.1), 8)
     found = diagnose(indifferent((1.5, 1.5), 9), simulate, LIBRARY, references=references, jobs=1)
     assert found.verdict is Verdict.NO_GAP
+
+
+def test_a_part_is_judged_by_what_it_is_off_itself() -> None:
+    """The whole is off by much, its part is not: beside references neither is to blame where nothing has changed."""
+
+    def part(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        return {"x": TRUE_GAIN * simulate(recording, values)["x"]}
+
+    references, recordings = machine((1.0, 1.0, 1.0), 6), machine((1.0, 1.0), 7)
+    found = diagnose(recordings, simulate, LIBRARY, references=references, subsystems={"part": part}, jobs=1)
+    (fed,) = found.where.subsystems
+    assert not fed.to_blame
+    assert fed.gap < 1.2
+    changed = machine((1.0, 1.0), 8, push=1.0)
+    found = diagnose(changed, simulate, LIBRARY, references=references, subsystems={"part": part}, jobs=1)
+    assert found.where.subsystems[0].to_blame
+
+
+def test_how_far_a_simulator_is_off_is_seen_through_the_noise() -> None:
+    """A signal as large as its noise, of which the simulator makes a fifth too little: nine references tell."""
+    references = machine((2.0 * WHITE,) * 9, 9)
+    recordings = machine((2.0 * WHITE,) * 2, 10)
+    made = [[simulate(each, {}) for each in some] for some in (recordings, references)]
+    off = with_references(recordings, made[0], references, made[1]).off["x"]
+    assert off == pytest.approx(TRUE_GAIN - 1.0, abs=0.1)

@@ -50,6 +50,8 @@ class SignalClosing:
     unit: str
     noise: float
     """One noise unit, in the signal's unit, where nothing adds to it."""
+    limit: float
+    """Largest gap that counts as none, noise units."""
     closing: Closing
     nominal_physical: float
     """Root mean square before, in the signal's unit."""
@@ -88,7 +90,7 @@ def _root_of(values: NDArray[np.float64]) -> float:
 
 
 def closings(
-    layout: Layout, nominal: NDArray[np.float64], with_effect: NDArray[np.float64]
+    layout: Layout, nominal: NDArray[np.float64], with_effect: NDArray[np.float64], limits: Mapping[str, float]
 ) -> tuple[Closing, tuple[SignalClosing, ...]]:
     """Compare two residuals over all and per signal, with intervals from resampled blocks.
 
@@ -96,6 +98,7 @@ def closings(
         layout: Of the residuals.
         nominal: Without any effect, noise units.
         with_effect: With it, each block predicted by a fit to the others.
+        limits: Largest gap of each signal that counts as none, noise units.
 
     """
     before, after = _table(layout, nominal), _table(layout, with_effect)
@@ -127,7 +130,8 @@ def closings(
     for index, name in enumerate(layout.names):
         piece = next(piece for piece in layout.pieces if piece.signal == name)
         physical = [_root_of((each * layout.noise)[layout.signal_of == index]) for each in (nominal, with_effect)]
-        per_signal.append(SignalClosing(name, piece.unit, piece.noise, one(slice(index, index + 1)), *physical))
+        closing = one(slice(index, index + 1))
+        per_signal.append(SignalClosing(name, piece.unit, piece.noise, limits[name], closing, *physical))
     return one(slice(0, len(layout.names))), tuple(per_signal)
 
 

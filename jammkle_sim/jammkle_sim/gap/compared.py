@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_sim.gap.references import with_references, without_references
+from jammkle_sim.gap.references import beside_references, with_references, without_references
 from jammkle_sim.gap.repeats import leaders
 from jammkle_sim.gap.residual import lay_out
 from jammkle_sim.gap.runs import Runs
@@ -31,11 +31,25 @@ class Compared:
     """Of the simulator, per recording."""
     baseline: Baseline
     layout: Layout
+    references: Sequence[Recording]
 
     @property
     def noise(self) -> Mapping[str, float]:
         """Standard deviation per signal, in its unit."""
         return {name: source.noise for name, source in self.baseline.noise.items()}
+
+    def beside(
+        self, simulate: Callable[[Recording], Mapping[str, NDArray[np.float64]]]
+    ) -> list[dict[str, NDArray[np.float64]]]:
+        """Return what another simulator makes of the recordings, as the residual takes it.
+
+        What it is off of the references is its own, and is no gap.
+        """
+        own, others = (
+            [self.runs.counted(simulate(each), each) for each in recordings]
+            for recordings in (self.runs.recordings, self.references)
+        )
+        return beside_references(self.runs.recordings, own, self.references, others, self.baseline)
 
 
 def compare(
@@ -78,4 +92,4 @@ def compare(
         factors=hanging,
         off=baseline.off,
     )
-    return Compared(runs, nominal, baseline, layout)
+    return Compared(runs, nominal, baseline, layout, references)

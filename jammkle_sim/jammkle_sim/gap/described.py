@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from jammkle_sim.gap.intervals import half_widths
+from jammkle_sim.gap.scoring import difference
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from jammkle_sim.gap.recording import Recording
@@ -98,9 +98,8 @@ def fitted_effects(score: Score, weighting: Weighting, layout: Layout, limit: fl
 
 def beside_best(each: Score, best: Score, nominal: Score, effects: tuple[FittedEffect, ...]) -> Candidate:
     """Return a candidate beside the best one and the nominal simulator."""
-    behind = best.segments - each.segments
-    error = float(np.sqrt(behind.size) * np.std(behind, ddof=1))
-    return Candidate(each.names, each.total - nominal.total, float(behind.sum()), error, effects)
+    behind = difference(best, each)
+    return Candidate(each.names, each.total - nominal.total, behind.nats, behind.error, effects)
 
 
 def overlays_of(

@@ -25,6 +25,9 @@ from jammkle_sim.gap.where import HORIZONS_S, Where, horizons, isolate, shares, 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from jammkle_sim.gap.effect import Library
     from jammkle_sim.gap.experiments import Experiment
     from jammkle_sim.gap.noise import NoiseSource
@@ -160,7 +163,7 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     best = judgement.chosen[0]
     progress("measuring how far the gap closes", _FITTED)
     without = next(score for score in found.scores if not score.names)
-    overall, signals = closings(layout, without.held_out, best.held_out)
+    overall, signals = closings(layout, without.held_out, best.held_out, limits.of_signal)
     regimes: tuple[RegimeClosing, ...] = ()
     finished = found.finished
     try:
@@ -168,14 +171,11 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
     except (StoppedError, KeyboardInterrupt):
         finished = False
     progress("finding where the gap lies", 0.9)
-    fed = {
-        name: [runs.counted(part(recording, {}), recording) for recording in recordings]
-        for name, part in (subsystems or {}).items()
-    }
+    fed = {name: compared.beside(_at_null(part)) for name, part in (subsystems or {}).items()}
     where = Where(
         shares(layout, recordings, residual, subsystem_of_signals(fed)),
         isolate(layout, fed, limits),
-        horizons(layout, runs, simulator, residual, horizons_s if finished else ()),
+        horizons(compared, simulator, residual, horizons_s if finished else ()),
     )
     left_over = (
         sparse_formula(layout, nominal, best.fit.residual, limits.worst(layout, best.fit.residual)[0])
@@ -210,6 +210,10 @@ def diagnose(  # noqa: PLR0913  # every one is a choice of the user's
         spent=runs.spent,
         finished=finished,
     )
+
+
+def _at_null(simulator: Simulator) -> Callable[[Recording], Mapping[str, NDArray[np.float64]]]:
+    return lambda recording: simulator(recording, {})
 
 
 def _moves(moves: Mapping[str, float]) -> str:

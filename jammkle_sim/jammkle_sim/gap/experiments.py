@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_sim.gap.runs import run_or_none
 from jammkle_sim.gap.scoring import STANDARD_ERRORS, difference
 
 if TYPE_CHECKING:
@@ -85,9 +86,11 @@ def _hardest(
     name: str, recording: Recording, chosen: Sequence[Score], simulator: Simulator, noise: Mapping[str, float]
 ) -> NextExperiment | None:
     noise = {**{signal.name: signal.noise for signal in recording.signals if signal.noise > 0.0}, **noise}
-    runs = [simulator(recording, score.fit.space.values(score.fit.point)) for score in chosen]
+    runs = [run_or_none(simulator, recording, score.fit.space.values(score.fit.point)) for score in chosen]
     hardest: NextExperiment | None = None
     for (one, first), (two, second) in combinations(zip(chosen, runs, strict=True), 2):
+        if first is None or second is None:  # what such a run would show, nobody can say
+            return None
         apart = {
             signal: float(np.sqrt(np.mean((first[signal] - second[signal]) ** 2)))
             for signal in first

@@ -68,7 +68,9 @@ def material(
             current = simpler
         if current.names not in [one.names for one in kept]:
             kept.append(current)
-    return [each for each in kept if not any(set(other.names) < set(each.names) for other in kept)]
+    # One that came down to no effect speaks against none that did not.
+    named = [each for each in kept if each.names] or kept
+    return [each for each in named if not any(set(other.names) < set(each.names) for other in named)]
 
 
 def set_around(

@@ -166,10 +166,10 @@ def _given(signals: Sequence[Signal]) -> NoiseSource | None:
     known = [signal for signal in signals if signal.noise > 0.0]
     if not known:
         return None
-    first = known[0]
-    step_s = float(np.median(np.diff(first.time_s))) if first.time_s.size > 1 else 1.0
-    noise = float(np.median([signal.noise for signal in known]))
-    return NoiseSource(first.name, first.unit, noise, "given with the recording", max(1.0, first.noise_time_s / step_s))
+    middle = sorted(known, key=lambda signal: (signal.noise, signal.noise_time_s))[len(known) // 2]
+    step_s = float(np.median(np.diff(middle.time_s))) if middle.time_s.size > 1 else 1.0
+    factor = max(1.0, middle.noise_time_s / step_s)
+    return NoiseSource(middle.name, middle.unit, middle.noise, "given with the recording", factor)
 
 
 def _repeated(runs: Sequence[Sequence[NDArray[np.float64]]], signal: Signal) -> NoiseSource | None:

@@ -51,17 +51,13 @@ def probabilities(
     if judgement.verdict is Verdict.UNKNOWN:
         unknown = max(unknown, 0.5)
     chosen = {score.names for score in judgement.chosen}
-    longest = max(len(names) for names in chosen)
+    longest = max(1, *(len(names) for names in chosen))
     rivals = [score for score in scores if score.names and (len(score.names) <= longest or score.names in chosen)]
     if judgement.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}:
         rivals = [score for score in rivals if score.names in judgement.explaining or score.names in chosen]
-    if not rivals or not longest:
-        result[NO_GAP] = 1.0 - gap
-        if not rivals:
-            result[UNKNOWN] = gap
-            return result
-        rivals = [score for score in scores if len(score.names) == 1]
-        unknown = max(unknown, 0.5) if judgement.nominal > 1.0 else unknown
+    if not rivals:
+        result[NO_GAP], result[UNKNOWN] = 1.0 - gap, gap
+        return result
     best = next((score for score in judgement.chosen if score.names), max(rivals, key=lambda one: one.total))
     weights = []
     for score in rivals:

@@ -39,6 +39,8 @@ class Baseline:
     """Per recording and signal: standard deviation of what a correction may be off, in the signal's unit."""
     noise: Mapping[str, NoiseSource]
     notes: tuple[str, ...]
+    same: tuple[tuple[int, ...], ...]
+    """Per recording: which references are of the same run."""
     off: Mapping[str, float]
     """By signal: share of what it foretells that the simulator is off, and so of a change that it may be wrong by."""
 
@@ -49,7 +51,7 @@ def without_references(
     """Return the baseline where there are no references: nothing is taken off."""
     noise, notes = find_noise((recordings, nominal))
     nothing: tuple[dict[str, NDArray[np.float64]], ...] = tuple({} for _ in recordings)
-    return Baseline(nothing, nothing, noise, notes, {})
+    return Baseline(nothing, nothing, noise, notes, tuple(() for _ in recordings), {})
 
 
 def with_references(
@@ -69,24 +71,22 @@ def with_references(
     """
     _refuse_the_same(recordings, references)
     noise, notes = find_noise((recordings, nominal), (references, reference_nominal))
+    same = tuple(
+        tuple(k for k, each in enumerate(references) if is_same_run(recording, made, each, reference_nominal[k]))
+        for recording, made in zip(recordings, nominal, strict=True)
+    )
     corrections: list[dict[str, NDArray[np.float64]]] = [{} for _ in recordings]
     beside: list[dict[str, _Beside]] = [{} for _ in recordings]
     grown = dict.fromkeys(noise, _SMALLEST_FLOOR)
     for index, recording in enumerate(recordings):
-        same = [
-            k
-            for k, reference in enumerate(references)
-            if is_same_run(recording, nominal[index], reference, reference_nominal[k])
-        ]
         for name in (name for name in nominal[index] if name in noise):
             time_s = recording.signal(name).time_s
-            holders = [k for k in same if name in reference_nominal[k]]
+            correction = _correction(time_s, name, same[index], references, reference_nominal)
+            if correction is None:
+                continue
+            corrections[index][name] = correction
+            holders = [k for k in same[index] if name in reference_nominal[k]]
             if holders:
-                curves = [
-                    _at(time_s, references[k].signal(name), _off(references[k], reference_nominal[k], name))
-                    for k in holders
-                ]
-                corrections[index][name] = np.mean(curves, axis=0)
                 there = [_at(time_s, references[k].signal(name), reference_nominal[k][name]) for k in holders]
                 seen = [_at(time_s, references[k].signal(name), references[k].signal(name).values) for k in holders]
                 beside[index][name] = _Beside(
@@ -94,21 +94,74 @@ def with_references(
                     np.mean(there, axis=0),
                     nominal[index][name],
                     _astray(np.array(seen), np.array(there), noise[name].noise),
+                    noise[name].noise / float(np.sqrt(len(holders))),
                 )
                 grown[name] = max(grown[name], float(np.sqrt(1.0 + 1.0 / len(holders))))
                 continue
-            others = [k for k in range(len(references)) if name in reference_nominal[k]]
-            if others:
-                every = np.concatenate([_off(references[k], reference_nominal[k], name) for k in others])
-                corrections[index][name] = np.full(time_s.shape, every.mean())
-                grown[name] = max(grown[name], float(every.std()) / noise[name].noise)
+            every = _all_off(name, references, reference_nominal)
+            grown[name] = max(grown[name], float(every.std()) / noise[name].noise)
     for name, factor in grown.items():
         source = noise[name]
         words = f"{source.source}, and what differs in the references" if factor > _SMALLEST_FLOOR else source.source
         noise[name] = replace(source, noise=source.noise * factor, source=words)
-    shares = {name: _share_off([each[name] for each in beside if name in each], noise[name].noise) for name in noise}
+    shares = {name: _share_off([each[name] for each in beside if name in each]) for name in noise}
     added = tuple({name: _elsewhere(each, shares[name]) for name, each in found.items()} for found in beside)
-    return Baseline(tuple(corrections), added, noise, notes, shares)
+    return Baseline(tuple(corrections), added, noise, notes, same, shares)
+
+
+def beside_references(
+    recordings: Sequence[Recording],
+    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
+    references: Sequence[Recording],
+    of_references: Sequence[Mapping[str, NDArray[np.float64]]],
+    baseline: Baseline,
+) -> list[dict[str, NDArray[np.float64]]]:
+    """Return what another simulator makes of recordings, as if what it is off of the references were the baseline's.
+
+    Residuals have the baseline's correction taken off, which is that of the simulator under diagnosis; one of a part,
+    or one that is restarted, is off by something else.
+
+    Args:
+        recordings: To be diagnosed.
+        simulated: What it makes of them.
+        references: Of the same machine in good order.
+        of_references: What it makes of these.
+        baseline: By the references.
+
+    """
+    found: list[dict[str, NDArray[np.float64]]] = []
+    for index, (recording, signals) in enumerate(zip(recordings, simulated, strict=True)):
+        found.append(dict(signals))
+        for name, taken in baseline.corrections[index].items():
+            if name in signals:
+                time_s = recording.signal(name).time_s
+                own = _correction(time_s, name, baseline.same[index], references, of_references)
+                found[index][name] = signals[name] - taken + (0.0 if own is None else own)
+    return found
+
+
+def _correction(
+    time_s: NDArray[np.float64],
+    name: str,
+    same: Sequence[int],
+    references: Sequence[Recording],
+    simulated: Sequence[Mapping[str, NDArray[np.float64]]],
+) -> NDArray[np.float64] | None:
+    """Return what references are off a simulator: the curve of the same run, else the mean; None if none has it."""
+    holders = [k for k in same if name in simulated[k]]
+    if holders:
+        curves = [_at(time_s, references[k].signal(name), _off(references[k], simulated[k], name)) for k in holders]
+        mean: NDArray[np.float64] = np.mean(curves, axis=0)
+        return mean
+    every = _all_off(name, references, simulated)
+    return np.full(time_s.shape, every.mean()) if every.size else None
+
+
+def _all_off(
+    name: str, references: Sequence[Recording], simulated: Sequence[Mapping[str, NDArray[np.float64]]]
+) -> NDArray[np.float64]:
+    held = [_off(one, made, name) for one, made in zip(references, simulated, strict=True) if name in made]
+    return np.concatenate(held) if held else np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -123,15 +176,17 @@ class _Beside:
     """What it makes of the recording: something else only if it is fed with what was measured."""
     astray: NDArray[np.float64]
     """Share of the differences that it makes between references that is not there, 0 to 1."""
+    noise: float
+    """Standard deviation of `off`, a mean over references."""
 
 
-def _share_off(runs: Sequence[_Beside], noise: float) -> float:
+def _share_off(runs: Sequence[_Beside]) -> float:
     """Return which share of all that the simulator makes a signal move it is off in the references.
 
     What it says of a change is no better.
     """
     moved = sum(run.there.size * float(np.var(run.there)) for run in runs)
-    missed = sum(run.off.size * max(float(np.var(run.off)) - noise**2, 0.0) for run in runs)
+    missed = sum(run.off.size * max(float(np.var(run.off)) - run.noise**2, 0.0) for run in runs)
     return min(float(np.sqrt(missed / moved)), MOST_OFF) if moved > 0.0 else 0.0
 
 

@@ -286,14 +286,3 @@ def weigh(layout: Layout, residual: NDArray[np.float64]) -> Weighting:
         sizes = [piece.where.stop - piece.where.start for piece in pieces]
         factor[index] = max(float(np.average(factors, weights=sizes)), float(layout.least_factor[index]))
     return Weighting(scale, factor)
-
-
-def independent_samples(layout: Layout, residual: NDArray[np.float64]) -> dict[tuple[str, str], float]:
-    """Return the effective number of independent samples per block and signal."""
-    found: dict[tuple[str, str], float] = {}
-    for block, label in enumerate(layout.blocks):
-        for index, name in enumerate(layout.names):
-            held = residual[(layout.block_of == block) & (layout.signal_of == index)]
-            if held.size:
-                found[label, name] = held.size / autocorrelation_factor(np.clip(held, -_TAILS, _TAILS))
-    return found

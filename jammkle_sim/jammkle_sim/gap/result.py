@@ -104,6 +104,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             "signals": {
                 each.signal: {
                     **_closing(each.closing),
+                    "counts_as_none": _number(each.limit),
                     "unit": each.unit,
                     "noise": _number(each.noise),
                     "nominal_physical": _number(each.nominal_physical),

@@ -52,13 +52,17 @@ class Spent:
     wall_s: float
 
 
-def _run(simulator: Simulator, recording: Recording, values: Mapping[str, float]) -> tuple[Signals | None, float]:
-    start = time.perf_counter()
+def run_or_none(simulator: Simulator, recording: Recording, values: Mapping[str, float]) -> Signals | None:
+    """Run a recording again; None where the simulator fails, as by numbers that grow beyond all bounds."""
     try:
-        signals = {name: np.asarray(each, dtype=np.float64) for name, each in simulator(recording, values).items()}
+        return {name: np.asarray(each, dtype=np.float64) for name, each in simulator(recording, values).items()}
     except (ArithmeticError, ValueError, RuntimeError):
-        return None, time.perf_counter() - start
-    return signals, time.perf_counter() - start
+        return None
+
+
+def _timed(simulator: Simulator, recording: Recording, values: Mapping[str, float]) -> tuple[Signals | None, float]:
+    start = time.perf_counter()
+    return run_or_none(simulator, recording, values), time.perf_counter() - start
 
 
 def _bytes(signals: Signals | None) -> int:
@@ -237,7 +241,7 @@ class Runs:
             for first in range(0, len(tasks), portion):
                 if first and self._stop():
                     raise StoppedError
-                done += parallel(delayed(_run)(*task) for task in tasks[first : first + portion])
+                done += parallel(delayed(_timed)(*task) for task in tasks[first : first + portion])
         except BrokenExecutor:
             # A process died, or could not import what the simulator is made of: here it is at hand.
             self._picklable = False
@@ -253,7 +257,7 @@ class Runs:
         for task in tasks:
             if self._stop():
                 raise StoppedError
-            done.append(_run(*task))
+            done.append(_timed(*task))
         return done
 
 

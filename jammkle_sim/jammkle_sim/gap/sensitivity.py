@@ -30,7 +30,6 @@ class Space:
     effects: tuple[Effect, ...]
     """Those of the candidate; parameters of the calibration, fitted along with any candidate, come after theirs."""
     keys: tuple[str, ...]
-    units: tuple[str, ...]
     minimum: NDArray[np.float64]
     maximum: NDArray[np.float64]
     null: NDArray[np.float64]
@@ -57,7 +56,6 @@ def space_of(effects: Sequence[Effect], calibration: Sequence[Effect] = ()) -> S
     return Space(
         effects=tuple(effects),
         keys=tuple(effect.key(parameter) for effect, parameter in pairs),
-        units=tuple(parameter.unit for _, parameter in pairs),
         minimum=low,
         maximum=high,
         null=(null - low) / (high - low),
@@ -91,6 +89,12 @@ def _step(null: float, sign: float = 1.0) -> float:
     return sign * inwards * PROBE_SHARE
 
 
+def _ends(null: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the ends of all ranges, shares of them, that are not where the effect is off."""
+    ends = [np.full_like(null, share) for share in (0.0, 1.0)]
+    return [end for end in ends if not np.array_equal(end, null)]
+
+
 def _same(one: Signals | None, other: Signals | None) -> bool:
     if one is None or other is None:
         return one is other
@@ -108,7 +112,7 @@ def probe(  # noqa: C901  # three rounds, each a line or two
 
     A parameter that does nothing alone (a time constant without a strength) is stepped again with the others on; one
     that does nothing on this side of its null value is tried on the other. A recording that an effect leaves as it was,
-    to the last digit, is not run again for that effect.
+    to the last digit, also at the ends of its range, is not run again for that effect.
 
     Args:
         library: Effects offered.
@@ -177,8 +181,11 @@ def probe(  # noqa: C901  # three rounds, each a line or two
         points.append((at[0], point))
     for at, residual in zip(again, residuals(points), strict=True):
         take(at, steps[at], residual, at_start[at[0]])
+    # What acts beyond a threshold only, as a sensor that saturates, may be silent at a step and not further out.
+    every = set(range(len(runs.recordings)))
+    residuals([(i, end) for i in moves if heard[i] and heard[i] != every for end in _ends(spaces[i].null)])
     for index, space in enumerate(spaces):
-        for place in set(range(len(runs.recordings))) - heard[index]:
+        for place in every - heard[index]:
             runs.silence(place, space.keys)
     found = []
     for index, space in enumerate(spaces):

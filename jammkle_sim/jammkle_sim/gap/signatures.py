@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_sim.gap.unexplained import rate_of
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -35,13 +37,15 @@ class Signature:
     sentence: str
 
 
-def _project(residual: NDArray[np.float64], shape: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the factor of a shape in a residual, and the share of the residual's square that it takes."""
+def _project(
+    residual: NDArray[np.float64], shape: NDArray[np.float64], whole: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the factor of a shape in a residual, and the share of the square of the whole that it takes."""
     power = float(shape @ shape)
     if power <= 0.0:
         return 0.0, 0.0
     factor = float(shape @ residual) / power
-    return factor, factor**2 * power / max(float(residual @ residual), 1e-30)
+    return factor, factor**2 * power / max(float(whole @ whole), 1e-30)
 
 
 def signatures(
@@ -79,14 +83,15 @@ def _of_signal(
     off = joined({piece.recording: (residual * layout.noise)[piece.where] for piece in pieces})
     level = joined({piece.recording: simulated[piece.recording][name] for piece in pieces})
     time = {piece.recording: layout.time_s[piece.where] for piece in pieces}
-    rate = joined({p.recording: np.gradient(simulated[p.recording][name], time[p.recording]) for p in pieces})
+    rate = joined({p.recording: rate_of(simulated[p.recording][name], time[p.recording]) for p in pieces})
     since = joined({key: value - value[0] for key, value in time.items()})
     ones = np.ones_like(off)
-    offset, offset_share = _project(off, ones)
-    drift, drift_share = _project(off - offset, since - since.mean())
-    lag, lag_share = _project(off - offset, -rate)
-    gain, gain_share = _project(off - offset, level - level.mean())
-    sign, sign_share = _project(off - offset, np.sign(rate) * (np.abs(rate) > 1e-3 * np.abs(rate).max()))
+    offset, offset_share = _project(off, ones, off)
+    drift, drift_share = _project(off - offset, since - since.mean(), off)
+    lag, lag_share = _project(off - offset, -rate, off)
+    gain, gain_share = _project(off - offset, level - level.mean(), off)
+    direction = np.sign(rate) * (np.abs(rate) > 1e-3 * np.abs(rate).max())
+    sign, sign_share = _project(off - offset, direction, off)
     listed = [
         ("offset", offset, unit, offset_share, f"{name} lies {offset:+.3g} {unit} off throughout: a bias or a load"),
         ("drift", drift, f"{unit}/s", drift_share, f"{name} drifts by {drift:+.3g} {unit}/s: warming, creep or a leak"),
@@ -108,7 +113,7 @@ def _of_signal(
     ]
     found = [Signature(name, *each) for each in listed]
     found += _holds(layout, recordings, pieces, residual)
-    found += _others(layout, recordings, pieces, off - offset)
+    found += _others(layout, recordings, pieces, off)
     return found
 
 
@@ -125,7 +130,7 @@ def _holds(
             if inside.sum() > 4:  # noqa: PLR2004  # a line through fewer means nothing
                 held = (residual * layout.noise)[piece.where][inside]
                 since = time_s[inside] - time_s[inside].mean()
-                factor, share = _project(held - held.mean(), since)
+                factor, share = _project(held - held.mean(), since, held - held.mean())
                 ramps.append(factor)
                 parts += share * float((held - held.mean()) @ (held - held.mean()))
     if not ramps:
@@ -147,7 +152,7 @@ def _others(
         level = np.concatenate(
             [np.interp(layout.time_s[p.where], s.time_s, s.values) for p, s in zip(pieces, held, strict=True)]
         )
-        factor, share = _project(off, level - level.mean())
+        factor, share = _project(off - off.mean(), level - level.mean(), off)
         sentence = f"{name} differs by {factor:+.3g} {unit} per {held[0].unit} of {other}"
         found.append(Signature(name, f"with {other}", factor, f"{unit} per {held[0].unit}", share, sentence))
     return found

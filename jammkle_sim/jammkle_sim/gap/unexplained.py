@@ -65,7 +65,7 @@ def features(
     rates = {}
     for other in [name, *others[:MOST_OTHERS]]:
         rate = np.concatenate(
-            [np.gradient(part, time_s) for part, time_s in zip(np.split(levels[other], cuts), times, strict=True)]
+            [rate_of(part, time_s) for part, time_s in zip(np.split(levels[other], cuts), times, strict=True)]
         )
         plain[f"[{other}]"] = levels[other]
         rates[f"d[{other}]"] = rate
@@ -79,6 +79,11 @@ def features(
         if not rate_name.startswith("sign"):
             terms[f"{rate_name}*|{rate_name}|"] = rate * np.abs(rate)
     return terms
+
+
+def rate_of(values: NDArray[np.float64], time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the derivative by time; 0 where there is one sample only."""
+    return np.gradient(values, time_s) if values.size > 1 else np.zeros_like(values)
 
 
 def _levels(
@@ -117,6 +122,8 @@ def sparse_formula(
     noise = next(piece.noise for piece in layout.pieces if piece.signal == name)
     unit = next(piece.unit for piece in layout.pieces if piece.signal == name)
     target, block = (residual * layout.noise)[held] / noise, layout.block_of[held]
+    if np.unique(block).size < 2:  # noqa: PLR2004  # nothing to hold out
+        return None
     offered = features(layout, simulated, residual, name)
     names = list(offered)
     matrix = np.column_stack([offered[term] for term in names])

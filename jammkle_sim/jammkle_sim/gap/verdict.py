@@ -100,7 +100,7 @@ def judge(
         spare = criteria.material_share * at_stake(layout, nominal)
         if layout.gap_above_floor(top.held_out) < layout.gap_above_floor(best.held_out) - spare:
             share = 100.0 * closed_of(layout, nominal, top, limits)
-            kept.insert(0, top)
+            kept[:] = [top, *(each for each in kept if each.names != top.names)]
             names = " + ".join(top.names)
             reasons = (*reasons, f"as a lead: {names} would close {share:.0f} %, but is not clearly better")
         return answer(Verdict.UNKNOWN, *reasons)

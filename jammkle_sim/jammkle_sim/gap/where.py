@@ -12,11 +12,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_sim.gap.compared import Compared
     from jammkle_sim.gap.limits import Limits
     from jammkle_sim.gap.recording import Recording
     from jammkle_sim.gap.residual import Layout
-    from jammkle_sim.gap.runs import Runs
     from jammkle_sim.gap.simulator import RestartingSimulator, Simulator
+
+    Fed = Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]
+    """What each subsystem gives on measured inputs, per recording, by signal."""
 
 HORIZONS_S = (0.0, 0.1, 1.0)
 """Restart after every sample, every 0.1 s, every second; the full run is the fourth."""
@@ -112,7 +115,7 @@ def shares(
             signal=layout.names[cell // len(names)],
             phase=names[cell % len(names)],
             subsystem=subsystem_of.get(layout.names[cell // len(names)], ""),
-            share=float(total[cell] / total.sum()),
+            share=float(total[cell] / max(total.sum(), 1e-30)),
             interval=(float(low[cell]), float(high[cell])),
             gap=float(np.sqrt(total[cell] * per_signal[cell // len(names)] / counts[cell])),
         )
@@ -120,10 +123,6 @@ def shares(
         if counts[cell]
     ]
     return tuple(sorted(places, key=lambda place: -place.share))
-
-
-Fed = dict[str, "list[Mapping[str, NDArray[np.float64]]]"]
-"""What each subsystem gives on measured inputs, per recording, by signal."""
 
 
 def isolate(layout: Layout, fed: Fed, limits: Limits) -> tuple[SubsystemGap, ...]:
@@ -142,23 +141,19 @@ def subsystem_of_signals(fed: Fed) -> dict[str, str]:
 
 
 def horizons(
-    layout: Layout, runs: Runs, simulator: Simulator, full: NDArray[np.float64], horizons_s: Sequence[float]
+    compared: Compared, simulator: Simulator, full: NDArray[np.float64], horizons_s: Sequence[float]
 ) -> tuple[HorizonGap, ...]:
     """Return the gap at each horizon and over full runs; only the latter if the simulator cannot be restarted."""
-    whole = HorizonGap(float("inf"), layout.gaps(full))
+    whole = HorizonGap(float("inf"), compared.layout.gaps(full))
     if not hasattr(simulator, "restarted"):
         return (whole,)
     restarting = cast("RestartingSimulator", simulator)
-    shorter = [
-        HorizonGap(
-            horizon_s,
-            _partial_gaps(
-                layout, [runs.counted(restarting.restarted(each, {}, horizon_s), each) for each in runs.recordings]
-            ),
-        )
-        for horizon_s in horizons_s
-    ]
-    return (*shorter, whole)
+
+    def gaps(horizon_s: float) -> dict[str, float]:
+        made = compared.beside(lambda recording: restarting.restarted(recording, {}, horizon_s))
+        return _partial_gaps(compared.layout, made)
+
+    return (*(HorizonGap(horizon_s, gaps(horizon_s)) for horizon_s in horizons_s), whole)
 
 
 def _partial_gaps(layout: Layout, simulated: Sequence[Mapping[str, NDArray[np.float64]]]) -> dict[str, float]:

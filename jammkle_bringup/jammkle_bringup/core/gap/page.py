@@ -103,7 +103,7 @@ def page(diagnosis: Diagnosis, setting: Setting) -> str:
             }
             for each in diagnosis.where.subsystems
         ],
-        horizons=tables.horizon_table(diagnosis.where.horizons),
+        horizons=tables.horizon_table(diagnosis),
         candidates=tables.candidate_lines(diagnosis),
         probabilities=tables.probability_lines(diagnosis.probabilities),
         ranking=tables.ranking_lines(diagnosis.ranking),

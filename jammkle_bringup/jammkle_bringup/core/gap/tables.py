@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 from jammkle_bringup.core.gap.quantities import known, noise_units, percent, percents, quantity, span
 from jammkle_bringup.core.gap.words import candidate_label, label
 from jammkle_sim.gap.probability import NO_GAP, UNKNOWN
-from jammkle_sim.gap.verdict import Criteria
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_sim.gap.described import FittedEffect
     from jammkle_sim.gap.diagnosis import Diagnosis
-    from jammkle_sim.gap.where import HorizonGap, Place
+    from jammkle_sim.gap.where import Place
 
 PHASES = (
     "evacuating", "holding", "venting", "falling", "loading", "unloading", "reversal", "impact", "rebound", "sliding",
@@ -26,8 +25,6 @@ WORTH_SHARE = 0.005
 """Signals and probabilities below this are put together."""
 _MOST_SIGNATURES = 12
 _MOST_RANKED = 15
-_OFF = Criteria().worth_gap
-"""Gap from which on a signal is worth a line of its own where there are many, noise units."""
 _ALWAYS_SHOWN = (NO_GAP, UNKNOWN)
 
 
@@ -60,7 +57,8 @@ def signal_lines(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "with_effect": noise_units(each.closing.with_effect),
             "closed": percent(each.closing.closed),
             "interval": percents(each.closing.interval),
-            "off": each.closing.nominal > _OFF,
+            "limit": noise_units(each.limit),
+            "off": each.closing.nominal > each.limit,
         }
         for each in sorted(diagnosis.signals, key=lambda one: -one.closing.nominal)
     ]
@@ -103,10 +101,12 @@ def _heat_cell(place: Place | None) -> dict[str, Any] | None:
     }
 
 
-def horizon_table(horizons: Sequence[HorizonGap]) -> dict[str, Any]:
+def horizon_table(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the gap of each signal at each horizon, for signals that are off at any."""
+    horizons = diagnosis.where.horizons
+    limits = {each.signal: each.limit for each in diagnosis.signals}
     names = sorted(
-        {name for each in horizons for name, gap in each.gaps.items() if gap > _OFF},
+        {name for each in horizons for name, gap in each.gaps.items() if gap > limits[name]},
         key=lambda name: -max(each.gaps.get(name, 0.0) for each in horizons),
     )
     return {
@@ -159,7 +159,7 @@ def ranking_lines(ranking: Sequence[tuple[tuple[str, ...], float]]) -> list[dict
 
 def signature_lines(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """Return the strongest signatures of signals that are off."""
-    off = {each.signal for each in diagnosis.signals if each.closing.nominal > _OFF}
+    off = {each.signal for each in diagnosis.signals if each.closing.nominal > each.limit}
     return [
         {"signal": each.signal, "kind": each.kind, "share": percent(each.share), "sentence": each.sentence}
         for each in diagnosis.signatures

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.gap.quantities import noise_units, percent, percents, quantity
-from jammkle_sim.gap.verdict import Criteria, Verdict
+from jammkle_sim.gap.verdict import Verdict
 
 if TYPE_CHECKING:
     from jammkle_sim.gap.described import Candidate, FittedEffect
@@ -31,8 +31,6 @@ PHASE_WORDS = {
 _NO_EFFECT = "no effect at all"
 _MOST_IN_WORDS = 3
 """Explanations that are told by their sentences; more are told by their names."""
-_NONE = Criteria().worth_gap
-"""Largest gap that counts as none, noise units."""
 
 
 def label(name: str) -> str:
@@ -96,10 +94,14 @@ def _unexplained(diagnosis: Diagnosis) -> str:
     but = " with the best of them" if diagnosis.effects else ""
     if not diagnosis.finished:
         return f"Stopped before an explanation was found: {most}{but}."
-    if diagnosis.effects and left.closing.with_effect <= _NONE:
+    if diagnosis.effects and _is_closed(diagnosis):
         lead = " + ".join(label(effect.name) for effect in diagnosis.effects)
         return f"There is a gap, and nothing is proven to cause it: {lead} would close it, but not clearly better."
     return f"Something real is left that no effect of the library explains: {most}{but}."
+
+
+def _is_closed(diagnosis: Diagnosis) -> bool:
+    return all(each.closing.with_effect <= each.limit for each in diagnosis.signals)
 
 
 def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -112,8 +114,7 @@ def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
         texts = [f"The largest part of the gap is in {place_label(worst)}: {share}."]
         if diagnosis.effects:
             names = " + ".join(label(effect.name) for effect in diagnosis.effects)
-            enough = max(each.closing.with_effect for each in diagnosis.signals) <= _NONE
-            texts.append(f"Closest of the library, and not {'proven' if enough else 'enough'}: {names}.")
+            texts.append(f"Closest of the library, and not {'proven' if _is_closed(diagnosis) else 'enough'}: {names}.")
         return tuple(texts)
     if diagnosis.verdict is Verdict.EFFECTS:  # the headline has told what is wrong
         return tuple(dict.fromkeys(f"{label(effect.name)}: {advice(effect)}" for effect in diagnosis.effects))

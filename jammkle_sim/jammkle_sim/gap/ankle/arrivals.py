@@ -87,7 +87,10 @@ def with_arrivals(inputs: AnkleInputs, rig: Rig, signals: Mapping[str, Signal], 
     tracks = {each: pressure_pa[:, names.CHANNELS.index(each) + 1] for each in channels}
     step_s = replay.timestep_s(rig)
     errors = np.array([_errors(tracks, step_s, signals, shift_s, switchings) for shift_s in _SHIFTS_S.tolist()])
-    late_s = np.where(answering, _SHIFTS_S[np.argmin(errors, axis=0)], np.nan)
+    telling = answering & (errors.max(axis=0) > errors.min(axis=0))  # not one without samples, or without a change
+    if not telling.any():
+        return inputs
+    late_s = np.where(telling, _SHIFTS_S[np.argmin(errors, axis=0)], np.nan)
     # A line with a fault of its own answers late or slowly: the others tell.
     told_s = np.array([np.nanmedian(each) if np.isfinite(each).any() else np.nan for each in late_s.T])
     usual_s = float(np.nanmedian(told_s))
@@ -101,8 +104,9 @@ def with_arrivals(inputs: AnkleInputs, rig: Rig, signals: Mapping[str, Signal], 
     for channel, line in inputs.commands.solenoids.items():
         nearest = np.clip(np.searchsorted(switchings, line.time_s + 1e-9, side="right") - 1, 0, None)
         moved = np.where(line.time_s >= switchings[0], shifts_s[nearest], 0.0)
-        times_s = np.maximum(np.maximum.accumulate(line.time_s + moved), 0.0)
-        solenoids[channel] = Timeline(times_s, line.values)
+        times_s = np.maximum.accumulate(line.time_s + moved)
+        # What was switched before the rig began stays there.
+        solenoids[channel] = Timeline(np.where(line.time_s < 0.0, times_s, np.maximum(times_s, 0.0)), line.values)
     return dataclasses.replace(inputs, commands=dataclasses.replace(inputs.commands, solenoids=solenoids))
 
 

@@ -74,11 +74,18 @@ def pretension(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
 
 
 def soften(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
-    """Let the elastic force fall by up to `loss` as `travel_m` of stretching has been done since the start."""
+    """Let the elastic force fall by up to `loss` as `travel_m` of stretching has been done since the start.
+
+    A tendon that softens already does so further: in the end as one after the other, on the way as one with the mean
+    of both travels, by loss. Assumed: the law has one travel.
+    """
 
     def change(law: Any) -> None:
-        law["softening"] = values["loss"]
-        law["softening_travel_m"] = values["travel_m"]
+        loss, before = values["loss"], law["softening"]
+        if loss > 0.0:
+            travelled_m = before * law["softening_travel_m"] + loss * values["travel_m"]
+            law["softening_travel_m"] = travelled_m / (before + loss)
+            law["softening"] = 1.0 - (1.0 - before) * (1.0 - loss)
 
     return _with_tendons(rig, "", change)
 
