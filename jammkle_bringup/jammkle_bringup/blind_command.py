@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from jammkle_bringup.command_options import JsonOption
+
 blind_app = typer.Typer(
     help="Check the diagnosis blind: cases whose truth it is not told, their answers, and how good they are.",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -16,22 +18,22 @@ blind_app = typer.Typer(
 )
 
 TrialArgument = Annotated[Path, typer.Argument(help="Folder of the trial.", metavar="TRIAL")]
-JobsOption = Annotated[int | None, typer.Option(help="Processes. [default: one per core]")]
+JobsOption = Annotated[int | None, typer.Option(help="Processes, each for one case.", show_default="one per core")]
 RealOption = Annotated[
-    Path | None, typer.Option(help="Folder of the real recordings, to be diagnosed and shown beside the trial.")
+    Path | None,
+    typer.Option(help="Folder of real recordings (leak_down, pressure_friction, servo_friction): diagnosed too."),
 ]
 SchedulerOption = Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs of each diagnosis.")
 ]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the results to this file as JSON too.")]
 
 
 @blind_app.command()
 def make(
     seed: Annotated[int, typer.Option(help="Everything is drawn from it; below 1000: settings for development.")],
-    cases: Annotated[int, typer.Option(help="How many.")],
+    cases: Annotated[int, typer.Option(help="How many cases; their kinds are shared out as in the standard trial.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the trial.")],
-    key: Annotated[Path | None, typer.Option(help="File of the key. [default: beside the folder]")] = None,
+    key: Annotated[Path | None, typer.Option(help="File of the key.", show_default="beside the folder")] = None,
     rig: Annotated[list[str] | None, typer.Option(help="Only this rig; may be repeated.")] = None,
     live: Annotated[int, typer.Option(help="Further cases, recorded from the live graph in real time.")] = 0,
     jobs: JobsOption = None,

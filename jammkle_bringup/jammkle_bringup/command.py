@@ -10,12 +10,12 @@ from typing import Annotated, Any, Protocol, runtime_checkable
 
 import typer
 
-from jammkle_bringup.blind_command import blind_app
+from jammkle_bringup.command_options import JsonOption
 from jammkle_bringup.core.errors import GraphError, InputError
-from jammkle_bringup.core.gap.simulated import Simulated
 from jammkle_bringup.core.namespace import normalised
 from jammkle_bringup.core.node_table import Hardware, Robot
 from jammkle_bringup.core.signals import Interrupted, StopRequest
+from jammkle_bringup.gap_command import gap_app
 from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
 
 EXIT_FAILED = 1
@@ -27,17 +27,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-gap_app = typer.Typer(
-    help="Find out where simulation and robot disagree, and why.",
-    context_settings={"help_option_names": ["-h", "--help"]},
-    no_args_is_help=True,
-)
-gap_app.add_typer(blind_app, name="blind")
 app.add_typer(gap_app, name="gap")
 
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="ROS namespace of the ankle, for example lf_ankle.")]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the results to this file as JSON too.")]
 ChannelsArgument = Annotated[
     list[str] | None, typer.Argument(help="peroneal_left, peroneal_right, achilles; none means all.", metavar="CHANNEL")
 ]
@@ -83,7 +75,7 @@ def up(
     hardware: Annotated[Hardware, typer.Option(help="What stands behind the driver.")] = Hardware.SIM,
     namespace: NamespaceOption = "/",
     speed: Annotated[
-        float | None, typer.Option(help="Simulated time per real time; 0: as fast as possible. [default: 1]")
+        float | None, typer.Option(help="Simulated time per real time; 0: as fast as possible.", show_default="1")
     ] = None,
     record: Annotated[Path | None, typer.Option(help="Record everything into this new bag.")] = None,
     params: Annotated[list[Path] | None, typer.Option(help="ROS parameter file (YAML); may be repeated.")] = None,
@@ -226,63 +218,6 @@ def paper(
     return compare(PaperRequest(output, json, refit, repeats, seed))
 
 
-@gap_app.command()
-def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
-    bags: Annotated[list[Path], typer.Argument(help="Recordings: repeats, or several settings.", metavar="BAG ...")],
-    reference: Annotated[
-        list[Path] | None,
-        typer.Option(help="Recording of the same machine in good order; may be repeated. Asks what has changed."),
-    ] = None,
-    rig: Annotated[str | None, typer.Option(help="What was recorded, where the bags do not tell.")] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="NAME=VALUE: how the simulated rig is set, whatever the bags say; may be repeated."),
-    ] = None,
-    library: Annotated[Path | None, typer.Option(help="Effects of your own (YAML), beside the built-in ones.")] = None,
-    without: Annotated[
-        list[str] | None, typer.Option(metavar="EFFECT", help="Take an effect out of the library; may be repeated.")
-    ] = None,
-    only: Annotated[
-        list[str] | None, typer.Option(metavar="EFFECT", help="Offer this effect and no other; may be repeated.")
-    ] = None,
-    simulate: Annotated[
-        Simulated,
-        typer.Option(help="The whole from the commands, or each part from what was measured at its inputs."),
-    ] = Simulated.WHOLE,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.")
-    ] = Path("runs/gap"),
-    namespace: Annotated[str | None, typer.Option(help="Namespace of the ankle, if the bags hold several.")] = None,
-    jobs: Annotated[int | None, typer.Option(help="Processes. [default: one per core where that pays]")] = None,
-    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs.")] = None,
-    json: JsonOption = None,
-) -> int:
-    """Say where recordings and simulator disagree, which effect explains it, and how far the gap shrinks.
-
-    Ctrl-C ends the search and keeps what is known by then.
-    """
-    from jammkle_bringup.gap import DiagnoseRequest
-    from jammkle_bringup.gap import diagnose as run
-
-    return run(
-        DiagnoseRequest(
-            bags,
-            reference or [],
-            rig,
-            settings or [],
-            namespace,
-            library,
-            output,
-            json,
-            jobs,
-            scheduler,
-            without or (),
-            only or (),
-            simulate,
-        )
-    )
-
-
 @app.command()
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.")] = Path(
@@ -290,7 +225,8 @@ def demo(
     ),
     namespace: NamespaceOption = "/",
     effect: Annotated[
-        str | None, typer.Option(help="What is done to the simulated ankle, by name. [default: drawn, and not told]")
+        str | None,
+        typer.Option(help="What is done to the simulated ankle, by name.", show_default="drawn, and not told"),
     ] = None,
     no_effect: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--no-effect", help="Leave the simulated ankle as its simulator has it.")

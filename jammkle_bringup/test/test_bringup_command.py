@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-COMMANDS = ("up", "jam", "unjam", "status", "record", "info", "rig", "rig tensile", "paper", "demo")
+COMMANDS = (
+    "up", "jam", "unjam", "status", "record", "info", "rig", "rig tensile", "paper", "demo", "gap", "gap diagnose",
+    "gap effects", "gap blind", "gap blind make", "gap blind run", "gap blind score", "gap blind standard",
+)  # fmt: skip
 
 LONG = "x" * 300
 
