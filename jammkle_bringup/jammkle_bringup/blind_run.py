@@ -22,6 +22,7 @@ from jammkle_bringup.core.blind.key import check_apart, read_key
 from jammkle_bringup.core.blind.questions import said_file, write_questions
 from jammkle_bringup.core.blind.tasks import blind_tasks, missing, open_tasks, seal
 from jammkle_bringup.core.errors import GraphError, InputError
+from jammkle_bringup.core.gap.backend import backend
 from jammkle_bringup.core.signals import Interrupted, StopRequest
 from jammkle_bringup.progress import progress_bar
 
@@ -60,7 +61,7 @@ def run(request: RunRequest) -> int:
     """Diagnose what is left to diagnose, and return the exit code.
 
     Raises:
-        InputError: the trial or the key cannot be used.
+        InputError: the trial, the key or the scheduler cannot be used.
         GraphError: a diagnosis failed in a way that says nothing of its case.
         Interrupted: asked to stop; finished diagnoses are kept, those that are under way are made again.
 
@@ -71,6 +72,8 @@ def run(request: RunRequest) -> int:
     facts = files.read_trial(request.folder)
     if request.key is not None:
         check_apart(request.key, request.folder)
+    with backend(request.jobs, request.scheduler):
+        pass  # a scheduler that does not answer says nothing of a case
     stop = StopRequest()
     _diagnose(request, blind_tasks(request.folder), "diagnosing", stop)
     if request.key is not None:

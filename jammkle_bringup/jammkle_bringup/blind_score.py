@@ -14,6 +14,7 @@ from jammkle_bringup.core.blind import real as real_cases
 from jammkle_bringup.core.blind.aims import AIMS, OTHERS
 from jammkle_bringup.core.blind.key import check_apart, read_key
 from jammkle_bringup.core.blind.page import figure_text, page
+from jammkle_bringup.core.blind.regimes import regime_name
 from jammkle_bringup.core.blind.result import as_dict, result_of
 from jammkle_bringup.core.blind.tasks import seal
 from jammkle_bringup.core.errors import InputError
@@ -58,11 +59,12 @@ def score(request: ScoreRequest) -> int:
     key = read_key(request.key, facts.key_sha256)
     sealed = seal(request.trial)
     library = ankle_library()
-    nulls = {effect.key(parameter): parameter.null for effect in library for parameter in effect.parameters}
-    result = result_of(request.trial, facts, key, sealed, nulls)
+    parameters = {effect.key(each): each for effect in library for each in effect.parameters}
+    result = result_of(request.trial, facts, key, sealed, parameters)
     used = sorted({rig for truth in key.cases.values() for rig in truth.rigs})
     # How a trial of somebody else's was set is not known.
-    pairs = [] if facts.seed is None else apart.not_apart(facts.seed, used, library)
+    is_own = facts.seed is not None and facts.regimes == regime_name(facts.seed)
+    pairs = apart.not_apart(facts.seed, used, library) if is_own else []
     real = [] if request.real is None else diagnose_real(request.real)
     (request.folder / PAGE_NAME).write_text(page(result, pairs, real), encoding="utf-8")
     beside = {"not_told_apart": apart.as_rows(pairs), "real": real_cases.as_rows(real)}

@@ -13,8 +13,12 @@ from jammkle_bringup.core.blind.key import Kind, TrueEffect, Truth
 from jammkle_bringup.core.blind.outcomes import Outcome, level, outcome
 from jammkle_bringup.core.blind.scoring import Case, figures
 from jammkle_bringup.core.blind.statistics import Share, calibration_error, reliability
+from jammkle_sim.gap.effect import EffectParameter
 
-NULLS = {"a.x": 0.0, "b.x": 1.0}
+PARAMETERS = {
+    "a.x": EffectParameter("x", "1", 0.0, -9.0, 9.0, "by hand"),
+    "b.x": EffectParameter("x", "1", 1.0, 0.0, 3.2, "by hand"),
+}
 
 
 def truth(kind: Kind, *names: str, size: float | None = None, value: float = 2.0) -> Truth:
@@ -43,6 +47,7 @@ EFFECTS, SET, NONE, UNKNOWN = Said.EFFECTS, Said.AMBIGUOUS, Said.NO_GAP, Said.UN
         (truth(Kind.SINGLE, "a"), said(EFFECTS, "a"), Outcome.RIGHT),
         (truth(Kind.SINGLE, "a"), said(EFFECTS, "b"), Outcome.WRONG_NAME),
         (truth(Kind.SINGLE, "a"), said(EFFECTS, "a+b"), Outcome.WRONG_NAME),
+        (truth(Kind.SINGLE, "a"), said(EFFECTS, "b", "a"), Outcome.WRONG_NAME),  # a ranking names its first
         (truth(Kind.SINGLE, "a"), said(SET, "b", "a"), Outcome.IN_SET),
         (truth(Kind.SINGLE, "a"), said(SET, "b", "a+b"), Outcome.WRONG_SET),
         (truth(Kind.SINGLE, "a"), said(NONE), Outcome.NOT_SEEN),
@@ -66,7 +71,7 @@ def test_what_becomes_of_a_case(what: Truth, answer: Answer, expected: Outcome) 
 def scored(*pairs: tuple[Truth, Answer]) -> dict[str, tuple[float, int]]:
     """Return value and count of every figure."""
     cases = [Case(str(k), what, answer) for k, (what, answer) in enumerate(pairs)]
-    return {name: (each.value, each.count) for name, each in figures(cases, NULLS).items()}
+    return {name: (each.value, each.count) for name, each in figures(cases, PARAMETERS).items()}
 
 
 def test_figures_are_those_counted_by_hand() -> None:
@@ -123,7 +128,7 @@ def test_what_is_closed_is_measured_against_the_oracle() -> None:
         Case("3", single, said(EFFECTS, "a", closed=0.9), oracle),
         Case("4", single, said(EFFECTS, "a", closed=0.9), said(EFFECTS, "a", closed=0.05)),
     ]
-    found = figures(cases, NULLS)["closed_of_oracle"]
+    found = figures(cases, PARAMETERS)["closed_of_oracle"]
     assert (found.value, found.count) == (pytest.approx((0.5 + 0.0 + 1.0) / 3), 3)
 
 
@@ -133,10 +138,18 @@ def test_errors_are_relative_to_the_size_of_the_effect() -> None:
     near = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(2.5, 1.9, 3.1)})
     far = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(2.5, 1.92, 3.08)})
     wrong = Answer(EFFECTS, (frozenset({"a"}),), estimates={"a.x": Estimate(9.0, 8.0, 10.0)})
-    found = figures([Case("1", what, near), Case("2", what, far), Case("3", what, wrong)], NULLS)
+    found = figures([Case("1", what, near), Case("2", what, far), Case("3", what, wrong)], PARAMETERS)
     assert (found["parameter_error"].value, found["parameter_error"].count) == (pytest.approx(0.25), 2)
     # 2.5 + 0.839 * 0.6 = 3.003 holds 3; 2.5 + 0.839 * 0.58 = 2.987 does not
     assert (found["intervals_90"].value, found["intervals_90"].count) == (0.5, 2)
+
+
+def test_an_interval_that_its_range_cut_is_not_made_shorter() -> None:
+    """Of 2.5 to 3.2, where the range ends, the upper end stays: it holds 3.15. So does a lower end."""
+    cut = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(2.9, 2.5, 3.2)})
+    assert figures([Case("1", truth(Kind.SINGLE, "b", value=3.15), cut)], PARAMETERS)["intervals_90"].value == 1.0
+    cut = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(0.4, 0.0, 0.9)})
+    assert figures([Case("1", truth(Kind.SINGLE, "b", value=0.01), cut)], PARAMETERS)["intervals_90"].value == 1.0
 
 
 def test_an_effect_left_out_must_not_be_replaced_by_another_name() -> None:
@@ -147,10 +160,11 @@ def test_an_effect_left_out_must_not_be_replaced_by_another_name() -> None:
         Case("1", single, right, left_out=said(UNKNOWN)),
         Case("2", single, right, left_out=said(SET, "b", "c")),
         Case("3", single, right, left_out=said(EFFECTS, "b")),
+        Case("4", single, right, left_out=said(Said.REFUSED)),
     ]
-    found = figures(cases, NULLS)
-    assert found["left_out_unknown"].value == pytest.approx(1 / 3)
-    assert found["left_out_unnamed"].value == pytest.approx(2 / 3)
+    found = figures(cases, PARAMETERS)
+    assert found["left_out_unknown"].value == pytest.approx(1 / 4)
+    assert found["left_out_unnamed"].value == pytest.approx(2 / 4)
 
 
 def test_calibration_error_by_hand() -> None:

@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-NO_GAP, UNKNOWN = "no_gap", "unknown"
-"""Keys of the probabilities beside the effects."""
-
 
 class Said(enum.Enum):
     """The verdicts, and one for a diagnosis that gave none."""

@@ -13,7 +13,7 @@ from jammkle_bringup.core.blind.files import FORMAT, read_json
 from jammkle_bringup.core.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
 _SALT_BYTES = 32
@@ -79,6 +79,12 @@ class Truth:
     def names(self) -> frozenset[str]:
         """Names of the effects."""
         return frozenset(effect.name for effect in self.effects)
+
+
+def main_rungs(truths: Iterable[Truth]) -> frozenset[Rung]:
+    """Return the rungs that figures are of: cases of an independent model, or all where there are none."""
+    there = frozenset(truth.rung for truth in truths)
+    return frozenset({Rung.WITHHELD}) & there or there
 
 
 @dataclass(frozen=True)

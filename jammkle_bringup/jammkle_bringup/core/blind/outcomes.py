@@ -5,8 +5,9 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING, Final
 
-from jammkle_bringup.core.blind.answers import NO_GAP, UNKNOWN, Said
+from jammkle_bringup.core.blind.answers import Said
 from jammkle_bringup.core.blind.key import Kind
+from jammkle_sim.gap.probability import NO_GAP, UNKNOWN
 
 if TYPE_CHECKING:
     from jammkle_bringup.core.blind.answers import Answer
@@ -46,12 +47,17 @@ def outcome(truth: Truth, answer: Answer) -> Outcome:
         return Outcome.RIGHT if truth.kind is Kind.NONE else Outcome.NOT_SEEN
     if answer.said is Said.UNKNOWN:
         return Outcome.RIGHT if truth.kind is Kind.OUTSIDE else Outcome.NOT_EXPLAINED
-    is_there = truth.names in answer.candidates and truth.kind is not Kind.OUTSIDE
     if answer.said is Said.AMBIGUOUS:
+        is_there = truth.names in answer.candidates and truth.kind is not Kind.OUTSIDE
         return Outcome.IN_SET if is_there else Outcome.WRONG_SET
-    if is_there:
+    if is_first(truth, answer):
         return Outcome.RIGHT
     return Outcome.PART if answer.names and answer.names < truth.names else Outcome.WRONG_NAME
+
+
+def is_first(truth: Truth, answer: Answer) -> bool:
+    """Whether the truth is what is named first, alone or before others that the data cannot tell from it."""
+    return bool(answer.candidates) and truth.names == answer.names and truth.kind is not Kind.OUTSIDE
 
 
 def probability(truth: Truth, answer: Answer) -> float:

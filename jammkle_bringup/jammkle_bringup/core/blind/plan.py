@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from jammkle_bringup.core.blind.key import Kind, Rung
+from jammkle_bringup.core.blind.outcomes import SIZES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-SIZES: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
-"""Of single effects, in units of the run-to-run scatter."""
 _LARGER: Final = (4.0, 8.0)
 """Of each effect of a pair and of those that set in during a run: there the question is which, not whether."""
 _OUTSIDE: Final = (2.0, 4.0, 8.0)

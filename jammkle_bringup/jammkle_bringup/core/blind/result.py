@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_bringup.core.blind.aims import AIMS
 from jammkle_bringup.core.blind.answers import Answer, Said, answer_of
-from jammkle_bringup.core.blind.files import answer_file, read_json
-from jammkle_bringup.core.blind.key import Kind, Rung
+from jammkle_bringup.core.blind.files import answer_file, case_names, read_json
+from jammkle_bringup.core.blind.key import Kind, Rung, main_rungs
 from jammkle_bringup.core.blind.outcomes import Outcome, answer_label, label, level, likeliest, probability
 from jammkle_bringup.core.blind.questions import Run
 from jammkle_bringup.core.blind.scoring import Case, Figure, calibration, figures
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.blind.files import TrialFacts
     from jammkle_bringup.core.blind.key import Key
     from jammkle_bringup.core.blind.statistics import Bin
+    from jammkle_sim.gap.effect import EffectParameter
 
 WAYS = (Run.WITH, Run.WITHOUT)
 BASELINES = {
@@ -32,6 +33,8 @@ BASELINES = {
     "free": "everything free, largest named",
     "majority": "majority guess",
 }
+_OF_SETS = {"coverage", "set_size"}
+"""Figures that mean nothing for a ranking."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,9 @@ class Result:
     """By the words for each."""
 
 
-def result_of(trial: Path, facts: TrialFacts, key: Key, answers_sha256: str, nulls: Mapping[str, float]) -> Result:
+def result_of(
+    trial: Path, facts: TrialFacts, key: Key, answers_sha256: str, parameters: Mapping[str, EffectParameter]
+) -> Result:
     """Compare answers with the key.
 
     Args:
@@ -67,17 +72,17 @@ def result_of(trial: Path, facts: TrialFacts, key: Key, answers_sha256: str, nul
         facts: What is published of it.
         key: Opened.
         answers_sha256: Of the sealed answers.
-        nulls: Of every parameter by `effect.parameter`.
+        parameters: Of the library by `effect.parameter`.
 
     Raises:
         InputError: the key has other cases than the trial.
 
     """
-    answers = {run: _answers(trial, run, key) for run in (*WAYS, Run.ORACLE, Run.LEFT_OUT)}
-    absent = sorted(set(key.cases) - set(answers[Run.WITH]))
-    if absent:
-        msg = f"the key has case {absent[0]}, of which trial {trial} has no answer; give the key of this trial"
+    apart = sorted(set(key.cases) ^ set(case_names(trial)))
+    if apart:
+        msg = f"case {apart[0]} is in the key or in trial {trial}, and not in both; give the key of this trial"
         raise InputError(msg)
+    answers = {run: _answers(trial, run, key) for run in (*WAYS, Run.ORACLE, Run.LEFT_OUT)}
     ways = []
     for run in WAYS:
         cases = tuple(
@@ -90,8 +95,8 @@ def result_of(trial: Path, facts: TrialFacts, key: Key, answers_sha256: str, nul
             )
             for name, truth in sorted(key.cases.items())
         )
-        ways.append(_way(run, cases, nulls))
-    return Result(facts, answers_sha256, tuple(ways), _baselines(trial, ways[0].cases, nulls))
+        ways.append(_way(run, cases, parameters))
+    return Result(facts, answers_sha256, tuple(ways), _baselines(trial, ways[0].cases, parameters))
 
 
 def _answers(trial: Path, run: Run, key: Key) -> dict[str, Answer]:
@@ -105,26 +110,29 @@ def _answers(trial: Path, run: Run, key: Key) -> dict[str, Answer]:
 
 def main_cases(cases: tuple[Case, ...]) -> tuple[Case, ...]:
     """Return the cases that the figures are of: those of the independent model, or all where there are none."""
-    return tuple(case for case in cases if case.truth.rung is Rung.WITHHELD) or cases
+    main = main_rungs(case.truth for case in cases)
+    return tuple(case for case in cases if case.truth.rung in main)
 
 
-def _way(run: Run, cases: tuple[Case, ...], nulls: Mapping[str, float]) -> Way:
+def _way(run: Run, cases: tuple[Case, ...], parameters: Mapping[str, EffectParameter]) -> Way:
     by_rung = {rung: [case for case in cases if case.truth.rung is rung] for rung in Rung}
     main = main_cases(cases)
     return Way(
         run,
         cases,
-        figures(main, nulls),
-        {rung: figures(some, nulls) for rung, some in by_rung.items() if some},
+        figures(main, parameters),
+        {rung: figures(some, parameters) for rung, some in by_rung.items() if some},
         {rung: len(some) for rung, some in by_rung.items() if some},
         calibration(main),
     )
 
 
-def _baselines(trial: Path, cases: tuple[Case, ...], nulls: Mapping[str, float]) -> dict[str, Mapping[str, Figure]]:
+def _baselines(
+    trial: Path, cases: tuple[Case, ...], parameters: Mapping[str, EffectParameter]
+) -> dict[str, Mapping[str, Figure]]:
     main = main_cases(cases)
     most = collections.Counter(case.truth.names for case in main if case.truth.kind is not Kind.OUTSIDE)
-    majority = most.most_common(1)[0][0]
+    majority = most.most_common(1)[0][0] if most else frozenset()
     found: dict[str, Mapping[str, Figure]] = {}
     for name, words in BASELINES.items():
         guessed = []
@@ -135,7 +143,8 @@ def _baselines(trial: Path, cases: tuple[Case, ...], nulls: Mapping[str, float])
                 file = answer_file(trial, Run.BASELINES.value, case.name)
                 answer = _ranked(read_json(file, "answer", "make it with `jammkle gap blind run`"), name)
             guessed.append(dataclasses.replace(case, answer=answer, oracle=None, left_out=None))
-        found[words] = figures(guessed, nulls)
+        # They rank effects; sets are no answer of theirs.
+        found[words] = {key: each for key, each in figures(guessed, parameters).items() if key not in _OF_SETS}
     return found
 
 

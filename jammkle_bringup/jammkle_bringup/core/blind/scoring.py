@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_bringup.core.blind.answers import NO_GAP, UNKNOWN, Said
+from jammkle_bringup.core.blind.answers import Said
 from jammkle_bringup.core.blind.key import Kind
-from jammkle_bringup.core.blind.outcomes import SIZES, Outcome, level, likeliest, outcome, probability
+from jammkle_bringup.core.blind.outcomes import SIZES, Outcome, is_first, level, likeliest, outcome, probability
 from jammkle_bringup.core.blind.statistics import calibration_error, reliability, share
+from jammkle_sim.gap.probability import NO_GAP, UNKNOWN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from jammkle_bringup.core.blind.answers import Answer
+    from jammkle_bringup.core.blind.answers import Answer, Estimate
     from jammkle_bringup.core.blind.key import Truth
     from jammkle_bringup.core.blind.statistics import Bin, Share
+    from jammkle_sim.gap.effect import EffectParameter
 
 _CLEARLY = 2.0
 """From this size on a case is asked where it lies, and enters the figures that end in `_from_2`."""
@@ -57,12 +59,12 @@ class Figure:
     """95 %, Wilson's, for shares."""
 
 
-def figures(cases: Sequence[Case], nulls: Mapping[str, float]) -> dict[str, Figure]:
+def figures(cases: Sequence[Case], parameters: Mapping[str, EffectParameter]) -> dict[str, Figure]:
     """Return every figure by name; those of no case are left out.
 
     Args:
         cases: Of one rung, diagnosed in one way.
-        nulls: Of every parameter of the library by `effect.parameter`: what errors are relative to.
+        parameters: Of the library by `effect.parameter`: errors are relative to how far the truth is from null.
 
     """
     of = {kind: [case for case in cases if case.truth.kind is kind] for kind in Kind}
@@ -85,15 +87,15 @@ def figures(cases: Sequence[Case], nulls: Mapping[str, float]) -> dict[str, Figu
     add("wrong_sets", (case.outcome is Outcome.WRONG_SET for case in cases))
     add("unknown_rejected", (case.outcome is Outcome.RIGHT for case in of[Kind.OUTSIDE]))
     add("refused", (case.outcome is Outcome.REFUSED for case in cases))
-    add("top_1", (is_first(case) for case in singles))
+    add("top_1", map(_is_first, singles))
     add("top_2", (is_among_two(case) for case in singles))
     for size in SIZES:
         there = [case for case in singles if level(case.truth) == size]
-        add(f"top_1_at_{size:g}", map(is_first, there))
+        add(f"top_1_at_{size:g}", map(_is_first, there))
         add(f"top_2_at_{size:g}", map(is_among_two, there))
         add(f"detected_at_{size:g}", (case.answer.is_alarm for case in there))
     large = [case for case in singles if (level(case.truth) or 0.0) >= 2.0 * _CLEARLY]
-    add("top_1_from_4", map(is_first, large))
+    add("top_1_from_4", map(_is_first, large))
     add("top_2_from_4", map(is_among_two, large))
     add("pairs_exact", (case.outcome is Outcome.RIGHT for case in pairs))
     add("pairs_in_set", (case.outcome in {Outcome.RIGHT, Outcome.IN_SET} for case in pairs))
@@ -109,20 +111,19 @@ def figures(cases: Sequence[Case], nulls: Mapping[str, float]) -> dict[str, Figu
     add_mean("set_size", [float(len(case.answer.candidates)) for case in given])
     add("located", (case.answer.located in case.truth.location for case in _to_locate(cases)))
     add_mean("closed_of_oracle", _closed_of_oracle(cases))
-    errors, covered = _estimates(cases, nulls)
+    errors, covered = _estimates(cases, parameters)
     add_mean("parameter_error", errors, np.median)
     add("intervals_90", covered)
     left_out = [case.left_out for case in cases if case.left_out is not None]
-    add("left_out_unnamed", (answer.said is not Said.EFFECTS for answer in left_out))
+    add("left_out_unnamed", (answer.said not in {Said.EFFECTS, Said.REFUSED} for answer in left_out))
     add("left_out_unknown", (answer.said is Said.UNKNOWN for answer in left_out))
     add_mean("wall_s", [case.answer.wall_s for case in cases if case.answer.said is not Said.REFUSED], np.median)
     add_mean("simulator_runs", [float(case.answer.runs) for case in cases if case.answer.runs], np.median)
     return found
 
 
-def is_first(case: Case) -> bool:
-    """Whether the truth is what is named first, alone or before others that this data cannot tell from it."""
-    return case.truth.names == case.answer.names and bool(case.answer.candidates)
+def _is_first(case: Case) -> bool:
+    return is_first(case.truth, case.answer)
 
 
 def is_among_two(case: Case) -> bool:
@@ -173,23 +174,31 @@ def _closed_of_oracle(cases: Sequence[Case]) -> list[float]:
     return ratios
 
 
-def _estimates(cases: Sequence[Case], nulls: Mapping[str, float]) -> tuple[list[float], list[bool]]:
+def _estimates(cases: Sequence[Case], parameters: Mapping[str, EffectParameter]) -> tuple[list[float], list[bool]]:
     """Return errors relative to the true size, and whether 90 % intervals hold the truth, where the name is right."""
     errors, covered = [], []
     for case in cases:
-        if not is_first(case) or case.truth.kind not in {Kind.SINGLE, Kind.PAIR}:
+        if not _is_first(case) or case.truth.kind not in {Kind.SINGLE, Kind.PAIR}:
             continue
         for effect in case.truth.effects:
             for name, true in effect.parameters.items():
                 key = f"{effect.name}.{name}"
-                estimate = case.answer.estimates.get(key)
-                if estimate is None or key not in nulls or true == nulls[key]:
+                estimate, known = case.answer.estimates.get(key), parameters.get(key)
+                if estimate is None or known is None or true == known.null:
                     continue
-                errors.append(abs(estimate.value - true) / abs(true - nulls[key]))
-                low = estimate.value - _TO_90 * (estimate.value - estimate.low)
-                high = estimate.value + _TO_90 * (estimate.high - estimate.value)
-                covered.append(low <= true <= high)
+                errors.append(abs(estimate.value - true) / abs(true - known.null))
+                covered.append(_holds_at_90(estimate, known, true))
     return errors, covered
+
+
+def _holds_at_90(estimate: Estimate, parameter: EffectParameter, true: float) -> bool:
+    """Whether the 90 % interval holds a value. An end at which the parameter's range ends was cut there, and stays."""
+    low, high = estimate.low, estimate.high
+    if low > parameter.minimum:
+        low = estimate.value - _TO_90 * (estimate.value - low)
+    if high < parameter.maximum:
+        high = estimate.value + _TO_90 * (high - estimate.value)
+    return low <= true <= high
 
 
 def _figure(counted: Share) -> Figure:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _COMMANDS = frozenset({PUMP_DUTY.name, *(topic.name for topic in SOLENOIDS.values())})
 _LEFT_OUT = ("rate_m_s", "velocity", "broken", "force_x_n", "force_y_n")
-"""Columns that the diagnosis does not compare, or that say the same again."""
+"""Columns that say again what another one does, that the diagnosis does not compare, and the shear of load cells."""
 _LEAST = {
     "_pa": 10.0,
     "extension_m": 2e-6,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.blind import files
-from jammkle_bringup.core.blind.key import Kind
+from jammkle_bringup.core.blind.key import Kind, main_rungs
 from jammkle_bringup.core.blind.outcomes import level
 from jammkle_bringup.core.blind.questions import Questions, Run, Way
 from jammkle_bringup.core.errors import InputError
@@ -43,15 +43,17 @@ def blind_tasks(trial: Path) -> list[Task]:
 def open_tasks(trial: Path, key: Key) -> list[Task]:
     """Return what is done with the key, case by case.
 
-    The oracle is asked about every single effect and pair; an effect is left out in the largest of its cases.
+    The oracle is asked about every single effect and pair; an effect is left out in the largest of its cases that
+    figures are of.
     """
+    main = main_rungs(key.cases.values())
     ways: dict[str, list[Way]] = {}
     largest: dict[str, tuple[float, str]] = {}
     for case, truth in sorted(key.cases.items()):
         if truth.kind in {Kind.SINGLE, Kind.PAIR}:
             ways[case] = [Way(Run.ORACLE, only=tuple(sorted(truth.names)))]
         reached = level(truth)
-        if truth.kind is Kind.SINGLE and reached is not None and reached >= _LEFT_OUT_FROM:
+        if truth.rung in main and truth.kind is Kind.SINGLE and reached is not None and reached >= _LEFT_OUT_FROM:
             name = next(iter(truth.names))
             largest[name] = max(largest.get(name, (0.0, "")), (truth.size or 0.0, case))
     for name, (_, case) in largest.items():
