@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.blind import files
 from jammkle_bringup.core.blind.key import Kind, main_rungs
-from jammkle_bringup.core.blind.outcomes import level
 from jammkle_bringup.core.blind.questions import Questions, Run, Way
 from jammkle_bringup.core.errors import InputError
 
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.blind.key import Key
 
 _SEAL = "sealed.json"
-_LEFT_OUT_FROM = 4.0
-"""Size from which an effect is left out of the library: where it would be named."""
 
 BLIND = (Run.WITH, Run.WITHOUT, Run.BASELINES)
 """Those that need no key."""
@@ -52,10 +49,9 @@ def open_tasks(trial: Path, key: Key) -> list[Task]:
     for case, truth in sorted(key.cases.items()):
         if truth.kind in {Kind.SINGLE, Kind.PAIR}:
             ways[case] = [Way(Run.ORACLE, only=tuple(sorted(truth.names)))]
-        reached = level(truth)
-        if truth.rung in main and truth.kind is Kind.SINGLE and reached is not None and reached >= _LEFT_OUT_FROM:
+        if truth.rung in main and truth.kind is Kind.SINGLE and truth.size is not None:
             name = next(iter(truth.names))
-            largest[name] = max(largest.get(name, (0.0, "")), (truth.size or 0.0, case))
+            largest[name] = max(largest.get(name, (0.0, "")), (truth.size, case))
     for name, (_, case) in largest.items():
         ways[case].append(Way(Run.LEFT_OUT, without=(name,)))
     return [_task(trial, case, asked) for case, asked in ways.items()]
