@@ -145,9 +145,9 @@ def test_errors_are_relative_to_the_size_of_the_effect() -> None:
 
 
 def test_an_interval_that_its_range_cut_is_not_made_shorter() -> None:
-    """Of 2.5 to 3.2, where the range ends, the upper end stays: it holds 3.15. So does a lower end."""
+    """Of 2.5 to 3.2, where the range ends, the upper end stays: it holds 3.19. So does a lower end."""
     cut = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(2.9, 2.5, 3.2)})
-    assert figures([Case("1", truth(Kind.SINGLE, "b", value=3.15), cut)], PARAMETERS)["intervals_90"].value == 1.0
+    assert figures([Case("1", truth(Kind.SINGLE, "b", value=3.19), cut)], PARAMETERS)["intervals_90"].value == 1.0
     cut = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(0.4, 0.0, 0.9)})
     assert figures([Case("1", truth(Kind.SINGLE, "b", value=0.01), cut)], PARAMETERS)["intervals_90"].value == 1.0
 
