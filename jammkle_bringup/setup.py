@@ -16,11 +16,6 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={
-        "jammkle_bringup.core.blind": ["*.j2"],
-        "jammkle_bringup.core.gap": ["*.j2"],
-        "jammkle_bringup.core.paper": ["*.j2"],
-    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -34,5 +29,12 @@ setup(
     maintainer_email="maintainers@jammkle.example",
     description="The jammkle command, launch files, parameters and viewer layouts.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["jammkle = jammkle_bringup.__main__:main"]},
+    entry_points={
+        "console_scripts": ["jammkle = jammkle_bringup.__main__:main"],
+        "jammkle.commands": [
+            f"{verb} = jammkle_bringup.commands:app"
+            for verb in ("demo", "info", "jam", "record", "status", "unjam", "up")
+        ],
+        "jammkle.landing": ["record = jammkle_bringup.demo:record_landing"],
+    },
 )

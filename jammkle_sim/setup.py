@@ -8,7 +8,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={f"{NAME}.gap.ankle": ["library/*.yaml", "*.yaml"]},
+    package_data={f"{NAME}.paper": ["*.j2"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -21,9 +21,10 @@ setup(
     description="Simulation of a jammable ankle, its pneumatics, rigs and sensors in MuJoCo.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "sim = jammkle_sim.__main__:main",
-            "gap_monitor = jammkle_sim.gap_monitor.__main__:main",
-        ]
+        "console_scripts": ["sim = jammkle_sim.__main__:main"],
+        "jammkle.commands": [
+            "paper = jammkle_sim.commands:app",
+            "rig = jammkle_sim.commands:app",
+        ],
     },
 )

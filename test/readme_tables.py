@@ -10,9 +10,9 @@ from pathlib import Path
 
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.parameters import DriverParameters
+from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_graph.names import ACTIONS, CHANNELS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
-from jammkle_sim.gap_monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap.ankle.runs import bag_of_run
+from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_graph import names
-from jammkle_sim.gap.ankle.effects import ankle_library
-from jammkle_sim.gap.ankle.runs import bag_of_run
-from jammkle_sim.gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
 if TYPE_CHECKING:
-    from jammkle_sim.gap.ankle.bag import Bag
-    from jammkle_sim.gap.recording import Recording, Signal
+    from jammkle_gap.ankle.bag import Bag
+    from jammkle_gap.november.recording import Recording, Signal
     from jammkle_sim.rigs.run import RigRun
 
 

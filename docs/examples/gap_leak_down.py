@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_sim.gap.diagnosis import Diagnosis, diagnose
-from jammkle_sim.gap.effect import Effect, EffectParameter, Library
-from jammkle_sim.gap.recording import Recording, Signal
-from jammkle_sim.gap.residual import autocorrelation_factor
+from jammkle_gap.november.diagnosis import Diagnosis, diagnose
+from jammkle_gap.november.effect import Effect, EffectParameter, Library
+from jammkle_gap.november.recording import Recording, Signal
+from jammkle_gap.november.residual import autocorrelation_factor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from jammkle_sim.gap.diagnosis import diagnose
-from jammkle_sim.gap.effect import Effect, EffectParameter, Library
-from jammkle_sim.gap.recording import Recording, Signal
+from jammkle_gap.november.diagnosis import diagnose
+from jammkle_gap.november.effect import Effect, EffectParameter, Library
+from jammkle_gap.november.recording import Recording, Signal
 
 STEP_S, TIMES_S = 0.01, 0.01 * np.arange(500)
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
+from jammkle_gap.november.diagnosis import Diagnosis, diagnose
+from jammkle_gap.november.effect import Effect, EffectParameter, Library
+from jammkle_gap.november.recording import Recording, Signal
 from jammkle_sim.fit.rows import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
-from jammkle_sim.gap.diagnosis import Diagnosis, diagnose
-from jammkle_sim.gap.effect import Effect, EffectParameter, Library
-from jammkle_sim.gap.recording import Recording, Signal
 from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from jammkle_sim.gap.diagnosis import Diagnosis, diagnose
-from jammkle_sim.gap.effect import Effect, EffectParameter, Library
-from jammkle_sim.gap.recording import Recording, Signal
+from jammkle_gap.november.diagnosis import Diagnosis, diagnose
+from jammkle_gap.november.effect import Effect, EffectParameter, Library
+from jammkle_gap.november.recording import Recording, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -10,8 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 
 from jammkle_bringup.conversions import HealthStatus, JamStatus, health_status, jam_status, pa_from_kpa
-from jammkle_bringup.core.errors import GraphError, InputError
 from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, no_answer
+from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM
 from jammkle_graph.qos import subscriber_qos
 from jammkle_msgs.msg import JamState

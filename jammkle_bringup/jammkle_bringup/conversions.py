@@ -8,17 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, ReliabilityPolicy
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from jammkle_bringup.core.errors import InputError
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticArray
-    from rclpy.duration import Duration
-    from rclpy.qos import QoSProfile
     from rosgraph_msgs.msg import Clock
 
     from jammkle_msgs.msg import JamState
@@ -26,26 +22,6 @@ if TYPE_CHECKING:
 _PA_PER_KPA = 1000.0
 _PARTS = 3
 
-_RELIABILITY = {
-    ReliabilityPolicy.RELIABLE: QosReliability.RELIABLE,
-    ReliabilityPolicy.BEST_EFFORT: QosReliability.BEST_EFFORT,
-    ReliabilityPolicy.SYSTEM_DEFAULT: QosReliability.SYSTEM_DEFAULT,
-}
-_DURABILITY = {
-    DurabilityPolicy.TRANSIENT_LOCAL: QosDurability.TRANSIENT_LOCAL,
-    DurabilityPolicy.VOLATILE: QosDurability.VOLATILE,
-    DurabilityPolicy.SYSTEM_DEFAULT: QosDurability.SYSTEM_DEFAULT,
-}
-_HISTORY = {
-    HistoryPolicy.KEEP_LAST: QosHistory.KEEP_LAST,
-    HistoryPolicy.KEEP_ALL: QosHistory.KEEP_ALL,
-    HistoryPolicy.SYSTEM_DEFAULT: QosHistory.SYSTEM_DEFAULT,
-}
-_LIVELINESS = {
-    LivelinessPolicy.AUTOMATIC: QosLiveliness.AUTOMATIC,
-    LivelinessPolicy.MANUAL_BY_TOPIC: QosLiveliness.MANUAL_BY_TOPIC,
-    LivelinessPolicy.SYSTEM_DEFAULT: QosLiveliness.SYSTEM_DEFAULT,
-}
 _STATES = {
     ChannelJamState.UNKNOWN: "UNKNOWN",
     ChannelJamState.UNJAMMED: "UNJAMMED",
@@ -111,21 +87,6 @@ def message_class(message_type: str) -> type[Any]:
     raise InputError(msg)
 
 
-def bag_qos(profile: QoSProfile) -> Qos:
-    """Return a profile as a bag's metadata holds it."""
-    return Qos(
-        _HISTORY.get(profile.history, QosHistory.UNKNOWN),
-        profile.depth,
-        _RELIABILITY.get(profile.reliability, QosReliability.UNKNOWN),
-        _DURABILITY.get(profile.durability, QosDurability.UNKNOWN),
-        _bag_time(profile.deadline),
-        _bag_time(profile.lifespan),
-        _LIVELINESS.get(profile.liveliness, QosLiveliness.UNKNOWN),
-        _bag_time(profile.liveliness_lease_duration),
-        profile.avoid_ros_namespace_conventions,
-    )
-
-
 def clock_ns(clock: Clock) -> int:
     """Return simulated time, ns."""
     return int(clock.clock.sec) * NANOSECONDS_PER_SECOND + int(clock.clock.nanosec)
@@ -170,8 +131,3 @@ def pa_from_kpa(kilopascal: float) -> float:
 
 def _measured_kpa(pascal: float) -> float | None:
     return None if math.isnan(pascal) else pascal / _PA_PER_KPA
-
-
-def _bag_time(duration: Duration) -> QosTime:
-    seconds, nanoseconds = divmod(duration.nanoseconds, NANOSECONDS_PER_SECOND)
-    return QosTime(seconds, nanoseconds)

@@ -10,30 +10,27 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from jammkle_bringup.core.errors import GraphError
 from jammkle_bringup.core.namespace_lock import NamespaceLock, default_folder, ros_domain
 from jammkle_bringup.core.run_series import read_run
 from jammkle_bringup.core.run_summary import summary_of
 from jammkle_bringup.core.supervisor import Supervisor
-from jammkle_bringup.demo_diagnosis import diagnose_landing
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.readiness import Startup
 from jammkle_bringup.up import GraphOptions, beside_others, child_specs, say, say_how_it_ended
+from jammkle_gap import ankle_library, corrected_text, diagnose_landing
+from jammkle_graph.command.errors import GraphError
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM_STATE, SIM_NODE
 from jammkle_graph.qos import subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, JamState
-from jammkle_sim.gap.ankle.corrected import corrected_text
-from jammkle_sim.gap.ankle.effects import ankle_library
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from typing import TextIO
 
-    from jammkle_bringup.core.demo_effects import Secret
     from jammkle_bringup.core.node_table import ParameterValue
     from jammkle_bringup.core.run_summary import RunSummary
     from jammkle_bringup.core.supervisor import Death
-    from jammkle_bringup.demo_diagnosis import Ending
+    from jammkle_gap import Ending, Secret
 
 LANDING_TIMEOUT_S = 20.0
 """From letting go until everything is jammed. Assumed; in real time it takes about 3 s."""
@@ -146,6 +143,37 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
             _watch_landing(startup, heard)
             progress.update("stopping")
         return supervisor.stop()
+
+
+def record_landing(
+    of_sim: Mapping[str, ParameterValue], effects: str, bag: Path, asked_to_stop: Callable[[], bool]
+) -> None:
+    """Land once in a graph without a namespace, and record everything.
+
+    Args:
+        of_sim: Parameters of the sim node.
+        effects: Content of the effects file; empty: none.
+        bag: Folder of the bag; it must not exist.
+        asked_to_stop: Ends it early.
+
+    Raises:
+        InputError: a graph is already up.
+        GraphError: the graph did not start, or not stop, as it should.
+        Interrupted: asked to stop.
+
+    """
+    with NamespaceLock("/", ros_domain(), default_folder()), tempfile.TemporaryDirectory() as hidden:
+        values: dict[str, ParameterValue] = {**of_sim, "start_paused": True}
+        if effects:
+            file = Path(hidden) / "effects.yaml"
+            file.write_text(effects, encoding="utf-8")
+            values["effects_file"] = str(file)
+        options = beside_others(GraphOptions("/", values={SIM_NODE: values}), asked_to_stop)
+        with (Path(hidden) / "graph.log").open("w+", encoding="utf-8") as log:
+            bad = land(replace(options, bag=bag), log, asked_to_stop)
+            if bad:
+                msg = f"the graph did not stop well while a case was recorded: {bad[0]}"
+                raise GraphError(msg)
 
 
 def _watch_landing(startup: Startup, heard: _Heard) -> None:

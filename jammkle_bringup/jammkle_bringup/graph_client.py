@@ -10,10 +10,10 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from jammkle_bringup.core.errors import GraphError
-from jammkle_bringup.core.namespace import resolved
 from jammkle_bringup.core.namespace_lock import ros_domain
-from jammkle_bringup.core.signals import Interrupted
+from jammkle_graph.command.errors import GraphError
+from jammkle_graph.command.signals import Interrupted
+from jammkle_graph.namespace import resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable

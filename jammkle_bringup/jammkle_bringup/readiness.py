@@ -17,8 +17,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 from jammkle_bringup.conversions import clock_ns
-from jammkle_bringup.core.errors import GraphError
-from jammkle_bringup.core.namespace import resolved
+from jammkle_graph.command.errors import GraphError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import (
     CHANNELS,
@@ -34,6 +33,7 @@ from jammkle_graph.names import (
     SIM_NODE,
     SOLENOIDS,
 )
+from jammkle_graph.namespace import resolved
 from jammkle_graph.qos import subscriber_qos
 
 if TYPE_CHECKING:

@@ -17,11 +17,12 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from jammkle_bringup.conversions import bag_qos, clock_ns, message_class
-from jammkle_bringup.core.bag_log import BagLog, TimeSource
-from jammkle_bringup.core.errors import GraphError, InputError
-from jammkle_bringup.core.namespace import relative, resolved
+from jammkle_bringup.conversions import clock_ns, message_class
+from jammkle_graph.bags.offered import bag_qos
+from jammkle_graph.bags.writing import BagLog, TimeSource
+from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS
+from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.qos import publisher_qos
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
     from rosbags.interfaces import Qos
 
-    from jammkle_bringup.core.bag_log import BagCounts
-    from jammkle_bringup.core.message_definitions import MessageDefinitions
+    from jammkle_graph.bags.definitions import MessageDefinitions
+    from jammkle_graph.bags.writing import BagCounts
     from jammkle_graph.runner import StopFlag
 
 QUEUE_DEPTH = 2000

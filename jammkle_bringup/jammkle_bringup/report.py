@@ -2,72 +2,22 @@
 
 from __future__ import annotations
 
-import json
-import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from jammkle_bringup.core.errors import InputError
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from jammkle_bringup.conversions import HealthStatus, JamStatus
     from jammkle_bringup.core.bag_info import BagInfo
     from jammkle_bringup.core.run_summary import RunSummary
 
 _PA_PER_KPA = 1e3
-_PIPE_WIDTH = 1000  # tables take what they need of it
 _REAL_TIME_FACTOR = "achieved real-time factor"
 _STATE_STYLES = {"JAMMED": "green", "JAMMING": "yellow", "VENTING": "yellow", "FAULT": "bold red", "UNKNOWN": "dim"}
 _LEVEL_STYLES = {"OK": "green", "WARN": "yellow", "ERROR": "bold red", "STALE": "dim"}
-
-
-def console() -> Console:
-    """Return where results go; pipes get plain text that is not cut."""
-    return Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=_PIPE_WIDTH)
-
-
-def write_json(path: Path | None, content: dict[str, Any]) -> None:
-    """Write results for machines, if a file was asked for.
-
-    Raises:
-        InputError: the file cannot be written.
-
-    """
-    if path is None:
-        return
-    try:
-        path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        msg = f"--json {path} cannot be written: {error.strerror}"
-        raise InputError(msg) from error
-
-
-def check_writable(path: Path | None, option: str = "--json") -> None:
-    """Refuse a results file that could not be written, before the work is done; `option` is what asked for it.
-
-    Raises:
-        InputError: its folder does not exist, or it is a folder.
-
-    """
-    if path is None:
-        return
-    why = ""
-    try:
-        if path.is_dir():
-            why = "it is a folder"
-        elif not path.absolute().parent.is_dir():
-            why = f"there is no folder {path.absolute().parent}"
-    except OSError as error:
-        why = error.strerror or str(error)
-    if why:
-        msg = f"{option} {path} cannot be written: {why}"
-        raise InputError(msg)
 
 
 def status_tables(status: JamStatus, health: Sequence[HealthStatus], *, verbose: bool) -> list[Table]:

@@ -6,9 +6,6 @@ import sys
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from jammkle_bringup.core.bag_log import check_free
-from jammkle_bringup.core.errors import GraphError, InputError
-from jammkle_bringup.core.namespace import resolved
 from jammkle_bringup.core.namespace_lock import NamespaceLock, already_up, default_folder, ros_domain
 from jammkle_bringup.core.node_table import (
     GAP_MONITOR,
@@ -21,11 +18,14 @@ from jammkle_bringup.core.node_table import (
     simulated_time,
 )
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values
-from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.readiness import RECORDER, Startup
+from jammkle_graph.bags.writing import check_free
+from jammkle_graph.command.errors import GraphError, InputError
+from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.names import CLOCK, DRIVER_NODE, SIM_NODE
+from jammkle_graph.namespace import resolved
 from jammkle_graph.parameters import ParameterError, rows
 
 if TYPE_CHECKING:

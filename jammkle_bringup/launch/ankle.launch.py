@@ -9,9 +9,9 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from jammkle_bringup.core.namespace import normalised
 from jammkle_bringup.core.node_table import GAP_MONITOR, Hardware, Robot, check_built, nodes_for, simulated_time
 from jammkle_graph.names import SIM_NODE
+from jammkle_graph.namespace import normalised
 
 ARGUMENTS = {
     "robot": (Robot.ANKLE.value, "What to bring up."),

@@ -1,4 +1,4 @@
-"""Set up `.venv`: locked requirements, the five packages built into it, and the `jammkle` command.
+"""Set up `.venv`: locked requirements, the seven packages built into it, and the `jammkle` command.
 
 Standard library only, since it runs before anything is installed. What is done already is skipped:
 the requirements while the lock file is the same, the build while nothing that is built has changed.
@@ -17,7 +17,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 VENV = ROOT / ".venv"
 LOCK = ROOT / "requirements.lock"
-PACKAGES = ("jammkle_msgs", "jammkle_driver", "jammkle_controller", "jammkle_sim", "jammkle_bringup")
+PACKAGES = (
+    "jammkle_msgs",
+    "jammkle_driver",
+    "jammkle_controller",
+    "jammkle_sim",
+    "jammkle_reality",
+    "jammkle_gap",
+    "jammkle_bringup",
+)
 OLDEST_PYTHON = (3, 10)
 NEWEST_PYTHON = (3, 13)
 COMPILERS = ("c++", "g++", "clang++")
@@ -129,7 +137,7 @@ def point_exports_here():
 
 
 def build():
-    """Build the five packages with colcon into the environment itself, and link the command into its bin."""
+    """Build the seven packages with colcon into the environment itself, and link the command into its bin."""
     environment = clean_environment()
     environment["PATH"] = "%s%s%s" % (VENV / "bin", os.pathsep, environment["PATH"])
     environment["VIRTUAL_ENV"] = str(VENV)

@@ -12,10 +12,10 @@ import pytest
 import rclpy
 import yaml
 
-from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.node_table import NODES, Hardware, Robot, command_of, nodes_for, simulated_time
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
 from jammkle_bringup.up import GraphOptions, child_specs
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import GAP_MONITOR_NODE
 from jammkle_graph.parameters import from_mapping
 
@@ -185,7 +185,7 @@ def test_the_launch_file_starts_the_monitor_where_asked(launch_file: Any) -> Non
     assert monitor.named["name"] == GAP_MONITOR_NODE
     assert monitor.named["parameters"][0]["use_sim_time"] is True
     installed = (PACKAGE.parent / monitor.named["package"] / "setup.py").read_text()
-    assert f'"{monitor.named["executable"]} = jammkle_sim.gap_monitor.__main__:main"' in installed
+    assert f'"{monitor.named["executable"]} = jammkle_gap.monitor.__main__:main"' in installed
 
 
 def test_the_launch_file_leaves_time_for_discovery(launch_file: Any) -> None:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from jammkle_bringup import readiness
-from jammkle_bringup.core.errors import GraphError
-from jammkle_bringup.core.signals import Interrupted
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.readiness import Startup
+from jammkle_graph.command.errors import GraphError
+from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, IMU, SIM_NODE
 
 if TYPE_CHECKING:

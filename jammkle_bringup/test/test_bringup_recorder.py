@@ -24,8 +24,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool, Float32, String
 
-from jammkle_bringup.core.message_definitions import MessageDefinitions, share_folders
 from jammkle_graph import names
+from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
 from jammkle_graph.qos import publisher_qos
 from jammkle_msgs.msg import ChannelJamState, JamState
 

@@ -58,9 +58,3 @@ def test_times_from_touch_down_have_a_tenth_of_a_millisecond(late_s: float, text
     channel = ChannelSummary("achilles", 1.1, 50e3, 1.5, 50e3)
     summary = RunSummary("bag", "/", 2.0, 1.1, 1.1 + late_s, 0.0, 50.0, (channel,), ())
     assert f", {text} from touch-down" in shown(report.summary_table(summary))
-
-
-def test_a_pipe_cuts_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    """Where no terminal says how wide it is, a long line stays in one piece."""
-    report.console().print("word " * 60)
-    assert len(capsys.readouterr().out.splitlines()) == 1

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from jammkle_bringup.core.errors import InputError
 from jammkle_bringup.core.picture import draw
 from jammkle_bringup.core.run_series import read_run
 from jammkle_bringup.core.run_summary import summarise, summary_of
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from jammkle_bringup.core.message_definitions import MessageDefinitions, share_folders
+from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
 from jammkle_graph.names import TOPICS
 
 LAYOUT = json.loads((Path(__file__).resolve().parents[1] / "config" / "ankle.foxglove.json").read_text())

@@ -19,7 +19,15 @@ if TYPE_CHECKING:
 DOMAINS = 100
 """Domains 1 to 100 are handed out, as domain_coordinator does by itself."""
 
-_PACKAGES = ("jammkle_msgs", "jammkle_driver", "jammkle_controller", "jammkle_sim", "jammkle_bringup")
+_PACKAGES = (
+    "jammkle_msgs",
+    "jammkle_driver",
+    "jammkle_controller",
+    "jammkle_sim",
+    "jammkle_reality",
+    "jammkle_gap",
+    "jammkle_bringup",
+)
 
 _FIRST_PORT = 7400
 _PORTS_PER_DOMAIN = 250

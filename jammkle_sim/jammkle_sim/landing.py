@@ -6,10 +6,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.parameters import ParameterError
-from jammkle_sim.gap.ankle.corrected import check_live, load_correction
-from jammkle_sim.gap.effect import BadEffectError
+from jammkle_sim.effects_file import load_change
 from jammkle_sim.rigs.catalogue import as_it_is
+from jammkle_sim.rigs.changes import BadChangeError
 from jammkle_sim.rigs.landing import LandingOptions, landing_parts
 from jammkle_sim.rigs.simulation import Simulation
 
@@ -50,9 +51,9 @@ def _effects(file: str) -> Callable[[Rig], Rig]:
     if not file:
         return as_it_is
     try:
-        correction = load_correction(Path(file))
-        check_live(correction)
-    except BadEffectError as error:
+        change = load_change(Path(file))
+        change.check_live()
+    except (BadChangeError, InputError) as error:
         msg = f"parameter 'effects_file': {error}"
         raise ParameterError(msg) from error
-    return correction
+    return change

@@ -16,13 +16,13 @@ from jammkle_graph import names
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.qos import publisher_qos
-from jammkle_sim.commands import Commands
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
 from jammkle_sim.core.run_control import RunControl, RunState
 from jammkle_sim.core.schedule import Output, steps_per_output
 from jammkle_sim.health import command_health, rig_health, simulation_health, tendon_health
+from jammkle_sim.inputs import Commands
 from jammkle_sim.outputs import Outputs
 from jammkle_sim.parameters import MAX_RATE_HZ, PRESSURE_RATE_HZ, SimParameters
 from jammkle_sim.rig_action import RigAction

@@ -16,16 +16,16 @@ import psutil
 from joblib.externals.loky import get_reusable_executor  # type: ignore[import-untyped]  # carries no types
 from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_sim.gap.ankle.corrected import Correction
-from jammkle_sim.gap.ankle.effects import ankle_library
-from jammkle_sim.gap.ankle.runs import recording_of_run
-from jammkle_sim.gap.ankle.simulator import AnkleSimulator
-from jammkle_sim.gap.ankle.subsystems import subsystem_simulators
-from jammkle_sim.gap.diagnosis import diagnose
-from jammkle_sim.gap.references import without_references
-from jammkle_sim.gap.residual import Layout, lay_out
-from jammkle_sim.gap.runs import Runs, duration_s
-from jammkle_sim.gap.sensitivity import space_of
+from jammkle_gap.ankle.corrected import Correction
+from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap.ankle.runs import recording_of_run
+from jammkle_gap.ankle.simulator import AnkleSimulator
+from jammkle_gap.ankle.subsystems import subsystem_simulators
+from jammkle_gap.november.diagnosis import diagnose
+from jammkle_gap.november.references import without_references
+from jammkle_gap.november.residual import Layout, lay_out
+from jammkle_gap.november.runs import Runs, duration_s
+from jammkle_gap.november.sensitivity import space_of
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
 if TYPE_CHECKING:
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self
 
-    from jammkle_sim.gap.diagnosis import Diagnosis
-    from jammkle_sim.gap.effect import Effect
-    from jammkle_sim.gap.recording import Recording
+    from jammkle_gap.november.diagnosis import Diagnosis
+    from jammkle_gap.november.effect import Effect
+    from jammkle_gap.november.recording import Recording
 
 LIBRARY = ankle_library()
 SIMULATOR = AnkleSimulator(LIBRARY)

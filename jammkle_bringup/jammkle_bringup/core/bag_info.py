@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import ConnectionExtRosbag2
 
-from jammkle_bringup.core.bag_file import messages, opened
+from jammkle_graph.bags.reading import messages, opened
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_bringup.core.errors import InputError
+from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     from types import TracebackType

@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_bringup.core.errors import InputError
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
 
 if TYPE_CHECKING:
@@ -96,14 +96,14 @@ NODES: tuple[NodeEntry, ...] = (
 """In the order in which they start; they stop in the reverse order, so that the simulation sees the release."""
 
 GAP_MONITOR = NodeEntry(
-    package="jammkle_sim",
+    package="jammkle_gap",
     executable="gap_monitor",
     name=GAP_MONITOR_NODE,
-    parameter_table="jammkle_sim.gap_monitor.parameters:GapMonitorParameters",
+    parameter_table="jammkle_gap.monitor.parameters:GapMonitorParameters",
     robots=_EVERY_ROBOT,
     hardware=_EVERY_HARDWARE,
     follows_simulated_time=True,
-    module="jammkle_sim.gap_monitor",
+    module="jammkle_gap.monitor",
 )
 """Looks on, and is started where it is asked for."""
 

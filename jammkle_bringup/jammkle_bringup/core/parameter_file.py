@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from jammkle_bringup.core.errors import InputError
-from jammkle_bringup.core.namespace import resolved
+from jammkle_graph.command.errors import InputError
+from jammkle_graph.namespace import resolved
 from jammkle_graph.parameters import ParameterError, from_mapping, of_table, rows
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jammkle_bringup.core.bag_file import messages, opened
-from jammkle_bringup.core.errors import InputError
-from jammkle_bringup.core.namespace import resolved
+from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import (
     CARRIAGE_JOINT,
@@ -28,6 +27,7 @@ from jammkle_graph.names import (
     TENDON_STATES,
     TENDONS,
 )
+from jammkle_graph.namespace import resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jammkle_graph.command import tether
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from types import TracebackType
@@ -24,7 +26,7 @@ STOP_TIMEOUT_S = 5.0
 
 _KEPT_LINES = 5
 _READER_TIMEOUT_S = 1.0
-_TETHER = Path(__file__).with_name("tether.py")
+_TETHER = Path(tether.__file__)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,195 @@
+"""Arguments of the verbs that work on the graph. What they do stands in modules of their own."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for ROS, NumPy and Matplotlib
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jammkle_bringup.core.node_table import Hardware, Robot
+from jammkle_graph.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
+from jammkle_graph.command.options import JsonOption, NamespaceOption
+from jammkle_graph.command.signals import Interrupted, StopRequest
+from jammkle_graph.namespace import normalised
+
+app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
+
+ChannelsArgument = Annotated[
+    list[str] | None, typer.Argument(help="peroneal_left, peroneal_right, achilles; none means all.", metavar="CHANNEL")
+]
+
+
+@app.command()
+def up(
+    robot: Annotated[Robot, typer.Option(help="What to bring up.")] = Robot.ANKLE,
+    hardware: Annotated[Hardware, typer.Option(help="What stands behind the driver.")] = Hardware.SIM,
+    namespace: NamespaceOption = "/",
+    speed: Annotated[
+        float | None, typer.Option(help="Simulated time per real time; 0: as fast as possible.", show_default="1")
+    ] = None,
+    record: Annotated[Path | None, typer.Option(help="Record everything into this new bag.")] = None,
+    params: Annotated[list[Path] | None, typer.Option(help="ROS parameter file (YAML); may be repeated.")] = None,
+    monitor: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--monitor", help="Let a simulated twin follow the robot and warn when it is left.")
+    ] = False,
+) -> int:
+    """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
+    from jammkle_bringup.up import GraphOptions, check_speed
+    from jammkle_bringup.up import up as run_graph
+
+    values = {} if speed is None else {"sim": {"speed": check_speed(speed, hardware)}}
+    options = GraphOptions(normalised(namespace), robot, hardware, tuple(params or ()), record, values, monitor)
+    try:
+        return run_graph(options, StopRequest())
+    except Interrupted:  # while it was still starting: asked to stop, and nothing is left
+        return 0
+
+
+@app.command()
+def jam(
+    channels: ChannelsArgument = None,
+    vacuum_kpa: Annotated[float, typer.Option(help="Vacuum to hold, kPa below ambient.")] = 50.0,
+    namespace: NamespaceOption = "/",
+    json: JsonOption = None,
+) -> int:
+    """Jam channels: evacuate their tendons and hold the vacuum."""
+    from jammkle_bringup import channel_commands
+    from jammkle_graph.command import results
+
+    results.check_writable(json)
+    answer = channel_commands.jam(normalised(namespace), channels or [], vacuum_kpa, StopRequest())
+    return _answered(answer, json)
+
+
+@app.command()
+def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", json: JsonOption = None) -> int:
+    """Unjam channels: vent their tendons to the atmosphere."""
+    from jammkle_bringup import channel_commands
+    from jammkle_graph.command import results
+
+    results.check_writable(json)
+    answer = channel_commands.unjam(normalised(namespace), channels or [], StopRequest())
+    return _answered(answer, json)
+
+
+@app.command()
+def status(
+    namespace: NamespaceOption = "/",
+    verbose: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--verbose", help="Show every value that the nodes report.")
+    ] = False,
+    json: JsonOption = None,
+) -> int:
+    """Show the state of every channel and the health of every node."""
+    import dataclasses
+
+    from jammkle_bringup import channel_commands, report
+    from jammkle_graph.command import results
+
+    results.check_writable(json)
+    jam_status, health = channel_commands.status(normalised(namespace), StopRequest())
+    console = results.console()
+    if jam_status.emergency_stopped:
+        console.print("emergency stop: everything is released until driver/clear_fault")
+    for table in report.status_tables(jam_status, health, verbose=verbose):
+        console.print(table)
+    content = dataclasses.asdict(jam_status)
+    results.write_json(json, {**content, "health": [dataclasses.asdict(line) for line in health]})
+    return 0
+
+
+@app.command()
+def record(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the new bag.")],
+    namespace: NamespaceOption = "/",
+    clock: Annotated[
+        str, typer.Option(help="Log times: sim (/clock), system, or auto: /clock if somebody publishes it.")
+    ] = "auto",
+    json: JsonOption = None,
+) -> int:
+    """Record a namespace, /clock, /diagnostics and /tf into a bag (MCAP) until Ctrl-C."""
+    from jammkle_bringup.record import record as record_graph
+    from jammkle_graph.command import results
+
+    results.check_writable(json)
+    counts = record_graph(output, normalised(namespace), clock)
+    results.write_json(json, {"bag": str(output), "messages": counts.messages, "by_topic": counts.by_topic})
+    return 0
+
+
+@app.command()
+def info(
+    bag: Annotated[Path, typer.Argument(help="The bag.", metavar="BAG")],
+    json: JsonOption = None,
+) -> int:
+    """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
+    from jammkle_bringup import report
+    from jammkle_bringup.core.bag_info import bag_info
+    from jammkle_graph.command import results
+    from jammkle_graph.command.progress import progress_bar
+
+    results.check_writable(json)
+    with progress_bar(f"reading {bag}") as show:
+        found = bag_info(bag, lambda share: show(share, ""))
+    console = results.console()
+    for table in report.info_tables(found):
+        console.print(table)
+    for key, value in found.custom_data.items():
+        console.print(f"{key}:\n{value.rstrip()}", markup=False)
+    results.write_json(json, found.as_json())
+    return 0
+
+
+@app.command()
+def demo(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.")] = Path(
+        "runs"
+    ),
+    namespace: NamespaceOption = "/",
+    effect: Annotated[
+        str | None,
+        typer.Option(help="What is done to the simulated ankle, by name.", show_default="drawn, and not told"),
+    ] = None,
+    no_effect: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--no-effect", help="Leave the simulated ankle as its simulator has it.")
+    ] = False,
+    json: JsonOption = None,
+) -> int:
+    """Land a simulated ankle on a 40 degree slope, record it, and diagnose what is wrong with it."""
+    import datetime as dt
+    import random
+
+    from jammkle_bringup import report
+    from jammkle_bringup.core.run_folder import fresh_folder
+    from jammkle_bringup.demo import demo as land
+    from jammkle_gap import Secret, draw, show_ending
+    from jammkle_graph.command import results
+
+    results.check_writable(json)
+    if no_effect and effect is not None:
+        return failed(f"--effect {effect} and --no-effect exclude each other: give one of them", EXIT_BAD_INPUT)
+    secret = Secret({}) if no_effect else draw(random.SystemRandom(), effect)
+    today = dt.datetime.now(tz=dt.timezone.utc).astimezone().date()
+    result = land(lambda: fresh_folder(output, today), normalised(namespace), secret, StopRequest())
+    console = results.console()
+    console.print(report.summary_table(result.summary))
+    for line in result.summary.missing:
+        console.print(f"not in the bag: {line}", markup=False)
+    console.print(f"picture: {result.picture}", markup=False)
+    show_ending(console, result.ending)
+    results.write_json(json, {**result.summary.as_json(), "picture": str(result.picture), **result.ending.as_json()})
+    return result.exit_code
+
+
+def _answered(answer: Any, json: Path | None) -> int:
+    """Show what the driver said to a request."""
+    from jammkle_graph.command import results
+
+    results.write_json(json, answer.as_json())
+    if not answer.success:
+        return failed(answer.message, EXIT_FAILED)
+    typer.echo(answer.message)
+    return 0

@@ -1,0 +1,62 @@
+"""The changes that the library's effects make to a rig: pure functions of a rig, values by parameter, and a place."""
+
+from jammkle_gap.ankle.changes.air import dead_time, kink, leak, offset_pressure, trap_volume, wear_pump
+from jammkle_gap.ankle.changes.body import add_payload, lose_play, rub_floor, rub_joint, soften_floor
+from jammkle_gap.ankle.changes.sensing import (
+    delay_commands,
+    delay_imu,
+    delay_joints,
+    delay_load_cell,
+    delay_pressures,
+    delay_sensors,
+    misalign_imu,
+    offset_gyro,
+    offset_imu,
+    saturate_imu,
+    scale_load_cell,
+    skew_clock,
+)
+from jammkle_gap.ankle.changes.tendon import (
+    fail,
+    lose_fibres,
+    pretension,
+    relax,
+    scale_friction,
+    scale_stiffness,
+    soften,
+    stiffen_membrane,
+)
+
+__all__ = [
+    "add_payload",
+    "dead_time",
+    "delay_commands",
+    "delay_imu",
+    "delay_joints",
+    "delay_load_cell",
+    "delay_pressures",
+    "delay_sensors",
+    "fail",
+    "kink",
+    "leak",
+    "lose_fibres",
+    "lose_play",
+    "misalign_imu",
+    "offset_gyro",
+    "offset_imu",
+    "offset_pressure",
+    "pretension",
+    "relax",
+    "rub_floor",
+    "rub_joint",
+    "saturate_imu",
+    "scale_friction",
+    "scale_load_cell",
+    "scale_stiffness",
+    "skew_clock",
+    "soften",
+    "soften_floor",
+    "stiffen_membrane",
+    "trap_volume",
+    "wear_pump",
+]

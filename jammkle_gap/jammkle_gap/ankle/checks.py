@@ -1,0 +1,264 @@
+"""Recordings that cannot be used, told by what is in them; each error says what to record instead."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
+from jammkle_gap.november.recording import BadRecordingError
+from jammkle_graph import names
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from jammkle_gap.ankle.bag import Bag, Samples
+    from jammkle_gap.november.recording import Signal
+    from jammkle_sim.rigs.replay import CommandTrack
+    from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.timeline import Timeline
+
+SHORTEST_S = 1.0
+"""Shortest recording that is taken. Assumed: less holds nothing to test a fit on."""
+_LARGEST_OFFSET_S = 0.5
+"""Largest difference between log time and header time. Assumed: no transport takes longer."""
+_LARGEST_DRIFT = 0.03
+"""Largest relative drift between the two; beyond it one of the clocks does not count seconds."""
+_DRIFT_FLOOR_S = 0.05
+"""Drift that is never minded, s."""
+_LARGEST_ANGLE_RAD = 2.0
+"""Largest angle of an ankle; the joint meets its limit at 1.2 rad."""
+_LOWEST_PA, _HIGHEST_PA = 15e3, 130e3
+"""What a channel may read, absolute: from more vacuum than the pump makes to the highest atmosphere and some offset."""
+_LARGEST_START_M = 0.05
+"""Largest distance between the slide's start and that of the rig."""
+_REORDERED_S = 0.1
+"""How far neighbours may be out of order in the bag and are put back. Assumed: no queue of a recorder holds longer."""
+_FALLS_PA = 3e3
+"""Fall of a pressure that only a command can make. Assumed: twenty times the scatter of the sensors' offsets."""
+_HEARD_S = 0.05
+"""How much later than the valves a recorder may hear a command. Assumed: five times what a busy machine takes."""
+_LONGEST_PAUSE_S = 0.5
+"""Longest time for which a recording may hold nothing at all. Assumed: the slowest topic comes a hundred times a
+second, and a command may be lost within."""
+_UNITS_PA = {"kPa": 1e3, "mbar or hPa": 1e2, "bar": 1e5, "psi": 6894.76}
+_VENTED_PA = (6e4, 1.1e5)
+"""Lowest and highest atmosphere that a vented channel may have."""
+_STEPS_BACK = 0.01
+"""Share of samples that may be further out of order, or double."""
+
+
+def check_commands(bag: Bag) -> None:
+    """Refuse a bag without commands.
+
+    Raises:
+        BadRecordingError: pump or all solenoids are missing.
+
+    """
+    solenoids = [topic.name for topic in names.SOLENOIDS.values()]
+    missing = [] if names.PUMP_DUTY.name in bag.topics else [names.PUMP_DUTY.name]
+    missing += [] if any(name in bag.topics for name in solenoids) else ["any of " + ", ".join(solenoids)]
+    if missing:
+        msg = f"bag {bag.name} holds no commands: {' nor '.join(missing)}"
+        msg += "; record them too, from before the first one is given"
+        raise BadRecordingError(msg)
+
+
+def check_command_values(bag: str, topic: str, samples: Samples) -> None:
+    """Refuse commands that are no share from 0 to 1, such as a duty in percent.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    values = samples.columns["data"]
+    wrong = ~((values >= 0.0) & (values <= 1.0))
+    if wrong.any():
+        msg = (
+            f"{topic} in bag {bag} is {values[int(np.argmax(wrong))]:g} at {int(wrong.sum())} of {len(values)} samples"
+        )
+        msg += "; record the command as applied, a number from 0 to 1"
+        raise BadRecordingError(msg)
+
+
+def check_commands_from_start(bag: str, signals: Mapping[str, Signal], commands: CommandTrack) -> None:
+    """Refuse pressures that fall before the command for it is in the recording.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    told: dict[str, tuple[str, Timeline | None]] = {
+        names.PRESSURES[channel].name: (topic.name, commands.solenoids.get(channel))
+        for channel, topic in names.SOLENOIDS.items()
+    }
+    told[names.MANIFOLD_PRESSURE.name] = (names.PUMP_DUTY.name, commands.duty)
+    for pressure, (command, line) in told.items():
+        signal, first_s = signals.get(pressure), np.inf if line is None else float(line.time_s[0])
+        before = np.zeros(0) if signal is None else signal.values[signal.time_s < first_s - _HEARD_S]
+        if len(before) and before[0] - before.min() > _FALLS_PA:
+            when = "without any" if line is None else f"before the first at {first_s:.3g} s"
+            msg = f"{pressure} in bag {bag} falls by {before[0] - before.min():.0f} Pa {when} {command}"
+            msg += "; record the commands too, from before the first one is given"
+            raise BadRecordingError(msg)
+
+
+def check_length(bag: str, signals: Mapping[str, Signal]) -> None:
+    """Refuse what is too short to hold anything out.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    length_s = max(float(signal.time_s[-1] - signal.time_s[0]) for signal in signals.values())
+    if length_s < SHORTEST_S:
+        msg = f"bag {bag} lasts {length_s:.2g} s, too short to hold anything out"
+        msg += f"; record at least {SHORTEST_S:g} s, better ten, or several runs"
+        raise BadRecordingError(msg)
+
+
+def check_pauses(bag: str, signals: Iterable[Signal]) -> None:
+    """Refuse a recording that was interrupted: what was commanded meanwhile is not known.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    time_s = np.unique(np.concatenate([signal.time_s for signal in signals]))
+    pauses_s = np.diff(time_s)
+    if len(pauses_s) and pauses_s.max() > _LONGEST_PAUSE_S:
+        at = int(np.argmax(pauses_s))
+        msg = f"bag {bag} holds nothing between {time_s[at]:.3f} and {time_s[at + 1]:.3f} s"
+        msg += f", at most {_LONGEST_PAUSE_S:g} s; record without a pause, or give the parts as recordings of their own"
+        raise BadRecordingError(msg)
+
+
+def check_clocks(bag: str, topic: str, samples: Samples) -> None:
+    """Refuse stamps of another clock than the recorder's, as commands have none but that.
+
+    Raises:
+        BadRecordingError: they are far apart, or drift apart.
+
+    """
+    behind_s = samples.log_s - samples.stamp_s
+    apart_s = float(np.median(behind_s))
+    if abs(apart_s) > _LARGEST_OFFSET_S:
+        msg = f"clocks disagree in bag {bag}: {topic} is logged {apart_s:.3g} s after its header's stamp"
+        msg += f", at most {_LARGEST_OFFSET_S:g} s; record with one clock (or with /clock)"
+        raise BadRecordingError(msg)
+    tenth = max(len(behind_s) // 10, 1)
+    drift_s = float(np.median(behind_s[-tenth:]) - np.median(behind_s[:tenth]))
+    limit_s = max(_DRIFT_FLOOR_S, _LARGEST_DRIFT * float(np.ptp(samples.log_s)))
+    if abs(drift_s) > limit_s:
+        msg = f"clocks drift apart in bag {bag}: {topic}'s log time and header time part by {drift_s:.3g} s"
+        msg += f", at most {limit_s:.2g} s; synchronise the clocks and record again"
+        raise BadRecordingError(msg)
+
+
+def in_order(bag: str, topic: str, samples: Samples) -> Samples:
+    """Return the samples by rising stamps. A recorder with several threads may write neighbours in another order.
+
+    Raises:
+        BadRecordingError: more than a few are far out of order, or double.
+
+    """
+    late = samples.stamp_s < np.maximum.accumulate(samples.stamp_s) - _REORDERED_S
+    order = np.flatnonzero(~late)[np.argsort(samples.stamp_s[~late], kind="stable")]
+    kept = order[np.concatenate(([True], np.diff(samples.stamp_s[order]) > 0.0))]
+    lost = 1.0 - len(kept) / len(samples.stamp_s)
+    if not samples.stamp_s.any():
+        msg = f"{topic} in bag {bag} carries no time in its headers; record it with header.stamp set"
+        raise BadRecordingError(msg)
+    if lost > _STEPS_BACK:
+        msg = f"stamps of {topic} in bag {bag} run backwards or stand still at {100.0 * lost:.0f} % of its samples"
+        msg += "; record one publisher with a steady clock, without a reset of the simulation"
+        raise BadRecordingError(msg)
+    columns = {name: values[kept] for name, values in samples.columns.items()}
+    return type(samples)(samples.log_s[kept], samples.stamp_s[kept], columns)
+
+
+def check_numbers(bag: str, signals: Iterable[Signal]) -> None:
+    """Refuse units that cannot be right.
+
+    Raises:
+        BadRecordingError: angles in degrees, pressures that are not absolute Pa.
+
+    """
+    for signal in signals:
+        largest, start = float(np.abs(signal.values).max()), float(np.median(signal.values[:20]))
+        quantity = quantity_of(signal.name)
+        if quantity == ANGLE and largest > _LARGEST_ANGLE_RAD:
+            msg = f"{signal.name} in bag {bag} reaches {largest:.3g}; no ankle turns beyond {_LARGEST_ANGLE_RAD:g} rad"
+            msg += "; it looks like degrees: record rad"
+            raise BadRecordingError(msg)
+        if quantity == PRESSURE:
+            _check_pressure(bag, signal.name, start, float(signal.values.max()), float(signal.values.min()))
+
+
+def _check_pressure(bag: str, name: str, start_pa: float, highest_pa: float, lowest_pa: float) -> None:
+    units = [unit for unit, pa in _UNITS_PA.items() if _VENTED_PA[0] <= pa * highest_pa <= _VENTED_PA[1]]
+    if units and lowest_pa > 0.0:
+        guess = units[0]
+    elif highest_pa > _HIGHEST_PA:
+        guess = "neither gauge nor absolute"
+    elif lowest_pa < _LOWEST_PA:
+        guess = "gauge"
+    else:
+        return
+    msg = f"{name} in bag {bag} lies between {lowest_pa:.4g} and {highest_pa:.4g} Pa and starts at {start_pa:.4g}"
+    msg += f"; it looks like {guess}: record absolute pressure in Pa (vented: about 101325)"
+    raise BadRecordingError(msg)
+
+
+def check_alive(bag: str, signals: Mapping[str, Signal], solenoids: Mapping[str, Timeline]) -> None:
+    """Refuse a pressure that stands still while its solenoid switches, and a recording in which nothing moves.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    for channel, solenoid in solenoids.items():
+        signal = signals.get(names.PRESSURES[channel].name)
+        drawn_s = float(np.clip(np.diff(solenoid.time_s), 0.0, None).max(initial=0.0))
+        if signal is not None and solenoid.values.max() > 0.0 and drawn_s > 0.0 and np.ptp(signal.values) == 0.0:
+            msg = f"{signal.name} in bag {bag} is {signal.values[0]:g} Pa throughout while its solenoid switches"
+            msg += "; check that sensor and record again"
+            raise BadRecordingError(msg)
+    if all(np.ptp(signal.values) == 0.0 for signal in signals.values()):
+        msg = f"no signal of bag {bag} changes at all"
+        msg += "; record live sensors while the ankle is moved or jammed"
+        raise BadRecordingError(msg)
+
+
+def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[str, ...], start_m: float) -> None:
+    """Refuse a rig that cannot have made the recording.
+
+    Args:
+        bag: Name of the bag.
+        rig: As it was named.
+        signals: What was measured.
+        joints: Joints of the rig.
+        start_m: Where the rig's slide starts, m.
+
+    Raises:
+        BadRecordingError: other tendons, other joints, another start.
+
+    """
+    tendons = {name.split("/")[0] for name in signals if name.endswith("/tension")}
+    measured = {name.split("/")[0] for name in signals if name.endswith("/position")}
+    problem = ""
+    if tendons - set(rig.tendon_names):
+        problem = f"it has no tendon {min(tendons - set(rig.tendon_names))}"
+    elif (measured & set(names.ANKLE_JOINTS)) - set(joints):
+        problem = f"it has no joint {min(measured - set(joints))}"
+    elif not measured & set(joints) and measured:
+        problem = f"it has no joint {min(measured)}"
+    else:
+        slide = signals.get(f"{names.CARRIAGE_JOINT}/position")
+        if slide is not None and abs(float(slide.values[0]) - start_m) > _LARGEST_START_M:
+            problem = f"its slide starts at {start_m:.3f} m, the recording's at {float(slide.values[0]):.3f} m"
+    if problem:
+        msg = f"bag {bag} cannot be from rig '{rig.name}': {problem}"
+        msg += "; name the rig that it was recorded on with --rig"
+        raise BadRecordingError(msg)

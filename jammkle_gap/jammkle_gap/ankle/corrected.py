@@ -1,0 +1,118 @@
+"""`corrected.yaml`: effects that bring the simulation closer to the robot, as people read and simulators load them.
+
+library: my_effects.yaml          # optional: effects beside those of the package
+line_leak_achilles:
+conductance_dm3_s_bar: 0.0021   # dm3/(s bar), 0 to 0.01, off at 0
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jammkle_gap.ankle.effects import ankle_library, apply_effects, read_yaml
+from jammkle_gap.november.effect import BadEffectError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from jammkle_gap.november.effect import Effect, Library
+    from jammkle_sim.rigs.rig import Rig
+
+_LIBRARY = "library"
+_TIMING, _COMMAND_DELAY = "timing", "command_delay"
+_HEADER = (
+    "# Effects that bring the simulation closer to the robot: for `jammkle rig ... --effects FILE` and the sim node."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Correction:
+    """Effects and their sizes, ready to be put into any rig."""
+
+    library: Library
+    values: Mapping[str, float]
+    """By `effect.parameter`."""
+
+    def __call__(self, rig: Rig) -> Rig:
+        """Return a rig with the effects in it, which its description tells."""
+        changed = apply_effects(rig, self.library, self.values)
+        return dataclasses.replace(changed, effects=dict(self.values))
+
+
+def check_live(correction: Correction) -> None:
+    """Refuse effects that only a recording can show: the stamps of a live simulation are those of its own clock.
+
+    Raises:
+        BadEffectError: readings come late, or by another clock.
+
+    """
+    for effect in correction.library:
+        if effect.subsystem == _TIMING and effect.name != _COMMAND_DELAY and _is_on(effect, correction.values):
+            msg = f"effect '{effect.name}' acts on stamps, which a live simulation does not change"
+            msg += "; take it out of the file, or run the rig with `jammkle rig`"
+            raise BadEffectError(msg)
+
+
+def corrected_text(library: Library, values: Mapping[str, float], library_file: Path | None = None) -> str:
+    """Return the content of the file.
+
+    Args:
+        library: Effects that the values are of.
+        values: By `effect.parameter`; effects of which none is given are left out.
+        library_file: Of the user's own effects, if the library has any.
+
+    """
+    lines = [_HEADER]
+    if library_file is not None:
+        lines.append(f"{_LIBRARY}: {library_file.resolve()}")
+    for effect in library:
+        if not any(effect.key(parameter) in values for parameter in effect.parameters):
+            continue
+        lines += ["", f"# {effect.sentence}", f"{effect.name}:"]
+        for parameter in effect.parameters:
+            value = float(values.get(effect.key(parameter), parameter.null))
+            unit = "" if parameter.unit == "1" else f"{parameter.unit}, "
+            limits = f"{parameter.minimum:g} to {parameter.maximum:g}, off at {parameter.null:g}"
+            lines.append(f"  {parameter.name}: {value!r}  # {unit}{limits}")
+    return "\n".join(lines) + "\n"
+
+
+def load_correction(file: Path) -> Correction:
+    """Read the file.
+
+    Raises:
+        BadEffectError: it cannot be read, or names what is not in the library, or a value is out of bounds.
+
+    """
+    table: Any = read_yaml(file, "effects file") or {}
+    if not isinstance(table, dict):
+        msg = f"effects file {file} must hold EFFECT: {{PARAMETER: value}}"
+        raise BadEffectError(msg)
+    own = table.pop(_LIBRARY, None)
+    library = ankle_library(None if own is None else file.parent / Path(str(own)))
+    values: dict[str, float] = {}
+    for name, parameters in table.items():
+        effect = library.effect(str(name))
+        known = {parameter.name: parameter for parameter in effect.parameters}
+        if not isinstance(parameters, dict) or not parameters:
+            msg = f"effect '{name}' in {file} must have values of: {', '.join(known)}"
+            raise BadEffectError(msg)
+        for parameter_name, value in parameters.items():
+            parameter = known.get(str(parameter_name))
+            if parameter is None:
+                msg = f"effect '{name}' in {file} has no parameter '{parameter_name}'; it has: {', '.join(known)}"
+                raise BadEffectError(msg)
+            number = value if isinstance(value, (int, float)) and not isinstance(value, bool) else float("nan")
+            if not parameter.minimum <= number <= parameter.maximum:
+                msg = f"{effect.key(parameter)} in {file} is {value}"
+                limits = f"{parameter.minimum:g} to {parameter.maximum:g} {parameter.unit}"
+                msg += f"; it must be a number from {limits}"
+                raise BadEffectError(msg)
+            values[effect.key(parameter)] = float(number)
+    return Correction(library, values)
+
+
+def _is_on(effect: Effect, values: Mapping[str, float]) -> bool:
+    return any(values.get(effect.key(each), each.null) != each.null for each in effect.parameters)

@@ -1,0 +1,63 @@
+"""Where the runs of a diagnosis happen: the cores of this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import signal
+from typing import TYPE_CHECKING, Any
+
+import joblib  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.tether import end_with_parent
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ANSWER_S = 10.0
+"""How long a scheduler may take to answer."""
+_ALL = -1
+
+
+@contextlib.contextmanager
+def backend(jobs: int | None, scheduler: str | None) -> Iterator[int | None]:
+    """Have what joblib runs in the block run where it was asked for.
+
+    Args:
+        jobs: Processes; None lets the diagnosis choose.
+        scheduler: Address of a Dask scheduler, such as tcp://10.0.0.2:8786; None takes this machine.
+
+    Yields:
+        The `jobs` to hand on to the diagnosis.
+
+    Raises:
+        InputError: Dask is not installed, or the scheduler does not answer.
+
+    """
+    if scheduler is None:
+        with joblib.parallel_config("loky", initializer=_start_worker, initargs=(os.getpid(),)):
+            yield jobs
+        return
+    with _client(scheduler), joblib.parallel_config("dask"):
+        yield _ALL if jobs is None else jobs
+
+
+def _client(scheduler: str) -> Any:
+    try:
+        distributed = importlib.import_module("distributed")  # an extra that most users do not have
+    except ImportError as error:
+        msg = f"--scheduler {scheduler} needs Dask, which is not installed; run: pip install distributed"
+        raise InputError(msg) from error
+    try:
+        return distributed.Client(scheduler, timeout=ANSWER_S)
+    except (OSError, ValueError) as error:  # a timeout is an OSError
+        msg = f"--scheduler {scheduler} does not answer; give the address that `dask scheduler` printed"
+        raise InputError(msg) from error
+
+
+def _start_worker(parent: int) -> None:
+    # Ctrl-C reaches the whole group; the parent decides what becomes of it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent(parent)

@@ -1,0 +1,252 @@
+"""Follows a robot with a simulated twin, subsystem by subsystem, in portions that its caller asks for."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_gap.ankle.inputs import AnkleInputs, nominal_rig
+from jammkle_gap.ankle.phases import FALLING_RIGS
+from jammkle_gap.monitor.core.air import AirFollower
+from jammkle_gap.monitor.core.bodies import BodyFollower
+from jammkle_gap.monitor.core.followed import Stretch
+from jammkle_gap.monitor.core.sensing import SensingFollower
+from jammkle_gap.monitor.core.tendons import TendonFollower
+from jammkle_gap.monitor.core.tracks import Tracks
+from jammkle_gap.monitor.core.window import GapWindow
+from jammkle_graph import names
+from jammkle_sim.rigs.replay import CommandTrack, timestep_s
+from jammkle_sim.rigs.simulation import UnstableSimulationError
+from jammkle_sim.rigs.timeline import Timeline
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from jammkle_gap.ankle.inputs import Options
+    from jammkle_gap.monitor.core.followed import Follower
+    from jammkle_gap.monitor.core.window import Worst
+
+STRETCH_S = 0.1
+"""How long the bodies go on from a measured state, and what is simulated at a time. Assumed: a wrong mass or friction
+shows within; noise has not grown yet."""
+_LATE_S = 0.05
+"""How far the twin stays behind the newest sample, so that slower topics and commands have come. Assumed: five samples
+of a pressure."""
+_MEMORY_S = 1.0
+"""How much is kept before the stretch that is simulated: commands that act late, and speeds."""
+_COMMANDS = (names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values()))
+
+
+class GapState(enum.Enum):
+    """What is known of the gap of a subsystem."""
+
+    WAITING = "waiting"
+    """Its inputs come in, and nothing could be compared yet."""
+    CLOSE = "close"
+    """Robot and simulator agree."""
+    WIDE = "wide"
+    """The robot has left its simulator."""
+    STALE = "stale"
+    """Inputs are missing."""
+
+
+@dataclass(frozen=True)
+class SubsystemReport:
+    """One subsystem now."""
+
+    name: str
+    state: GapState
+    worst: Worst | None
+    """None before anything was compared, and without inputs."""
+    gaps: Mapping[str, float] = field(default_factory=dict)
+    """By signal, noise units."""
+    missing: tuple[str, ...] = ()
+    """Topics without which it cannot be followed."""
+    wide_s: float = 0.0
+    """For how long the gap has been above the limit, s."""
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """How the gap is judged."""
+
+    window_s: float
+    """Time over which a gap is taken."""
+    limit: float
+    """Gap, in noise units, above which a signal has left its simulator."""
+    hold_s: float
+    """For how long it must."""
+    silence_s: float
+    """Age of the newest sample, by the caller's clock, from which on a topic counts as missing."""
+    command_jitter_s: float
+    """See `AirFollower`."""
+
+
+class GapMonitor:
+    """The twin of one robot. Samples in at any time; `advance` simulates what is due."""
+
+    def __init__(self, rig: str, options: Options, settings: MonitorSettings) -> None:
+        """Build the twin.
+
+        Args:
+            rig: What the robot stands in: a name of `rigs.catalogue`.
+            options: How it is set; see `inputs.known_options`.
+            settings: How the gap is judged.
+
+        Raises:
+            BadRecordingError: there is no such rig.
+
+        """
+        nothing = Timeline(np.zeros(0), np.zeros(0))
+        built = nominal_rig(AnkleInputs(rig, options, CommandTrack(nothing, {})))
+        self._step_s = timestep_s(built)
+        self._settings = settings
+        self._tracks = Tracks()
+        self._heard_s: dict[str, float] = {}
+        self._acknowledged = False
+        self._air = AirFollower(built, settings.command_jitter_s)
+        followers: list[Follower] = [self._air, TendonFollower(built)]
+        if rig in FALLING_RIGS:
+            followers.append(BodyFollower(built))
+        followers.append(SensingFollower(built))
+        self._parts = [_Part(each, GapWindow(settings.window_s)) for each in followers]
+
+    def hear(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
+        """Take a sample; a command is left out once the hardware tells of its commands by itself.
+
+        Args:
+            topic: Its relative name.
+            time_s: When it was measured or commanded, on the robot's clock.
+            values: By column, as in the diagnosis of recordings.
+            now_s: Now, on a clock that never stands still.
+
+        """
+        if not (self._acknowledged and topic in _COMMANDS):
+            self._take(topic, time_s, values, now_s)
+
+    def hear_acknowledged(self, time_s: float, commands: Mapping[str, float], now_s: float) -> None:
+        """Take what the hardware says it was told.
+
+        Args:
+            time_s: Since when, or until when at least, on the robot's clock.
+            commands: By the topic of the command; all of them.
+            now_s: As above.
+
+        """
+        if not self._acknowledged:
+            self._acknowledged = True
+            self._air.trust_commands()
+            self._forget()
+        for topic, value in commands.items():
+            self._take(topic, time_s, {"data": value}, now_s)
+
+    def _take(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
+        self._heard_s[topic] = now_s
+        if time_s < self._tracks.of(topic).last_s - _MEMORY_S:  # the clock was set back: a new run
+            self._forget()
+        self._tracks.of(topic).add(time_s, values)
+
+    def advance(self, now_s: float) -> bool:
+        """Simulate one stretch of one subsystem, the one that is furthest behind.
+
+        Returns:
+            Whether there was one to simulate.
+
+        """
+        for part in self._parts:
+            if part.started and self._missing(part, now_s):
+                part.stop()
+        due = [part for part in self._parts if not self._missing(part, now_s) and self._is_due(part)]
+        if not due:
+            return False
+        part = min(due, key=lambda each: each.time_s if each.started else -float("inf"))
+        newest_s = self._newest_s(part)
+        # A part that has fallen behind by more than the window begins anew: old news help nobody.
+        if not part.started or part.time_s < newest_s - self._settings.window_s - STRETCH_S:
+            part.start(self._tracks, newest_s)
+            return True
+        stretch = Stretch(part.time_s, part.time_s + round(STRETCH_S / self._step_s) * self._step_s)
+        part.follow(self._tracks, stretch, self._settings.limit)
+        self._tracks.forget_before(min(each.time_s for each in self._parts if each.started) - _MEMORY_S)
+        return True
+
+    def reports(self, now_s: float) -> list[SubsystemReport]:
+        """Return what is known of every subsystem."""
+        return [self._report(part, now_s) for part in self._parts]
+
+    def _report(self, part: _Part, now_s: float) -> SubsystemReport:
+        name, missing = part.follower.subsystem.value, self._missing(part, now_s)
+        if missing:
+            return SubsystemReport(name, GapState.STALE, None, missing=missing)
+        worst = part.window.worst()
+        if worst is None:
+            return SubsystemReport(name, GapState.WAITING, None)
+        wide_s = part.wide_s
+        state = GapState.WIDE if wide_s >= self._settings.hold_s else GapState.CLOSE
+        return SubsystemReport(name, state, worst, part.window.gaps(), wide_s=wide_s)
+
+    def _missing(self, part: _Part, now_s: float) -> tuple[str, ...]:
+        """Return the topics that were not heard of lately; a command that is not repeated holds until the next one."""
+        return tuple(
+            topic
+            for topic in part.follower.inputs
+            if topic not in self._heard_s
+            or (self._is_stream(topic) and self._heard_s[topic] < now_s - self._settings.silence_s)
+        )
+
+    def _newest_s(self, part: _Part) -> float:
+        streams = [topic for topic in part.follower.inputs if self._is_stream(topic)]
+        return min(self._tracks.of(topic).last_s for topic in streams) - _LATE_S
+
+    def _is_stream(self, topic: str) -> bool:
+        """Tell whether a topic says by its silence that something is wrong."""
+        return self._acknowledged or topic not in _COMMANDS
+
+    def _is_due(self, part: _Part) -> bool:
+        newest_s = self._newest_s(part)
+        if part.started:
+            return newest_s >= part.time_s + STRETCH_S
+        return newest_s >= max(self._tracks.of(topic).first_s for topic in part.follower.inputs)
+
+    def _forget(self) -> None:
+        self._tracks = Tracks()
+        for part in self._parts:
+            part.stop()
+
+
+class _Part:
+    """One subsystem: how far it has been followed, and what came out."""
+
+    def __init__(self, follower: Follower, window: GapWindow) -> None:
+        self.follower = follower
+        self.window = window
+        self.started = False
+        self.time_s = 0.0
+        self._close_s = 0.0
+
+    @property
+    def wide_s(self) -> float:
+        return self.time_s - self._close_s if self.started else 0.0
+
+    def start(self, tracks: Tracks, time_s: float) -> None:
+        self.stop()
+        self.started, self.time_s, self._close_s = True, time_s, time_s
+        self.follower.begin(tracks, time_s)
+
+    def stop(self) -> None:
+        self.started = False
+        self.window.clear()
+
+    def follow(self, tracks: Tracks, stretch: Stretch, limit: float) -> None:
+        try:
+            residuals = self.follower.follow(tracks, stretch)
+        except UnstableSimulationError:  # from a state that is none; the next one may be
+            residuals = []
+        self.time_s = stretch.end_s
+        self.window.add(stretch.end_s, residuals)
+        worst = self.window.worst()
+        if worst is None or worst.gap <= limit:
+            self._close_s = stretch.end_s

@@ -1,0 +1,166 @@
+"""The gap monitor's node: measurements and commands in, gap per subsystem out."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from jammkle_gap.ankle.bag import TAKERS
+from jammkle_gap.ankle.inputs import known_options
+from jammkle_gap.monitor.conversions import rig_of, simulator_gap_message, stamp_s
+from jammkle_gap.monitor.core.monitor import GapMonitor
+from jammkle_gap.monitor.health import sentence, subsystem_health, unknown_rig_health
+from jammkle_gap.monitor.parameters import FROM_THE_GRAPH, GapMonitorParameters, monitor_settings
+from jammkle_gap.november.recording import BadRecordingError
+from jammkle_graph import names
+from jammkle_graph.declare import declare
+from jammkle_graph.diagnostics import DiagnosticsPublisher
+from jammkle_graph.qos import every_change_qos, patient_qos, publisher_qos, subscriber_qos
+from jammkle_msgs.msg import ActuatorStates, SimulatorGap
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.executors import Executor
+    from rclpy.qos import QoSProfile
+
+    from jammkle_graph.diagnostics import Health
+    from jammkle_graph.names import Topic
+    from jammkle_graph.runner import StopFlag
+
+HARDWARE_ID = "ankle"
+_NS = 1e-9
+_COMMANDS = (names.PUMP_DUTY, *names.SOLENOIDS.values())
+_MEASUREMENTS = (
+    names.MANIFOLD_PRESSURE,
+    *names.PRESSURES.values(),
+    names.IMU,
+    names.JOINT_STATES,
+    names.TENDON_STATES,
+)
+_SERVE_S = 0.02
+"""Real time for which callbacks are served between two looks at what is due."""
+_REPORT_PERIOD_S = 0.2
+"""Real time between two messages on simulator_gap."""
+
+
+class GapMonitorNode(Node):
+    """Follows the robot of its namespace. `drive` drives it: callbacks only keep what they hear."""
+
+    def __init__(self) -> None:
+        """Make the node.
+
+        Raises:
+            ParameterError: an unknown parameter was given, or a value is out of range.
+
+        """
+        super().__init__(names.GAP_MONITOR_NODE)
+        self._values = declare(self, GapMonitorParameters)
+        self._monitor: GapMonitor | None = None
+        self._commands: dict[str, tuple[float, Any]] = {}
+        self._acknowledged = False
+        """Whether the hardware says when it took its commands; what the driver asks for then does not count."""
+        self._newest_s = 0.0
+        """Stamp of the measurement heard last, s."""
+        told = self._values.rig != FROM_THE_GRAPH
+        self._wanted: tuple[str, dict[str, Any]] | None = (self._values.rig, {}) if told else None
+        self._trouble = f"no {names.SIM_PARAMETERS.name}: name what the robot stands in with the parameter rig"
+        self._gap = self.create_publisher(SimulatorGap, names.SIMULATOR_GAP.name, publisher_qos(names.SIMULATOR_GAP))
+        self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
+        for topic in _COMMANDS:
+            self._listen(topic, partial(self._take_command, topic.name), every_change_qos())
+        for topic in _MEASUREMENTS:
+            self._listen(topic, partial(self._take_measurement, topic.name), patient_qos(topic))
+        self.create_subscription(
+            ActuatorStates,
+            names.ACTUATOR_STATES.name,
+            self._take_acknowledgement,
+            patient_qos(names.ACTUATOR_STATES),
+        )
+        if not told:
+            self.create_subscription(
+                String, names.SIM_PARAMETERS.name, self._take_description, subscriber_qos(names.SIM_PARAMETERS)
+            )
+        self.create_timer(_REPORT_PERIOD_S, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def drive(self, executor: Executor, stop: StopFlag) -> None:
+        """Run until asked to stop: one stretch of one subsystem, a few milliseconds, then callbacks."""
+        while not stop:
+            end_s = time.monotonic() + (0.0 if self._advance() else _SERVE_S)
+            executor.spin_once(timeout_sec=0.0)
+            while not stop and (left_s := end_s - time.monotonic()) > 0.0:
+                executor.spin_once(timeout_sec=left_s)
+
+    def _advance(self) -> bool:
+        """Do the next portion of work, if there is one."""
+        if self._wanted is not None:
+            self._build(*self._wanted)
+            self._wanted = None
+        return self._monitor is not None and self._monitor.advance(time.monotonic())
+
+    def _build(self, rig: str, options: dict[str, Any]) -> None:
+        """Make the twin anew: part of a second, between two callbacks, whenever the rig changes."""
+        try:
+            self._monitor = GapMonitor(rig, known_options(rig, options), monitor_settings(self._values))
+        except BadRecordingError as error:
+            self._monitor, self._trouble = None, str(error)
+            self.get_logger().error(self._trouble)
+        # A driver that speaks up on changes alone has said long ago what still holds.
+        for topic, (time_s, message) in self._commands.items():
+            self._hear(topic, time_s, message)
+
+    def _listen(self, topic: Topic, take: Callable[[Any], None], qos: QoSProfile) -> None:
+        package, folder, name = topic.message_type.split("/")
+        kind = getattr(import_module(f"{package}.{folder}"), name)
+        self.create_subscription(kind, topic.name, take, qos)
+
+    def _take_command(self, topic: str, message: Any) -> None:
+        # Messages come in the order in which they were sent. The time at which a callback is served is later by all
+        # that is done meanwhile, and would take several commands for one.
+        if self._acknowledged:
+            return
+        time_s = self._newest_s
+        self._commands[topic] = (time_s, message)
+        self._hear(topic, time_s, message)
+
+    def _take_acknowledgement(self, message: ActuatorStates) -> None:
+        self._acknowledged = True
+        self._commands.clear()
+        if self._monitor is not None:
+            commands = TAKERS[names.ACTUATOR_STATES.name](message)
+            self._monitor.hear_acknowledged(stamp_s(message), commands, time.monotonic())
+
+    def _take_measurement(self, topic: str, message: Any) -> None:
+        self._newest_s = stamp_s(message)
+        self._hear(topic, self._newest_s, message)
+
+    def _hear(self, topic: str, time_s: float, message: Any) -> None:
+        if self._monitor is not None:
+            self._monitor.hear(topic, time_s, TAKERS[topic](message), time.monotonic())
+
+    def _take_description(self, message: String) -> None:
+        rig, options = rig_of(message.data)
+        if rig:
+            self._wanted = (rig, options)
+        else:
+            self._trouble = f"{names.SIM_PARAMETERS.name} names no rig: set the parameter rig"
+
+    def _report(self) -> None:
+        reports = [] if self._monitor is None else self._monitor.reports(time.monotonic())
+        texts = [sentence(each) for each in reports]
+        stamp = self.get_clock().now().to_msg()
+        self._gap.publish(simulator_gap_message(stamp, self._values.limit, reports, texts))
+        self._diagnostics.check()
+
+    def _health(self) -> list[Health]:
+        if self._monitor is None:
+            return [unknown_rig_health(self._trouble)]
+        reports = self._monitor.reports(time.monotonic())
+        return [subsystem_health(each, self._values.limit) for each in reports]

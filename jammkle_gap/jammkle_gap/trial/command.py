@@ -1,0 +1,107 @@
+"""Arguments of `jammkle gap blind`. What the subcommands do stands in modules of their own."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for NumPy
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jammkle_graph.command.options import JsonOption
+
+blind_app = typer.Typer(
+    help="Check the diagnosis blind: cases whose truth it is not told, their answers, and how good they are.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
+)
+
+TrialArgument = Annotated[Path, typer.Argument(help="Folder of the trial.", metavar="TRIAL")]
+JobsOption = Annotated[int | None, typer.Option(help="Processes, each for one case.", show_default="one per core")]
+RealOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder of real recordings (leak_down, pressure_friction, servo_friction): diagnosed too."),
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs of each diagnosis.")
+]
+
+
+@blind_app.command()
+def make(
+    seed: Annotated[int, typer.Option(help="Everything is drawn from it; below 1000: settings for development.")],
+    cases: Annotated[int, typer.Option(help="How many cases; their kinds are shared out as in the standard trial.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the trial.")],
+    key: Annotated[Path | None, typer.Option(help="File of the key.", show_default="beside the folder")] = None,
+    rig: Annotated[list[str] | None, typer.Option(help="Only this rig; may be repeated.")] = None,
+    live: Annotated[int, typer.Option(help="Further cases, recorded from the live graph in real time.")] = 0,
+    jobs: JobsOption = None,
+) -> int:
+    """Write the bags of a trial and, elsewhere, its key, and publish the key's hash. Goes on where it was stopped."""
+    from jammkle_gap.trial.make import MakeRequest, default_key
+    from jammkle_gap.trial.make import make as make_trial
+
+    return make_trial(MakeRequest(seed, cases, output, key or default_key(output), jobs, rig or (), live))
+
+
+@blind_app.command()
+def run(
+    trial: TrialArgument,
+    key: Annotated[
+        Path | None,
+        typer.Option(help="Open the key once all is diagnosed, and try the true effects alone and left out."),
+    ] = None,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+) -> int:
+    """Diagnose every case, in processes that see bags alone. Goes on where it was stopped."""
+    from jammkle_gap.trial.run import RunRequest
+    from jammkle_gap.trial.run import run as run_trial
+
+    return run_trial(RunRequest(trial, key, jobs, scheduler))
+
+
+@blind_app.command()
+def score(
+    trial: TrialArgument,
+    key: Annotated[Path, typer.Option(help="File of the key.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the page, blind.html.")] = Path(
+        "runs/blind"
+    ),
+    json: JsonOption = None,
+    real: RealOption = None,
+) -> int:
+    """Compare what was said with what is true, and write a page with every figure."""
+    from jammkle_gap.trial.score import ScoreRequest
+    from jammkle_gap.trial.score import score as score_trial
+
+    return score_trial(ScoreRequest(trial, key, output, json, real))
+
+
+@blind_app.command()
+def standard(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of trial, key and page.")] = Path("runs/blind"),
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+    json: JsonOption = None,
+    real: RealOption = None,
+) -> int:
+    """Make, diagnose and score the standard trial. Goes on where it was stopped."""
+    from jammkle_gap.trial.standard import StandardRequest
+    from jammkle_gap.trial.standard import standard as run_standard
+
+    return run_standard(StandardRequest(output, jobs, scheduler, json, real))
+
+
+@blind_app.command(hidden=True)
+def answer(
+    questions: Annotated[Path, typer.Argument(help="What is asked, as `run` writes it.", metavar="QUESTIONS")],
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+) -> int:
+    """Answer what `run` asks of one case, and write the answers beside the questions."""
+    from jammkle_gap.trial.answer import AnswerRequest
+    from jammkle_gap.trial.answer import answer as answer_questions
+
+    return answer_questions(AnswerRequest(questions, jobs, scheduler))

@@ -1,0 +1,99 @@
+"""One answer beside one truth: what became of it."""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING, Final
+
+from jammkle_gap.november.probability import NO_GAP, UNKNOWN
+from jammkle_gap.trial.answers import Said
+from jammkle_gap.trial.key import Kind
+
+if TYPE_CHECKING:
+    from jammkle_gap.trial.answers import Answer
+    from jammkle_gap.trial.key import Truth
+
+SIZES: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Sizes that figures are told apart by, in units of the run-to-run scatter."""
+_NEARLY = 0.9
+"""A case counts for a size that it misses by less than a tenth: sizes are a factor of two apart."""
+
+
+class Outcome(enum.Enum):
+    """What became of a case."""
+
+    RIGHT = "right"
+    """`EFFECTS` with exactly what is true; `NO_GAP` where nothing is wrong; `UNKNOWN` where the library has no name."""
+    IN_SET = "in the set"
+    """`AMBIGUOUS`, and the truth is one of the set."""
+    PART = "part of it"
+    """`EFFECTS` with one of two true ones and nothing else."""
+    WRONG_SET = "wrong set"
+    """`AMBIGUOUS` without the truth."""
+    WRONG_NAME = "wrong name"
+    """`EFFECTS` with one that is not true: the worst."""
+    NOT_SEEN = "not seen"
+    """`NO_GAP` where something is wrong."""
+    NOT_EXPLAINED = "not explained"
+    """`UNKNOWN` where the library has a name, or where nothing is wrong."""
+    REFUSED = "refused"
+
+
+def outcome(truth: Truth, answer: Answer) -> Outcome:
+    """Judge one answer."""
+    if answer.said is Said.REFUSED:
+        return Outcome.REFUSED
+    if answer.said is Said.NO_GAP:
+        return Outcome.RIGHT if truth.kind is Kind.NONE else Outcome.NOT_SEEN
+    if answer.said is Said.UNKNOWN:
+        return Outcome.RIGHT if truth.kind is Kind.OUTSIDE else Outcome.NOT_EXPLAINED
+    if answer.said is Said.AMBIGUOUS:
+        is_there = truth.names in answer.candidates and truth.kind is not Kind.OUTSIDE
+        return Outcome.IN_SET if is_there else Outcome.WRONG_SET
+    if is_first(truth, answer):
+        return Outcome.RIGHT
+    return Outcome.PART if answer.names and answer.names < truth.names else Outcome.WRONG_NAME
+
+
+def is_first(truth: Truth, answer: Answer) -> bool:
+    """Whether the truth is what is named first, alone or before others that the data cannot tell from it."""
+    return bool(answer.candidates) and truth.names == answer.names and truth.kind is not Kind.OUTSIDE
+
+
+def probability(truth: Truth, answer: Answer) -> float:
+    """Return the probability that the answer puts on the truth; both of two effects count."""
+    if truth.kind is Kind.NONE:
+        return answer.probabilities.get(NO_GAP, 0.0)
+    if truth.kind is Kind.OUTSIDE:
+        return answer.probabilities.get(UNKNOWN, 0.0)
+    return sum(answer.probabilities.get(name, 0.0) for name in truth.names)
+
+
+def likeliest(answer: Answer) -> tuple[str, float]:
+    """Return what the answer holds most likely, and how likely."""
+    return max(answer.probabilities.items(), key=lambda one: one[1], default=("", 0.0))
+
+
+def label(truth: Truth) -> str:
+    """Return the truth as a row of the confusion matrix."""
+    if truth.kind is Kind.NONE:
+        return Said.NO_GAP.value
+    if truth.kind is Kind.OUTSIDE:
+        return "outside the library"
+    name = " + ".join(sorted(truth.names))
+    return f"{name}, in mid-run" if truth.kind is Kind.MIDRUN else name
+
+
+def answer_label(answer: Answer) -> str:
+    """Return the answer as a column of the confusion matrix: a set goes by its first candidate."""
+    if answer.said not in {Said.EFFECTS, Said.AMBIGUOUS}:
+        return str(answer.said.value)
+    name = " + ".join(sorted(answer.names)) or "no effect"
+    return name if answer.said is Said.EFFECTS else f"{name}, or others"
+
+
+def level(truth: Truth) -> float | None:
+    """Return the largest of SIZES that a case reaches; 0 if none, None if its size is not known."""
+    if truth.size is None:
+        return None
+    return max((size for size in SIZES if truth.size >= _NEARLY * size), default=0.0)

@@ -1,0 +1,99 @@
+"""What one process is asked of one case, and all that it is told: bags, how their rig was set, ways of diagnosing."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from pathlib import Path
+
+from jammkle_gap.trial import files
+from jammkle_graph.command.errors import InputError
+
+
+class Run(enum.Enum):
+    """A way of diagnosing, and the folder of its answers."""
+
+    WITH = "with_references"
+    WITHOUT = "without_references"
+    BASELINES = "baselines"
+    """What simpler methods say, with references; as blind as the first two."""
+    ORACLE = "oracle"
+    """Only the true effects on offer: how far the gap can be closed."""
+    LEFT_OUT = "left_out"
+    """The true effect not on offer."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """One answer that is asked for."""
+
+    run: Run
+    only: tuple[str, ...] = ()
+    """Effects that are on offer, and no others; empty: all."""
+    without: tuple[str, ...] = ()
+    """Effects that are not on offer."""
+
+    @property
+    def takes_references(self) -> bool:
+        """Whether it may look at the references."""
+        return self.run is not Run.WITHOUT
+
+
+@dataclass(frozen=True)
+class Questions:
+    """What is asked of one case."""
+
+    bags: tuple[Path, ...]
+    references: tuple[Path, ...]
+    """Of the same machine in good order, for the ways that take them."""
+    rig: str | None
+    """What was recorded, where the bags do not tell."""
+    settings: tuple[str, ...]
+    """How it was set, where the bags do not tell: NAME=VALUE."""
+    ways: tuple[Way, ...]
+    """In the order in which they are answered."""
+
+
+def write_questions(file: Path, asked: Questions) -> None:
+    """Write questions for another process; of references only if a way takes them.
+
+    Raises:
+        InputError: the file cannot be written.
+
+    """
+    told = asked.references if any(way.takes_references for way in asked.ways) else ()
+    content = {
+        "format": files.FORMAT,
+        "bags": [str(bag) for bag in asked.bags],
+        "references": [str(bag) for bag in told],
+        "rig": asked.rig,
+        "settings": list(asked.settings),
+        "ways": [{"run": way.run.value, "only": list(way.only), "without": list(way.without)} for way in asked.ways],
+    }
+    files.write_json(file, content)
+
+
+def read_questions(file: Path) -> Questions:
+    """Read questions.
+
+    Raises:
+        InputError: there are none, or they are not what they should be.
+
+    """
+    content = files.read_json(file, "questions", "`jammkle gap blind run` writes them")
+    try:
+        return Questions(
+            tuple(map(Path, content["bags"])),
+            tuple(map(Path, content["references"])),
+            content["rig"],
+            tuple(content["settings"]),
+            tuple(Way(Run(way["run"]), tuple(way["only"]), tuple(way["without"])) for way in content["ways"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        msg = f"questions {file} are not what `jammkle gap blind run` writes: {error}; have it write them"
+        raise InputError(msg) from error
+
+
+def said_file(folder: Path, run: Run) -> Path:
+    """Return where a process writes an answer, in the folder of its questions."""
+    return folder / f"{run.value}.json"

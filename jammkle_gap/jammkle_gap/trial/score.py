@@ -1,0 +1,88 @@
+"""`jammkle gap blind score`: open the key, compare, write page and JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap.trial import apart, files
+from jammkle_gap.trial import real as real_cases
+from jammkle_gap.trial.aims import AIMS, OTHERS
+from jammkle_gap.trial.diagnose_real import diagnose_real
+from jammkle_gap.trial.key import check_apart, read_key
+from jammkle_gap.trial.page import figure_text, page
+from jammkle_gap.trial.regimes import regime_name
+from jammkle_gap.trial.result import as_dict, result_of
+from jammkle_gap.trial.tasks import seal
+from jammkle_graph.command import results
+from jammkle_graph.command.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jammkle_gap.trial.result import Result
+
+PAGE_NAME = "blind.html"
+
+
+@dataclass(frozen=True)
+class ScoreRequest:
+    """One call of `jammkle gap blind score`."""
+
+    trial: Path
+    key: Path
+    folder: Path
+    json: Path | None
+    real: Path | None = None
+    """Folder of real recordings, if they are to be diagnosed beside the trial."""
+
+
+def score(request: ScoreRequest) -> int:
+    """Compare answers with the key, write the page, and return the exit code.
+
+    Raises:
+        InputError: trial or key cannot be used, or answers are missing.
+
+    """
+    facts = files.read_trial(request.trial)
+    check_apart(request.key, request.trial)
+    results.check_writable(request.json)
+    try:
+        request.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {request.folder} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    results.check_writable(request.folder / PAGE_NAME, "--output")
+    key = read_key(request.key, facts.key_sha256)
+    sealed = seal(request.trial)
+    library = ankle_library()
+    parameters = {effect.key(each): each for effect in library for each in effect.parameters}
+    result = result_of(request.trial, facts, key, sealed, parameters)
+    used = sorted({rig for truth in key.cases.values() for rig in truth.rigs})
+    # How a trial of somebody else's was set is not known.
+    seed = facts.seed if facts.seed is not None and facts.regimes == regime_name(facts.seed) else None
+    pairs = [] if seed is None else apart.not_apart(seed, used, library)
+    real = [] if request.real is None else diagnose_real(request.real)
+    (request.folder / PAGE_NAME).write_text(page(result, pairs, real), encoding="utf-8")
+    beside = {"not_told_apart": apart.as_rows(pairs), "real": real_cases.as_rows(real)}
+    results.write_json(request.json, {**as_dict(result), **beside})
+    _show(result, request.folder / PAGE_NAME)
+    return 0
+
+
+def _show(result: Result, file: Path) -> None:
+    console = results.console()
+    table = Table(title="Blind trial", title_justify="left")
+    table.add_column("figure", max_width=40, overflow="fold")
+    for heading in ("aim", "with references", "without"):
+        table.add_column(heading, justify="right")
+    for aim in (*AIMS, *OTHERS):
+        if any(aim.figure in way.figures for way in result.ways):
+            cells = (figure_text(aim, way.figures.get(aim.figure)) for way in result.ways)
+            table.add_row(aim.text, aim.aim, *cells)
+    console.print(table)
+    console.print(f"hash of the key: {result.facts.key_sha256}", markup=False)
+    console.print(f"page: {file}", markup=False)

@@ -1,0 +1,116 @@
+"""What is to be diagnosed, in which ways: blind with references and without, and, once the key is open, the rest."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_gap.trial import files
+from jammkle_gap.trial.key import Kind, main_rungs
+from jammkle_gap.trial.questions import Questions, Run, Way
+from jammkle_graph.command.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from jammkle_gap.trial.key import Key
+
+_SEAL = "sealed.json"
+
+BLIND = (Run.WITH, Run.WITHOUT, Run.BASELINES)
+"""Those that need no key."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One case and the ways in which it is to be diagnosed."""
+
+    case: str
+    asked: Questions
+
+
+def blind_tasks(trial: Path) -> list[Task]:
+    """Return all that can be done without the key, case by case."""
+    return [_task(trial, case, map(Way, BLIND)) for case in files.case_names(trial)]
+
+
+def open_tasks(trial: Path, key: Key) -> list[Task]:
+    """Return what is done with the key, case by case.
+
+    The oracle is asked about every single effect and pair; an effect is left out in the largest of its cases that
+    figures are of.
+    """
+    main = main_rungs(key.cases.values())
+    ways: dict[str, list[Way]] = {}
+    largest: dict[str, tuple[float, str]] = {}
+    for case, truth in sorted(key.cases.items()):
+        if truth.kind in {Kind.SINGLE, Kind.PAIR}:
+            ways[case] = [Way(Run.ORACLE, only=tuple(sorted(truth.names)))]
+        if truth.rung in main and truth.kind is Kind.SINGLE and truth.size is not None:
+            name = next(iter(truth.names))
+            largest[name] = max(largest.get(name, (0.0, "")), (truth.size, case))
+    for name, (_, case) in largest.items():
+        ways[case].append(Way(Run.LEFT_OUT, without=(name,)))
+    return [_task(trial, case, asked) for case, asked in ways.items()]
+
+
+def missing(trial: Path, tasks: Sequence[Task]) -> list[Task]:
+    """Return the tasks with ways that have no answer yet, and of each task those ways alone."""
+    found = []
+    for task in tasks:
+        ways = [way for way in task.asked.ways if not files.answer_file(trial, way.run.value, task.case).exists()]
+        if ways:
+            found.append(dataclasses.replace(task, asked=dataclasses.replace(task.asked, ways=tuple(ways))))
+    return found
+
+
+def seal(trial: Path) -> str:
+    """Fix the blind answers before the key is opened, and return their hash.
+
+    Raises:
+        InputError: some are missing, or they are not those that were sealed when the key was first opened.
+
+    """
+    tasks = blind_tasks(trial)
+    left = missing(trial, tasks)
+    if left:
+        msg = f"{_ways(left)} of {_ways(tasks)} diagnoses of {trial} are still to be made"
+        msg += f"; run `jammkle gap blind run {trial}`"
+        raise InputError(msg)
+    digest = hashlib.sha256()
+    for task in tasks:
+        for run in BLIND:
+            digest.update(f"{run.value}/{task.case}\n".encode())
+            digest.update(files.answer_file(trial, run.value, task.case).read_bytes())
+    found = digest.hexdigest()
+    file = trial / files.ANSWERS / _SEAL
+    if file.exists():
+        sealed = files.read_json(file, "seal", "make the trial anew").get("sha256")
+        if sealed != found:
+            msg = f"answers in {trial} were changed after the key had been opened: they are not blind any more"
+            msg = f"{msg}; make a new trial with another seed"
+            raise InputError(msg)
+    else:
+        files.write_json(file, {"format": files.FORMAT, "sha256": found})
+    return found
+
+
+def _ways(tasks: Sequence[Task]) -> int:
+    return sum(len(task.asked.ways) for task in tasks)
+
+
+def _task(trial: Path, case: str, ways: Iterable[Way]) -> Task:
+    folder = trial / files.CASES / case
+    note = files.read_case(folder)
+    asked = Questions(
+        tuple((folder / bag).resolve() for bag in note.bags),
+        tuple((folder / bag).resolve() for bag in note.references),
+        note.rig,
+        tuple(f"{name}={value}" for name, value in note.options.items()),
+        # Those without references first: what must not look at them is answered before they are read.
+        tuple(sorted(ways, key=lambda way: way.takes_references)),
+    )
+    return Task(case, asked)

@@ -1,0 +1,32 @@
+"""Build of jammkle_gap, for colcon."""
+
+from setuptools import find_packages, setup
+
+NAME = "jammkle_gap"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={
+        f"{NAME}.ankle": ["library/*.yaml", "*.yaml"],
+        f"{NAME}.report": ["*.j2"],
+        f"{NAME}.trial": ["*.j2"],
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # tells colcon what runs the tests
+    zip_safe=True,
+    maintainer="Jammkle maintainers",
+    maintainer_email="maintainers@jammkle.example",
+    description="Where simulation and robot disagree, and why: diagnosis, pages, blind trials, live monitor.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": ["gap_monitor = jammkle_gap.monitor.__main__:main"],
+        "jammkle.commands": ["gap = jammkle_gap.commands:app"],
+        "jammkle.effects_file": ["load = jammkle_gap.ankle.rig_change:load_change"],
+    },
+)

@@ -1,0 +1,123 @@
+"""corrected.yaml: written, read again, put into rigs; refused in one line where it cannot be right."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_gap.ankle.corrected import Correction, corrected_text, load_correction
+from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap.november.effect import BadEffectError
+from jammkle_graph import names
+from jammkle_graph.parameters import ParameterError
+from jammkle_sim.landing import make_simulation
+from jammkle_sim.parameters import SimParameters
+from jammkle_sim.rigs.catalogue import RIGS, run_rig
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+LIBRARY = ankle_library()
+VALUES = {"line_leak_achilles.conductance_dm3_s_bar": 0.0012345678901234567, "imu_misalignment.roll_rad": -0.1}
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    """To the last digit; parameters of an effect that were not given are null; units stand beside the numbers."""
+    text = corrected_text(LIBRARY, VALUES)
+    (tmp_path / "corrected.yaml").write_text(text)
+    values = load_correction(tmp_path / "corrected.yaml").values
+    assert values == {**VALUES, "imu_misalignment.pitch_rad": 0.0, "imu_misalignment.yaw_rad": 0.0}
+    assert "# dm3/(s bar), 0 to 0.01, off at 0" in text
+    assert LIBRARY.effect("line_leak_achilles").sentence in text
+
+
+def test_no_effects_are_no_change(tmp_path: Path) -> None:
+    """A file without effects leaves the rig as it is, and its description too."""
+    (tmp_path / "corrected.yaml").write_text(corrected_text(LIBRARY, {}))
+    correction = load_correction(tmp_path / "corrected.yaml")
+    options = RIGS["pressure"].options(cycles=1)
+    plain, same = (
+        run_rig("pressure", options, lambda _: None, lambda: False, *change) for change in ((), (correction,))
+    )
+    assert all(np.array_equal(plain.topics[name].values, same.topics[name].values) for name in plain.topics)
+    assert same.description == plain.description
+
+
+def test_a_rig_runs_with_its_effects() -> None:
+    """A leak lowers the vacuum that a rig's worn pump holds, and the description tells both."""
+    options = RIGS["tensile"].options(vacuum_pa=70e3, speed_m_s=0.05)
+    correction = Correction(
+        LIBRARY, {"line_leak_peroneal_left.conductance_dm3_s_bar": 0.01, "pump_wear.flow_scale": 0.5}
+    )
+    plain, leaking = (run_rig("tensile", options, lambda _: None, lambda: False, *c) for c in ((), (correction,)))
+    lowest = [run.topics[names.PRESSURES[names.PERONEAL_LEFT].name].values.min() for run in (plain, leaking)]
+    assert lowest[1] > lowest[0] + 5e3
+    assert leaking.description["effects"] == dict(correction.values)
+
+
+def test_the_sim_node_takes_the_file(tmp_path: Path) -> None:
+    """With a heavier leg the same drop compresses the ankle further; commands that come late arrive late."""
+    (tmp_path / "heavy.yaml").write_text(corrected_text(LIBRARY, {"payload.mass_kg": 1.0}))
+    heights = []
+    for file in ("", str(tmp_path / "heavy.yaml")):
+        simulation = make_simulation(SimParameters(release_time_s=0.0, effects_file=file))
+        simulation.advance(3000)
+        heights.append(simulation.joint_positions()[names.CARRIAGE_JOINT])
+    assert heights[1] < heights[0]
+
+    (tmp_path / "late.yaml").write_text(corrected_text(LIBRARY, {"command_delay.delay_s": 0.1}))
+    simulation = make_simulation(SimParameters(release_time_s=5.0, effects_file=str(tmp_path / "late.yaml")))
+    simulation.set_pump_duty(1.0)
+    simulation.set_solenoid(names.ACHILLES, energised=True)
+    before = simulation.channel_pressures_pa()[names.ACHILLES]
+    simulation.advance(200)
+    assert simulation.channel_pressures_pa()[names.ACHILLES] == pytest.approx(before, abs=400.0)
+    simulation.advance(200)
+    assert simulation.channel_pressures_pa()[names.ACHILLES] < before - 5e3
+
+
+def test_a_reset_forgets_commands_on_their_way(tmp_path: Path) -> None:
+    """What was commanded before a reset never arrives after it."""
+    (tmp_path / "late.yaml").write_text(corrected_text(LIBRARY, {"command_delay.delay_s": 0.1}))
+    simulation = make_simulation(SimParameters(release_time_s=5.0, effects_file=str(tmp_path / "late.yaml")))
+    before = simulation.channel_pressures_pa()[names.ACHILLES]
+    simulation.set_pump_duty(1.0)
+    simulation.set_solenoid(names.ACHILLES, energised=True)
+    simulation.advance(100)
+    simulation.reset()
+    simulation.advance(1000)
+    assert simulation.channel_pressures_pa()[names.ACHILLES] == pytest.approx(before, abs=400.0)
+
+
+def test_the_sim_node_refuses_what_it_cannot_show(tmp_path: Path) -> None:
+    """A late sensor is a matter of stamps, which a live simulation does not change; a missing file is named."""
+    (tmp_path / "late.yaml").write_text(corrected_text(LIBRARY, {"imu_delay.delay_s": 0.01}))
+    with pytest.raises(ParameterError, match=r"imu_delay.*jammkle rig"):
+        make_simulation(SimParameters(effects_file=str(tmp_path / "late.yaml")))
+    with pytest.raises(ParameterError, match=r"effects_file.*nowhere.yaml"):
+        make_simulation(SimParameters(effects_file=str(tmp_path / "nowhere.yaml")))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("line_leek: {conductance_dm3_s_bar: 0.001}", "line_leek"),
+        ("payload: {weight_kg: 0.1}", "weight_kg"),
+        ("payload: {mass_kg: 100}", "must be a number from -0.8 to 3 kg"),
+        ("payload: {mass_kg: much}", "must be a number"),
+        ("payload: {mass_kg: .nan}", "must be a number"),
+        ("payload: {mass_kg: true}", "must be a number"),
+        ("payload: 3", "must have values of: mass_kg"),
+        ("payload", "must hold EFFECT"),
+        ("a: b: c", "not YAML"),
+        ("library: nowhere.yaml", "nowhere.yaml"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, text: str, said: str) -> None:
+    """The message names what is wrong."""
+    (tmp_path / "corrected.yaml").write_text(text)
+    with pytest.raises(BadEffectError, match=said) as error:
+        load_correction(tmp_path / "corrected.yaml")
+    assert "\n" not in str(error.value)

@@ -1,0 +1,137 @@
+"""Bags of other recorders: standard types, other clocks and names, begun before or in the middle of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from jammkle_gap.ankle.bag import Bag, Samples
+from jammkle_gap.ankle.loading import load_recording, recording_of
+from jammkle_gap.ankle.runs import bag_of_run
+from jammkle_gap.november.recording import BadRecordingError
+from jammkle_graph import names
+from recorded import ACHILLES, SIMULATOR, bag, run, worst_gap
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jammkle_sim.rigs.run import RigRun
+
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+class ForeignBag:
+    """Writes a bag as any recorder does: standard types, wall clock, no jammkle messages."""
+
+    START_NS = 1_700_000_000_000_000_000
+
+    def __init__(self, path: Path) -> None:
+        self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._connections: dict[str, object] = {}
+        self._rows: list[tuple[int, str, str, object]] = []
+
+    def add(self, topic: str, kind: str, time_s: float, message: object) -> None:
+        self._rows.append((self.START_NS + round(time_s * 1e9), topic, kind, message))
+
+    def stamp(self, time_s: float) -> object:
+        seconds, nanoseconds = divmod(self.START_NS + round(time_s * 1e9), 1_000_000_000)
+        time = STORE.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+        return STORE.types["std_msgs/msg/Header"](stamp=time, frame_id="")
+
+    def write(self) -> None:
+        with self._writer as writer:
+            for time_ns, topic, kind, message in sorted(self._rows, key=lambda row: row[0]):
+                if topic not in self._connections:
+                    self._connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+                writer.write(self._connections[topic], time_ns, STORE.serialize_cdr(message, kind))
+
+
+def write_foreign(path: Path, run: RigRun, offset_s: float, namespace: str = "") -> None:
+    """Write commands, pressures and joints of a run, begun some time before the rig."""
+    bag = ForeignBag(path)
+    types = STORE.types
+    for topic in (names.MANIFOLD_PRESSURE, *names.PRESSURES.values()):
+        series = run.topics[topic.name]
+        for time_s, (value,) in zip(series.time_s + offset_s, series.values.tolist(), strict=True):
+            message = types[topic.message_type](header=bag.stamp(time_s), fluid_pressure=value, variance=0.0)
+            bag.add(f"{namespace}/{topic.name}", topic.message_type, time_s, message)
+    for topic in (names.PUMP_DUTY, *names.SOLENOIDS.values()):
+        series = run.topics[topic.name]
+        for time_s, (value,) in zip(series.time_s + offset_s, series.values.tolist(), strict=True):
+            data = value if topic is names.PUMP_DUTY else value > 0.0
+            bag.add(f"{namespace}/{topic.name}", topic.message_type, time_s, types[topic.message_type](data=data))
+    series = run.topics[names.JOINT_STATES.name]
+    joints = [column.partition(".")[0] for column in series.columns if column.endswith(".position")]
+    for time_s, row in zip(series.time_s + offset_s, series.values, strict=True):
+        message = types["sensor_msgs/msg/JointState"](
+            header=bag.stamp(time_s), name=joints, position=row[: len(joints)], velocity=row[len(joints) :],
+            effort=np.zeros(0),
+        )  # fmt: skip
+        bag.add(f"{namespace}/{names.JOINT_STATES.name}", names.JOINT_STATES.message_type, time_s, message)
+    bag.write()
+
+
+def test_a_bag_of_somebody_elses_recorder_is_enough(tmp_path: Path) -> None:
+    """Standard types, wall clock, another namespace, no description: with --rig it is run again to its noise."""
+    write_foreign(tmp_path / "bag", run("landing"), 0.37, "/lf_ankle")
+    recording = load_recording(tmp_path / "bag", "landing")
+    assert worst_gap(recording) < 3.0
+    assert any("imu/data" in note and "tendon_states" in note for note in recording.notes)
+    assert any("defaults" in note for note in recording.notes)
+    with pytest.raises(BadRecordingError, match="name it with --rig, one of: tensile, pressure"):
+        load_recording(tmp_path / "bag")
+    with pytest.raises(BadRecordingError, match="lf_ankle"):
+        load_recording(tmp_path / "bag", "landing", namespace="/rf_ankle")
+
+
+def test_the_weather_is_taken_from_a_foreign_bag() -> None:
+    """Vented channels at another atmosphere are no gap where nobody says what it was."""
+    given = bag()
+    mountain = {
+        name: dataclasses.replace(each, columns={"pressure": each.columns["pressure"] - 8000.0})
+        if "pressure" in each.columns
+        else each
+        for name, each in given.topics.items()
+    }
+    recording = recording_of(Bag("mountain", mountain, None, None), "pressure", {"cycles": 1})
+    assert recording.inputs.ambient_pa == pytest.approx(93_325.0, abs=300.0)
+
+
+def cut(bag: Bag, from_s: float) -> Bag:
+    """Leave out what came before a time; commands as a latched topic gives them, and no description."""
+    topics = {}
+    for name, each in bag.topics.items():
+        kept = each.stamp_s >= from_s
+        if name not in (names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values())):
+            topics[name] = Samples(each.log_s[kept], each.stamp_s[kept], {k: v[kept] for k, v in each.columns.items()})
+            continue
+        kept[max(int(np.searchsorted(each.log_s, from_s, side="right")) - 1, 0)] = True
+        times = np.maximum(each.log_s[kept], from_s)
+        topics[name] = Samples(times, times, {key: values[kept] for key, values in each.columns.items()})
+    return Bag(bag.name, topics, None, None)
+
+
+def test_a_recording_may_begin_evacuated() -> None:
+    """Where the first pressures are low, the simulation begins from them, and says so."""
+    late = recording_of(cut(bag_of_run(run("pressure", cycles=1, jam_time_s=1.5)), 0.7), "pressure")
+    assert any("not vented at the start" in note for note in late.notes)
+    simulated = SIMULATOR(late, {})[ACHILLES]
+    assert abs(simulated[0] - late.signal(ACHILLES).values[0]) < 3.0 * late.signal(ACHILLES).bias
+
+
+def test_joints_of_other_names_are_named() -> None:
+    """Joints that no ankle has are left out, and the reader is told; joint states without any are missing."""
+    given = bag()
+    joints = given.topics[names.JOINT_STATES.name]
+    strange = dataclasses.replace(joints, columns={f"hip_{name}": each for name, each in joints.columns.items()})
+    found = recording_of(dataclasses.replace(given, topics={**given.topics, names.JOINT_STATES.name: strange}))
+    assert any("hip_ankle_pitch" in note for note in found.notes)
+    empty = dataclasses.replace(joints, columns={})
+    found = recording_of(dataclasses.replace(given, topics={**given.topics, names.JOINT_STATES.name: empty}))
+    assert any("not recorded: joint_states" in note for note in found.notes)

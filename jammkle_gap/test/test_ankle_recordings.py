@@ -1,0 +1,102 @@
+"""Recordings of the rigs: what is read, how it is run again, and in which phases."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from jammkle_gap.ankle.bag import Bag, Samples
+from jammkle_gap.ankle.loading import recording_of
+from jammkle_gap.ankle.runs import bag_of_run
+from recorded import ACHILLES, SIMULATOR, run, worst_gap
+
+
+@pytest.mark.parametrize(
+    ("rig", "options"),
+    [
+        ("tensile", {"vacuum_pa": 50e3, "speed_m_s": 0.02}),
+        ("pressure", {"cycles": 2}),
+        ("drop", {"foot": "jammed"}),
+        ("drop", {"foot": "squash_ball"}),
+        ("drop", {"foot": "rigid_ankle"}),
+        ("slip", {"foot": "jammed", "speed_m_s": 0.05}),
+        ("slip", {"foot": "unjammed", "speed_m_s": 0.05}),
+        ("landing", {}),
+        ("landing", {"jam": "never"}),
+    ],
+)
+def test_a_nominal_run_lies_at_its_noise(rig: str, options: dict[str, object]) -> None:
+    """Played back, commands of every rig give its measurements again, but for the noise of the instruments."""
+    assert 0.5 < worst_gap(recording_of(bag_of_run(run(rig, **options)))) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("rig", "options"),
+    [
+        ("tensile", {"vacuum_pa": 50e3, "speed_m_s": 0.02}),
+        ("drop", {"foot": "unjammed"}),
+        ("slip", {"foot": "unjammed", "speed_m_s": 0.05}),
+        ("landing", {}),
+    ],
+)
+def test_the_start_of_a_foreign_run_is_found(rig: str, options: dict[str, object]) -> None:
+    """Where nobody tells when the rig started, the slide does, well enough for an impact to lie at its noise."""
+    given = bag_of_run(run(rig, **options))
+    later = {
+        name: Samples(each.log_s + 1.7e9, each.stamp_s + 1.7e9, each.columns) for name, each in given.topics.items()
+    }
+    recording = recording_of(Bag("foreign", later, None, None), rig, options)
+    assert any("told by when its slide moved off" in note for note in recording.notes)
+    assert worst_gap(recording) < 1.5
+
+
+def test_samples_written_in_another_order_are_put_back() -> None:
+    """A recorder with several threads swaps neighbours: nothing is lost by it."""
+    given = bag_of_run(run("drop", foot="unjammed"))
+    swapped = np.arange(len(given.topics["load_cell/wrench"].stamp_s))
+    swapped[10:-1:20], swapped[11::20] = swapped[11::20].copy(), swapped[10:-1:20].copy()
+    cell = given.topics["load_cell/wrench"]
+    columns = {name: values[swapped] for name, values in cell.columns.items()}
+    topics = {**given.topics, "load_cell/wrench": Samples(cell.log_s, cell.stamp_s[swapped], columns)}
+    put_back = recording_of(dataclasses.replace(given, topics=topics)).signal("load_cell/force_z")
+    assert np.array_equal(put_back.values, recording_of(given).signal("load_cell/force_z").values)
+
+
+def test_the_replay_is_the_simulation_itself() -> None:
+    """Joints and tendons, which have no noise, come out the same to the last bit."""
+    recording = recording_of(bag_of_run(run("landing")))
+    simulated = SIMULATOR(recording, {})
+    for name in ("carriage/position", "ankle_pitch/position", "achilles_left/extension", "achilles_left/tension"):
+        assert np.array_equal(recording.signal(name).values, simulated[name])
+
+
+def test_phases_follow_commands_and_motion() -> None:
+    """Air is evacuated, held and vented; a pull loads, turns and unloads; a leg falls, strikes, rebounds and rests."""
+
+    def found(rig: str, signal: str, **options: object) -> list[str]:
+        recording = recording_of(bag_of_run(run(rig, **options)))
+        return [phase.name for phase in recording.phases if not phase.signals or signal in phase.signals]
+
+    assert found("pressure", ACHILLES, cycles=1) == ["still", "evacuating", "holding", "venting", "still"]
+    pull = found("tensile", "load_cell/force_z", vacuum_pa=50e3, speed_m_s=0.02)
+    assert pull == ["still", "loading", "reversal", "unloading", "still"]
+    assert found("landing", "imu/specific_force_z") == ["still", "falling", "impact", "rebound", "still"]
+    assert "sliding" in found("slip", "load_cell/force_z", foot="unjammed", speed_m_s=0.05)
+
+
+@pytest.mark.parametrize(("rig", "options"), [("landing", {}), ("tensile", {"vacuum_pa": 50e3, "speed_m_s": 0.02})])
+def test_phases_do_not_overlap(rig: str, options: dict[str, object]) -> None:
+    """Each signal is in one phase at a time, throughout."""
+    recording = recording_of(bag_of_run(run(rig, **options)))
+    for signal in recording.signals:
+        own = sorted(
+            (phase for phase in recording.phases if not phase.signals or signal.name in phase.signals),
+            key=lambda phase: phase.start_s,
+        )
+        assert own
+        assert all(one.end_s == two.start_s for one, two in itertools.pairwise(own))
+        assert own[0].start_s <= signal.time_s[0]
+        assert own[-1].end_s > signal.time_s[-1]

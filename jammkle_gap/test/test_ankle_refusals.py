@@ -1,0 +1,156 @@
+"""Recordings that are refused, and what their errors say."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_gap.ankle.bag import Bag, Samples
+from jammkle_gap.ankle.loading import load_recording, recording_of
+from jammkle_gap.november.recording import BadRecordingError
+from jammkle_graph import names
+from recorded import ACHILLES, bag
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+def changed(topic: str, change: Callable[[Samples], Samples]) -> Callable[[Bag], Bag]:
+    """Return what changes one topic of a bag."""
+    return lambda bag: dataclasses.replace(bag, topics={**bag.topics, topic: change(bag.topics[topic])})
+
+
+def column(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Samples], Samples]:
+    """Return what changes one column."""
+    return lambda each: dataclasses.replace(each, columns={**each.columns, name: change(each.columns[name])})
+
+
+def without(*topics: str) -> Callable[[Bag], Bag]:
+    """Return what takes topics out of a bag."""
+    return lambda bag: dataclasses.replace(bag, topics={k: v for k, v in bag.topics.items() if k not in topics})
+
+
+def with_gap(values: np.ndarray) -> np.ndarray:
+    """Return values with one that is not a number."""
+    values = values.copy()
+    values[10] = np.nan
+    return values
+
+
+def between(bag: Bag, from_s: float, to_s: float, *topics: str) -> Bag:
+    """Leave out a stretch of some topics, by default of all."""
+    left = {}
+    for name, each in bag.topics.items():
+        kept = (each.log_s < from_s) | (each.log_s > to_s) | bool(topics and name not in topics)
+        left[name] = Samples(each.log_s[kept], each.stamp_s[kept], {k: v[kept] for k, v in each.columns.items()})
+    return dataclasses.replace(bag, topics=left)
+
+
+def short(bag: Bag) -> Bag:
+    """Return the first half second."""
+    topics = {
+        name: Samples(*(x[each.log_s < 0.5] for x in (each.log_s, each.stamp_s)),
+                      {k: v[each.log_s < 0.5] for k, v in each.columns.items()})
+        for name, each in bag.topics.items()
+    }  # fmt: skip
+    return dataclasses.replace(bag, topics=topics)
+
+
+BAD: dict[str, tuple[Callable[[Bag], Bag], str, str]] = {
+    "no duty": (without(names.PUMP_DUTY.name), "holds no commands: pump/duty", "record them too"),
+    "no solenoids": (without(*(t.name for t in names.SOLENOIDS.values())), "holds no commands", "record them too"),
+    "commands alone": (
+        lambda bag: dataclasses.replace(
+            bag, topics={name: each for name, each in bag.topics.items() if "data" in each.columns}
+        ),
+        "holds commands alone",
+        "record pressures",
+    ),
+    "gauge": (changed(ACHILLES, column("pressure", lambda p: p - 101_325.0)), "looks like gauge", "record absolute"),
+    "vacuum": (changed(ACHILLES, column("pressure", lambda p: 101_325.0 - p)), "looks like gauge", "record absolute"),
+    "kPa": (changed(ACHILLES, column("pressure", lambda p: p / 1000.0)), "looks like kPa", "record absolute"),
+    "degrees": (
+        changed(names.JOINT_STATES.name, column("ankle_pitch/position", lambda a: np.degrees(a) + 5.0)),
+        "looks like degrees",
+        "record rad",
+    ),
+    "mbar": (changed(ACHILLES, column("pressure", lambda p: p / 100.0)), "looks like mbar", "record absolute"),
+    "psi": (changed(ACHILLES, column("pressure", lambda p: p / 6894.76)), "looks like psi", "record absolute"),
+    "duty in percent": (
+        changed(names.PUMP_DUTY.name, column("data", lambda d: 100.0 * d)),
+        "pump/duty in bag pressure is 100",
+        "a number from 0 to 1",
+    ),
+    "duty not a number": (changed(names.PUMP_DUTY.name, column("data", lambda d: d * np.nan)), "is nan at", "0 to 1"),
+    "no time in headers": (
+        changed(ACHILLES, lambda each: dataclasses.replace(each, stamp_s=0.0 * each.stamp_s)),
+        "carries no time",
+        "header.stamp set",
+    ),
+    "a pause": (lambda bag: between(bag, 0.9, 1.6), "holds nothing between", "without a pause"),
+    "commands too late": (
+        lambda bag: between(bag, 0.0, 0.9, *(topic for topic, each in bag.topics.items() if "data" in each.columns)),
+        "before the first at",
+        "from before the first one is given",
+    ),
+    "one solenoid": (without(names.SOLENOIDS[names.ACHILLES].name), "without any achilles/solenoid", "record the comm"),
+    "nan": (changed(ACHILLES, column("pressure", with_gap)), "is not a number at 1 of", "leave such samples out"),
+    "constant": (
+        changed(ACHILLES, column("pressure", lambda p: np.full_like(p, 101_325.0))),
+        "101325 Pa throughout while its solenoid switches",
+        "check that sensor",
+    ),
+    "clock apart": (
+        changed(ACHILLES, lambda each: dataclasses.replace(each, log_s=each.log_s + 7.0)),
+        "clocks disagree",
+        "record with one clock",
+    ),
+    "clock drifts": (
+        changed(ACHILLES, lambda each: dataclasses.replace(each, log_s=each.log_s * 1.2)),
+        "clocks drift apart",
+        "synchronise",
+    ),
+    "time runs back": (
+        changed(ACHILLES, lambda each: dataclasses.replace(each, stamp_s=each.stamp_s % 1.0)),
+        "run backwards",
+        "without a reset",
+    ),
+    "short": (short, "too short to hold anything out", "record at least"),
+    "no yaml": (lambda bag: dataclasses.replace(bag, description="a: b: c"), "not YAML", "YAML"),
+    "no such rig": (lambda bag: dataclasses.replace(bag, description="rig: catapult"), "catapult", "known are"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_recording_is_refused_with_what_to_record_instead(case: str) -> None:
+    """One line that names what is wrong and the way out."""
+    change, wrong, way_out = BAD[case]
+    with pytest.raises(BadRecordingError) as error:
+        recording_of(change(bag()))
+    assert wrong in str(error.value)
+    assert way_out in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("rig", "said"), [("tensile", "no tendon"), ("drop", "slide starts at"), ("slip", "slide starts at")]
+)
+def test_a_rig_that_does_not_match_is_refused(rig: str, said: str) -> None:
+    """A foreign bag cannot be from a rig with other tendons or another start; a told rig is not overruled."""
+    foreign = dataclasses.replace(bag(), description=None)
+    with pytest.raises(BadRecordingError, match=said):
+        recording_of(foreign, rig)
+    with pytest.raises(BadRecordingError, match=f"recorded on rig 'pressure', not '{rig}'"):
+        recording_of(bag(), rig)
+
+
+@pytest.mark.parametrize("name", ["missing", "empty"])
+def test_what_is_no_bag_is_refused(tmp_path: Path, name: str) -> None:
+    """A path without a bag is named."""
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadRecordingError, match=name):
+        load_recording(tmp_path / name)

@@ -1,0 +1,31 @@
+"""Recordings of real machines beside a trial, where they are present."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from jammkle_gap.trial.diagnose_real import diagnose_real
+from jammkle_gap.trial.real import as_rows
+from jammkle_graph.command.errors import InputError
+
+HOUSE = Path(__file__).resolve().parents[2]
+DATA = Path(os.environ.get("JAMMKLE_REAL_DATA", HOUSE.parent / "shared" / "data"))
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"no real recordings in {DATA}")
+@pytest.mark.timeout(600)  # sixteen runs of a servo among them
+def test_no_real_machine_gets_a_confident_wrong_name() -> None:
+    """What is said is what is known beforehand; where no effect explains enough, it is a lead and no name."""
+    cases = {each.name: each for each in diagnose_real(DATA)}
+    assert all(each.as_known for each in cases.values()), as_rows(list(cases.values()))
+    assert cases["leak_down Ultimaker_015"].verdict == "EFFECTS"
+    assert cases["servo_friction"].verdict == "UNKNOWN"
+
+
+def test_a_folder_without_the_recordings_is_refused(tmp_path: Path) -> None:
+    """The message names the folder and the way out."""
+    with pytest.raises(InputError, match="--real"):
+        diagnose_real(tmp_path)

@@ -1,0 +1,38 @@
+"""What is asked once the key is open."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from jammkle_gap.trial import files
+from jammkle_gap.trial.files import CaseNote
+from jammkle_gap.trial.key import Key, Kind, Rung, TrueEffect, Truth
+from jammkle_gap.trial.questions import Run
+from jammkle_gap.trial.tasks import open_tasks
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_every_effect_is_left_out_once_in_its_largest_case(tmp_path: Path) -> None:
+    """Among the cases that figures are of, however small; pairs and the other rungs are no such case."""
+
+    def single(name: str, size: float, rung: Rung = Rung.WITHHELD) -> Truth:
+        return Truth(Kind.SINGLE, (TrueEffect(name),), rung, size=size)
+
+    pair = Truth(Kind.PAIR, (TrueEffect("leak"), TrueEffect("wear")), size=9.0)
+    cases = {
+        "1": single("leak", 2.0),
+        "2": single("leak", 4.0),
+        "3": single("leak", 8.0, Rung.KNOWN),
+        "4": single("wear", 0.5),
+        "5": pair,
+        "6": Truth(Kind.NONE),
+    }
+    for name in cases:
+        (tmp_path / files.CASES / name / "bag").mkdir(parents=True)
+        files.write_case(tmp_path / files.CASES / name, CaseNote(("bag",)))
+    asked = {task.case: {way.run: way for way in task.asked.ways} for task in open_tasks(tmp_path, Key(cases, ""))}
+    assert {case for case, ways in asked.items() if Run.ORACLE in ways} == {"1", "2", "3", "4", "5"}
+    left_out = {case: ways[Run.LEFT_OUT].without for case, ways in asked.items() if Run.LEFT_OUT in ways}
+    assert left_out == {"2": ("leak",), "4": ("wear",)}

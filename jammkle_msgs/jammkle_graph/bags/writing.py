@@ -1,0 +1,204 @@
+"""Write messages into a bag (MCAP, metadata version 9) under ROS time, even those that come before time has begun."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+
+from jammkle_graph.command.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from rosbags.interfaces import Connection, Qos
+
+    from jammkle_graph.bags.definitions import MessageDefinitions
+
+
+class TimeSource(enum.Enum):
+    """Which clock gives the log times of a bag."""
+
+    UNDECIDED = "undecided"
+    """It is not known yet whether there is a /clock: messages are held."""
+    SIMULATED = "simulated"
+    """/clock. Messages that come before its first tick are held, and logged with the time of that tick."""
+    SYSTEM = "system"
+    """The clock of this machine."""
+
+
+@dataclass
+class _Topic:
+    """What the log knows of one topic."""
+
+    message_type: str
+    offered: Callable[[], Sequence[Qos]]
+    connection: Connection | None = None
+    count: int = 0
+
+
+@dataclass(frozen=True)
+class BagCounts:
+    """How much is in a bag."""
+
+    messages: int
+    by_topic: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Held:
+    """A message that waits for its time. `system_time_ns` is when it came by the clock of this machine."""
+
+    topic: str
+    data: bytes
+    system_time_ns: int
+
+
+class BagLog:
+    """An open bag. Not safe for use from several threads."""
+
+    def __init__(self, path: Path, definitions: MessageDefinitions, source: TimeSource) -> None:
+        """Create the bag.
+
+        Args:
+            path: Folder of the bag; it must not exist.
+            definitions: Where message definitions come from.
+            source: Which clock to use; UNDECIDED until `decide` is called.
+
+        Raises:
+            InputError: the path exists, or cannot be made.
+
+        """
+        check_free(path)
+        self._definitions = definitions
+        self._source = source
+        self._topics: dict[str, _Topic] = {}
+        self._held: list[_Held] = []
+        self._clock_ns: int | None = None
+        self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        try:
+            self._writer.open()
+        except (OSError, WriterError) as error:
+            msg = f"bag {path} cannot be made: {error}"
+            raise InputError(msg) from error
+
+    @property
+    def source(self) -> TimeSource:
+        """Which clock gives the log times."""
+        return self._source
+
+    def decide(self, source: TimeSource) -> None:
+        """Say which clock gives the log times, once, and write what waited for it."""
+        if self._source is not TimeSource.UNDECIDED:
+            return
+        self._source = source
+        self._write_held()
+
+    def tick(self, clock_ns: int) -> None:
+        """Take a tick of /clock and write what waited for the first one."""
+        # Messages overtake each other on the way; a bag's time must not run backwards for that.
+        self._clock_ns = clock_ns if self._clock_ns is None else max(self._clock_ns, clock_ns)
+        if self._source is not TimeSource.SYSTEM:
+            self._write_held()
+
+    def add_topic(self, topic: str, message_type: str, offered: Callable[[], Sequence[Qos]]) -> None:
+        """Make a topic known. It appears in the bag with its first message.
+
+        Args:
+            topic: Absolute name.
+            message_type: `package/msg/Name`.
+            offered: Returns the QoS profiles of its publishers; asked at its first message.
+
+        Raises:
+            InputError: the type's definition cannot be found.
+
+        """
+        self._definitions.find(message_type)
+        self._topics.setdefault(topic, _Topic(message_type, offered))
+
+    def write(self, topic: str, data: bytes) -> None:
+        """Take a serialised message (CDR) of a topic that was added before."""
+        entry = self._topics[topic]
+        if entry.connection is None:
+            definition = self._definitions.find(entry.message_type)
+            entry.connection = self._writer.add_connection(
+                topic,
+                entry.message_type,
+                msgdef=definition.text,
+                rihs01=definition.type_hash,
+                offered_qos_profiles=entry.offered(),
+            )
+        entry.count += 1
+        now_ns = self._now_ns()
+        if now_ns is None:
+            self._held.append(_Held(topic, data, time.time_ns()))
+        else:
+            self._writer.write(entry.connection, now_ns, data)
+
+    def set_custom_data(self, key: str, value: str) -> None:
+        """Put text into the bag's metadata."""
+        self._writer.set_custom_data(key, value)
+
+    def counts(self) -> BagCounts:
+        """Return how many messages came so far, held ones included."""
+        by_topic = {name: entry.count for name, entry in self._topics.items() if entry.count}
+        return BagCounts(sum(by_topic.values()), by_topic)
+
+    def close(self) -> BagCounts:
+        """Complete the bag. Messages that still wait for /clock get time zero: it never began.
+
+        Raises:
+            OSError: it cannot be written; what there is on disk is closed.
+
+        """
+        if self._source is TimeSource.UNDECIDED:
+            self.decide(TimeSource.SYSTEM)
+        if self._clock_ns is None:
+            self._clock_ns = 0
+        try:
+            self._write_held()
+            self._writer.close()
+        except OSError:
+            # an open file would be flushed, and fail, once more when Python ends
+            with contextlib.suppress(OSError):
+                self._writer.abort()
+            raise
+        return self.counts()
+
+    def _now_ns(self) -> int | None:
+        if self._source is TimeSource.SYSTEM:
+            return time.time_ns()
+        return self._clock_ns if self._source is TimeSource.SIMULATED else None
+
+    def _write_held(self) -> None:
+        simulated_ns = self._now_ns()
+        if simulated_ns is None:
+            return
+        held, self._held = self._held, []
+        for message in held:
+            connection = self._topics[message.topic].connection
+            if connection is not None:
+                at_ns = message.system_time_ns if self._source is TimeSource.SYSTEM else simulated_ns
+                self._writer.write(connection, at_ns, message.data)
+
+
+def check_free(path: Path) -> None:
+    """Refuse a bag path that exists; nothing is ever written over.
+
+    Raises:
+        InputError: it exists, or cannot be looked at.
+
+    """
+    try:
+        exists = path.exists()
+    except OSError as error:  # a name too long, a folder that may not be looked into
+        msg = f"bag {path} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    if exists:
+        msg = f"bag path {path} exists: nothing is overwritten; choose another one or move it away"
+        raise InputError(msg)

@@ -1,0 +1,82 @@
+"""The `jammkle` command: arguments in, exit code out. Its verbs are loaded when they are called or listed."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, Protocol, runtime_checkable
+
+import typer
+from typer.core import TyperGroup
+
+from jammkle_graph.command.errors import GraphError, InputError
+from jammkle_graph.command.provided import COMMANDS, entries
+from jammkle_graph.command.signals import Interrupted
+
+EXIT_FAILED = 1
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+class _Verbs(TyperGroup):
+    """The verbs that the installed packages bring along."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - as the library calls it
+        """Return their names."""
+        return list(entries(COMMANDS))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return one of them; None if there is none of this name."""
+        entry = entries(COMMANDS).get(cmd_name)
+        if entry is None:
+            self.commands = dict.fromkeys(entries(COMMANDS), self)  # what a wrong word is compared with
+            return None
+        brought: Any = typer.main.get_group(entry.load())
+        return brought.get_command(ctx, cmd_name)
+
+
+app = typer.Typer(
+    cls=_Verbs,
+    help="Bring up, command, watch and record legged robots' jammable ankles.",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@runtime_checkable
+class _UsageProblem(Protocol):
+    """What the argument parser raises when the command line is wrong."""
+
+    exit_code: int
+
+    def format_message(self) -> str:
+        """Say what is wrong."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command and return its exit code: 0 done, 1 failed, 2 bad input, 130 interrupted."""
+    try:
+        code: Any = app(arguments, standalone_mode=False)
+    except InputError as error:
+        return failed(str(error), EXIT_BAD_INPUT)
+    except GraphError as error:
+        return failed(str(error), EXIT_FAILED)
+    except (Interrupted, KeyboardInterrupt, typer.Abort):
+        return failed("interrupted", EXIT_INTERRUPTED)
+    except Exception as error:
+        if not isinstance(error, _UsageProblem):
+            raise
+        return failed(f"{error.format_message()} (see --help)", error.exit_code)
+    return code if isinstance(code, int) else 0
+
+
+@app.callback(invoke_without_command=True)
+def start(context: typer.Context) -> None:
+    """Show the help if no subcommand is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def failed(message: str, exit_code: int) -> int:
+    """Say one line and return the exit code."""
+    sys.stderr.write(f"jammkle: {' '.join(message.split())}\n")
+    return exit_code

@@ -1,0 +1,47 @@
+"""Arguments of `jammkle rig` and `jammkle paper`. What they do stands in modules of their own."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for NumPy and Matplotlib
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jammkle_graph.command.options import JsonOption
+from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
+
+app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
+
+
+@app.command(
+    # The options are the rig's: its own command line, made from its table of options, takes them all.
+    context_settings={"help_option_names": [], "ignore_unknown_options": True, "allow_interspersed_args": False},
+)
+def rig(
+    arguments: Annotated[list[str] | None, typer.Argument(help="NAME [OPTIONS]; see `jammkle rig --help`.")] = None,
+) -> int:
+    """Run a rig without the graph, as fast as it can, and write a bag."""
+    from jammkle_sim.commands.rig import rig as run
+
+    return run(arguments or [])
+
+
+@app.command()
+def paper(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.")] = Path(
+        "runs/paper"
+    ),
+    repeats: Annotated[int, typer.Option(help=f"Scattered repeats of each test, 2 to {MAX_REPEATS}.")] = 5,
+    seed: Annotated[int, typer.Option(help=f"Seed of scatter and noise, 0 to {MAX_SEED}.")] = 0,
+    refit: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--refit", help="Fit the tendon's constants again first; exit 1 if others come out.")
+    ] = False,
+    json: JsonOption = None,
+) -> int:
+    """Run every test of the paper and write a page with its tables and figures beside the simulation."""
+    from jammkle_sim.commands.paper import PaperRequest
+    from jammkle_sim.commands.paper import paper as compare
+
+    return compare(PaperRequest(output, json, refit, repeats, seed))

@@ -1,0 +1,194 @@
+"""`jammkle paper`: run everything the paper did, compare, and write one page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from jammkle_graph.command import results
+from jammkle_graph.command.errors import GraphError, InputError
+from jammkle_graph.command.progress import progress_bar
+from jammkle_graph.command.signals import Interrupted, StopRequest
+from jammkle_graph.constants import HELD_VACUUM_PA, MAX_REPEATS, MAX_SEED
+from jammkle_graph.parameters import ParameterError
+from jammkle_sim.fit.reasons import REASONS
+from jammkle_sim.fit.refit import refit
+from jammkle_sim.paper.comparison import Outcomes, compare_claims, compare_rows, slip_statistics
+from jammkle_sim.paper.deformation import deformation
+from jammkle_sim.paper.drawing import SET_NAMES
+from jammkle_sim.paper.experiments import CURVE_EXPERIMENTS, PARAMETER_SETS, ROW_EXPERIMENTS, SLIP_EXPERIMENTS
+from jammkle_sim.paper.figures import pictures
+from jammkle_sim.paper.page import Findings, page
+from jammkle_sim.paper.runs import Task, run_all
+from jammkle_sim.paper_tables import ROWS
+from jammkle_sim.physics.constants import TENDON_SETS
+from jammkle_sim.rigs.simulation import UnstableSimulationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from jammkle_sim.fit.refit import FitResult
+    from jammkle_sim.paper.comparison import ClaimComparison, RowComparison
+    from jammkle_sim.paper.runs import Outcome
+
+PAGE_NAME = "paper.html"
+
+
+@dataclass(frozen=True)
+class PaperRequest:
+    """One call of `jammkle paper`."""
+
+    folder: Path
+    json: Path | None
+    refit: bool
+    repeats: int
+    seed: int
+
+
+def paper(request: PaperRequest) -> int:
+    """Do everything and return the exit code: 1 if a fit that was asked for does not give the committed constants.
+
+    Raises:
+        InputError: something cannot be as asked for; nothing was run.
+        GraphError: a simulation blew up.
+        Interrupted: asked to stop.
+
+    """
+    _check(request)
+    stop = StopRequest()
+    fit = _fit(stop) if request.refit else None
+    outcomes = Outcomes(_run(tasks(request.repeats, request.seed), stop))
+    rows, claims, slips = compare_rows(outcomes), compare_claims(outcomes), slip_statistics(outcomes)
+    with results.console().status("drawing"):
+        deformations = [deformation(TENDON_SETS["fitted"], vacuum_pa) for vacuum_pa in (0.0, HELD_VACUUM_PA)]
+        drawn = pictures(outcomes, rows, deformations)
+    reasons = {entry.identifier: entry.sentence for entry in REASONS}
+    findings = Findings(request.seed, request.repeats, rows, claims, slips, drawn, reasons, outcomes.broken(), fit)
+    target = request.folder / PAGE_NAME
+    target.write_text(page(findings), encoding="utf-8")
+    content: dict[str, Any] = {
+        "rows": [row.as_json() for row in rows],
+        "claims": [claim.as_json() for claim in claims],
+        "slip": [slip.as_json() for slip in slips],
+        "repeats": request.repeats,
+        "seed": request.seed,
+        "page": str(target),
+    }
+    if fit is not None:
+        content["refit"] = _fit_json(fit)
+    results.write_json(request.json, content)
+    _show(rows, claims, fit, target)
+    return 1 if fit is not None and not fit.reproduces_committed else 0
+
+
+def tasks(repeats: int, seed: int) -> list[Task]:
+    """Return every run, the long ones first, so that no core waits at the end."""
+    repeated = [
+        Task(experiment, parameter_set, seed, repeat)
+        for experiment in (*SLIP_EXPERIMENTS, *ROW_EXPERIMENTS)
+        for parameter_set in PARAMETER_SETS
+        for repeat in range(repeats)
+    ]
+    single = [
+        Task(experiment, parameter_set, seed, None)
+        for experiment in CURVE_EXPERIMENTS
+        for parameter_set in PARAMETER_SETS
+    ]
+    return [*repeated, *single]
+
+
+def _check(request: PaperRequest) -> None:
+    for option, value, least, most in (
+        ("--repeats", request.repeats, 2, MAX_REPEATS),
+        ("--seed", request.seed, 0, MAX_SEED),
+    ):
+        if not least <= value <= most:
+            msg = f"{option} {value} must be {least} to {most}"
+            raise InputError(msg)
+    if request.json is not None and request.json.absolute().parent != request.folder.absolute():
+        results.check_writable(request.json)
+    try:
+        request.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {request.folder} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    results.check_writable(request.json)
+    results.check_writable(request.folder / PAGE_NAME, "--output")
+
+
+def _run(todo: list[Task], stop: Callable[[], bool]) -> tuple[Outcome, ...]:
+    with progress_bar("the paper's tests") as show:
+
+        def on_done(done: int, task: Task) -> None:
+            show(done / len(todo), f"{task.experiment.test.replace('_', ' ')}, {SET_NAMES[task.parameter_set]}")
+
+        try:
+            return run_all(todo, on_done, stop)
+        except (ParameterError, UnstableSimulationError) as error:
+            raise GraphError(str(error)) from error
+
+
+def _fit(stop: Callable[[], bool]) -> FitResult:
+    with progress_bar("fitting again") as show:
+
+        def on_progress(share: float) -> None:
+            if stop():
+                raise Interrupted
+            show(share, "")
+
+        return refit(on_progress)
+
+
+def _fit_json(fit: FitResult) -> dict[str, Any]:
+    return {
+        "reproduces_committed": fit.reproduces_committed,
+        "largest_deviation": fit.largest_deviation,
+        "reference_rms_n": fit.reference_rms_n,
+        "constants": [
+            {
+                "name": constant.unknown.name,
+                "unit": constant.unknown.unit,
+                "committed": constant.committed,
+                "fitted": constant.fitted,
+            }
+            for constant in fit.constants
+        ],
+    }
+
+
+def _show(
+    rows: tuple[RowComparison, ...], claims: tuple[ClaimComparison, ...], fit: FitResult | None, target: Path
+) -> None:
+    console = results.console()
+    table = Table(title="Paper and simulation (z in standard errors of the paper)", title_justify="left")
+    table.add_column("row")
+    table.add_column("paper", justify="right")
+    for parameter_set in PARAMETER_SETS:
+        table.add_column(SET_NAMES[parameter_set], justify="right")
+        table.add_column("z", justify="right")
+    for row in ROWS:
+        cells = [
+            text
+            for each in rows
+            if each.row is row
+            for text in (
+                f"{each.simulated.mean:.2f}",
+                _coloured(f"{round(each.z, 1) + 0.0:+.1f}", good=each.reproduced),
+            )
+        ]
+        table.add_row(row.title, f"{row.mean:.2f} ± {row.standard_error:.3f} {row.unit}", *cells)
+    console.print(table)
+    for claim in claims:
+        verdict = _coloured("holds" if claim.holds else "does not hold", good=claim.holds)
+        console.print(f"{claim.claim.text}, {SET_NAMES[claim.parameter_set]}: {verdict} ({claim.evidence})")
+    if fit is not None:
+        verdict = "the committed constants" if fit.reproduces_committed else "OTHER constants than the committed"
+        console.print(f"fitted again: {verdict}, largest difference {fit.largest_deviation:.2%}")
+    console.print(f"page: {target}", markup=False)
+
+
+def _coloured(text: str, *, good: bool) -> str:
+    return f"[{'green' if good else 'red'}]{text}[/]"

@@ -1,0 +1,218 @@
+"""Paper and simulation side by side: means, standard errors, differences in standard errors, claims."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_sim.paper.experiments import (
+    ENERGY,
+    PARAMETER_SETS,
+    PEAK_OF_DESCENT,
+    PEAK_OF_TEST,
+    SLIP_EXPERIMENTS,
+    SLIP_JAMMED,
+    SLIP_RIGID,
+    SLIP_UNJAMMED,
+)
+from jammkle_sim.paper_tables import (
+    ROWS,
+    SIGNIFICANT,
+    SIMILAR,
+    SLIP_CLAIMS,
+    SLIP_TEST,
+    are_similar,
+    is_reproduced,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_sim.paper.runs import Curve, Outcome
+    from jammkle_sim.paper_tables import PaperClaim, PaperRow
+
+_FEWEST_FOR_SCATTER = 2
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """Mean, largest and standard error of the mean over repeats; the error is NaN for a single one."""
+
+    mean: float
+    largest: float
+    standard_error: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Statistic:
+        """Return the statistic of at least one value."""
+        count = len(values)
+        error = float(np.std(values, ddof=1)) / math.sqrt(count) if count >= _FEWEST_FOR_SCATTER else math.nan
+        return cls(float(np.mean(values)), float(np.max(values)), error)
+
+
+@dataclass(frozen=True)
+class RowComparison:
+    """One row with one parameter set."""
+
+    row: PaperRow
+    parameter_set: str
+    simulated: Statistic
+
+    @property
+    def z(self) -> float:
+        """Simulated mean minus the paper's, in standard errors of the paper's mean."""
+        return (self.simulated.mean - self.row.mean) / self.row.standard_error
+
+    @property
+    def reproduced(self) -> bool:
+        """True within 2 standard errors or 3 %."""
+        return is_reproduced(self.simulated.mean, self.row.mean, self.row.standard_error)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the row for machines."""
+        return {
+            "id": self.row.identifier,
+            "test": self.row.test,
+            "parameter_set": self.parameter_set,
+            "paper_mean": self.row.mean,
+            "paper_se": self.row.standard_error,
+            "simulated": self.simulated.mean,
+            "z": self.z,
+        }
+
+
+@dataclass(frozen=True)
+class ClaimComparison:
+    """One claim of the slip test with one parameter set."""
+
+    claim: PaperClaim
+    parameter_set: str
+    holds: bool
+    evidence: str
+    """The numbers behind it, and from which on it counts as holding."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the claim for machines."""
+        return {
+            "id": self.claim.identifier,
+            "test": SLIP_TEST,
+            "parameter_set": self.parameter_set,
+            "claim": self.claim.text,
+            "holds": self.holds,
+            "evidence": self.evidence,
+        }
+
+
+class Outcomes:
+    """Finished runs, by experiment and parameter set."""
+
+    def __init__(self, outcomes: Sequence[Outcome]) -> None:
+        """Sort the outcomes."""
+        self._sorted: dict[tuple[str, str], list[Outcome]] = {}
+        for outcome in outcomes:
+            key = (outcome.task.experiment.identifier, outcome.task.parameter_set)
+            self._sorted.setdefault(key, []).append(outcome)
+
+    def repeats(self, identifier: str, parameter_set: str) -> Sequence[Outcome]:
+        """Return the repeats of an experiment."""
+        return self._sorted[identifier, parameter_set]
+
+    def curves(self, identifier: str, parameter_set: str) -> list[Curve]:
+        """Return the curves of the repeats of an experiment."""
+        return [outcome.curve for outcome in self.repeats(identifier, parameter_set)]
+
+    def statistic(self, identifier: str, parameter_set: str, result: str) -> Statistic:
+        """Return the statistic of one result over the repeats of an experiment."""
+        return Statistic.of([outcome.results[result] for outcome in self.repeats(identifier, parameter_set)])
+
+    def broken(self) -> list[str]:
+        """Say in which runs tendons tore."""
+        return [
+            f"{outcome.task.experiment.title} ({parameter_set}): {', '.join(outcome.broken)}"
+            for (_, parameter_set), repeats in self._sorted.items()
+            for outcome in repeats
+            if outcome.broken
+        ]
+
+
+@dataclass(frozen=True)
+class SlipStatistic:
+    """Peaks and energy of one foot in the slip test with one parameter set."""
+
+    title: str
+    parameter_set: str
+    before_heel_n: Statistic
+    """Peak before the heel lands and the foot starts to slide; over all of the descent if it never lands."""
+    peak_n: Statistic
+    """Over all of the descent."""
+    energy_j: Statistic
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the foot for machines."""
+        return {
+            "foot": self.title,
+            "parameter_set": self.parameter_set,
+            "peak_before_heel_n": self.before_heel_n.mean,
+            "peak_force_n": self.peak_n.mean,
+            "energy_j": self.energy_j.mean,
+        }
+
+
+def compare_rows(outcomes: Outcomes) -> tuple[RowComparison, ...]:
+    """Compare every row of both tables with both parameter sets."""
+    return tuple(
+        RowComparison(row, parameter_set, outcomes.statistic(row.identifier, parameter_set, PEAK_OF_TEST[row.test]))
+        for row in ROWS
+        for parameter_set in PARAMETER_SETS
+    )
+
+
+def slip_statistics(outcomes: Outcomes) -> tuple[SlipStatistic, ...]:
+    """Return peaks and energy of every foot of the slip test with both parameter sets."""
+    return tuple(
+        SlipStatistic(
+            experiment.title,
+            parameter_set,
+            outcomes.statistic(experiment.identifier, parameter_set, PEAK_OF_TEST[SLIP_TEST]),
+            outcomes.statistic(experiment.identifier, parameter_set, PEAK_OF_DESCENT),
+            outcomes.statistic(experiment.identifier, parameter_set, ENERGY),
+        )
+        for experiment in SLIP_EXPERIMENTS
+        for parameter_set in PARAMETER_SETS
+    )
+
+
+def compare_claims(outcomes: Outcomes) -> tuple[ClaimComparison, ...]:
+    """Look at every claim of the slip test with both parameter sets."""
+    return tuple(
+        ClaimComparison(claim, parameter_set, *_judged(claim.identifier, outcomes, parameter_set))
+        for claim in SLIP_CLAIMS
+        for parameter_set in PARAMETER_SETS
+    )
+
+
+def _judged(claim: str, outcomes: Outcomes, parameter_set: str) -> tuple[bool, str]:
+    rigid, unjammed, jammed = (
+        outcomes.statistic(experiment.identifier, parameter_set, PEAK_OF_TEST[SLIP_TEST]).mean
+        for experiment in (SLIP_RIGID, SLIP_UNJAMMED, SLIP_JAMMED)
+    )
+    if claim == "largest_peak_jammed":
+        return jammed > max(rigid, unjammed), f"jammed {jammed:.1f} N, unjammed {unjammed:.1f} N, rigid {rigid:.1f} N"
+    if claim == "peak_unjammed_like_rigid":
+        evidence = (
+            f"unjammed {unjammed:.1f} N, rigid {rigid:.1f} N: {unjammed / rigid:.2f} times; similar is "
+            f"{1.0 - SIMILAR:g} to {1.0 + SIMILAR:g} times"
+        )
+        return are_similar(unjammed, rigid), evidence
+    rigid_j, jammed_j = (
+        outcomes.statistic(experiment.identifier, parameter_set, ENERGY).mean
+        for experiment in (SLIP_RIGID, SLIP_JAMMED)
+    )
+    ratio = jammed_j / rigid_j
+    evidence = (
+        f"jammed {jammed_j:.2f} J, rigid {rigid_j:.2f} J: {ratio:.1f} times; significant is {SIGNIFICANT:g} times"
+    )
+    return ratio >= SIGNIFICANT, evidence

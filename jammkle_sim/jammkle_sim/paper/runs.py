@@ -1,0 +1,179 @@
+"""Run experiments on all cores: what each repeat measured, and the curve that is drawn of it."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import multiprocessing
+import os
+import signal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_graph import names
+from jammkle_graph.command.signals import Interrupted
+from jammkle_graph.command.tether import end_with_parent
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_sim.paper_tables import DROP_TEST, TENSILE_TEST
+from jammkle_sim.rigs.catalogue import run_rig, scattered
+from jammkle_sim.rigs.evaluate import smoothed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from concurrent.futures import Future
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.paper.experiments import Experiment
+    from jammkle_sim.rigs.run import RigRun
+
+_LOOK_S = 0.2
+"""How often a request to stop is looked for."""
+_STRETCHES = 250
+"""Parts of a slow curve of which two points each are drawn: more cannot be seen."""
+_MM_PER_M = 1e3
+_BEGUN_MM = 0.05
+_ARRIVED_MM = 0.1
+"""How near to its start and end a carriage counts as being there, mm."""
+_FALLING_M_S2 = 5.0
+"""Specific force below which the leg falls."""
+_BEFORE_S, _AFTER_S = 0.12, 0.6
+"""Part of a drop that is drawn, around the touch-down."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run to do. `repeat` is None for the options as they are, without scatter."""
+
+    experiment: Experiment
+    parameter_set: str
+    seed: int
+    repeat: int | None
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What is drawn of a run. Tensile: mm and N; drop: s from the touch-down and m/s^2 net; slip: mm and N."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one run gave."""
+
+    task: Task
+    results: dict[str, float]
+    broken: tuple[str, ...]
+    curve: Curve
+
+
+def run_task(task: Task) -> Outcome:
+    """Do one run.
+
+    Raises:
+        ParameterError: the options do not fit together.
+        UnstableSimulationError: the simulation blew up.
+
+    """
+    rig = task.experiment.rig
+    options = task.experiment.options(task.parameter_set, task.seed)
+    if task.repeat is not None:
+        options = scattered(rig, options, task.repeat)
+    run = run_rig(rig, options, lambda _: None, lambda: False)
+    return Outcome(task, run.results, run.broken, _curve(task.experiment.test, run))
+
+
+def run_all(
+    tasks: Sequence[Task], on_done: Callable[[int, Task], None], asked_to_stop: Callable[[], bool], workers: int = 0
+) -> tuple[Outcome, ...]:
+    """Do all runs, in processes of their own, and return their outcomes in the order of the tasks.
+
+    Args:
+        tasks: What to run.
+        on_done: Called after each run with the number that is done and what it was.
+        asked_to_stop: Asked now and then; true ends the work after the runs that are on their way.
+        workers: Processes; 0 takes one per core that this process may use.
+
+    Raises:
+        Interrupted: asked to stop.
+        ParameterError: options of a task do not fit together.
+        UnstableSimulationError: a simulation blew up.
+
+    """
+    count = min(workers or len(os.sched_getaffinity(0)), len(tasks))
+    # A fresh interpreter per worker: a fork would copy whatever threads and compiled state this process holds.
+    context = multiprocessing.get_context("spawn")
+    pool = concurrent.futures.ProcessPoolExecutor(count, context, _start_worker, (os.getpid(),))
+    try:
+        futures = [pool.submit(run_task, task) for task in tasks]
+        task_of = dict(zip(futures, tasks, strict=True))
+        _wait(futures, lambda future, done: on_done(done, task_of[future]), asked_to_stop)
+        return tuple(future.result() for future in futures)
+    finally:  # without this the runs that nobody waits for any more would all be done
+        pool.shutdown(cancel_futures=True)
+
+
+def _wait(
+    futures: Sequence[Future[Outcome]],
+    on_done: Callable[[Future[Outcome], int], None],
+    asked_to_stop: Callable[[], bool],
+) -> None:
+    left = set(futures)
+    while left:
+        done, left = concurrent.futures.wait(left, _LOOK_S, concurrent.futures.FIRST_COMPLETED)
+        for future in done:
+            future.result()
+            on_done(future, len(futures) - len(left))
+        if asked_to_stop():
+            raise Interrupted
+
+
+def _start_worker(parent: int) -> None:
+    # Ctrl-C reaches the whole group; the parent decides what becomes of it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent(parent)
+
+
+def _curve(test: str, run: RigRun) -> Curve:
+    if test == DROP_TEST:
+        return _shock(run)
+    joints, cell = run.topics[names.JOINT_STATES.name], run.topics[names.LOAD_CELL.name]
+    position_m = joints.column(f"{names.CARRIAGE_JOINT}.position")
+    travel_mm = np.abs(position_m - position_m[0]) * _MM_PER_M
+    force_n = smoothed(cell.column("force_z_n"))
+    begin, end = _first(travel_mm > _BEGUN_MM), _first(travel_mm > travel_mm.max() - _ARRIVED_MM)
+    if test == TENSILE_TEST:
+        back = end + _first(travel_mm[end:] < _BEGUN_MM)
+        return _thinned(travel_mm[begin:back], force_n[begin:back])
+    # The cell carries the leg before the touch, and the push on the slope takes from that.
+    return _thinned(travel_mm[begin:end], float(np.median(force_n[:begin])) - force_n[begin:end])
+
+
+def _shock(run: RigRun) -> Curve:
+    imu = run.topics[names.IMU.name]
+    upward_m_s2 = imu.column("linear_acceleration_z_m_s2")
+    falls = upward_m_s2 < _FALLING_M_S2
+    released = _first(falls)
+    landed = released + _first(~falls[released:])
+    time_s = imu.time_s - imu.time_s[landed]
+    shown = (time_s > -_BEFORE_S) & (time_s < _AFTER_S)
+    return Curve(time_s[shown], upward_m_s2[shown] - STANDARD_GRAVITY_M_S2)
+
+
+def _thinned(x: NDArray[np.float64], y: NDArray[np.float64]) -> Curve:
+    """Keep the lowest and the highest point of each short stretch, so that no peak is lost."""
+    stretch = max(1, len(x) // _STRETCHES)
+    kept: set[int] = {0, len(x) - 1}
+    for start in range(0, len(x), stretch):
+        part = y[start : start + stretch]
+        kept |= {start + int(part.argmin()), start + int(part.argmax())}
+    chosen = np.array(sorted(kept))
+    return Curve(x[chosen], y[chosen])
+
+
+def _first(happens: NDArray[np.bool_]) -> int:
+    """Return the first index at which something happens; the last one if it never does."""
+    return int(happens.argmax()) if happens.any() else len(happens) - 1

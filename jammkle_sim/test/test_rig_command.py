@@ -1,0 +1,243 @@
+"""`jammkle rig`: bags that a stranger's reader understands, by the conventions of a recording."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from jammkle_graph.command.main import main
+from jammkle_graph.names import CHANNELS, PRESSURES, SOLENOIDS, TOPICS
+from jammkle_graph.parameters import rows
+from jammkle_sim.commands.rig_options import option_name
+from jammkle_sim.rigs.catalogue import RIGS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+SHORT_PULL = ("rig", "tensile", "--vacuum-pa", "50000", "--extension-m", "0.01", "--speed-m-s", "0.05")
+LIFT_M = 0.05
+
+
+@pytest.fixture(autouse=True)
+def _own_signals() -> Iterator[None]:
+    """Give the test process its signal handlers back; the command installs its own."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_effects_are_put_into_the_rig_or_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With --effects the bag is of a rig that has them, and says so; a value out of bounds is one line and exit 2."""
+    effects, bag = tmp_path / "effects.yaml", tmp_path / "bag"
+    effects.write_text("tendon_stiffness: {scale: 2.0}\n")
+    assert main([*SHORT_PULL, "--effects", str(effects), "-o", str(bag), "--json", str(tmp_path / "with.json")]) == 0
+    assert main([*SHORT_PULL, "-o", str(tmp_path / "plain"), "--json", str(tmp_path / "without.json")]) == 0
+    peaks = [
+        json.loads((tmp_path / f"{name}.json").read_text())["runs"][0]["results"]["peak_force_n"]
+        for name in ("with", "without")
+    ]
+    assert peaks[0] > 1.3 * peaks[1]
+    assert "tendon_stiffness.scale: 2.0" in (bag / "metadata.yaml").read_text().replace("\\n", "\n")
+    capsys.readouterr()
+    effects.write_text("tendon_stiffness: {scale: 20.0}\n")
+    assert main([*SHORT_PULL, "--effects", str(effects), "-o", str(tmp_path / "other")]) == 2
+    assert "must be a number from 0.4 to 2.5" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
+class Bag:
+    """Everything in a bag, by topic, read by the bag library with the definitions inside the bag alone."""
+
+    def __init__(self, path: Path) -> None:
+        self.messages: dict[str, list[Any]] = {}
+        self.times_ns: dict[str, list[int]] = {}
+        self.types: dict[str, str] = {}
+        self.data: dict[str, list[bytes]] = {}
+        self.order: list[tuple[int, str]] = []
+        with AnyReader([path]) as reader:
+            for connection, time_ns, data in reader.messages():
+                self.types[connection.topic] = connection.msgtype
+                self.messages.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+                self.data.setdefault(connection.topic, []).append(bytes(data))
+                self.times_ns.setdefault(connection.topic, []).append(time_ns)
+                self.order.append((time_ns, connection.topic))
+
+    def position(self, joint: str) -> np.ndarray:
+        """Return a joint's positions."""
+        return np.array([each.position[each.name.index(joint)] for each in self.messages["/joint_states"]])
+
+    def pull_n(self) -> np.ndarray:
+        """Return what the load cell read along z."""
+        return np.array([each.wrench.force.z for each in self.messages["/load_cell/wrench"]])
+
+
+def stamp_ns(message: Any) -> int:
+    """Return the time in a message's header."""
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+
+
+@pytest.fixture(scope="module")
+def pull(tmp_path_factory: pytest.TempPathFactory) -> Bag:
+    """Make the bag of a short pull."""
+    path = tmp_path_factory.mktemp("pull") / "bag"
+    assert main([*SHORT_PULL, "-o", str(path)]) == 0
+    return Bag(path)
+
+
+def test_a_rig_bag_has_the_topics_and_types_of_a_recording(pull: Bag) -> None:
+    """Every topic is one of the graph's, with its type; sensors, commands, parameters, /clock are there."""
+    known = {f"/{topic.name.lstrip('/')}": topic.message_type for topic in TOPICS}
+    assert pull.types.items() <= known.items()
+    wanted = {"/joint_states", "/tendon_states", "/load_cell/wrench", "/pump/duty", "/manifold/pressure"}
+    wanted |= {f"/{topic.name}" for topic in (*PRESSURES.values(), *SOLENOIDS.values())}
+    assert wanted | {"/sim_parameters", "/clock", "/diagnostics"} <= set(pull.types)
+
+
+def test_stamps_are_log_times_and_the_clock_ticks_after_them(pull: Bag) -> None:
+    """A message is logged at its stamp; /clock never runs backwards and comes after all else of its time."""
+    for topic in ("/joint_states", "/load_cell/wrench", "/achilles/pressure", "/diagnostics"):
+        assert [stamp_ns(each) for each in pull.messages[topic]] == pull.times_ns[topic]
+    ticks = pull.times_ns["/clock"]
+    assert ticks == sorted(set(ticks))
+    last = dict(pull.order)
+    assert all(last[time_ns] == "/clock" for time_ns in ticks)
+    assert set(ticks) == {time_ns for time_ns, _ in pull.order}
+
+
+def test_a_pull_is_recorded_as_extension_and_tension(pull: Bag) -> None:
+    """Tensile: `carriage` goes from 0 to the extension and back, the load cell reads tension as positive."""
+    carriage_m, pull_n = pull.position("carriage"), pull.pull_n()
+    assert carriage_m[0] == pytest.approx(0.0, abs=1e-4)
+    assert carriage_m.max() == pytest.approx(0.01, rel=0.01)
+    assert carriage_m[-1] == pytest.approx(0.0, abs=1e-4)
+    assert pull_n[int(carriage_m.argmax())] > 20.0
+    (tendon,) = pull.messages["/tendon_states"][int(carriage_m.argmax())].tendons
+    assert tendon.name == "peroneal_left"
+    assert tendon.extension_m == pytest.approx(carriage_m.max(), rel=0.01)
+    assert tendon.tension_n == pytest.approx(pull_n[int(carriage_m.argmax())], abs=0.5)
+
+
+def test_commands_are_recorded_as_issued(pull: Bag) -> None:
+    """The jammed channel is energised and reaches its vacuum, the others stay vented, and the pump has run."""
+    energised = {channel: [bool(each.data) for each in pull.messages[f"/{channel}/solenoid"]] for channel in CHANNELS}
+    assert energised == {"peroneal_left": [False, True], "peroneal_right": [False], "achilles": [False]}
+    least_pa = min(each.fluid_pressure for each in pull.messages["/peroneal_left/pressure"])
+    assert least_pa == pytest.approx(101_325.0 - 50e3, abs=2e3)
+    assert max(each.data for each in pull.messages["/pump/duty"]) > 0.5
+
+
+def test_the_parameters_travel_in_the_bag(tmp_path: Path) -> None:
+    """Topic and custom data tell the rig and its options; results stand in the custom data."""
+    path = tmp_path / "bag"
+    assert main([*SHORT_PULL, "-o", str(path)]) == 0
+    assert main(["info", str(path), "--json", str(tmp_path / "info.json")]) == 0
+    custom = json.loads((tmp_path / "info.json").read_text())["custom_data"]
+    assert custom["sim_parameters"] == Bag(path).messages["/sim_parameters"][0].data
+    assert "rig: tensile" in custom["sim_parameters"]
+    assert "extension_m: 0.01" in custom["sim_parameters"]
+    assert json.loads(custom["rig_results"])["peak_force_n"] > 20.0
+
+
+def test_a_drop_is_recorded_as_height_and_specific_force(tmp_path: Path) -> None:
+    """Drop: `carriage` is the height of the ankle, the hanging leg reads + on the cell, the IMU reads +g at rest."""
+    assert main(["rig", "drop", "--foot", "unjammed", "-o", str(tmp_path / "bag"), "--namespace", "lf_ankle"]) == 0
+    bag = Bag(tmp_path / "bag")
+    assert "/clock" in bag.types
+    bag.messages = {topic.removeprefix("/lf_ankle"): messages for topic, messages in bag.messages.items()}
+    height_m, pull_n = bag.position("carriage"), bag.pull_n()
+    assert height_m[0] - height_m.min() > LIFT_M
+    assert height_m.min() > 0.0
+    assert pull_n[10:100].mean() > 0.0
+    assert pull_n.min() < -20.0
+    upward = np.array([each.linear_acceleration.z for each in bag.messages["/imu/data"]])
+    assert upward[:500].mean() == pytest.approx(9.81, abs=0.1)
+    assert upward.max() > 30.0
+    assert all(each.orientation_covariance[0] == -1.0 for each in bag.messages["/imu/data"])
+
+
+def test_a_torn_tendon_is_said_and_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line names it, tendon_states turns to BROKEN for good, and /diagnostics to ERROR at the same time."""
+    arguments = ["rig", "tensile", "--extension-m", "0.06", "--speed-m-s", "0.2", "-o", str(tmp_path / "bag")]
+    assert main([*arguments, "--json", str(tmp_path / "rig.json")]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("broken")]
+    assert "peroneal_left" in line
+    assert json.loads((tmp_path / "rig.json").read_text())["runs"][0]["broken"] == ["peroneal_left"]
+    bag = Bag(tmp_path / "bag")
+    broken = [each.tendons[0].condition == each.tendons[0].BROKEN for each in bag.messages["/tendon_states"]]
+    first = broken.index(True)
+    assert all(broken[first:])
+    assert bag.messages["/tendon_states"][first].tendons[0].extension_m == pytest.approx(0.055, abs=5e-4)
+    levels = {stamp_ns(each): (each.status[0].level, each.status[0].message) for each in bag.messages["/diagnostics"]}
+    torn_ns = bag.times_ns["/tendon_states"][first]
+    assert {time_ns: level for time_ns, (level, _) in levels.items()} == {
+        time_ns: 2 if time_ns >= torn_ns else 0 for time_ns in levels
+    }
+    assert "peroneal_left" in levels[torn_ns][1]
+
+
+def test_a_sensor_at_the_end_of_its_range_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A stiff tendon pulled beyond 245 N and a hard landing say which sensor clipped; a soft landing says nothing."""
+    pull = ("tensile", "--material", "a85", "--extension-m", "0.05", "--speed-m-s", "1", "--vacuum-pa", "75000")
+    told = {}
+    for name, options in (
+        ("pull", pull),
+        ("hard", ("drop", "--foot", "standard")),
+        ("soft", ("drop", "--foot", "unjammed")),
+    ):
+        assert main(["rig", *options, "-o", str(tmp_path / name), "--json", str(tmp_path / f"{name}.json")]) == 0
+        (run,) = json.loads((tmp_path / f"{name}.json").read_text())["runs"]
+        told[name] = run["clipped"]
+        lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("clipped")]
+        assert bool(lines) == bool(told[name])
+    assert told["pull"] == ["the load cell at 245 N"]
+    assert told["hard"] == ["the load cell at 245 N", "the IMU at 80.83 m/s^2 with gravity"]
+    assert told["soft"] == []
+
+
+def test_help_says_what_a_saved_model_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    """The help of --save-mjcf says that tendon law, air and the release of the carriage are not in the file."""
+    assert main(["rig", "drop", "--help"]) == 0
+    words = re.sub(r"[\s│|]+", " ", capsys.readouterr().out)
+    assert "without the law of the tendons, the air, or the release and drive of the carriage" in words
+
+
+def test_a_ball_pressed_flat_is_told_in_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run that its foot cannot bear ends with exit code 1 and one line whose way out is written as options."""
+    arguments = ["rig", "drop", "--foot", "squash_ball", "--mass-kg", "20", "--drop-height-m", "0.5"]
+    assert main([*arguments, "-o", str(tmp_path / "bag")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "limit is 28.9 mm; give --mass-kg of 0.79 or less (it is 20)" in line
+
+
+def test_repeats_differ_and_seeds_repeat(tmp_path: Path) -> None:
+    """Repeats go into bags of their own and differ; the same seed gives the same messages to the byte."""
+    for name in ("first", "second"):
+        assert main([*SHORT_PULL, "--repeats", "2", "--seed", "7", "-o", str(tmp_path / name)]) == 0
+    first, other, again = (Bag(tmp_path / name) for name in ("first_0", "first_1", "second_0"))
+    assert first.data == again.data
+    assert first.data["/load_cell/wrench"] != other.data["/load_cell/wrench"]
+    assert not (tmp_path / "first").exists()
+
+
+def test_the_model_is_written_for_the_viewer(tmp_path: Path) -> None:
+    """--save-mjcf alone writes a model that MuJoCo loads, and no bag."""
+    mujoco = pytest.importorskip("mujoco")
+    assert main(["rig", "drop", "--foot", "squash_ball", "--save-mjcf", str(tmp_path / "drop.xml")]) == 0
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "drop.xml")).nbody > 1
+    assert [path.name for path in tmp_path.iterdir()] == ["drop.xml"]
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_every_option_of_a_rig_is_one_of_the_command(rig: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The help names each parameter of the rig's own table: there is no second list that could lack one."""
+    assert main(["rig", rig, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(option_name(row.name) in text for row in rows(RIGS[rig].options))
