@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from jammkle_graph.names import CHANNELS
 from jammkle_reality.contact import HARD_N_M15, HARD_S_M, SquashBall, hertz
-from jammkle_reality.leg import PLAIN, Stand, ankle_law, free_lengths_m, tip_law
+from jammkle_reality.leg import PLAIN
+from jammkle_reality.leg_law import Stand, ankle_law, free_lengths_m, tip_law
 from jammkle_reality.machine import stream
 from jammkle_reality.moving import Scene, move
 from jammkle_reality.options import BadPlanError, settings

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import CHANNELS
 from jammkle_reality.contact import WOOD_N_M15, WOOD_S_M, hertz
-from jammkle_reality.leg import PLAIN, Stand, ankle_law, free_lengths_m
+from jammkle_reality.leg import PLAIN
+from jammkle_reality.leg_law import Stand, ankle_law, free_lengths_m
 from jammkle_reality.machine import stream
 from jammkle_reality.moving import Scene, move
 from jammkle_reality.options import BadPlanError, settings

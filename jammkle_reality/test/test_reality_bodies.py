@@ -11,7 +11,8 @@ import pytest
 
 from jammkle_reality.bodies import CORNERS, TENDONS, Law, ankle_angles_rad, energy_j, still, turned_about_y
 from jammkle_reality.contact import HARD_N_M15, HARD_S_M, WOOD_N_M15, WOOD_S_M, SquashBall, hertz
-from jammkle_reality.leg import PLAIN, Stand, ankle_law, free_lengths_m, tip_law
+from jammkle_reality.leg import PLAIN
+from jammkle_reality.leg_law import Stand, ankle_law, free_lengths_m, tip_law
 from jammkle_reality.machine import Machine
 from jammkle_reality.motion import advance, lengths_and_rates
 

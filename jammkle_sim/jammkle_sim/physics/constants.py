@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import math
 from dataclasses import dataclass
-
-from jammkle_sim.physics.materials.elastic import bundle_area_m2
 
 FIBRE_COUNT = 18
 """Fibres of a tendon. Paper."""
@@ -29,6 +28,11 @@ class Fibre(enum.Enum):
     """Soft all along."""
     SHORE_A85 = "shore_a85"
     """Stiff all along."""
+
+
+def bundle_area_m2(count: int, diameter_m: float) -> float:
+    """Cross-section of `count` round fibres, m^2."""
+    return count * math.pi * diameter_m**2 / 4.0
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ series needs no solver: the curve is computed once and tabulated over equal step
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,8 +66,3 @@ def force_table_n(fibres: Fibres, extension_step_m: float, points: int) -> NDArr
     force = fibres.area_m2 * yeoh_nominal_stress_pa(stretch, fibres.c1_pa, fibres.c2_pa, fibres.c3_pa)
     extension = fibres.soft_length_m * (stretch - 1.0) + force * fibres.stiff_length_m / stiffness_area_n
     return np.interp(extensions, extension, force)
-
-
-def bundle_area_m2(count: int, diameter_m: float) -> float:
-    """Cross-section of `count` round fibres, m^2."""
-    return count * math.pi * diameter_m**2 / 4.0
