@@ -55,6 +55,9 @@ class AnkleParameters:
     achilles_pretension_m: float = 0.0015
     """Extension of the Achilles tendons at the neutral pose. Assumed: enough to hold the foot up in the air. The
     peroneal tendons get as much more as balances the foot."""
+    hang_pitch_rad: float = 0.0
+    """Pitch at which the foot hangs, toe-down positive, where the pretension holds. Assumed: the neutral pose; the drop
+    rig has its own."""
     joint_damping_n_m_s: float = 0.01
     """Viscous friction of the ball joint, per axis. Assumed."""
     joint_limit_rad: float = 1.2
@@ -76,17 +79,11 @@ def tendon_sites_m(parameters: AnkleParameters) -> dict[str, tuple[float, float]
     return dict(zip(TENDONS, ((front, side), (front, -side), (back, spread), (back, -spread)), strict=True))
 
 
-def free_lengths_m(parameters: AnkleParameters, hang_pitch_rad: float = 0.0) -> NDArray[np.float64]:
-    """Free length of each tendon, in the order of TENDONS, m; shorter than as the foot hangs by the pretension.
-
-    Args:
-        parameters: Geometry and pretension.
-        hang_pitch_rad: Pitch at which the foot is to hang, rad, toe-down positive; 0 is the neutral pose.
-
-    """
+def free_lengths_m(parameters: AnkleParameters) -> NDArray[np.float64]:
+    """Free length of each tendon, in the order of TENDONS, m; shorter than as the foot hangs by the pretension."""
     peroneal_pretension_m = parameters.achilles_pretension_m * parameters.achilles_arm_m / parameters.peroneal_forward_m
     pretension = (peroneal_pretension_m,) * 2 + (parameters.achilles_pretension_m,) * 2
-    lengths_m: NDArray[np.float64] = tendon_lengths_m(parameters, hang_pitch_rad) - np.array(pretension)
+    lengths_m: NDArray[np.float64] = tendon_lengths_m(parameters, parameters.hang_pitch_rad) - np.array(pretension)
     return lengths_m
 
 
@@ -97,6 +94,19 @@ def tendon_lengths_m(parameters: AnkleParameters, pitch_rad: float) -> NDArray[n
     up_m = parameters.tendon_length_m + x_m * math.sin(pitch_rad)
     lengths_m: NDArray[np.float64] = np.hypot(forward_m, up_m)
     return lengths_m
+
+
+def corner_m(parameters: AnkleParameters, lever_m: float) -> tuple[float, float]:
+    """Centre of a rounded corner of the hanging foot's sole: how far forward of the joint and how far below it, m.
+
+    Args:
+        parameters: Geometry and pose.
+        lever_m: How far forward of the joint it is on a level foot, m.
+
+    """
+    sine, cosine = math.sin(parameters.hang_pitch_rad), math.cos(parameters.hang_pitch_rad)
+    below_m = parameters.sole_m - parameters.contact_radius_m
+    return lever_m * cosine - below_m * sine, lever_m * sine + below_m * cosine
 
 
 def add_ankle(spec: Any, leg: Any, parameters: AnkleParameters, friction: float) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_graph.parameters import ParameterError
+from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs import drop, landing_run, pressure, slip, tensile
 from jammkle_sim.rigs.options import checked
 from jammkle_sim.rigs.run import RigRun, RunInProgress, run, steps_per_row
@@ -34,10 +35,13 @@ class RigKind:
     """What it does, in one line."""
     options: type[ParameterClass]
     """Frozen dataclass made of `jammkle_graph.parameters.parameter` fields."""
-    build: Callable[[Any], tuple[Rig, Programme]]
-    """Makes rig and programme from checked options; raises ParameterError where they do not fit together."""
+    build: Callable[..., tuple[Rig, Programme]]
+    """Makes rig and programme from checked options, with another `ankle` if that is given too; raises ParameterError
+    where they do not fit together."""
     scatter: Callable[[Any, tuple[float, float]], Any]
     """Makes the options of one repeat, from the options and two standard normal numbers."""
+    ankle: AnkleParameters | None = None
+    """Constants of the ankle that it is built with; None: it has none."""
 
 
 NOT_IN_MJCF = (
@@ -63,6 +67,7 @@ RIGS: dict[str, RigKind] = {
             pressure.PressureOptions,
             pressure.pressure_rig,
             pressure.scattered,
+            AnkleParameters(),
         ),
         RigKind(
             "drop",
@@ -70,6 +75,7 @@ RIGS: dict[str, RigKind] = {
             drop.DropOptions,
             drop.drop_rig,
             drop.scattered,
+            drop.DROP_ANKLE,
         ),
         RigKind(
             "slip",
@@ -77,6 +83,7 @@ RIGS: dict[str, RigKind] = {
             slip.SlipOptions,
             slip.slip_rig,
             slip.scattered,
+            AnkleParameters(),
         ),
         RigKind(
             "landing",
@@ -84,6 +91,7 @@ RIGS: dict[str, RigKind] = {
             landing_run.LandingRunOptions,
             landing_run.landing_rig,
             landing_run.scattered,
+            AnkleParameters(),
         ),
     )
 }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.parameters import parameter
-from jammkle_sim.physics.ankle import PITCH, AnkleParameters, add_ankle
+from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.feet import (
     JAMMED,
@@ -37,8 +37,10 @@ from jammkle_sim.rigs.model import (
     add_slope,
     ankle_laws,
     compile_with_start,
+    hanging,
     new_spec,
     release,
+    touch_down_height_m,
     weigh,
 )
 from jammkle_sim.rigs.options import (
@@ -119,14 +121,20 @@ def scattered(options: DropOptions, numbers: tuple[float, float]) -> DropOptions
     )
 
 
-def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
-    """Build the rig and what it does."""
-    ankle = dataclasses.replace(DROP_ANKLE, achilles_pretension_m=options.pretension_m)
+def drop_rig(options: DropOptions, ankle: AnkleParameters = DROP_ANKLE) -> tuple[Rig, Programme]:
+    """Build the rig and what it does.
+
+    Args:
+        options: What is dropped, how, from where.
+        ankle: Its constants, but for pretension and pose, which are options.
+
+    """
+    pitch_rad = math.radians(options.pitch_deg)
+    ankle = dataclasses.replace(ankle, achilles_pretension_m=options.pretension_m, hang_pitch_rad=pitch_rad)
     hard, tip, ball = HardContact(), TipParameters(), SquashBallParameters()
     tendon = tendon_parameters(options.parameter_set)
     sensors, pneumatics = SensorParameters(seed=options.seed), PneumaticParameters()
     has_tendons = options.foot in (JAMMED, UNJAMMED)
-    pitch_rad = math.radians(options.pitch_deg)
     spec = new_spec("drop", options.timestep_s)
     add_slope(spec, 0.0, options.friction, ankle.contact_time_s)
     if options.foot == STANDARD:
@@ -134,7 +142,7 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
     elif options.foot == SQUASH_BALL:
         start_m, foot_kg = 2.0 * ball.radius_m + options.drop_height_m, ball.mass_kg
     else:
-        start_m = sole_below_joint_m(ankle, pitch_rad) + options.drop_height_m
+        start_m = touch_down_height_m(0.0, ankle) + options.drop_height_m
         foot_kg = ankle.foot_mass_kg
     leg_kg = ankle.mass_kg - ankle.foot_mass_kg
     carriage = add_carriage(spec, start_m, options.mass_kg - leg_kg - foot_kg)
@@ -149,7 +157,7 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
         add_squash_ball(leg, ball, options.friction)
     else:
         add_ankle(spec, leg, ankle, options.friction)
-        start = {PITCH: pitch_rad}
+        start = hanging(ankle)
     add_hold(spec, ankle.contact_time_s)
     add_imu_sensors(spec, sensors)
     add_load_cell(spec, leg)
@@ -157,7 +165,7 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
         name="drop",
         spec=spec,
         model=compile_with_start(spec, start),
-        tendon_laws=ankle_laws(tendon, ankle, options.timestep_s, pitch_rad)[: len(names.TENDONS) * has_tendons],
+        tendon_laws=ankle_laws(tendon, ankle, options.timestep_s)[: len(names.TENDONS) * has_tendons],
         pneumatics=pneumatics,
         sensors=sensors,
         events=(Event(round(_RELEASE_S / options.timestep_s), release),),
@@ -181,15 +189,6 @@ def drop_rig(options: DropOptions) -> tuple[Rig, Programme]:
         travel_limit=_walls_meet(options, ball) if options.foot == SQUASH_BALL else None,
     )
     return rig, programme
-
-
-def sole_below_joint_m(ankle: AnkleParameters, pitch_rad: float) -> float:
-    """Height of the joint above level ground, m, when the pitched foot first touches it."""
-    radius_m = ankle.contact_radius_m
-    centre_m = ankle.sole_m - radius_m
-    toe_m = ankle.toe_m * math.sin(pitch_rad) + centre_m * math.cos(pitch_rad)
-    heel_m = -ankle.heel_m * math.sin(pitch_rad) + centre_m * math.cos(pitch_rad)
-    return max(toe_m, heel_m) + radius_m
 
 
 def _walls_meet(options: DropOptions, ball: SquashBallParameters) -> TravelLimit:

@@ -16,6 +16,8 @@ from jammkle_sim.rigs.model import (
     add_load_cell,
     add_slope,
     ankle_laws,
+    compile_with_start,
+    hanging,
     new_spec,
     release,
     touch_down_height_m,
@@ -73,8 +75,18 @@ def landing_parts(options: LandingOptions) -> Rig:
         ParameterError: an option out of range.
 
     """
-    options = checked(options)
-    ankle = AnkleParameters()
+    return landing_built(checked(options))
+
+
+def landing_built(options: LandingOptions, ankle: AnkleParameters | None = None) -> Rig:
+    """Build the landing rig, with options as they are: a machine may stand a little beyond what can be asked for.
+
+    Args:
+        options: What to land on, with what, from where.
+        ankle: Constants of the ankle; None: AnkleParameters as they stand.
+
+    """
+    ankle = ankle or AnkleParameters()
     tendon = tendon_parameters(options.parameter_set)
     pneumatics = PneumaticParameters()
     sensors = SensorParameters(seed=options.seed)
@@ -82,7 +94,7 @@ def landing_parts(options: LandingOptions) -> Rig:
     return Rig(
         name="landing",
         spec=spec,
-        model=spec.compile(),
+        model=compile_with_start(spec, hanging(ankle)),
         tendon_laws=ankle_laws(tendon, ankle, options.timestep_s),
         pneumatics=pneumatics,
         sensors=sensors,

@@ -10,7 +10,7 @@ from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.parameters import parameter
 from jammkle_sim.rigs.evaluate import peak_deceleration_m_s2, smoothed
-from jammkle_sim.rigs.landing import LandingOptions, landing_parts
+from jammkle_sim.rigs.landing import LandingOptions, landing_built
 from jammkle_sim.rigs.options import (
     jammed_vacuum_option,
     release_time_option,
@@ -23,6 +23,7 @@ from jammkle_sim.rigs.vacuum import VacuumStep, all_channels
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from jammkle_sim.physics.ankle import AnkleParameters
     from jammkle_sim.rigs.rig import Rig
 
 _REST_S = 2.0
@@ -55,9 +56,15 @@ def scattered(options: LandingRunOptions, numbers: tuple[float, float]) -> Landi
     )
 
 
-def landing_rig(options: LandingRunOptions) -> tuple[Rig, Programme]:
-    """Build the rig and what it does."""
-    rig = landing_parts(options)
+def landing_rig(options: LandingRunOptions, ankle: AnkleParameters | None = None) -> tuple[Rig, Programme]:
+    """Build the rig and what it does.
+
+    Args:
+        options: What to land on, with what, from where.
+        ankle: Constants of the ankle; None: AnkleParameters as they stand.
+
+    """
+    rig = landing_built(options, ankle)
     touch_down_s = options.release_time_s + math.sqrt(2.0 * options.drop_height_m / STANDARD_GRAVITY_M_S2)
     vacuum: dict[str, tuple[VacuumStep, ...]] = {
         "never": (),

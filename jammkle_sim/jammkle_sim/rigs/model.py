@@ -12,7 +12,7 @@ import numpy as np
 
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
-from jammkle_sim.physics.ankle import free_lengths_m
+from jammkle_sim.physics.ankle import PITCH, corner_m, free_lengths_m
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.tendon import tendon_law
 from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, GYRO, LOAD_CELL
@@ -53,17 +53,18 @@ def new_spec(name: str, timestep_s: float) -> Any:
 
 
 def touch_down_height_m(slope_deg: float, ankle: AnkleParameters) -> float:
-    """Return the height of the joint above the slope, straight down, at which a level foot first touches it, m.
+    """Return the height of the joint above the slope, straight down, at which the hanging foot first touches it, m.
 
     Args:
         slope_deg: Inclination, degrees, toe uphill.
-        ankle: Geometry.
+        ankle: Geometry and pose.
 
     """
     slope = math.radians(slope_deg)
-    radius = ankle.contact_radius_m
-    # The toe's rounded corner touches where its normal is that of the slope.
-    return ankle.toe_m * math.tan(slope) + ankle.sole_m - radius + radius / math.cos(slope)
+    # A rounded corner touches where its normal is that of the slope.
+    corners_m = [corner_m(ankle, lever_m) for lever_m in (ankle.toe_m, -ankle.heel_m)]
+    highest_m = max(forward_m * math.tan(slope) + below_m for forward_m, below_m in corners_m)
+    return highest_m + ankle.contact_radius_m / math.cos(slope)
 
 
 def add_slope(spec: Any, slope_deg: float, friction: float, contact_time_s: float) -> None:
@@ -144,7 +145,7 @@ def set_speed(data: Any, speed_m_s: float) -> None:
 
 
 def compile_with_start(spec: Any, positions: Mapping[str, float], drive_m: float | None = None) -> Any:
-    """Compile the model with a keyframe that starts some joints elsewhere than they were drawn.
+    """Compile the model with a keyframe, if some joints start elsewhere than they were drawn or there is a drive.
 
     Args:
         spec: The mujoco.MjSpec, otherwise finished.
@@ -156,6 +157,8 @@ def compile_with_start(spec: Any, positions: Mapping[str, float], drive_m: float
 
     """
     model = spec.compile()
+    if not positions and drive_m is None:
+        return model
     start = mujoco.MjData(model).qpos.copy()
     for name, value in positions.items():
         start[model.joint(name).qposadr[0]] = value
@@ -165,22 +168,24 @@ def compile_with_start(spec: Any, positions: Mapping[str, float], drive_m: float
     return spec.compile()
 
 
-def ankle_laws(
-    tendon: TendonParameters, ankle: AnkleParameters, timestep_s: float, hang_pitch_rad: float = 0.0
-) -> NDArray[Any]:
+def hanging(ankle: AnkleParameters) -> dict[str, float]:
+    """Return where the ankle's joints start, by name, rad, for `compile_with_start`."""
+    return {PITCH: ankle.hang_pitch_rad} if ankle.hang_pitch_rad != 0.0 else {}
+
+
+def ankle_laws(tendon: TendonParameters, ankle: AnkleParameters, timestep_s: float) -> NDArray[Any]:
     """Return the TENDON_LAW records of an ankle's tendons, in the order of TENDONS.
 
     Args:
         tendon: Constants of each of them.
-        ankle: Geometry.
+        ankle: Geometry and pose.
         timestep_s: Time step, s.
-        hang_pitch_rad: Pitch at which the foot hangs, rad, toe-down positive.
 
     """
     channels = [index for index, channel in enumerate(CHANNELS) for _ in TENDONS_OF_CHANNEL[channel]]
     laws = [
         tendon_law(tendon, timestep_s, float(free_length_m), channel)
-        for free_length_m, channel in zip(free_lengths_m(ankle, hang_pitch_rad), channels, strict=True)
+        for free_length_m, channel in zip(free_lengths_m(ankle), channels, strict=True)
     ]
     return np.concatenate(laws)
 

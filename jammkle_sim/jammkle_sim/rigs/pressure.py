@@ -18,6 +18,8 @@ from jammkle_sim.rigs.model import (
     add_imu_sensors,
     add_load_cell,
     ankle_laws,
+    compile_with_start,
+    hanging,
     new_spec,
     weigh,
 )
@@ -66,9 +68,15 @@ def scattered(options: PressureOptions, numbers: tuple[float, float]) -> Pressur
     return replaced_within_range(options, valve_dead_time_s=options.valve_dead_time_s + 0.001 * numbers[0])
 
 
-def pressure_rig(options: PressureOptions) -> tuple[Rig, Programme]:
-    """Build the rig and what it does."""
-    ankle, sensors = AnkleParameters(), SensorParameters(seed=options.seed)
+def pressure_rig(options: PressureOptions, ankle: AnkleParameters | None = None) -> tuple[Rig, Programme]:
+    """Build the rig and what it does.
+
+    Args:
+        options: What is jammed, how deep, how often.
+        ankle: Constants of the ankle; None: AnkleParameters as they stand.
+
+    """
+    ankle, sensors = ankle or AnkleParameters(), SensorParameters(seed=options.seed)
     tendon = tendon_parameters(options.parameter_set)
     pneumatics = PneumaticParameters(
         pump_free_flow_l_min=options.pump_free_flow_l_min,
@@ -87,7 +95,7 @@ def pressure_rig(options: PressureOptions) -> tuple[Rig, Programme]:
     rig = Rig(
         name="pressure",
         spec=spec,
-        model=spec.compile(),
+        model=compile_with_start(spec, hanging(ankle)),
         tendon_laws=ankle_laws(tendon, ankle, options.timestep_s),
         pneumatics=pneumatics,
         sensors=sensors,

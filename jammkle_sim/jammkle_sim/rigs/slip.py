@@ -23,6 +23,7 @@ from jammkle_sim.rigs.model import (
     add_slope,
     ankle_laws,
     compile_with_start,
+    hanging,
     new_spec,
     set_speed,
     weigh,
@@ -127,14 +128,18 @@ def _wedges(options: SlipOptions) -> bool:
     return options.edge_friction >= _footing(options, AnkleParameters()).wedging_friction
 
 
-def slip_rig(options: SlipOptions) -> tuple[Rig, Programme]:
+def slip_rig(options: SlipOptions, ankle: AnkleParameters | None = None) -> tuple[Rig, Programme]:
     """Build the rig and what it does.
+
+    Args:
+        options: What stands on the slope, and how it is pushed.
+        ankle: Constants of the ankle; None: AnkleParameters as they stand.
 
     Raises:
         ParameterError: the rigid foot would wedge.
 
     """
-    ankle = AnkleParameters()
+    ankle = ankle or AnkleParameters()
     if options.foot == RIGID_ANKLE:
         check_slides(options, ankle)
     has_tendons = options.foot != RIGID_ANKLE
@@ -147,7 +152,7 @@ def slip_rig(options: SlipOptions) -> tuple[Rig, Programme]:
     rig = Rig(
         name="slip",
         spec=spec,
-        model=compile_with_start(spec, {}, start_m),
+        model=compile_with_start(spec, hanging(ankle) if has_tendons else {}, start_m),
         tendon_laws=ankle_laws(tendon, ankle, options.timestep_s)[: len(names.TENDONS) * has_tendons],
         pneumatics=pneumatics,
         sensors=sensors,

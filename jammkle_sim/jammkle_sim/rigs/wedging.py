@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from jammkle_sim.physics.ankle import corner_m
+
 if TYPE_CHECKING:
     from jammkle_sim.physics.ankle import AnkleParameters
 
@@ -46,10 +48,11 @@ class Footing:
     def contact_m(self) -> tuple[float, float]:
         """Where the hanging foot's toe touches the slope: forward of and below the ball joint, m."""
         slope, tilt, radius_m = math.radians(self.slope_deg), self.tilt_rad, self.ankle.contact_radius_m
-        down_m = self.leg_m + self.ankle.sole_m - radius_m
+        toe_m, toe_below_m = corner_m(self.ankle, self.ankle.toe_m)
+        down_m = self.leg_m + toe_below_m
         # The centre of the toe's rounded corner, then from there against the slope's normal.
-        forward_m = self.ankle.toe_m * math.cos(tilt) - down_m * math.sin(tilt)
-        below_m = self.ankle.toe_m * math.sin(tilt) + down_m * math.cos(tilt)
+        forward_m = toe_m * math.cos(tilt) - down_m * math.sin(tilt)
+        below_m = toe_m * math.sin(tilt) + down_m * math.cos(tilt)
         return forward_m + radius_m * math.sin(slope), below_m + radius_m * math.cos(slope)
 
     @property
