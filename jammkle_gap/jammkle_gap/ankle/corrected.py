@@ -11,7 +11,8 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jammkle_gap.ankle.effects import ankle_library, apply_effects, read_yaml
+from jammkle_gap.ankle.effects import ankle_library, apply_effects
+from jammkle_gap.ankle.entries import read_yaml
 from jammkle_gap.november.effect import BadEffectError
 
 if TYPE_CHECKING:

@@ -39,11 +39,13 @@ class AnkleInputs:
     """Pressure of the atmosphere, Pa, where it is not that of the rig's options."""
     starts_by_motion: bool = False
     """The start of the rig was told by its slide: if joints are read late, times count from later."""
+    ankle: Options = ()
+    """Constants of the ankle that are not those of the rig: fields of AnkleParameters by name, sorted."""
 
     @cached_property
     def key(self) -> str:
         """Text that is the same for the same inputs."""
-        parts = [repr((self.rig, self.options, self.ambient_pa, self.starts_by_motion))]
+        parts = [repr((self.rig, self.options, self.ambient_pa, self.starts_by_motion, self.ankle))]
         timelines = (self.commands.duty, *(each for _, each in sorted(self.commands.solenoids.items())))
         digest = hashlib.blake2b("".join((*parts, *sorted(self.commands.solenoids))).encode(), digest_size=16)
         for timeline in timelines:
@@ -56,7 +58,7 @@ class AnkleInputs:
 
 def nominal_rig(inputs: AnkleInputs) -> Rig:
     """Return the rig as the simulator has it, built once per process. It must not be changed."""
-    return _built(inputs.rig, inputs.options, inputs.ambient_pa)
+    return _in_the_weather(inputs.rig, inputs.options, inputs.ankle, inputs.ambient_pa)
 
 
 def known_options(rig: str, given: Mapping[str, Any]) -> Options:
@@ -77,11 +79,18 @@ def known_options(rig: str, given: Mapping[str, Any]) -> Options:
 
 
 @lru_cache(maxsize=32)
-def _built(rig: str, options: Options, ambient_pa: float | None) -> Rig:
-    kind = rig_kind(rig)
-    built, _ = kind.build(kind.options(**dict(options)))
-    # The IMU's law clips at the same limit; MuJoCo would do so before offsets and turns.
-    built.model.sensor_cutoff[built.model.sensor(ACCELEROMETER).id] = 0.0
+def _in_the_weather(rig: str, options: Options, ankle: Options, ambient_pa: float | None) -> Rig:
+    built = _built(rig, options, ankle)
     if ambient_pa is None:
         return built
     return dataclasses.replace(built, pneumatics=dataclasses.replace(built.pneumatics, ambient_pa=ambient_pa))
+
+
+@lru_cache(maxsize=32)
+def _built(rig: str, options: Options, ankle: Options) -> Rig:
+    kind = rig_kind(rig)
+    other = {} if kind.ankle is None else {"ankle": dataclasses.replace(kind.ankle, **dict(ankle))}
+    built, _ = kind.build(kind.options(**dict(options)), **other)
+    # The IMU's law clips at the same limit; MuJoCo would do so before offsets and turns.
+    built.model.sensor_cutoff[built.model.sensor(ACCELEROMETER).id] = 0.0
+    return built

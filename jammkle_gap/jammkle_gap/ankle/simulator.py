@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-from jammkle_gap.ankle.effects import ankle_library, apply_effects
+from jammkle_gap.ankle.effects import (
+    ankle_library,
+    apply_effects,
+    apply_to_inputs,
+    machine_constants,
+    run_scatter,
+)
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.readings import readings
 from jammkle_gap.ankle.restarts import restarted_readings
 from jammkle_gap.ankle.truth import inputs_of, truth_of
+from jammkle_gap.november.effect import Library
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,19 +26,24 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from jammkle_gap.november.effect import Library
+    from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.november.recording import Recording
     from jammkle_sim.rigs.rig import Rig
 
 
 @dataclass(frozen=True)
 class AnkleSimulator:
-    """Runs a recording of an ankle again; fulfils `gap.simulator.Simulator`, and can be pickled."""
+    """Runs a recording of an ankle again; fulfils `gap.simulator.Simulator`, and can be pickled.
+
+    Its values may be of the library, of `machine_constants` and of `run_scatter`, all in one call. Changes to the
+    inputs come first, then those to the rig: machine, run, library.
+    """
 
     library: Library
-    """Effects whose parameters it takes."""
+    """Effects whose parameters it takes, beside those of the machine and of the run."""
     machine: tuple[tuple[str, float], ...] = ()
-    """What this very machine is like, by parameters of the package's effects: those of a call come on top."""
+    """What this very machine is like, by parameters of the package's effects and of the machine: those of a call come
+    on top."""
 
     def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
         """Run again what was commanded; see `gap.simulator.Simulator`.
@@ -40,8 +53,9 @@ class AnkleSimulator:
             UnstableSimulationError: the simulation blew up.
 
         """
-        rig = self.rig(recording, values)
-        return readings(recording, rig, truth_of(recording, rig))
+        changed = self.recording(recording, values)
+        rig = self._rig(inputs_of(changed), values)
+        return readings(changed, rig, truth_of(changed, rig))
 
     def restarted(
         self, recording: Recording, values: Mapping[str, float], horizon_s: float
@@ -53,14 +67,32 @@ class AnkleSimulator:
             UnstableSimulationError: the simulation blew up.
 
         """
-        return restarted_readings(recording, self.rig(recording, values), horizon_s)
+        changed = self.recording(recording, values)
+        return restarted_readings(changed, self._rig(inputs_of(changed), values), horizon_s)
+
+    def recording(self, recording: Recording, values: Mapping[str, float]) -> Recording:
+        """Return a recording with effects in its inputs; the same recording where none changes them."""
+        given = inputs_of(recording)
+        inputs = apply_to_inputs(given, self._package, dict(self.machine))
+        inputs = apply_to_inputs(inputs, self._all, values)
+        return recording if inputs is given else dataclasses.replace(recording, inputs=inputs)
 
     def rig(self, recording: Recording, values: Mapping[str, float]) -> Rig:
-        """Return the rig of a recording with effects in it."""
-        inputs = inputs_of(recording)
-        machine = apply_effects(nominal_rig(inputs), ankle_library(), dict(self.machine))
-        rig = apply_effects(machine, self.library, values)
+        """Return the rig of a recording with effects in it, those that change its inputs too."""
+        return self._rig(inputs_of(self.recording(recording, values)), values)
+
+    def _rig(self, inputs: AnkleInputs, values: Mapping[str, float]) -> Rig:
+        machine = apply_effects(nominal_rig(inputs), self._package, dict(self.machine))
+        rig = apply_effects(machine, self._all, values)
         return _counted_from_motion(rig) if inputs.starts_by_motion else rig
+
+    @cached_property
+    def _all(self) -> Library:
+        return Library((*machine_constants(), *run_scatter(), *self.library))
+
+    @cached_property
+    def _package(self) -> Library:
+        return Library((*machine_constants(), *run_scatter(), *ankle_library()))
 
 
 def _counted_from_motion(rig: Rig) -> Rig:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.rigs.rig import Rig
 
-_VOLUMES = ("manifold", *CHANNELS)
+VOLUMES = ("manifold", *CHANNELS)
 """Places of the laws' volumes, in order."""
 
 
@@ -24,9 +24,9 @@ def leak(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     """Let air of the atmosphere into one volume, by `conductance_dm3_s_bar`."""
 
     def change(law: Any) -> None:
-        law["leak_kg_s_pa"][_VOLUMES.index(place)] += conductance_kg_s_pa(values["conductance_dm3_s_bar"])
+        law["leak_kg_s_pa"][VOLUMES.index(place)] += conductance_kg_s_pa(values["conductance_dm3_s_bar"])
 
-    return _with_air(rig, change)
+    return with_air(rig, change)
 
 
 def wear_pump(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -36,16 +36,18 @@ def wear_pump(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
         law["pump_free_flow_m3_s"] *= values["flow_scale"]
         law["pump_ultimate_vacuum_pa"] *= values["vacuum_scale"]
 
-    return _with_air(rig, change)
+    return with_air(rig, change)
 
 
-def dead_time(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
-    """Make every solenoid slower by `extra_s`, though never quicker than at once."""
+def dead_time(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Make a channel's solenoid, or without a place all, slower by `extra_s`, though never quicker than at once."""
+    chosen = [CHANNELS.index(place)] if place else list(range(len(CHANNELS)))
 
     def change(law: Any) -> None:
-        law["valve_dead_time_s"] = np.maximum(law["valve_dead_time_s"] + values["extra_s"], 0.0)
+        dead_times_s = law["valve_dead_time_s"]
+        dead_times_s[chosen] = np.maximum(dead_times_s[chosen] + values["extra_s"], 0.0)
 
-    return _with_air(rig, change)
+    return with_air(rig, change)
 
 
 def kink(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
@@ -54,26 +56,33 @@ def kink(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     def change(law: Any) -> None:
         law["valve_kg_s_pa"][CHANNELS.index(place)] *= values["conductance_scale"]
 
-    return _with_air(rig, change)
+    return with_air(rig, change)
 
 
 def trap_volume(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     """Add `volume_m3` to one volume."""
 
     def change(law: Any) -> None:
-        law["volume_m3"][_VOLUMES.index(place)] += values["volume_m3"]
+        law["volume_m3"][VOLUMES.index(place)] += values["volume_m3"]
 
-    return _with_air(rig, change)
+    return with_air(rig, change)
 
 
 def offset_pressure(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     """Let one sensor read `offset_pa` too much."""
     offsets = list(rig.wiring.pressure_offset_pa)
-    offsets[_VOLUMES.index(place)] += values["offset_pa"]
+    offsets[VOLUMES.index(place)] += values["offset_pa"]
     return dataclasses.replace(rig, wiring=dataclasses.replace(rig.wiring, pressure_offset_pa=tuple(offsets)))
 
 
-def _with_air(rig: Rig, change: Callable[[Any], None]) -> Rig:
+def with_air(rig: Rig, change: Callable[[Any], None]) -> Rig:
+    """Return the rig with another law of the air.
+
+    Args:
+        rig: Not touched.
+        change: Changes its record of PNEUMATIC_LAW in place.
+
+    """
     law = laws_of(rig).pneumatics.copy()
     change(law[0])
     law["substeps"] = stable_substeps(law)

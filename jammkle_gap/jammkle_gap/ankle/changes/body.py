@@ -33,10 +33,10 @@ def add_payload(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 def rub_joint(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Add Coulomb friction `coulomb_n_m` and damping `viscous_n_m_s` to each axis of the ankle."""
     model = copy.copy(rig.model)
-    for name in _present(model, ANKLE_JOINTS):
+    for name in present(model, ANKLE_JOINTS):
         at = int(model.joint(name).dofadr[0])
         model.dof_frictionloss[at] += values["coulomb_n_m"]
-        model.dof_damping[at] += values["viscous_n_m_s"]
+        model.dof_damping[at] += values.get("viscous_n_m_s", 0.0)
     return dataclasses.replace(rig, model=model)
 
 
@@ -65,6 +65,7 @@ def lose_play(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     return dataclasses.replace(rig, tendon_laws=laws)
 
 
-def _present(model: Any, joints: tuple[str, ...]) -> list[str]:
+def present(model: Any, joints: tuple[str, ...]) -> list[str]:
+    """Return those of some joints that a model has."""
     known = {model.joint(i).name for i in range(model.njnt)}
     return [name for name in joints if name in known]

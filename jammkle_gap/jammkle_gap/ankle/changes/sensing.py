@@ -35,7 +35,7 @@ def misalign_imu(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Turn the IMU on its mount by `roll_rad`, then `pitch_rad`, then `yaw_rad`, about the mount's axes."""
     turn = np.eye(3)
     for axis, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad")):
-        turn = _about(axis, values[name]) @ turn
+        turn = _about(axis, values.get(name, 0.0)) @ turn
 
     def change(law: Any) -> None:
         law["turn"] = turn.T @ law["turn"]

@@ -13,6 +13,8 @@ from jammkle_sim.physics import records
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from numpy.typing import NDArray
+
     from jammkle_sim.rigs.rig import Rig
 
 _GROUPS = {
@@ -27,13 +29,18 @@ def relax(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     step_s = float(rig.model.opt.timestep)
 
     def change(law: Any) -> None:
-        times_s = -step_s / np.log(law["decay"])
+        times_s = branch_times_s(law, step_s)
         gains = law["gain"] / (times_s / step_s * (1.0 - law["decay"]))
         times_s = times_s * values["time_scale"]
         law["decay"] = np.exp(-step_s / times_s)
         law["gain"] = gains * values["gain_scale"] * times_s / step_s * (1.0 - law["decay"])
 
-    return _with_tendons(rig, "", change)
+    return with_tendons(rig, "", change)
+
+
+def relax_times(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Scale the times of the viscoelastic branches alone, by `time_scale`."""
+    return relax(rig, {"gain_scale": 1.0, **values}, place)
 
 
 def scale_friction(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -42,7 +49,7 @@ def scale_friction(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     def change(law: Any) -> None:
         law["friction_yield_n_per_pa"] *= values["scale"]
 
-    return _with_tendons(rig, "", change)
+    return with_tendons(rig, "", change)
 
 
 def scale_stiffness(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -51,7 +58,7 @@ def scale_stiffness(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     def change(law: Any) -> None:
         law["static_force_n"] *= values["scale"]
 
-    return _with_tendons(rig, "", change)
+    return with_tendons(rig, "", change)
 
 
 def stiffen_membrane(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -61,7 +68,7 @@ def stiffen_membrane(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     def change(law: Any) -> None:
         law["static_force_n"] += values["stiffness_n_m"] * places * law["table_step_m"]
 
-    return _with_tendons(rig, "", change)
+    return with_tendons(rig, "", change)
 
 
 def pretension(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
@@ -70,7 +77,7 @@ def pretension(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     def change(law: Any) -> None:
         law["shorter_m"] += values["extension_m"]
 
-    return _with_tendons(rig, place, change)
+    return with_tendons(rig, place, change)
 
 
 def soften(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -87,7 +94,7 @@ def soften(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
             law["softening_travel_m"] = travelled_m / (before + loss)
             law["softening"] = 1.0 - (1.0 - before) * (1.0 - loss)
 
-    return _with_tendons(rig, "", change)
+    return with_tendons(rig, "", change)
 
 
 def lose_fibres(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
@@ -99,7 +106,12 @@ def lose_fibres(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
         law["friction_yield_n_per_pa"] *= left
         law["friction_stiffness_n_m"] *= max(left, 1e-6)
 
-    return _with_tendons(rig, place, change)
+    return with_tendons(rig, place, change)
+
+
+def scale_tendon(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Scale everything that a tendon pulls with, by `scale`."""
+    return fail(rig, {"remaining": values["scale"]}, place)
 
 
 def fail(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
@@ -112,10 +124,24 @@ def fail(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
         law["friction_stiffness_n_m"] *= max(left, 1e-6)
         law["grip_n_per_pa"] *= left
 
-    return _with_tendons(rig, place, change)
+    return with_tendons(rig, place, change)
 
 
-def _with_tendons(rig: Rig, place: str, change: Callable[[Any], None]) -> Rig:
+def branch_times_s(law: Any, step_s: float) -> NDArray[np.float64]:
+    """Return the time constants of a tendon's viscoelastic branches, s."""
+    times_s: NDArray[np.float64] = -step_s / np.log(law["decay"])
+    return times_s
+
+
+def with_tendons(rig: Rig, place: str, change: Callable[[Any], None]) -> Rig:
+    """Return the rig with other laws of some tendons.
+
+    Args:
+        rig: Not touched.
+        place: A tendon, or a pair; empty: all.
+        change: Changes a record of TENDON_LAW in place.
+
+    """
     laws = rig.tendon_laws.copy()
     chosen = _GROUPS.get(place, (place,)) if place else rig.tendon_names
     for i, name in enumerate(rig.tendon_names):
