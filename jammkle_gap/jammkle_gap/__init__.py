@@ -6,22 +6,64 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jammkle_gap.ankle.corrected import corrected_text
     from jammkle_gap.ankle.effects import ankle_library
-    from jammkle_gap.landing import Ending, diagnose_landing, show_ending
-    from jammkle_gap.landing_effects import Secret, draw
-
-__all__ = ["Ending", "Secret", "ankle_library", "corrected_text", "diagnose_landing", "draw", "show_ending"]
+    from jammkle_gap.ankle.loading import load_recording
+    from jammkle_gap.ankle.problem import ankle_problem
+    from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.data import BadRecordingError, Phase, Recording, Signal
+    from jammkle_gap.core.design import Experiment
+    from jammkle_gap.core.diagnose import diagnose
+    from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library, Nuisance
+    from jammkle_gap.core.result import Diagnosis, Verdict, as_dict
+    from jammkle_gap.core.simulate import InfeasibleError, Problem, SimulatorError
 
 _HOMES = {
-    "Ending": "landing",
-    "Secret": "landing_effects",
+    "BadEffectError": "core.effects",
+    "BadRecordingError": "core.data",
+    "Constants": "core.constants",
+    "Diagnosis": "core.result",
+    "Effect": "core.effects",
+    "EffectParameter": "core.effects",
+    "Experiment": "core.design",
+    "InfeasibleError": "core.simulate",
+    "Library": "core.effects",
+    "Nuisance": "core.effects",
+    "Phase": "core.data",
+    "Problem": "core.simulate",
+    "Recording": "core.data",
+    "Signal": "core.data",
+    "SimulatorError": "core.simulate",
+    "Verdict": "core.result",
     "ankle_library": "ankle.effects",
-    "corrected_text": "ankle.corrected",
-    "diagnose_landing": "landing",
-    "draw": "landing_effects",
-    "show_ending": "landing",
+    "ankle_problem": "ankle.problem",
+    "as_dict": "core.result",
+    "diagnose": "core.diagnose",
+    "load_recording": "ankle.loading",
 }
+
+__all__ = [
+    "BadEffectError",
+    "BadRecordingError",
+    "Constants",
+    "Diagnosis",
+    "Effect",
+    "EffectParameter",
+    "Experiment",
+    "InfeasibleError",
+    "Library",
+    "Nuisance",
+    "Phase",
+    "Problem",
+    "Recording",
+    "Signal",
+    "SimulatorError",
+    "Verdict",
+    "ankle_library",
+    "ankle_problem",
+    "as_dict",
+    "diagnose",
+    "load_recording",
+]
 
 
 def __getattr__(name: str) -> Any:

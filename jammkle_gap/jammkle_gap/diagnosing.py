@@ -13,8 +13,8 @@ from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.ankle.specimen import WithTendons, tendons_told_by
 from jammkle_gap.ankle.subsystems import subsystem_simulators
 from jammkle_gap.november.diagnosis import diagnose as diagnose_recordings
-from jammkle_gap.november.effect import BadEffectError
-from jammkle_gap.november.recording import BadRecordingError
+from jammkle_gap.core.effects import BadEffectError
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.november.runs import StoppedError
 from jammkle_gap.november.where import HORIZONS_S
 from jammkle_graph.command.errors import GraphError, InputError
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from jammkle_gap.november.diagnosis import Diagnosis
-    from jammkle_gap.november.effect import Library
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.effects import Library
+    from jammkle_gap.core.data import Recording
     from jammkle_gap.november.simulator import RestartingSimulator, Simulator
 
 

@@ -13,7 +13,7 @@ from jammkle_graph.command import results
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from jammkle_gap.november.effect import Effect, Library
+    from jammkle_gap.core.effects import Effect, Library
 
 
 def effects(library: Path | None, json: Path | None) -> int:

@@ -9,8 +9,8 @@ import yaml
 
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recording
-from jammkle_gap.november.effect import BadEffectError, Library
-from jammkle_gap.november.recording import BadRecordingError
+from jammkle_gap.core.effects import BadEffectError, Library
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.signals import Interrupted
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.data import Recording
 
 
 def check_given(bags: Sequence[Path], references: Sequence[Path], rig: str | None) -> None:

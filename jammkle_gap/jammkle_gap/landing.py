@@ -10,7 +10,7 @@ from jammkle_gap.ankle.isolated import IsolatedSimulator, thinned, with_instrume
 from jammkle_gap.ankle.loading import load_recording
 from jammkle_gap.landing_effects import Outcome, outcome
 from jammkle_gap.november.diagnosis import diagnose
-from jammkle_gap.november.recording import BadRecordingError
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.november.result import as_dict
 from jammkle_gap.november.runs import StoppedError
 from jammkle_gap.report import words

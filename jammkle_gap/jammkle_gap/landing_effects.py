@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import random
     from collections.abc import Sequence
 
-    from jammkle_gap.november.effect import Library
+    from jammkle_gap.core.effects import Library
 
 
 @dataclass(frozen=True)

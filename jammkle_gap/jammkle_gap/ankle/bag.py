@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_gap.november.recording import BadRecordingError
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 from jammkle_graph.bags.reading import opened
 from jammkle_graph.command.errors import InputError

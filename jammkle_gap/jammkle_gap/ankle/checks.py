@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
-from jammkle_gap.november.recording import BadRecordingError
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from jammkle_gap.ankle.bag import Bag, Samples
-    from jammkle_gap.november.recording import Signal
+    from jammkle_gap.core.data import Signal
     from jammkle_sim.rigs.replay import CommandTrack
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.timeline import Timeline

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_gap.ankle.effects import ankle_library, apply_effects
 from jammkle_gap.ankle.entries import read_yaml
-from jammkle_gap.november.effect import BadEffectError
+from jammkle_gap.core.effects import BadEffectError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_gap.november.effect import Effect, Library
+    from jammkle_gap.core.effects import Effect, Library
     from jammkle_sim.rigs.rig import Rig
 
 _LIBRARY = "library"

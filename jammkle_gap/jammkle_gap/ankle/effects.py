@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from jammkle_gap.ankle.entries import MACHINE, RUN, Entry, change_of, effect_files, entries_of, own_table, read_yaml
 from jammkle_gap.ankle.inputs import AnkleInputs
-from jammkle_gap.november.effect import BadEffectError, Effect, Library
+from jammkle_gap.core.effects import BadEffectError, Effect, Library
 from jammkle_sim.rigs.rig import Rig
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from jammkle_gap.ankle.priors import REACH, PriorParameter
-from jammkle_gap.november.effect import BadEffectError, EffectParameter
+from jammkle_gap.core.effects import BadEffectError, EffectParameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

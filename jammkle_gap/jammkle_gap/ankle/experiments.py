@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from jammkle_gap.ankle.runs import recording_of_run
-from jammkle_gap.november.experiments import Experiment
+from jammkle_gap.core.design import Experiment
 from jammkle_graph.parameters import from_mapping
 from jammkle_sim.rigs.catalogue import rig_kind, run_rig
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.data import Recording
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
-from jammkle_gap.november.recording import BadRecordingError
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.rigs.catalogue import rig_kind
 from jammkle_sim.rigs.rig import ACCELEROMETER

@@ -5,6 +5,7 @@ Pressure, load cell and IMU are those of the simulated sensors (`physics.sensors
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,10 +16,6 @@ from jammkle_sim.physics.sensors import SensorParameters, imu_law
 if TYPE_CHECKING:
     from jammkle_sim.rigs.rig import Rig
 
-_ANGLE_RAD = 5e-4
-"""Standard deviation of a joint angle. Assumed: the rounding of a 12-bit encoder."""
-_SLIDE_M = 2e-5
-"""Standard deviation of the slide and of a tendon's extension. Assumed: a linear scale of 0.05 mm."""
 _TENSION_N = 0.05
 """Standard deviation of a tendon's tension. Assumed: as of the load cell."""
 
@@ -43,6 +40,8 @@ UNITS = {
     RATE: "rad/s",
 }
 """Unit by quantity."""
+RESOLUTION = {ANGLE: 2.0 * math.pi / 4096, SLIDE: 5e-5, EXTENSION: 5e-5}
+"""Smallest step by quantity, in its unit. Assumed: 12-bit encoders, and linear scales of 0.05 mm."""
 
 
 def quantity_of(signal: str) -> str:
@@ -72,9 +71,9 @@ def declared_noise(rig: Rig, timestep_s: float) -> dict[str, float]:
     passed = _noise_gain(float(law["smoothing"]))
     return {
         PRESSURE: sensors.pressure_noise_pa,
-        ANGLE: _ANGLE_RAD,
-        SLIDE: _SLIDE_M,
-        EXTENSION: _SLIDE_M,
+        ANGLE: 0.0,
+        SLIDE: 0.0,
+        EXTENSION: 0.0,
         TENSION: _TENSION_N,
         FORCE: sensors.load_cell_noise_n,
         ACCELERATION: passed * float(law["noise"][0]),

@@ -9,14 +9,12 @@ import numpy as np
 import yaml
 
 from jammkle_gap.ankle import checks
-from jammkle_gap.ankle.arrivals import is_exact, with_acknowledgements, with_arrivals
 from jammkle_gap.ankle.bag import read_bag
 from jammkle_gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
-from jammkle_gap.ankle.instruments import UNITS, declared_bias, declared_noise, quantity_of
+from jammkle_gap.ankle.instruments import RESOLUTION, UNITS, declared_noise, quantity_of
 from jammkle_gap.ankle.phases import FALLING_RIGS, pressure_signals, recording_phases
-from jammkle_gap.ankle.predictability import with_replay_scatter
 from jammkle_gap.ankle.starting import rig_start
-from jammkle_gap.november.recording import BadRecordingError, Recording, Signal
+from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.assembly import assembled
@@ -38,8 +36,6 @@ _NOT_VENTED_PA = 3e3
 scatter of the sensors' offsets."""
 _WEATHER_PA = 500.0
 """Distance from the standard atmosphere from which on the recording's own is taken. Assumed: three such scatters."""
-_CONSTANT = 1e-3
-"""Share of its noise below which a signal that moves counts as constant: rounding errors of a simulation."""
 _FALL_SAMPLES = 2500
 """Samples per signal that a fall is thinned to at most: at 1 kHz all of the 2.5 s of a drop."""
 _ON_THE_GRID = 1e-6
@@ -47,9 +43,6 @@ _ON_THE_GRID = 1e-6
 _SLOW_HZ = 200.0
 """Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
 hundreds of runs."""
-_COMMAND_JITTER_S = 0.001
-"""What is left unknown of when a command of a live graph arrived, standard deviation, s. Assumed: the grid that it is
-searched on."""
 _ROUNDING_S = 1e-9
 """What stamps of the same time may differ by, s."""
 _REGIME = ("foot", "material", "membrane", "jam", "channel", "vacuum_pa", "speed_m_s")
@@ -81,7 +74,7 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
         BadRecordingError: it cannot be used.
 
     """
-    bag = with_acknowledgements(_on_one_clock(bag))
+    bag = _on_one_clock(bag)
     notes: list[str] = []
     name, settings = _rig_of(bag, rig, options or {}, notes)
     checks.check_commands(bag)
@@ -102,10 +95,10 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     start = rig_start(bag, topics, built, lambda guess_s: _commands(topics, guess_s), notes)
     start_s = start.stamp_s
     commands = _commands(topics, start_s)
-    noise, bias = declared_noise(built, timestep_s(built)), declared_bias(built)
+    noise, steps = declared_noise(built, timestep_s(built)), RESOLUTION
     signals = {
         each.name: dataclasses.replace(
-            each, noise=noise[quantity_of(each.name)], bias=bias.get(quantity_of(each.name), 0.0)
+            each, noise=noise[quantity_of(each.name)], resolution=steps.get(quantity_of(each.name), 0.0)
         )
         for each in _signals(bag.name, topics, start_s)
     }
@@ -119,23 +112,16 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
     checks.check_rig(bag.name, built, signals, parts.joints, start_m)
     inputs = dataclasses.replace(inputs, commands=commands, starts_by_motion=start.by_motion)
     inputs = _with_air(inputs, bag, signals, built.pneumatics.ambient_pa, notes)
-    exact = is_exact(bag)
-    if not exact:
-        inputs = with_arrivals(inputs, nominal_rig(inputs), signals, notes)
-    kept = {each: signal for each, signal in signals.items() if np.ptp(signal.values) > _CONSTANT * signal.noise}
-    if len(kept) < len(signals):
-        notes.append(f"constant, and left out: {', '.join(sorted(set(signals) - set(kept)))}")
     missing = [topic for topic in _EXPECTED if topic not in topics or not topics[topic].columns]
     strange = _strange_joints(topics)
     if strange:
         notes.append(f"joints that are not an ankle's, and left out: {', '.join(strange)}")
     if missing:
         notes.append(f"not recorded: {', '.join(missing)}")
-    phases = recording_phases(name, kept, commands)
+    phases = recording_phases(name, signals, commands)
     fewest = _FALL_SAMPLES if name in FALLING_RIGS else 0
-    thin = tuple(_thinned(signal, fewest) for signal in kept.values())
-    recording = Recording(bag.name, thin, inputs, phases, _regime(inputs), tuple(notes))
-    return with_replay_scatter(recording, 0.0 if exact else _COMMAND_JITTER_S)
+    thin = tuple(_thinned(signal, fewest) for signal in signals.values())
+    return Recording(bag.name, thin, inputs, phases, _regime(inputs), tuple(notes))
 
 
 _COMMANDS = (names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values()))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.november.recording import Phase
+from jammkle_gap.core.data import Phase
 from jammkle_graph import names
 from jammkle_sim.rigs.timeline import Timeline
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.november.recording import Signal
+    from jammkle_gap.core.data import Signal
     from jammkle_sim.rigs.replay import CommandTrack
 
 _REACHED = 0.95

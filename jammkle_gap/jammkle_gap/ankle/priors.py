@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jammkle_gap.november.effect import BadEffectError, EffectParameter
+from jammkle_gap.core.effects import BadEffectError, EffectParameter
 
 REACH = 5.0
 """Standard deviations between null and the bounds, where an entry gives none: what lies beyond is no scatter."""

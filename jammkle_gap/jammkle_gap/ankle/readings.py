@@ -16,7 +16,7 @@ from jammkle_sim.rigs.assembly import imu_at_rest, laws_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from jammkle_gap.november.recording import Recording, Signal
+    from jammkle_gap.core.data import Recording, Signal
     from jammkle_sim.rigs.replay import BodyTrack
     from jammkle_sim.rigs.rig import Rig
 

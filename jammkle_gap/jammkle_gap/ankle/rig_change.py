@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.corrected import Correction, check_live, load_correction
-from jammkle_gap.november.effect import BadEffectError
+from jammkle_gap.core.effects import BadEffectError
 from jammkle_sim.rigs.changes import BadChangeError
 
 if TYPE_CHECKING:

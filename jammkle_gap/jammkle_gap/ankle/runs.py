@@ -12,7 +12,7 @@ from jammkle_gap.ankle.loading import recording_of
 from jammkle_graph import names
 
 if TYPE_CHECKING:
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.run import RigRun, Series
 
 _COLUMNS = (

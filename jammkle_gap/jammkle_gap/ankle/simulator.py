@@ -16,9 +16,11 @@ from jammkle_gap.ankle.effects import (
 )
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.readings import readings
-from jammkle_gap.ankle.restarts import restarted_readings
 from jammkle_gap.ankle.truth import inputs_of, truth_of
-from jammkle_gap.november.effect import Library
+from jammkle_gap.core.effects import Library
+from jammkle_gap.core.simulate import InfeasibleError
+from jammkle_graph.parameters import ParameterError
+from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,13 +29,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.ankle.inputs import AnkleInputs
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.rig import Rig
 
 
 @dataclass(frozen=True)
 class AnkleSimulator:
-    """Runs a recording of an ankle again; fulfils `gap.simulator.Simulator`, and can be pickled.
+    """Runs a recording of an ankle again; fulfils `core.simulate.Simulator`, and can be pickled.
 
     Its values may be of the library, of `machine_constants` and of `run_scatter`, all in one call. Changes to the
     inputs come first, then those to the rig: machine, run, library.
@@ -46,29 +48,19 @@ class AnkleSimulator:
     on top."""
 
     def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
-        """Run again what was commanded; see `gap.simulator.Simulator`.
+        """Run again what was commanded; see `core.simulate.Simulator`.
 
         Raises:
             BadEffectError: a parameter that no effect of the library has.
-            UnstableSimulationError: the simulation blew up.
+            InfeasibleError: the simulation blew up, or a rig cannot be built so.
 
         """
         changed = self.recording(recording, values)
-        rig = self._rig(inputs_of(changed), values)
-        return readings(changed, rig, truth_of(changed, rig))
-
-    def restarted(
-        self, recording: Recording, values: Mapping[str, float], horizon_s: float
-    ) -> dict[str, NDArray[np.float64]]:
-        """As a call, set to the measured state every `horizon_s`; see `gap.simulator.RestartingSimulator`.
-
-        Raises:
-            BadEffectError: a parameter that no effect of the library has.
-            UnstableSimulationError: the simulation blew up.
-
-        """
-        changed = self.recording(recording, values)
-        return restarted_readings(changed, self._rig(inputs_of(changed), values), horizon_s)
+        try:
+            rig = self._rig(inputs_of(changed), values)
+            return readings(changed, rig, truth_of(changed, rig))
+        except (UnstableSimulationError, ParameterError) as error:
+            raise InfeasibleError(str(error)) from error
 
     def recording(self, recording: Recording, values: Mapping[str, float]) -> Recording:
         """Return a recording with effects in its inputs; the same recording where none changes them."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.rig import Rig
 
 _KEPT = 4

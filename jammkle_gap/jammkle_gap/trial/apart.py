@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_gap.november.alike import Alike
-    from jammkle_gap.november.effect import Library
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.effects import Library
+    from jammkle_gap.core.data import Recording
 
 
 @dataclass(frozen=True)

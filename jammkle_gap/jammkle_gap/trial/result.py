@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from jammkle_gap.november.effect import EffectParameter
+    from jammkle_gap.core.effects import EffectParameter
     from jammkle_gap.trial.files import TrialFacts
     from jammkle_gap.trial.key import Key
     from jammkle_gap.trial.statistics import Bin

@@ -16,7 +16,7 @@ from jammkle_gap.trial.statistics import calibration_error, reliability, share
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from jammkle_gap.november.effect import EffectParameter
+    from jammkle_gap.core.effects import EffectParameter
     from jammkle_gap.trial.answers import Answer, Estimate
     from jammkle_gap.trial.key import Truth
     from jammkle_gap.trial.statistics import Bin, Share

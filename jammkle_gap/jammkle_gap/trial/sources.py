@@ -23,7 +23,7 @@ from jammkle_sim.rigs.catalogue import as_it_is, rig_kind, run_rig, scattered
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from jammkle_gap.november.effect import Effect, Library
+    from jammkle_gap.core.effects import Effect, Library
     from jammkle_reality.faults import Fault
     from jammkle_reality.record import Plan
 

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from jammkle_gap.ankle.subsystems import Subsystem
+    from jammkle_gap.monitor.core.subsystem import Subsystem
     from jammkle_gap.monitor.core.tracks import Tracks
 
 

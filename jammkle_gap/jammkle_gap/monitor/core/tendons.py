@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.ankle.instruments import TENSION, declared_noise
-from jammkle_gap.ankle.subsystems import Subsystem
+from jammkle_gap.monitor.core.subsystem import Subsystem
 from jammkle_gap.monitor.core.followed import Residual
 from jammkle_gap.monitor.core.motion import phase_of_motion
 from jammkle_graph import names

@@ -1,0 +1,306 @@
+"""From evidence to a diagnosis: verdict, probabilities, where the gap lies, and how far it closes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from jammkle_gap.core.design import next_experiment
+from jammkle_gap.core.detect import detect
+from jammkle_gap.core.equivalence import class_names
+from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
+from jammkle_gap.core.posterior import NONE_OF_THEM, posterior_of
+from jammkle_gap.core.result import (
+    Candidate,
+    Diagnosis,
+    FittedEffect,
+    FittedParameter,
+    HeldOutSetting,
+    Spent,
+    Trace,
+    Verdict,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.design import Experiment
+    from jammkle_gap.core.detect import Detection
+    from jammkle_gap.core.diagnose import Evidence
+    from jammkle_gap.core.fit import Fit
+    from jammkle_gap.core.posterior import Posterior
+    from jammkle_gap.core.simulate import Runner
+
+_Z90 = 1.645
+"""Half of a 90 % interval, in standard deviations."""
+_AT_BOUND = 0.01
+"""Share of a parameter's range from a bound within which it counts as at it."""
+_DETECTABLE = (stats.norm.ppf(0.99) + stats.norm.ppf(0.99)) ** 2
+"""Squared whitened length that is detected with 99 % power at 1 % false alarms along a known direction."""
+
+
+def conclude(
+    evidence: Evidence, experiments: Sequence[Experiment], runner: Runner, constants: Constants
+) -> Diagnosis:
+    """Return the diagnosis.
+
+    Args:
+        evidence: What was gathered.
+        experiments: Runs that could be made.
+        runner: Makes the runs that planning the next experiment takes.
+        constants: Of the model.
+
+    """
+    difference, candidates = evidence.difference, evidence.candidates
+    fits = {fit.names: fit for fit in (*candidates.singles, *candidates.pairs)}
+    detection = detect(difference, candidates.singles, constants)
+    length = float(difference.whitened @ difference.whitened)
+    posterior = posterior_of(
+        length,
+        difference.whitened.size,
+        difference.healthy,
+        list(fits.values()),
+        class_names(evidence.classes),
+        constants,
+    )
+    verdict = _verdict(detection, posterior)
+    credible = posterior.credible if verdict is not Verdict.NO_GAP else ()
+    named = [names for names in credible if names != NONE_OF_THEM]
+    best = fits[named[0]] if named else None
+    following = None
+    if verdict is Verdict.AMBIGUOUS:
+        machine = evidence.calibration.values
+        following = next_experiment(
+            [fits[names] for names in named], experiments, evidence.problem, runner, machine
+        )
+    spread = {
+        name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0
+    }
+    left = difference.whitened - (best.signature if best is not None else 0.0)
+    return Diagnosis(
+        verdict=verdict,
+        reasons=_reasons(verdict, detection, posterior, evidence),
+        candidates=tuple(
+            _candidate(evidence, fits.get(names), names, posterior.probabilities[names], length, constants)
+            for names in credible
+        ),
+        posterior=posterior.probabilities,
+        conformal={},
+        gap_probability=1.0 - detection.p_value,
+        p_value=detection.p_value,
+        false_alarm_rate=constants.false_alarm_rate,
+        where=places_of(evidence.settings, difference, evidence.problem.registrar, constants.blocks),
+        subsystems=_subsystems(evidence, posterior),
+        gap=closing_of(difference, left, evidence.settings, constants.blocks),
+        signals=_signals(evidence, best),
+        held_out=_held_out(evidence, best, constants),
+        classes=evidence.classes,
+        silent=candidates.silent,
+        calibration=dict(sorted(spread.items(), key=lambda item: -abs(item[1]))),
+        references_left=evidence.calibration.after,
+        traces=_traces(evidence, best),
+        next_experiment=following,
+        notes=_notes(evidence),
+        spent=Spent(0.0, runner.runs, runner.simulated_s),
+    )
+
+
+def _verdict(detection: Detection, posterior: Posterior) -> Verdict:
+    if not detection.gap:
+        return Verdict.NO_GAP
+    if posterior.best == NONE_OF_THEM:
+        return Verdict.UNKNOWN
+    return Verdict.EFFECTS if len(posterior.credible) == 1 else Verdict.AMBIGUOUS
+
+
+def _reasons(
+    verdict: Verdict, detection: Detection, posterior: Posterior, evidence: Evidence
+) -> tuple[str, ...]:
+    first = (
+        f"the difference is {np.sqrt(detection.ratio):.2f} times healthy scatter; a healthy machine shows as much with "
+        f"a probability of {detection.p_value:.2g}"
+    )
+    if verdict is Verdict.NO_GAP:
+        return (first,)
+    best = next((names for names in posterior.probabilities if names != NONE_OF_THEM), None)
+    if best is None:
+        return (first, "no effect on offer moves these signals")
+    fit = next(f for f in (*evidence.candidates.singles, *evidence.candidates.pairs) if f.names == best)
+    length = float(evidence.difference.whitened @ evidence.difference.whitened)
+    share = 100.0 * (1.0 - fit.left / length)
+    second = f"{' + '.join(best)} explains {share:.0f} % of its square; probability {posterior.probabilities[best]:.2f}"
+    unknown = posterior.probabilities.get(NONE_OF_THEM, 0.0)
+    return first, second, f"none of the effects on offer: probability {unknown:.2f}"
+
+
+def _candidate(  # noqa: PLR0913, PLR0917 - what it is made of
+    evidence: Evidence,
+    fit: Fit | None,
+    names: tuple[str, ...],
+    probability: float,
+    length: float,
+    constants: Constants,
+) -> Candidate:
+    if fit is None:
+        return Candidate(names, probability, 0.0, ())
+    others = {
+        other
+        for members in evidence.classes
+        for other in members
+        if set(members) & set(names) and other not in names
+    }
+    return Candidate(
+        names,
+        probability,
+        1.0 - fit.left / length,
+        _fitted(evidence, fit, constants),
+        tuple(sorted(others)),
+    )
+
+
+def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedEffect, ...]:
+    library = evidence.problem.library
+    half = _half_widths(evidence, fit, constants)
+    found = []
+    for name in fit.names:
+        effect = library.effect(name)
+        parameters = []
+        for each in effect.parameters:
+            key = effect.key(each)
+            value, index = fit.values[key], list(fit.values).index(key)
+            span = each.maximum - each.minimum
+            low, high = max(value - half[index], each.minimum), min(value + half[index], each.maximum)
+            bound = min(value - each.minimum, each.maximum - value) < _AT_BOUND * span and value != each.null
+            seen = float(np.linalg.norm(fit.jacobian[:, index]))
+            step = np.sqrt(_DETECTABLE) / seen if seen > 0.0 else np.nan
+            detectable = each.null + np.sign(value - each.null) * step
+            inside = each.minimum <= detectable <= each.maximum
+            parameters.append(
+                FittedParameter(each.name, each.unit, value, (low, high), bool(bound), float(detectable) if inside else np.nan)
+            )
+        found.append(FittedEffect(name, effect.subsystem, effect.sentence, tuple(parameters)))
+    return tuple(found)
+
+
+def _half_widths(evidence: Evidence, fit: Fit, constants: Constants) -> NDArray[np.float64]:
+    """Return half of each parameter's 90 % interval: curvature, times what the fit leaves beyond healthy scatter.
+
+    What is left is the simulator's own error, which hangs together over time: it counts once in `discrepancy_freedom`.
+    """
+    size = evidence.difference.whitened.size
+    beyond = max(fit.left / size / evidence.difference.healthy - 1.0, 0.0)
+    inflation = 1.0 + beyond * size / constants.discrepancy_freedom
+    scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-12)
+    normal = (fit.jacobian / scale).T @ (fit.jacobian / scale)
+    variance = np.diag(np.linalg.pinv(normal, rcond=1e-8)) / scale**2
+    half: NDArray[np.float64] = _Z90 * np.sqrt(np.maximum(variance, 0.0) * inflation)
+    return half
+
+
+def _subsystems(evidence: Evidence, posterior: Posterior) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for names, probability in posterior.probabilities.items():
+        for name in names:
+            subsystem = evidence.problem.library.effect(name).subsystem
+            found[subsystem] = found.get(subsystem, 0.0) + probability / len(names)
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _parts(evidence: Evidence, whole: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Cut what holds all settings into one part per setting."""
+    return np.split(whole, np.cumsum(evidence.difference.sizes)[:-1])
+
+
+def _held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tuple[HeldOutSetting, ...]:
+    """Return how far the gap closes in each setting with parameters fitted to the others, by one Gauss-Newton step."""
+    if best is None or len(evidence.settings) < 2:  # noqa: PLR2004 - one alone cannot be held out
+        return ()
+    left = evidence.difference.whitened - best.signature
+    parts, slopes = _parts(evidence, left), _parts(evidence, best.jacobian)
+    wholes = _parts(evidence, evidence.difference.whitened)
+    found = []
+    for k, setting in enumerate(evidence.settings):
+        others = [i for i in range(len(parts)) if i != k]
+        jacobian = np.concatenate([slopes[i] for i in others])
+        rest = np.concatenate([parts[i] for i in others])
+        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
+        step = np.linalg.lstsq(jacobian / scale, rest, rcond=1e-6)[0] / scale
+        single = _alone(evidence, k, wholes[k])
+        closing = closing_of(single, parts[k] - slopes[k] @ step, [setting], constants.blocks)
+        found.append(HeldOutSetting(setting.name, closing))
+    return tuple(found)
+
+
+def _alone(evidence: Evidence, k: int, whitened: NDArray[np.float64]) -> object:
+    """Return the difference of one setting."""
+    from dataclasses import replace
+
+    whole = evidence.difference
+    return replace(
+        whole,
+        whitened=whitened,
+        factors=(whole.factors[k],),
+        sizes=(whole.sizes[k],),
+        deviations=(whole.deviations[k],),
+        freedom=(whole.freedom[k],),
+        scatter=(whole.scatter[k],),
+    )
+
+
+def _signatures(evidence: Evidence, best: Fit | None) -> list[NDArray[np.float64]]:
+    """Return what the best candidate makes of the features of each setting, in their units."""
+    if best is None:
+        return [np.zeros(size) for size in evidence.difference.sizes]
+    return list(best.features)
+
+
+def _signals(evidence: Evidence, best: Fit | None):
+    return signal_gaps(evidence.settings, evidence.residuals, evidence.difference, _signatures(evidence, best))
+
+
+def _traces(evidence: Evidence, best: Fit | None) -> tuple[Trace, ...]:
+    found = []
+    for setting, each, scatter, signature, factor in zip(
+        evidence.settings,
+        evidence.residuals,
+        evidence.difference.scatter,
+        _signatures(evidence, best),
+        evidence.difference.factors,
+        strict=True,
+    ):
+        layout = setting.layout
+        deviation = np.sqrt(factor * (scatter.variance + np.square(scatter.columns).sum(axis=1)))
+        tables = [
+            layout.by_signal(row)
+            for row in (each.difference, deviation, signature, setting.faulty_features.mean(axis=0), each.simulated)
+        ]
+        for i, (name, unit) in enumerate(zip(layout.signals, layout.units, strict=True)):
+            found.append(Trace(setting.name, name, unit, layout.time_s, *(table[i] for table in tables)))
+    return tuple(found)
+
+
+def _notes(evidence: Evidence) -> tuple[str, ...]:
+    notes = []
+    for setting in evidence.settings:
+        count = len(setting.references)
+        if count == 0:
+            notes.append(
+                f"setting '{setting.name}' has no reference: what this machine is off anyway cannot be told from a "
+                "fault, beyond the priors of its constants"
+            )
+        elif count == 1:
+            notes.append(
+                f"setting '{setting.name}' has one reference: its scatter is taken from priors alone; record five"
+            )
+    moved = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
+    if moved:
+        told = ", ".join(f"{name} {x:+.1f}" for name, x in sorted(moved.items(), key=lambda item: -abs(item[1])))
+        notes.append(f"calibrated to the references, in standard deviations of their priors: {told}")
+    runs = [run for setting in evidence.settings for run in (*setting.faulty, *setting.references)]
+    notes += [f"{run.name}: {note}" for run in runs for note in run.notes]
+    return tuple(dict.fromkeys(notes))

@@ -1,0 +1,75 @@
+"""Every constant of the diagnosis, each with its derivation or the data that it was learned on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Constants of the statistical model. Counts and shares; no unit."""
+
+    # Scatter.
+    scatter_iterations: int = 4
+    """Steps of expectation maximisation. Chosen: amplitudes move by less than a tenth after it."""
+    nuisance_prior_freedom: float = 4.0
+    """Runs that a nuisance's prior standard deviation is worth."""
+    variance_prior_freedom: float = 4.0
+    """Runs that the prior of a variance is worth: what a signal's other stretches show."""
+    local_freedom: float = 30.0
+    """Degrees of freedom that a local variance shall have: bins are pooled until it has. Chosen: it is then known to a
+    quarter, sqrt(2 / 30)."""
+    local_prior_freedom: float = 10.0
+    """What the mean variance of the signal is worth beside it. Chosen: a third."""
+    blocks: int = 8
+    """Smooth blocks of time per signal."""
+    block_share: float = 1.0
+    """Least variance of a block's mean, in that of its bins' white noise: what is seen of it is no more certain."""
+    contact_runs: int = 60
+    """Scattered runs that the non-linear scatter of contact is taken from."""
+    contact_columns: int = 8
+    """Directions of it that are kept."""
+
+    # Calibration.
+    calibration_steps: int = 2
+    """Gauss-Newton steps. Chosen: the first takes off most, a third nothing."""
+
+    # Search.
+    refined: int = 8
+    """Single effects that are fitted with the simulator."""
+    refined_pairs: int = 8
+    """Pairs that are."""
+    fit_evaluations: int = 4
+    """Gauss-Newton steps of a fit."""
+
+    # Detection.
+    false_alarm_rate: float = 0.01
+    """Of the test for a gap, per diagnosis."""
+    tested_effects: int = 40
+    """Effects that the smallest p-value is counted for, at least: those that are not fitted were looked at as well."""
+    direction_prior_freedom: float = 4.0
+    """Runs that the variance 1 along a signature is worth."""
+    length_prior_freedom: float = 10.0
+    """Runs that the prior spread of the length is worth."""
+    length_spread: float = 0.15
+    """Prior standard deviation of the logarithm of the squared length per feature, from run to run."""
+    least_healthy: float = 0.1
+    """Least that healthy runs are taken to leave per feature."""
+
+    # Posterior.
+    discrepancy_freedom: float = 32.0
+    """Degrees of freedom of the simulator's own error."""
+    discrepancy_share: float = 0.03
+    """Prior scale of what the true effect leaves per feature, in what healthy runs leave."""
+    pair_penalty: float = 4.0
+    """Nats that a second effect costs: prior odds of a pair, and its parameters."""
+    parameter_penalty: float = 0.5
+    """Nats that every further parameter of an effect costs."""
+    unknown_share: float = 0.5
+    """Share of the gap that an effect outside the library would leave to be as probable as one that it has."""
+    unknown_penalty: float = 5.0
+    """Nats that it costs to say none of them."""
+    credible: float = 0.95
+    """Probability that the set holds."""
+    class_distance: float = 0.05
+    """Share of a signature's squared length that another effect leaves, below which the two are equivalent."""

@@ -1,0 +1,102 @@
+"""Is there a gap: how long the whitened difference is, along each effect and altogether, against healthy runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.compare import Difference
+    from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.fit import Fit
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Evidence for a gap."""
+
+    p_value: float
+    """Probability of a difference at least as long in a healthy machine."""
+    gap: bool
+    """Whether it is below the stated rate of false alarms."""
+    ratio: float
+    """Squared length of the difference per feature, in what healthy runs leave; 1: no gap."""
+    effect: str
+    """Along which effect it is longest; empty: along none in particular."""
+    explained: float
+    """Probability of a gain as large along any effect in a healthy machine."""
+    unexplained: float
+    """Probability of a length as large altogether in a healthy machine."""
+
+
+def detect(difference: Difference, singles: Sequence[Fit], constants: Constants) -> Detection:
+    """Test the difference against healthy runs.
+
+    Along an effect with p parameters the gain, over p and over the moderated variance of healthy runs along the same
+    signature, is F-distributed with p and prior plus repeats degrees of freedom (Smyth 2004, eq. 6); over effects the
+    smallest p-value counts as many times as there are effects (Bonferroni). Altogether, the logarithm of the squared
+    length per feature is t-distributed about that of healthy runs, with the spread that these show.
+
+    Args:
+        difference: Of all settings.
+        singles: Single effects as fitted.
+        constants: Rate of false alarms, prior degrees of freedom.
+
+    """
+    length = float(difference.whitened @ difference.whitened)
+    freedom = constants.direction_prior_freedom + sum(difference.freedom)
+    best, effect = 1.0, ""
+    for fit in singles:
+        gain = length - fit.left
+        count = len(fit.values)
+        spread = spread_along(difference, fit.signature, constants)
+        chance = float(stats.f.sf(gain / (count * spread), count, freedom))
+        if chance < best:
+            best, effect = chance, "+".join(fit.names)
+    explained = min(1.0, best * max(len(singles), 1, constants.tested_effects))
+    ratio = length / difference.whitened.size / max(difference.healthy, constants.least_healthy)
+    unexplained = _altogether(difference, ratio, constants)
+    p_value = min(1.0, 2.0 * min(explained, unexplained))
+    gap = p_value < constants.false_alarm_rate
+    return Detection(p_value, gap, ratio, effect if explained <= unexplained else "", explained, unexplained)
+
+
+def spread_along(difference: Difference, signature: NDArray[np.float64], constants: Constants) -> float:
+    """Return the variance of healthy runs along a signature, moderated towards 1, and never below."""
+    total = freedom = 0.0
+    squared = float(signature @ signature)
+    if squared <= 0.0:
+        return 1.0
+    begin = 0
+    for size, deviations, own in zip(difference.sizes, difference.deviations, difference.freedom, strict=True):
+        part = signature[begin : begin + size]
+        begin += size
+        length = float(np.linalg.norm(part))
+        if length > 0.0 and own:
+            share = length**2 / squared
+            total += share * float(np.square(deviations @ (part / length)).sum())
+            freedom += share * own
+    prior = constants.direction_prior_freedom
+    return max(1.0, (prior + total) / (prior + freedom))
+
+
+def _altogether(difference: Difference, ratio: float, constants: Constants) -> float:
+    """Return the probability of such a ratio in a healthy machine."""
+    own = [
+        np.log(np.maximum(np.square(each).mean(axis=1), 1e-12))
+        for each, freedom in zip(difference.deviations, difference.freedom, strict=True)
+        if freedom
+    ]
+    freedom = sum(difference.freedom)
+    prior, expected = constants.length_prior_freedom, constants.length_spread**2
+    total = sum(float(np.square(each - each.mean()).sum()) for each in own)
+    variance = (prior * expected + total) / (prior + freedom)
+    statistic = np.log(max(ratio, 1e-12)) / np.sqrt(variance)
+    return float(stats.t.sf(statistic, prior + freedom))

@@ -1,0 +1,163 @@
+"""From recordings, references and a simulator to a diagnosis."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_gap.core.calibrate import Calibration, calibrate, uncalibrated
+from jammkle_gap.core.compare import Difference, Residuals, Setting, difference_of, residuals_of, settings_of
+from jammkle_gap.core.conclude import conclude
+from jammkle_gap.core.constants import Constants
+from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.core.equivalence import classes_of
+from jammkle_gap.core.search import Candidates, grid_signatures, search
+from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
+from jammkle_gap.core.simulate import Runner, Task
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.design import Experiment
+    from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.simulate import Problem, Progress
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that a diagnosis is concluded from."""
+
+    problem: Problem
+    settings: tuple[Setting, ...]
+    residuals: tuple[Residuals, ...]
+    calibration: Calibration
+    difference: Difference
+    candidates: Candidates
+    classes: tuple[tuple[str, ...], ...]
+
+
+def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
+    recordings: Sequence[Recording],
+    problem: Problem,
+    *,
+    references: Sequence[Recording] = (),
+    experiments: Sequence[Experiment] = (),
+    constants: Constants | None = None,
+    folder: Path | None = None,
+    jobs: int = -1,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Say where recordings and simulator disagree, which effect causes it, and how far the gap shrinks with it.
+
+    Args:
+        recordings: Of the machine in question; those of the same setting are repeats.
+        problem: Simulator, library of effects, nuisances.
+        references: Of the same machine while healthy, in the same settings.
+        experiments: Runs that could be made, to split what cannot be told apart.
+        constants: Of the model; those not given are as derived.
+        folder: Where signatures are kept; by default `$XDG_CACHE_HOME/jammkle`.
+        jobs: Runs at a time, as joblib counts.
+        progress: Told of long work.
+
+    Raises:
+        BadRecordingError: the recordings cannot be used.
+        SimulatorError: the simulator failed; the message names the parameters.
+
+    """
+    started = time.perf_counter()
+    constants = constants or Constants()
+    runner = Runner(problem, jobs, progress)
+    evidence = evidence_of(recordings, references, problem, runner, constants, folder or cache_folder())
+    found = conclude(evidence, experiments, runner, constants)
+    return replace(found, spent=replace(found.spent, wall_s=time.perf_counter() - started))
+
+
+def evidence_of(  # noqa: PLR0913, PLR0917 - what it is gathered from
+    recordings: Sequence[Recording],
+    references: Sequence[Recording],
+    problem: Problem,
+    runner: Runner,
+    constants: Constants,
+    folder: Path | None,
+) -> Evidence:
+    """Simulate, calibrate, whiten and fit.
+
+    Raises:
+        BadRecordingError: the recordings cannot be used.
+        SimulatorError: the simulator failed.
+
+    """
+    if not recordings:
+        msg = "there is no recording to diagnose; give one or more"
+        raise BadRecordingError(msg)
+    settings = settings_of(recordings, references, problem)
+    if references and not any(setting.references for setting in settings):
+        told = ", ".join(sorted({each.setting or each.name for each in references}))
+        asked = ", ".join(setting.name for setting in settings)
+        msg = f"no reference was made in the setting of a recording: references in {told}; recordings in {asked}"
+        msg += "; record references in the same settings, or leave them out"
+        raise BadRecordingError(msg)
+    dictionaries = [
+        dictionary_of((setting.references or setting.faulty)[0], problem, runner, constants, folder)
+        for setting in settings
+    ]
+    residuals = residuals_of(settings, runner, {})
+    difference = _difference(settings, residuals, dictionaries, problem, runner, uncalibrated(problem), constants)
+    calibration = calibrate(settings, difference.scatter, problem, runner, constants)
+    if calibration.values:
+        residuals = residuals_of(settings, runner, calibration.values)
+    if calibration.values or not all(setting.references for setting in settings):
+        difference = _difference(settings, residuals, dictionaries, problem, runner, calibration, constants)
+    candidates = search(problem, settings, dictionaries, difference, calibration.values, runner, constants)
+    grids = grids_of(problem)
+    classes = classes_of(grids, grid_signatures(problem, settings, dictionaries, difference), constants)
+    return Evidence(problem, tuple(settings), tuple(residuals), calibration, difference, candidates, classes)
+
+
+def _difference(  # noqa: PLR0913, PLR0917 - what it is made of
+    settings: Sequence[Setting],
+    residuals: Sequence[Residuals],
+    dictionaries: Sequence[Dictionary],
+    problem: Problem,
+    runner: Runner,
+    calibration: Calibration,
+    constants: Constants,
+) -> Difference:
+    def laid(rows: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+        return dictionaries[k].laid(settings[k].layout, rows, problem, settings[k].faulty[0]).T
+
+    nuisances = [laid(dictionary.scatter, k) for k, dictionary in enumerate(dictionaries)]
+    contact = [laid(dictionary.contact, k) for k, dictionary in enumerate(dictionaries)]
+    shared = _shared(settings, problem, runner, calibration)
+    return difference_of(settings, residuals, nuisances, contact, shared, constants)
+
+
+def _shared(
+    settings: Sequence[Setting], problem: Problem, runner: Runner, calibration: Calibration
+) -> list[NDArray[np.float64]]:
+    """Return columns of the machine's constants, one posterior standard deviation each, where references are missing."""
+    count = len(problem.constants)
+    found = [np.zeros((setting.layout.size, count)) for setting in settings]
+    # The matrix root of the posterior covariance turns one deviation of each constant into independent columns.
+    root = np.linalg.cholesky(calibration.covariance) if count else np.zeros((0, 0))
+    for k, setting in enumerate(settings):
+        if setting.references or not count:
+            continue
+        tasks = [Task(setting.faulty[0], setting.layout, calibration.values)]
+        for each in problem.constants:
+            at = calibration.values.get(each.name, each.null)
+            step = each.sigma if at + each.sigma <= each.maximum else -each.sigma
+            tasks.append(Task(setting.faulty[0], setting.layout, {**calibration.values, each.name: at + step}))
+        made = runner.features(tasks, "constants of the machine")
+        signs = [np.sign(task.values[each.name] - calibration.values.get(each.name, each.null))
+                 for task, each in zip(tasks[1:], problem.constants, strict=True)]  # fmt: skip
+        derivatives = np.nan_to_num(np.array([each - made[0] for each in made[1:]])).T * np.array(signs)
+        found[k] = derivatives @ root
+    return found

@@ -1,0 +1,171 @@
+"""Features: means over bins of time, registered at the events of a run.
+
+Raw samples have correlated noise and jitter in time; means over bins have neither to a degree that matters. In a run
+with contact, a touch-down that comes 2 ms later moves every peak. So signals that follow an event are shifted until the
+event falls together in all runs, measured or simulated, and the time of the event is a feature of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from jammkle_gap.core.data import BadRecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.data import Recording
+
+FEWEST_BINS = 8
+"""Bins that the runs of a setting must have in common. Chosen: one per block of smooth scatter."""
+EVENT_NOISE_S = 0.001
+"""Standard deviation of the time of an event by itself, s. Chosen: a sample of a 1 kHz sensor either way."""
+
+
+class Registrar(Protocol):
+    """Finds the events that signals are registered at."""
+
+    def events(self, recording: Recording, values: Mapping[str, NDArray[np.float64]]) -> Mapping[str, float]:
+        """Return the times of events by name, s; an event that did not happen is left out.
+
+        Args:
+            recording: Times of the samples, and what was run.
+            values: By signal, at the recording's times: measured, or simulated.
+
+        """
+
+    def event_of(self, recording: Recording, signal: str) -> str:
+        """Return the event that a signal is registered at; empty: the clock of the recording."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which features the runs of one setting have: signals by bins, then the times of events."""
+
+    signals: tuple[str, ...]
+    units: tuple[str, ...]
+    bin_s: float
+    bins: int
+    event_s: Mapping[str, float]
+    """Where each event is put, s."""
+    floor: NDArray[np.float64]
+    """Least standard deviation of each feature by data sheets, shape (n,), in the signal's unit."""
+
+    @property
+    def size(self) -> int:
+        """Number of features."""
+        return len(self.signals) * self.bins + len(self.event_s)
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """Centres of the bins, shape (bins,), s."""
+        return (np.arange(self.bins) + 0.5) * self.bin_s
+
+    def by_signal(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the features without the events, shape (..., signals, bins)."""
+        count = len(self.signals) * self.bins
+        return features[..., :count].reshape(*features.shape[:-1], len(self.signals), self.bins)
+
+
+def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registrar | None) -> Layout:
+    """Return the features that all runs of a setting have.
+
+    Args:
+        recordings: Of one setting.
+        bin_s: Length of a bin, s.
+        registrar: Finds events; without one every signal is taken by the clock.
+
+    Raises:
+        BadRecordingError: they have no signal in common, or hardly overlap.
+
+    """
+    first = recordings[0]
+    common = set.intersection(*({signal.name for signal in each.signals} for each in recordings))
+    signals = [signal for signal in first.signals if signal.name in common]
+    if not signals:
+        names = ", ".join(each.name for each in recordings)
+        msg = f"the recordings {names} have no signal in common; record the same topics in all runs of a setting"
+        raise BadRecordingError(msg)
+    found = [{} if registrar is None else dict(registrar.events(each, measured(each))) for each in recordings]
+    everywhere = set.intersection(*map(set, found))
+    event_s = {name: float(np.median([each[name] for each in found])) for name in sorted(everywhere)}
+    end_s = np.inf
+    for each, events in zip(recordings, found, strict=True):
+        for signal in signals:
+            event = "" if registrar is None else registrar.event_of(each, signal.name)
+            shift_s = event_s[event] - events[event] if event in event_s else 0.0
+            end_s = min(end_s, float(each.signal(signal.name).time_s[-1]) + shift_s)
+    bins = int(end_s / bin_s)
+    if bins < FEWEST_BINS:
+        names = ", ".join(each.name for each in recordings)
+        msg = f"the recordings {names} overlap for {max(end_s, 0.0):.2f} s, less than {FEWEST_BINS} bins of {bin_s:g} s"
+        msg += "; record longer"
+        raise BadRecordingError(msg)
+    floors = []
+    for signal in signals:
+        per_bin = max(len(signal.time_s) / max(signal.time_s[-1] - signal.time_s[0], bin_s) * bin_s, 1.0)
+        # Rounding to a step of q has a standard deviation of q / sqrt(12), the same for all samples of a still bin.
+        floor = np.hypot(signal.noise / np.sqrt(per_bin), signal.resolution / np.sqrt(12.0))
+        floors.append(np.full(bins, max(floor, 1e-9 * max(float(np.abs(signal.values).max()), 1e-9))))
+    floors.append(np.full(len(event_s), EVENT_NOISE_S))
+    names, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)
+    return Layout(names, units, bin_s, bins, event_s, np.concatenate(floors))
+
+
+def measured(recording: Recording) -> dict[str, NDArray[np.float64]]:
+    """Return what was measured by signal, as a simulator would say it."""
+    return {signal.name: signal.values for signal in recording.signals}
+
+
+def features_of(
+    layout: Layout,
+    recording: Recording,
+    values: Mapping[str, NDArray[np.float64]],
+    registrar: Registrar | None,
+) -> NDArray[np.float64]:
+    """Return the features of one run, measured or simulated.
+
+    Args:
+        layout: Of its setting.
+        recording: Times of the samples.
+        values: By signal, at the recording's times. A signal that a simulator does not give stays NaN.
+        registrar: As the layout was made with.
+
+    Returns:
+        Shape (layout.size,), in the units of the signals and s; bins without a sample are interpolated.
+
+    """
+    events = {} if registrar is None else registrar.events(recording, values)
+    features = np.full(layout.size, np.nan)
+    table = layout.by_signal(features)
+    for i, name in enumerate(layout.signals):
+        if name not in values:
+            continue
+        event = "" if registrar is None else registrar.event_of(recording, name)
+        shift_s = layout.event_s[event] - events[event] if event in layout.event_s and event in events else 0.0
+        table[i] = _binned(recording.signal(name).time_s + shift_s, np.asarray(values[name]), layout)
+    for i, (name, time_s) in enumerate(layout.event_s.items()):
+        # A run without the event differs by as much as there is time for it.
+        features[len(layout.signals) * layout.bins + i] = events.get(name, time_s + layout.bins * layout.bin_s)
+    return features
+
+
+def _binned(time_s: NDArray[np.float64], values: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
+    """Return means over bins, shape (bins,)."""
+    at = np.floor(time_s / layout.bin_s).astype(int)
+    inside = (at >= 0) & (at < layout.bins)
+    count = np.bincount(at[inside], minlength=layout.bins)
+    total = np.bincount(at[inside], weights=values[inside], minlength=layout.bins)
+    has = count > 0
+    if not has.any():
+        return np.full(layout.bins, np.nan)
+    means = total / np.maximum(count, 1)
+    if not has.all():
+        places = np.arange(layout.bins)
+        means = np.interp(places, places[has], means[has])
+    return means

@@ -1,0 +1,90 @@
+"""Which effect: a posterior over single effects, pairs, and none of them.
+
+The library's effect is not the machine's: what the true one leaves beyond healthy scatter is the simulator's own error,
+of unknown size. With an inverse-gamma prior on its variance the likelihood of a candidate is that of a multivariate t
+distribution of what it leaves (Gelman et al., Bayesian Data Analysis, 3rd ed., sec. 3.6), in the degrees of freedom
+that such an error really has: it hangs together over time, so they are far fewer than the features.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.fit import Fit
+
+Names = tuple[str, ...]
+"""Effects of a candidate; empty: none of them, something that the library does not have."""
+NONE_OF_THEM: Names = ()
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities given that there is a gap."""
+
+    probabilities: Mapping[Names, float]
+    """By candidate, largest first; `NONE_OF_THEM` is one. They add up to 1."""
+    credible: tuple[Names, ...]
+    """Smallest set that holds the stated share of the probability."""
+
+    @property
+    def best(self) -> Names:
+        """The most probable candidate."""
+        return next(iter(self.probabilities))
+
+
+def posterior_of(
+    length: float, features: int, healthy: float, fits: Sequence[Fit], classes: Mapping[str, str], constants: Constants
+) -> Posterior:
+    """Return the posterior.
+
+    Args:
+        length: Squared length of the whitened difference.
+        features: How many it has.
+        healthy: What healthy runs leave per feature.
+        fits: Candidates.
+        classes: Name of the equivalence class of each effect that is in one: its members count as one candidate.
+        constants: Of the model.
+
+    """
+    least = min((fit.left for fit in fits), default=length)
+    # A fit may leave less than healthy runs do, by chance or by flexibility: then that is the measure of all.
+    noise = min(healthy * features, least)
+    scale = constants.discrepancy_share * features * healthy
+    scores: dict[Names, float] = {}
+    for fit in fits:
+        score = _score(fit.left - noise, scale, constants) - constants.pair_penalty * (len(fit.names) - 1)
+        score -= constants.parameter_penalty * (len(fit.values) - len(fit.names))
+        scores[fit.names] = max(score, scores.get(fit.names, -np.inf))
+    unknown = constants.unknown_share * (length - noise)
+    scores[NONE_OF_THEM] = _score(unknown, scale, constants) - constants.unknown_penalty
+    highest = max(scores.values())
+    weights = {names: float(np.exp(score - highest)) for names, score in scores.items()}
+    total = sum(weights.values())
+    ranked = dict(sorted(((names, weight / total) for names, weight in weights.items()), key=lambda item: -item[1]))
+    return Posterior(ranked, credible_set(ranked, classes, constants.credible))
+
+
+def credible_set(
+    ranked: Mapping[Names, float], classes: Mapping[str, str], share: float
+) -> tuple[Names, ...]:
+    """Return the smallest set of candidates that holds a share of the probability, one for each class."""
+    found: dict[tuple[str, ...], Names] = {}
+    held = 0.0
+    for names, probability in ranked.items():
+        if held >= share:
+            break
+        found.setdefault(tuple(sorted(classes.get(name, name) for name in names)), names)
+        held += probability
+    return tuple(found.values())
+
+
+def _score(left: float, scale: float, constants: Constants) -> float:
+    """Return the log-likelihood of what a candidate leaves beyond healthy scatter, up to a constant."""
+    return -0.5 * constants.discrepancy_freedom * float(np.log1p(max(left, 0.0) / scale))

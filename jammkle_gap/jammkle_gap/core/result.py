@@ -1,0 +1,328 @@
+"""A diagnosis: what is said, and how sure; and the same as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+class Verdict(Enum):
+    """What a diagnosis says."""
+
+    NO_GAP = "NO_GAP"
+    """Simulation and recordings agree within healthy scatter."""
+    EFFECTS = "EFFECTS"
+    """One effect or combination, or one equivalence class, holds the stated probability."""
+    AMBIGUOUS = "AMBIGUOUS"
+    """Several share it: the credible set."""
+    UNKNOWN = "UNKNOWN"
+    """There is a gap, and most likely none of the effects on offer causes it."""
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One number of an effect."""
+
+    name: str
+    unit: str
+    value: float
+    interval: tuple[float, float]
+    """90 % interval."""
+    at_bound: bool
+    """Whether it ended at a bound, where the truth may lie outside."""
+    detectable: float
+    """Smallest value on this side of null that an ideal diagnosis would detect with these recordings; NaN: none."""
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """One effect of a candidate."""
+
+    name: str
+    subsystem: str
+    sentence: str
+    parameters: tuple[FittedParameter, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A possible cause: one effect, or several."""
+
+    names: tuple[str, ...]
+    """Empty: none of the effects on offer."""
+    probability: float
+    """Given all that was said of the prior, and that there is a gap."""
+    explained: float
+    """Share of the squared whitened difference that it explains."""
+    effects: tuple[FittedEffect, ...]
+    equivalents: tuple[str, ...] = ()
+    """Effects that these sensors cannot tell from it, whatever the data."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A part of the gap."""
+
+    signal: str
+    phase: str
+    share: float
+    """Of the squared whitened difference."""
+    interval: tuple[float, float]
+    """90 % interval from resampled blocks of time."""
+    gap: float
+    """Root mean square there; 1: healthy scatter."""
+
+
+@dataclass(frozen=True)
+class SignalGap:
+    """How far one signal is off, and is left off."""
+
+    signal: str
+    unit: str
+    nominal: float
+    """Root mean square of the difference, in healthy scatter."""
+    corrected: float
+    """The same with the effect in it, on runs that it was not fitted to."""
+    nominal_physical: float
+    """Root mean square of the difference, in the signal's unit."""
+    corrected_physical: float
+    scatter_physical: float
+    """What healthy runs differ by, in the signal's unit."""
+
+
+@dataclass(frozen=True)
+class Closing:
+    """How far a gap closes on data that the effect was not fitted to; 1 is healthy scatter."""
+
+    nominal: float
+    corrected: float
+    closed: float
+    """1 - (corrected - 1) / (nominal - 1); NaN where there is no gap."""
+    interval: tuple[float, float]
+    """90 % interval from resampled blocks of time."""
+
+
+@dataclass(frozen=True)
+class HeldOutSetting:
+    """How far the gap closes in a setting that was not fitted."""
+
+    setting: str
+    closing: Closing
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One signal of one setting in the features that the decision was made on."""
+
+    setting: str
+    signal: str
+    unit: str
+    time_s: NDArray[np.float64] = field(repr=False)
+    difference: NDArray[np.float64] = field(repr=False)
+    """Faulty runs less references, both less what the simulator says."""
+    scatter: NDArray[np.float64] = field(repr=False)
+    """Standard deviation of the difference for a healthy machine."""
+    signature: NDArray[np.float64] = field(repr=False)
+    """What the best candidate makes of it; 0 without one."""
+    measured: NDArray[np.float64] = field(repr=False)
+    """Mean of the faulty runs."""
+    simulated: NDArray[np.float64] = field(repr=False)
+    """Nominal simulator, calibrated to the references."""
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """What to record next, to split the credible set."""
+
+    name: str
+    signal: str
+    """Where the two candidates that are hardest to tell apart differ most."""
+    difference: float
+    """Root mean square between them there, in the sensor's noise."""
+    difference_physical: float
+    unit: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Spent:
+    """What a diagnosis took."""
+
+    wall_s: float
+    runs: int
+    simulated_s: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    candidates: tuple[Candidate, ...]
+    """The credible set, most probable first; empty without a gap. With UNKNOWN the first is none of the effects, and
+    what follows are leads."""
+    posterior: Mapping[tuple[str, ...], float]
+    """Probability of every candidate, and of none of them, (), given a gap; largest first."""
+    conformal: Mapping[str, float]
+    """p-value of each single effect as the cause by what true causes left on simulated machines; see `conformal`."""
+    gap_probability: float
+    """That there is a gap."""
+    p_value: float
+    """Of the test for a gap."""
+    false_alarm_rate: float
+    """That the test was made at."""
+    where: tuple[Place, ...]
+    """Largest share first."""
+    subsystems: Mapping[str, float]
+    """Probability of each subsystem to hold the cause; largest first."""
+    gap: Closing
+    signals: tuple[SignalGap, ...]
+    held_out: tuple[HeldOutSetting, ...]
+    classes: tuple[tuple[str, ...], ...]
+    """Effects that these recordings cannot tell apart at all."""
+    silent: tuple[str, ...]
+    """Effects that move nothing in these recordings, and so cannot be seen."""
+    calibration: Mapping[str, float]
+    """Constants of the machine that its references moved by more than one standard deviation of their prior, in such."""
+    references_left: float
+    """What the calibrated simulator leaves of the references per feature, in their scatter's variance; NaN: none."""
+    traces: tuple[Trace, ...]
+    next_experiment: NextExperiment | None
+    notes: tuple[str, ...]
+    spent: Spent
+    finished: bool = True
+    """False if it was stopped on the way: provisional."""
+
+    @property
+    def effects(self) -> tuple[FittedEffect, ...]:
+        """Of the most probable candidate that names any."""
+        for each in self.candidates:
+            if each.names:
+                return each.effects
+        return ()
+
+
+def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the diagnosis as what JSON can hold; gaps are in healthy scatter, intervals are 90 %."""
+    following = diagnosis.next_experiment
+    return {
+        "verdict": diagnosis.verdict.value,
+        "reasons": list(diagnosis.reasons),
+        "effects": [_effect(each) for each in diagnosis.effects],
+        "set": [
+            {
+                "names": list(each.names),
+                "probability": _number(each.probability),
+                "explained": _number(each.explained),
+                "equivalents": list(each.equivalents),
+                "effects": [_effect(effect) for effect in each.effects],
+            }
+            for each in diagnosis.candidates
+        ],
+        "posterior": [
+            {"names": list(names), "probability": _number(value)} for names, value in diagnosis.posterior.items()
+        ],
+        "conformal": {name: _number(value) for name, value in diagnosis.conformal.items()},
+        "gap_probability": _number(diagnosis.gap_probability),
+        "p_value": _number(diagnosis.p_value),
+        "false_alarm_rate": diagnosis.false_alarm_rate,
+        "where": [
+            {
+                "signal": each.signal,
+                "phase": each.phase,
+                "share": _number(each.share),
+                "interval": _interval(each.interval),
+                "gap": _number(each.gap),
+            }
+            for each in diagnosis.where
+        ],
+        "subsystems": {name: _number(value) for name, value in diagnosis.subsystems.items()},
+        "gap": {
+            **_closing(diagnosis.gap),
+            "signals": {
+                each.signal: {
+                    "unit": each.unit,
+                    "nominal": _number(each.nominal),
+                    "corrected": _number(each.corrected),
+                    "nominal_physical": _number(each.nominal_physical),
+                    "corrected_physical": _number(each.corrected_physical),
+                    "scatter_physical": _number(each.scatter_physical),
+                }
+                for each in diagnosis.signals
+            },
+            "held_out": [{"setting": each.setting, **_closing(each.closing)} for each in diagnosis.held_out],
+        },
+        "classes": [list(each) for each in diagnosis.classes],
+        "silent": list(diagnosis.silent),
+        "calibration": {name: _number(value) for name, value in diagnosis.calibration.items()},
+        "references_left": _number(diagnosis.references_left),
+        "next_experiment": None
+        if following is None
+        else {
+            "name": following.name,
+            "signal": following.signal,
+            "difference": _number(following.difference),
+            "difference_physical": _number(following.difference_physical),
+            "unit": following.unit,
+            "sentence": following.sentence,
+        },
+        "notes": list(diagnosis.notes),
+        "finished": diagnosis.finished,
+        "runtime": {
+            "wall_s": diagnosis.spent.wall_s,
+            "simulator_runs": diagnosis.spent.runs,
+            "simulated_s": diagnosis.spent.simulated_s,
+        },
+    }
+
+
+def write(diagnosis: Diagnosis, path: Path) -> None:
+    """Write the diagnosis as JSON."""
+    path.write_text(json.dumps(as_dict(diagnosis), indent=2) + "\n", encoding="utf-8")
+
+
+def _number(value: float) -> float | None:
+    """Return a number that JSON has; None for those that it has not."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _interval(interval: tuple[float, float]) -> list[float | None]:
+    return [_number(value) for value in interval]
+
+
+def _effect(effect: FittedEffect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "subsystem": effect.subsystem,
+        "check": effect.sentence,
+        "parameters": {
+            each.name: {
+                "value": _number(each.value),
+                "unit": each.unit,
+                "interval": _interval(each.interval),
+                "at_bound": each.at_bound,
+                "detectable": _number(each.detectable),
+            }
+            for each in effect.parameters
+        },
+    }
+
+
+def _closing(closing: Closing) -> dict[str, Any]:
+    return {
+        "nominal": _number(closing.nominal),
+        "corrected": _number(closing.corrected),
+        "closed": _number(closing.closed),
+        "interval": _interval(closing.interval),
+    }

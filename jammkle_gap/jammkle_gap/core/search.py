@@ -1,0 +1,254 @@
+"""Search: every effect on its grid, the promising ones with the simulator at the faulty runs' own commands, then pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_gap.core.features import features_of, measured
+from jammkle_gap.core.fit import Fit, refine
+from jammkle_gap.core.profiles import Profiles
+from jammkle_gap.core.signatures import grids_of
+from jammkle_gap.core.simulate import Task, run_task
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.compare import Difference, Setting
+    from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.profiles import Place
+    from jammkle_gap.core.signatures import Dictionary
+    from jammkle_gap.core.simulate import Problem, Runner
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Effects and pairs that were fitted with the simulator, and every effect on its grid."""
+
+    singles: tuple[Fit, ...]
+    """Best first."""
+    pairs: tuple[Fit, ...]
+    profiled: Mapping[str, float]
+    """Gain of every effect on its grid."""
+    silent: tuple[str, ...]
+    """Effects that move no feature here."""
+
+
+class Signatures:
+    """Whitened signatures of parameters, with the simulator at the faulty runs' own inputs; remembers its runs."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        settings: Sequence[Setting],
+        difference: Difference,
+        machine: Mapping[str, float],
+    ) -> None:
+        """Prepare.
+
+        Args:
+            problem: Simulator and sensing.
+            settings: Runs; the first faulty one of each setting is run again.
+            difference: Whitens.
+            machine: Calibrated constants, by name.
+
+        """
+        self._problem = problem
+        self._settings = settings
+        self._difference = difference
+        self._machine = dict(machine)
+        self._known: dict[tuple[int, tuple[tuple[str, float], ...]], NDArray[np.float64]] = {}
+        self._sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
+        self.runs = 0
+
+    def __call__(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the whitened signature of parameters by key; far off where they are infeasible."""
+        parts = self.parts(values)
+        if parts is None:
+            return np.full(sum(self._difference.sizes), _INFEASIBLE)
+        return self._difference.whiten(parts)
+
+    def parts(self, values: Mapping[str, float]) -> list[NDArray[np.float64]] | None:
+        """Return the signature in the features of each setting; None where the parameters are infeasible."""
+        physical = {key: value for key, value in values.items() if key.partition(".")[0] not in self._sensed}
+        sensed = {key: value for key, value in values.items() if key not in physical}
+        parts = []
+        for k, setting in enumerate(self._settings):
+            part = np.zeros(setting.layout.size)
+            if physical:
+                change = self._simulated(k, physical) - self._simulated(k, {})
+                if not np.isfinite(change).any():
+                    return None
+                part += np.nan_to_num(change)
+            if sensed:
+                part += sensed_difference(self._problem, setting, sensed)
+            parts.append(part)
+        return parts
+
+    def _simulated(self, k: int, values: Mapping[str, float]) -> NDArray[np.float64]:
+        place = (k, tuple(sorted(values.items())))
+        if place not in self._known:
+            setting = self._settings[k]
+            task = Task(setting.faulty[0], setting.layout, {**self._machine, **values})
+            self._known[place] = run_task(self._problem.simulator, self._problem.registrar, task)
+            self.runs += 1
+        return self._known[place]
+
+
+def sensed_difference(problem: Problem, setting: Setting, values: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return what sensors would make of the references, or of the faulty runs where there are none, shape (n,).
+
+    Args:
+        problem: With sensing.
+        setting: Whose runs.
+        values: Parameters of effects of sensors by key.
+
+    """
+    assert problem.sensing is not None  # noqa: S101 - only effects that it knows come here
+    runs = setting.references or setting.faulty
+    found = []
+    for run in runs[:_SENSED_RUNS]:
+        before = measured(run)
+        after = problem.sensing(run, before, values)
+        both = [features_of(setting.layout, run, each, problem.registrar) for each in (after, before)]
+        found.append(both[0] - both[1])
+    mean: NDArray[np.float64] = np.mean(found, axis=0)
+    return mean
+
+
+_SENSED_RUNS = 2
+"""References that sensors' effects are applied to. Chosen: their own scatter is far below an effect."""
+
+
+def grid_signatures(
+    problem: Problem,
+    settings: Sequence[Setting],
+    dictionaries: Sequence[Dictionary],
+    difference: Difference,
+) -> dict[str, NDArray[np.float64]]:
+    """Return whitened signatures of every effect's grid points, shape (points, n), those that move nothing left out."""
+    sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
+    grids = grids_of(problem)
+    found = {}
+    for effect in problem.library:
+        points = grids[effect.name].points
+        keys = [effect.key(each) for each in effect.parameters]
+        parts = []
+        for setting, dictionary in zip(settings, dictionaries, strict=True):
+            if effect.name in sensed:
+                rows = [
+                    sensed_difference(problem, setting, dict(zip(keys, point.tolist(), strict=True)))
+                    for point in points
+                ]
+                parts.append(np.array(rows))
+            elif effect.name in dictionary.effects:
+                own = dictionary.effects[effect.name]
+                parts.append(dictionary.laid(setting.layout, own, problem, setting.faulty[0]))
+            else:
+                parts.append(np.zeros((len(points), setting.layout.size)))
+        whitened = difference.whiten(parts)
+        if np.abs(whitened).max() > _SILENT:
+            found[effect.name] = whitened
+    return found
+
+
+_INFEASIBLE = 1e6
+"""Whitened features of parameters that cannot be simulated: far from everything that is measured."""
+_SILENT = 1e-6
+"""Whitened feature below which nothing moves: rounding."""
+
+
+def search(  # noqa: PLR0913, PLR0917 - what it works on
+    problem: Problem,
+    settings: Sequence[Setting],
+    dictionaries: Sequence[Dictionary],
+    difference: Difference,
+    machine: Mapping[str, float],
+    runner: Runner,
+    constants: Constants,
+) -> Candidates:
+    """Fit single effects and pairs.
+
+    Args:
+        problem: Simulator, library and sensing.
+        settings: Runs.
+        dictionaries: Of each setting.
+        difference: To be explained.
+        machine: Calibrated constants.
+        runner: Makes the runs.
+        constants: How many are fitted.
+
+    """
+    signatures = grid_signatures(problem, settings, dictionaries, difference)
+    profiles = Profiles(grids_of(problem), signatures, difference.whitened)
+    places = {name: profiles.single(name) for name in profiles.names}
+    silent = tuple(effect.name for effect in problem.library if effect.name not in places)
+    if not places:
+        return Candidates((), (), {}, silent)
+    screened = _screened(problem, settings, difference, machine, runner, places)
+    order = sorted(places, key=lambda name: -max(places[name].gain, screened.get(name, -np.inf)))
+    work = [places[name] for name in order[: constants.refined]]
+    work += profiles.pairs(order[: constants.refined], constants.refined_pairs)
+    arguments = [(problem, settings, difference, dict(machine), place, constants.fit_evaluations) for place in work]
+    answers = runner.map(fit_place, arguments, "fitting")
+    fits = []
+    for fit, runs in answers:
+        fits.append(fit)
+        runner.runs += runs
+    singles = sorted((fit for fit in fits if len(fit.names) == 1), key=lambda fit: fit.left)
+    pairs = sorted((fit for fit in fits if len(fit.names) > 1), key=lambda fit: fit.left)
+    return Candidates(tuple(singles), tuple(pairs), {name: place.gain for name, place in places.items()}, silent)
+
+
+def fit_place(  # noqa: PLR0913, PLR0917 - sent to another process
+    problem: Problem,
+    settings: Sequence[Setting],
+    difference: Difference,
+    machine: Mapping[str, float],
+    place: Place,
+    evaluations: int,
+) -> tuple[Fit, int]:
+    """Return a candidate fitted from a place on the mesh, and the runs that it took."""
+    signatures = Signatures(problem, settings, difference, machine)
+    parameters = problem.library.parameters(place.names)
+    start = dict(zip([key for key, _ in parameters], np.concatenate(place.values).tolist(), strict=True))
+    fit = refine(difference.whitened, place.names, parameters, start, signatures, evaluations)
+    features = tuple(signatures.parts(fit.values) or ())
+    return replace(fit, features=features), signatures.runs
+
+
+def _screened(  # noqa: PLR0913, PLR0917 - what it works on
+    problem: Problem,
+    settings: Sequence[Setting],
+    difference: Difference,
+    machine: Mapping[str, float],
+    runner: Runner,
+    places: Mapping[str, Place],
+) -> dict[str, float]:
+    """Return the gain of each effect with one run at the faulty run's own commands, scaled to fit best.
+
+    A regulator answers a fault, so that a grid at healthy commands misleads: a signature is trusted once it was
+    simulated at the commands of the run itself.
+    """
+    sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
+    names = [name for name in places if name not in sensed]
+    tasks = [Task(setting.faulty[0], setting.layout, dict(machine)) for setting in settings]
+    for name in names:
+        keys = [key for key, _ in problem.library.parameters((name,))]
+        values = dict(zip(keys, places[name].values[0].tolist(), strict=True))
+        tasks += [Task(setting.faulty[0], setting.layout, {**machine, **values}) for setting in settings]
+    made = runner.features(tasks, "screening")
+    count = len(settings)
+    found = {}
+    for i, name in enumerate(names, 1):
+        parts = [np.nan_to_num(made[count * i + k] - made[k]) for k in range(count)]
+        signature = difference.whiten(parts)
+        squared = float(signature @ signature)
+        # Less than the whole of a signature can be had by a smaller effect; more only up to the bounds.
+        share = float(np.clip(signature @ difference.whitened / squared, 0.0, 1.5)) if squared > _SILENT else 0.0
+        found[name] = share * (2.0 * float(signature @ difference.whitened) - share * squared)
+    return found

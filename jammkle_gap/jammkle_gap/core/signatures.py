@@ -1,0 +1,201 @@
+"""Signatures: what each effect and each nuisance makes of the features of a setting, kept on disk.
+
+A signature depends on the simulator, on the setting and on the grid, and hardly on the run: it is simulated once per
+setting at the nominal machine, and found again by a digest of all that went into it. Another version of the simulator,
+or other bounds of an effect, have another digest, so that an old dictionary is never used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_gap.core.features import Layout, layout_of
+from jammkle_gap.core.grids import Grid, grid_of
+from jammkle_gap.core.simulate import Task
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.simulate import Problem, Runner
+
+_FORMAT = 1
+"""Of the files."""
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """Signatures of one setting, in a layout of its own."""
+
+    layout: Layout
+    nominal: NDArray[np.float64]
+    """Features of the nominal simulator, shape (n,)."""
+    effects: Mapping[str, NDArray[np.float64]]
+    """By effect, differences at the points of its grid, shape (points, n); effects of sensors are not in it."""
+    scatter: NDArray[np.float64]
+    """Differences for one standard deviation of each nuisance, shape (nuisances, n)."""
+    contact: NDArray[np.float64]
+    """What scattered runs differ by that is not linear in the nuisances, as columns, shape (columns, n)."""
+
+    def laid(self, layout: Layout, differences: NDArray[np.float64], problem: Problem, run: Recording) -> NDArray[np.float64]:
+        """Return differences of the dictionary in the layout of the runs at hand, events put where theirs are.
+
+        Args:
+            layout: Of the runs.
+            differences: Shape (..., n of the dictionary).
+            problem: Tells which signals follow which event.
+            run: One of the runs.
+
+        Returns:
+            Shape (..., layout.size). Signals that the dictionary does not have are 0.
+
+        """
+        own = self.layout
+        table = own.by_signal(differences)
+        laid = np.zeros((*differences.shape[:-1], layout.size))
+        out = layout.by_signal(laid)
+        for i, name in enumerate(layout.signals):
+            if name not in own.signals:
+                continue
+            event = problem.registrar.event_of(run, name) if problem.registrar is not None else ""
+            shift_s = layout.event_s[event] - own.event_s[event] if event in layout.event_s and event in own.event_s else 0.0
+            at = np.clip((layout.time_s - shift_s) / own.bin_s - 0.5, 0.0, own.bins - 1.0)
+            low = np.floor(at).astype(int)
+            high = np.minimum(low + 1, own.bins - 1)
+            row = table[..., own.signals.index(name), :]
+            out[..., i, :] = row[..., low] * (1.0 - (at - low)) + row[..., high] * (at - low)
+        for i, name in enumerate(layout.event_s):
+            if name in own.event_s:
+                at_own = len(own.signals) * own.bins + list(own.event_s).index(name)
+                laid[..., len(layout.signals) * layout.bins + i] = differences[..., at_own]
+        return laid
+
+
+def grids_of(problem: Problem) -> dict[str, Grid]:
+    """Return the grid of every effect of the library."""
+    return {effect.name: grid_of(effect) for effect in problem.library}
+
+
+def dictionary_of(
+    recording: Recording, problem: Problem, runner: Runner, constants: Constants, folder: Path | None
+) -> Dictionary:
+    """Return the dictionary of a recording's setting: from disk, or simulated and put there.
+
+    Args:
+        recording: Whose inputs are taken.
+        problem: Simulator, library and nuisances.
+        runner: Makes the runs.
+        constants: Of the model.
+        folder: Where dictionaries are kept; None: nowhere.
+
+    """
+    layout = layout_of([recording], problem.bin_s(recording), problem.registrar)
+    if folder is None or not problem.version:
+        return _built(recording, layout, problem, runner, constants)
+    path = folder / f"{_digest(recording, layout, problem, constants)}.npz"
+    known = _read(path, layout)
+    if known is None:
+        known = _built(recording, layout, problem, runner, constants)
+        _write(path, known)
+    return known
+
+
+def cache_folder() -> Path:
+    """Return where dictionaries are kept by default: `$XDG_CACHE_HOME/jammkle`, or `~/.cache/jammkle`."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jammkle"
+
+
+def _built(
+    recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants
+) -> Dictionary:
+    sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
+    tasks = [Task(recording, layout, {})]
+    counts = {}
+    for effect in problem.library:
+        if effect.name in sensed:
+            continue
+        points = grid_of(effect).points
+        counts[effect.name] = len(points)
+        keys = [effect.key(each) for each in effect.parameters]
+        tasks += [Task(recording, layout, dict(zip(keys, point.tolist(), strict=True))) for point in points]
+    tasks += [Task(recording, layout, {each.name: each.null + each.sigma}) for each in problem.scatter]
+    draws = np.random.default_rng(0).standard_normal((constants.contact_runs, len(problem.scatter)))
+    for draw in draws.tolist():
+        values = {each.name: each.null + each.sigma * x for each, x in zip(problem.scatter, draw, strict=True)}
+        tasks.append(Task(recording, layout, values))
+    features = np.array(runner.features(tasks, "signatures"))
+    # A signal that the simulator does not give is NaN throughout, and not compared.
+    nominal = features[0]
+    differences = np.nan_to_num(features[1:] - nominal)
+    effects, begin = {}, 0
+    for name, count in counts.items():
+        signature = differences[begin : begin + count]
+        begin += count
+        if np.abs(signature).max() > 0.0:
+            effects[name] = signature
+    scatter = differences[begin : begin + len(problem.scatter)]
+    contact = _contact(differences[begin + len(problem.scatter) :], draws, scatter, layout, constants)
+    return Dictionary(layout, nominal, effects, scatter, contact)
+
+
+def _contact(
+    runs: NDArray[np.float64],
+    draws: NDArray[np.float64],
+    scatter: NDArray[np.float64],
+    layout: Layout,
+    constants: Constants,
+) -> NDArray[np.float64]:
+    """Return the leading directions of what scattered runs leave of a linear model, scaled by their deviation."""
+    if not len(scatter) or not len(runs):
+        return np.zeros((0, layout.size))
+    scaled = (runs - draws @ scatter) / layout.floor
+    _, values, rows = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
+    count = constants.contact_columns
+    return rows[:count] * (values[:count, np.newaxis] / np.sqrt(len(runs) - 1)) * layout.floor
+
+
+def _digest(recording: Recording, layout: Layout, problem: Problem, constants: Constants) -> str:
+    parts = [_FORMAT, problem.version, problem.group_of(recording), layout.signals, layout.bin_s, layout.bins]
+    parts += [[effect.name, grid_of(effect).points.tolist()] for effect in problem.library]
+    parts += [[each.name, each.null, each.sigma] for each in problem.scatter]
+    parts += [constants.contact_runs, constants.contact_columns]
+    return hashlib.blake2b(json.dumps(parts).encode(), digest_size=16).hexdigest()
+
+
+def _read(path: Path, layout: Layout) -> Dictionary | None:
+    """Return what stands on disk; None where there is nothing that can be read."""
+    try:
+        with np.load(path) as stored:
+            events = dict(zip(layout.event_s, stored["event_s"].tolist(), strict=True))
+            own = Layout(layout.signals, layout.units, layout.bin_s, layout.bins, events, layout.floor)
+            effects = {name.removeprefix("effect "): stored[name].astype(float) for name in stored if " " in name}
+            return Dictionary(own, stored["nominal"], effects, stored["scatter"], stored["contact"])
+    except (OSError, ValueError, KeyError, EOFError):
+        return None
+
+
+def _write(path: Path, dictionary: Dictionary) -> None:
+    """Put a dictionary on disk, whole or not at all; a disk that is full or may not be written to is no error."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            effects = {f"effect {name}": each.astype(np.float32) for name, each in dictionary.effects.items()}
+            events = np.array(list(dictionary.layout.event_s.values()))
+            np.savez(
+                file, event_s=events, nominal=dictionary.nominal, scatter=dictionary.scatter,
+                contact=dictionary.contact, **effects,
+            )  # fmt: skip
+        Path(file.name).replace(path)
+    except OSError:
+        return

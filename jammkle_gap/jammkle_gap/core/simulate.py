@@ -1,0 +1,186 @@
+"""What the diagnosis asks of a simulator, and runs of it side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+import cloudpickle
+import numpy as np
+from joblib import Parallel, delayed
+
+from jammkle_gap.core.features import features_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.effects import Library, Nuisance
+    from jammkle_gap.core.features import Layout, Registrar
+
+    Progress = Callable[[str, float], None]
+    """Told what is being done, and the share of it that is done, 0 to 1."""
+
+
+T = TypeVar("T")
+
+
+class InfeasibleError(ValueError):
+    """A simulator cannot run with these values, as where it blows up: they are no explanation."""
+
+
+class SimulatorError(RuntimeError):
+    """A simulator, or a user's effect in it, failed; the message names recording and parameters."""
+
+
+class Simulator(Protocol):
+    """Runs a recording again. Must be picklable if runs are to be spread over processes."""
+
+    def __call__(self, recording: Recording, values: Mapping[str, float]) -> Mapping[str, NDArray[np.float64]]:
+        """Run again what was commanded, and return what would have been measured, without noise.
+
+        Args:
+            recording: What was measured; its `inputs` say what to run.
+            values: Parameters of effects by `effect.parameter`, and nuisances by name; those not named are null.
+
+        Returns:
+            By signal name, at the times of the recording's signal. A signal that the simulator does not know is left
+            out, and so not compared.
+
+        Raises:
+            InfeasibleError: it cannot be run with these values.
+
+        """
+
+
+class Sensing(Protocol):
+    """Effects of sensors and clocks, which act on what was measured: exact, however wrong the simulator is."""
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Names of the effects that it knows."""
+
+    def __call__(
+        self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
+    ) -> Mapping[str, NDArray[np.float64]]:
+        """Return what would have been read had the sensors been like this.
+
+        Args:
+            recording: Times of the samples.
+            measured: By signal, at the recording's times.
+            values: By `effect.parameter`, of its effects alone.
+
+        """
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A machine to be diagnosed: its simulator, what may differ, and how its runs are looked at."""
+
+    simulator: Simulator
+    library: Library
+    scatter: tuple[Nuisance, ...] = ()
+    """What no two runs have the same."""
+    constants: tuple[Nuisance, ...] = ()
+    """What no two machines have the same: calibrated to references, or fitted beside every candidate without them."""
+    sensing: Sensing | None = None
+    registrar: Registrar | None = None
+    bin_s: Callable[[Recording], float] = lambda _: 0.02
+    """Length of a bin, s."""
+    version: str = ""
+    """What tells this simulator from others and from its other versions; empty: no dictionary is kept on disk."""
+    group_of: Callable[[Recording], str] = lambda recording: recording.setting
+    """Text that is the same for recordings whose signatures are the same."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run to be made."""
+
+    recording: Recording
+    layout: Layout
+    values: Mapping[str, float]
+
+
+class Runner:
+    """Makes runs, several at a time, and counts them. Joblib's backend is the user's choice (`parallel_config`)."""
+
+    def __init__(self, problem: Problem, jobs: int = -1, progress: Progress | None = None) -> None:
+        """Prepare.
+
+        Args:
+            problem: Its simulator and registrar.
+            jobs: Runs at a time, as joblib counts; -1: one per core.
+            progress: Told of long work.
+
+        """
+        self._problem = problem
+        self._jobs = jobs if jobs == 1 or _sendable(problem) else 1
+        self._progress = progress or (lambda _what, _share: None)
+        self.runs = 0
+        """Made so far."""
+        self.simulated_s = 0.0
+
+    def features(self, tasks: Sequence[Task], what: str = "") -> list[NDArray[np.float64]]:
+        """Return the features of every task, in order; NaN throughout where it is infeasible.
+
+        Args:
+            tasks: To be run.
+            what: Of the progress; empty: none is told.
+
+        Raises:
+            SimulatorError: the simulator failed.
+
+        """
+        self.runs += len(tasks)
+        self.simulated_s += sum(task.recording.duration_s for task in tasks)
+        if self._jobs == 1 or len(tasks) == 1:
+            found = (run_task(self._problem.simulator, self._problem.registrar, task) for task in tasks)
+            return self._collected(found, len(tasks), what)
+        parallel = Parallel(n_jobs=self._jobs, return_as="generator", pre_dispatch="4*n_jobs")
+        work = (delayed(run_task)(self._problem.simulator, self._problem.registrar, task) for task in tasks)
+        return self._collected(parallel(work), len(tasks), what)
+
+    def map(self, function: Callable[..., T], arguments: Sequence[tuple[object, ...]], what: str = "") -> list[T]:
+        """Return a function's answers to several arguments, in order, side by side."""
+        if self._jobs == 1 or len(arguments) <= 1:
+            return self._collected((function(*each) for each in arguments), len(arguments), what)
+        parallel = Parallel(n_jobs=self._jobs, return_as="generator")
+        return self._collected(parallel(delayed(function)(*each) for each in arguments), len(arguments), what)
+
+    def _collected(self, found: Iterable[T], count: int, what: str) -> list[T]:
+        collected = []
+        for done, each in enumerate(found, 1):
+            collected.append(each)
+            if what:
+                self._progress(what, done / count)
+        return collected
+
+
+def run_task(simulator: Simulator, registrar: Registrar | None, task: Task) -> NDArray[np.float64]:
+    """Return the features of one run; NaN throughout where it is infeasible.
+
+    Raises:
+        SimulatorError: the simulator failed.
+
+    """
+    try:
+        values = simulator(task.recording, task.values)
+    except InfeasibleError:
+        return np.full(task.layout.size, np.nan)
+    except Exception as error:  # whatever a user's simulator may raise
+        given = ", ".join(f"{name}={value:g}" for name, value in task.values.items()) or "no effect"
+        msg = f"the simulator failed on recording '{task.recording.name}' with {given}: {type(error).__name__}: {error}"
+        raise SimulatorError(msg) from error
+    return features_of(task.layout, task.recording, values, registrar)
+
+
+def _sendable(problem: Problem) -> bool:
+    """Whether a simulator can be sent to another process."""
+    try:
+        cloudpickle.dumps((problem.simulator, problem.registrar))
+    except Exception:  # noqa: BLE001 - whatever pickling a user's object may raise
+        return False
+    return True

@@ -1,0 +1,145 @@
+"""`jammkle gap diagnose`: read bags, diagnose the gap to the simulator, write page, corrected simulator and JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from jammkle_gap.ankle.corrected import corrected_text
+from jammkle_gap.ankle.effects import try_changes
+from jammkle_gap.ankle.inputs import nominal_rig
+from jammkle_gap.backend import backend
+from jammkle_gap.diagnosing import asked_in_parts, asked_whole, diagnosis_of
+from jammkle_gap.inputs import check_given, library_of, recordings_of, rig_options
+from jammkle_gap.core.effects import BadEffectError
+from jammkle_gap.november.result import as_dict
+from jammkle_gap.november.verdict import Verdict
+from jammkle_gap.report import words
+from jammkle_gap.report.page import Setting, page
+from jammkle_gap.report.screen import show
+from jammkle_gap.simulated import Simulated
+from jammkle_graph.command import results
+from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.signals import StopRequest
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from jammkle_gap.november.diagnosis import Diagnosis
+    from jammkle_gap.core.effects import Library
+    from jammkle_gap.core.data import Recording
+
+PAGE_NAME = "gap.html"
+CORRECTED_NAME = "corrected.yaml"
+
+
+@dataclass(frozen=True)
+class DiagnoseRequest:
+    """One call of `jammkle gap diagnose`."""
+
+    bags: Sequence[Path]
+    references: Sequence[Path]
+    rig: str | None
+    settings: Sequence[str]
+    """Options of the rig as NAME=VALUE."""
+    namespace: str | None
+    library: Path | None
+    folder: Path
+    json: Path | None
+    jobs: int | None
+    scheduler: str | None
+    without: Sequence[str] = ()
+    """Effects taken out of the library: what is said if the true cause is not on offer?"""
+    only: Sequence[str] = ()
+    """Effects that are on offer, and no others; empty: all."""
+    simulated: Simulated = Simulated.WHOLE
+
+
+def diagnose(request: DiagnoseRequest) -> int:
+    """Do everything and return the exit code; one that was stopped on the way is written too, and says so.
+
+    Raises:
+        InputError: a bag, an effect or an option cannot be used; the message says what would be right.
+        GraphError: the simulator fails.
+        Interrupted: stopped before anything was known.
+
+    """
+    options = _check(request)
+    stop = StopRequest()
+    library = library_of(request.library, request.only, request.without)
+    recordings = recordings_of(request.bags, request.rig, options, stop, request.namespace)
+    references = recordings_of(request.references, request.rig, options, stop, request.namespace)
+    _try_changes(library, recordings)
+    with backend(request.jobs, request.scheduler) as jobs:
+        ask = asked_in_parts if request.simulated is Simulated.PARTS else asked_whole
+        diagnosis = diagnosis_of(ask(recordings, references, library), library, jobs, stop)
+    setting = Setting(
+        bags=[each.name for each in recordings],
+        references=[each.name for each in references],
+        rigs=list(dict.fromkeys(each.inputs.rig for each in recordings)),
+        library="" if request.library is None else str(request.library),
+        effects=len(library.effects),
+        corrected=str(request.folder / CORRECTED_NAME),
+        simulated=request.simulated,
+    )
+    (request.folder / CORRECTED_NAME).write_text(_corrected(diagnosis, library, request.library), encoding="utf-8")
+    (request.folder / PAGE_NAME).write_text(page(diagnosis, setting), encoding="utf-8")
+    results.write_json(request.json, _content(diagnosis, setting, request))
+    show(diagnosis, setting, request.folder / PAGE_NAME)
+    return 0
+
+
+def _check(request: DiagnoseRequest) -> dict[str, Any]:
+    """Refuse what cannot work before anything is read, and return the options of the rig."""
+    if request.jobs is not None and request.jobs < 1:
+        msg = f"--jobs {request.jobs} must be 1 or more"
+        raise InputError(msg)
+    check_given(request.bags, request.references, request.rig)
+    try:
+        request.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {request.folder} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    results.check_writable(request.json)
+    for name in (PAGE_NAME, CORRECTED_NAME):
+        results.check_writable(request.folder / name, "--output")
+    return rig_options(request.settings)
+
+
+def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:
+    rigs = {(each.inputs.rig, each.inputs.options): nominal_rig(each.inputs) for each in recordings}
+    try:
+        for rig in rigs.values():
+            try_changes(library, rig)
+    except BadEffectError as error:
+        raise InputError(str(error)) from error
+
+
+def _corrected(diagnosis: Diagnosis, library: Library, file: Path | None) -> str:
+    """Return the effects file; without any where nothing is known to be the cause."""
+    known = diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}
+    values = {
+        f"{effect.name}.{parameter.name}": parameter.value
+        for effect in (diagnosis.effects if known else ())
+        for parameter in effect.parameters
+    }
+    said = [f"# {diagnosis.verdict.value}: {words.headline(diagnosis)}"]
+    if not diagnosis.finished:
+        said.append("# The diagnosis was stopped early: this is provisional.")
+    return "\n".join([*said, corrected_text(library, values, file if values else None)])
+
+
+def _content(diagnosis: Diagnosis, setting: Setting, request: DiagnoseRequest) -> dict[str, Any]:
+    return {
+        **as_dict(diagnosis),
+        "summary": words.headline(diagnosis),
+        "check": list(words.checks(diagnosis)),
+        "bags": [str(bag) for bag in request.bags],
+        "references": [str(bag) for bag in request.references],
+        "rigs": list(setting.rigs),
+        "simulated": setting.simulated.value,
+        "library": {"effects": setting.effects, "file": setting.library or None},
+        "page": str(request.folder / PAGE_NAME),
+        "corrected": setting.corrected,
+    }
