@@ -1,8 +1,9 @@
 """Calibration: the machine's own constants, fitted to its references before any signature is trusted.
 
-A maximum of the posterior by Gauss-Newton: references whitened by their scatter, constants with the priors of drawings
-and data sheets. What no constant explains is the simulator's own error and hangs together over blocks of time, so it
-counts once a block and not once a bin (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63:425, for why it must count).
+A maximum of the posterior by Gauss-Newton, constants with the priors of drawings and data sheets. What no constant
+explains is the simulator's own error. It has a variance of its own in every signal and block of time, found as in
+iteratively reweighted least squares, and hangs together over the block, so it counts once a block and not once a bin
+(Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63:425, on why it must count; Green 1984, J. R. Stat. Soc. B 46:149).
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.scatter import Whitener
 from jammkle_gap.core.simulate import Task
 
 if TYPE_CHECKING:
@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from jammkle_gap.core.compare import Setting
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.effects import Nuisance
+    from jammkle_gap.core.features import Layout
     from jammkle_gap.core.scatter import Scatter
     from jammkle_gap.core.simulate import Problem, Runner
 
 _TURNS = 4
-"""Times that step and inflation follow from each other. Chosen: neither moves by more than a tenth after it."""
+"""Times that a step and the variance of what it leaves follow from each other. Chosen: neither moves by more than a
+tenth after it."""
 _HALVINGS = 3
 """Times that a step which makes things worse is halved."""
 
@@ -74,71 +76,75 @@ def calibrate(
     used = [(setting, each) for setting, each in zip(settings, scatter, strict=True) if setting.references]
     if not used or not problem.constants:
         return uncalibrated(problem)
-    whiteners = [Whitener(each.variance, each.columns) for _, each in used]
+    target = np.concatenate([setting.reference_features.mean(axis=0) for setting, _ in used])
+    # The scatter of single runs, not of their mean: a machine need not be known better than a run tells.
+    variance = np.concatenate([each.variance + np.square(each.columns).sum(axis=1) for _, each in used])
+    blocks, bins_per_block = _blocks([setting.layout for setting, _ in used], constants)
 
     def residuals(places: Sequence[NDArray[np.float64]], what: str) -> list[NDArray[np.float64]]:
-        """Return what each place leaves of the references, whitened; what the simulator does not give is 0."""
+        """Return what each place leaves of the references; what the simulator does not give is 0."""
         tasks = [
             Task(setting.references[0], setting.layout, _values(problem.constants, place))
             for place in places
             for setting, _ in used
         ]
         made = iter(runner.features(tasks, what))
-        found = []
-        for _ in places:
-            parts = [
-                np.sqrt(len(setting.references))
-                * whiten(np.nan_to_num(setting.reference_features.mean(axis=0) - next(made)))
-                for (setting, _), whiten in zip(used, whiteners, strict=True)
-            ]
-            found.append(np.concatenate(parts))
-        return found
+        return [np.nan_to_num(target - np.concatenate([next(made) for _ in used])) for _ in places]
 
     count = len(problem.constants)
     place = np.zeros(count)
     (nominal,) = residuals([place], "")
     current = nominal
-    size = nominal.size
-    blocks = sum(constants.blocks * len(setting.layout.signals) for setting, _ in used)
     covariance = np.eye(count)
     for _ in range(constants.calibration_steps):
         moved = [place + step for step in np.eye(count)]
         jacobian = np.array([current - each for each in residuals(moved, "calibrating")]).T
-        step, covariance, inflation = _step(jacobian, current, place, blocks)
-        objective = _objective(current, place, inflation)
+        step = np.zeros(count)
+        total = variance
+        for _ in range(_TURNS):
+            weighted = jacobian / total[:, np.newaxis]
+            covariance = np.linalg.inv(jacobian.T @ weighted + np.eye(count))
+            step = covariance @ (weighted.T @ current - place)
+            total = variance + bins_per_block * _beyond(current - jacobian @ step, variance, blocks)
+        before = _objective(current, total, place)
         for _ in range(_HALVINGS):
             (made,) = residuals([place + step], "")
-            if _objective(made, place + step, inflation) < objective:
+            if _objective(made, total, place + step) < before:
                 place, current = place + step, made
                 break
             step = step / 2.0
         else:
             break
-    before, after = (float(np.square(each).sum()) / size for each in (nominal, current))
+    left = [float((np.square(each) / variance).mean()) for each in (nominal, current)]
     deviations = {each.name: float(x) for each, x in zip(problem.constants, place, strict=True)}
-    return Calibration(_values(problem.constants, place), deviations, covariance, before, after)
+    return Calibration(_values(problem.constants, place), deviations, covariance, left[0], left[1])
 
 
-def _step(
-    jacobian: NDArray[np.float64], current: NDArray[np.float64], place: NDArray[np.float64], blocks: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return a Gauss-Newton step, the posterior's covariance, and what the residuals' variance is inflated by.
-
-    What the linear fit leaves beyond scatter is the simulator's own error. Its size and the step follow from each
-    other, so they are found in turn.
-    """
-    size, count = jacobian.shape
-    inflation = 1.0
-    for _ in range(_TURNS):
-        covariance = np.linalg.inv(jacobian.T @ jacobian / inflation + np.eye(count))
-        step = covariance @ (jacobian.T @ current / inflation - place)
-        left = float(np.square(current - jacobian @ step).sum()) / size
-        inflation = 1.0 + max(left - 1.0, 0.0) * size / blocks
-    return step, covariance, inflation
+def _blocks(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the block of every feature, and how many features each block has, for every feature."""
+    found, begin = [], 0
+    for layout in layouts:
+        block = np.arange(layout.bins) * constants.blocks // layout.bins
+        table = begin + constants.blocks * np.arange(len(layout.signals))[:, np.newaxis] + block
+        begin += constants.blocks * len(layout.signals)
+        events = begin + np.arange(len(layout.event_s))
+        begin += len(layout.event_s)
+        found.append(np.concatenate([table.ravel(), events]))
+    blocks = np.concatenate(found)
+    return blocks, np.bincount(blocks)[blocks].astype(float)
 
 
-def _objective(left: NDArray[np.float64], place: NDArray[np.float64], inflation: float) -> float:
-    return float(np.square(left).sum()) / inflation + float(np.square(place).sum())
+def _beyond(
+    left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Return the variance of the simulator's own error: what is left beyond scatter, by block, for every feature."""
+    counts = np.bincount(blocks)
+    mean = np.bincount(blocks, np.square(left) - variance) / counts
+    return np.maximum(mean, 0.0)[blocks]
+
+
+def _objective(left: NDArray[np.float64], variance: NDArray[np.float64], place: NDArray[np.float64]) -> float:
+    return float((np.square(left) / variance).sum()) + float(np.square(place).sum())
 
 
 def _values(constants: Sequence[Nuisance], place: NDArray[np.float64]) -> dict[str, float]:
