@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from jammkle_graph.command.main import main
 from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.parameters import ParameterError
-from jammkle_sim.commands import paper as paper_command
+from jammkle_sim.commands import paper_run as paper_command
 from jammkle_sim.fit.reasons import REASONS
 from jammkle_sim.paper.comparison import Outcomes, RowComparison, Statistic, compare_claims
 from jammkle_sim.paper.deformation import deformation

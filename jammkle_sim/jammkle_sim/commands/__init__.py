@@ -23,7 +23,7 @@ def rig(
     arguments: Annotated[list[str] | None, typer.Argument(help="NAME [OPTIONS]; see `jammkle rig --help`.")] = None,
 ) -> int:
     """Run a rig without the graph, as fast as it can, and write a bag."""
-    from jammkle_sim.commands.rig import rig as run
+    from jammkle_sim.commands.rig_run import rig as run
 
     return run(arguments or [])
 
@@ -41,7 +41,7 @@ def paper(
     json: JsonOption = None,
 ) -> int:
     """Run every test of the paper and write a page with its tables and figures beside the simulation."""
-    from jammkle_sim.commands.paper import PaperRequest
-    from jammkle_sim.commands.paper import paper as compare
+    from jammkle_sim.commands.paper_run import PaperRequest
+    from jammkle_sim.commands.paper_run import paper as compare
 
     return compare(PaperRequest(output, json, refit, repeats, seed))
