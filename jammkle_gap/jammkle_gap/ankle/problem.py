@@ -55,7 +55,13 @@ def group_of(recording: Recording) -> str:
     """Return text that is the same for recordings whose signatures are: rig, options and commands to a tenth of 1 s."""
     inputs = inputs_of(recording)
     commands = [
-        (channel, [(round(t / _COMMAND_ROUNDING_S), v) for t, v in zip(line.time_s.tolist(), line.values.tolist(), strict=True)])
+        (
+            channel,
+            [
+                (round(t / _COMMAND_ROUNDING_S), v)
+                for t, v in zip(line.time_s.tolist(), line.values.tolist(), strict=True)
+            ],
+        )
         for channel, line in sorted(inputs.commands.solenoids.items())
     ]
     options = [(name, f"{value:.3g}" if isinstance(value, float) else value) for name, value in inputs.options]

@@ -94,9 +94,7 @@ def _gain(before: Rig, after: Rig) -> float:
     return after.wiring.load_cell_gain / before.wiring.load_cell_gain
 
 
-def _turned(
-    measured: Mapping[str, NDArray[np.float64]], before: Rig, after: Rig
-) -> dict[str, NDArray[np.float64]]:
+def _turned(measured: Mapping[str, NDArray[np.float64]], before: Rig, after: Rig) -> dict[str, NDArray[np.float64]]:
     """Return all signals, those of the IMU turned on its mount, with its offsets, and clipped at its range."""
     old, new = laws_of(before).imu[0], laws_of(after).imu[0]
     turn = new["turn"] @ old["turn"].T

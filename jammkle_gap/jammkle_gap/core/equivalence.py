@@ -47,7 +47,7 @@ def classes_of(
             target = typical[other]
             gains = 2.0 * weights @ (stacked[name] @ target) - quadratic
             left[i, j] = 1.0 - float(gains.max()) / float(target @ target)
-    near = (left < constants.class_distance) & (left.T < constants.class_distance)
+    near = (left < constants.class_distance) & (constants.class_distance > left.T)
     found: list[list[int]] = []
     for i in range(len(names)):
         for members in found:

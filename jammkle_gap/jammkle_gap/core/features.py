@@ -64,7 +64,8 @@ class Layout:
     @property
     def time_s(self) -> NDArray[np.float64]:
         """Centres of the bins, shape (bins,), s."""
-        return (np.arange(self.bins) + 0.5) * self.bin_s
+        centres: NDArray[np.float64] = (np.arange(self.bins) + 0.5) * self.bin_s
+        return centres
 
     def by_signal(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the features without the events, shape (..., signals, bins)."""
@@ -113,8 +114,8 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registra
         floor = np.hypot(signal.noise / np.sqrt(per_bin), signal.resolution / np.sqrt(12.0))
         floors.append(np.full(bins, max(floor, 1e-9 * max(float(np.abs(signal.values).max()), 1e-9))))
     floors.append(np.full(len(event_s), EVENT_NOISE_S))
-    names, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)
-    return Layout(names, units, bin_s, bins, event_s, np.concatenate(floors))
+    shared, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)
+    return Layout(shared, units, bin_s, bins, event_s, np.concatenate(floors))
 
 
 def measured(recording: Recording) -> dict[str, NDArray[np.float64]]:

@@ -1,4 +1,4 @@
-"""Search: every effect on its grid, the promising ones with the simulator at the faulty runs' own commands, then pairs."""
+"""Search: every effect on its grid, then the promising ones and their pairs with the simulator."""
 
 from __future__ import annotations
 
@@ -162,10 +162,10 @@ _SILENT = 1e-6
 """Whitened feature below which nothing moves: rounding."""
 
 
-def search(  # noqa: PLR0913, PLR0917 - what it works on
+def search(
     problem: Problem,
     settings: Sequence[Setting],
-    dictionaries: Sequence[Dictionary],
+    signatures: Mapping[str, NDArray[np.float64]],
     difference: Difference,
     machine: Mapping[str, float],
     runner: Runner,
@@ -176,14 +176,13 @@ def search(  # noqa: PLR0913, PLR0917 - what it works on
     Args:
         problem: Simulator, library and sensing.
         settings: Runs.
-        dictionaries: Of each setting.
+        signatures: Whitened, of every effect's grid points; see `grid_signatures`.
         difference: To be explained.
         machine: Calibrated constants.
         runner: Makes the runs.
         constants: How many are fitted.
 
     """
-    signatures = grid_signatures(problem, settings, dictionaries, difference)
     profiles = Profiles(grids_of(problem), signatures, difference.whitened)
     places = {name: profiles.single(name) for name in profiles.names}
     silent = tuple(effect.name for effect in problem.library if effect.name not in places)
@@ -204,7 +203,7 @@ def search(  # noqa: PLR0913, PLR0917 - what it works on
     return Candidates(tuple(singles), tuple(pairs), {name: place.gain for name, place in places.items()}, silent)
 
 
-def fit_place(  # noqa: PLR0913, PLR0917 - sent to another process
+def fit_place(
     problem: Problem,
     settings: Sequence[Setting],
     difference: Difference,
@@ -221,7 +220,7 @@ def fit_place(  # noqa: PLR0913, PLR0917 - sent to another process
     return replace(fit, features=features), signatures.runs
 
 
-def _screened(  # noqa: PLR0913, PLR0917 - what it works on
+def _screened(
     problem: Problem,
     settings: Sequence[Setting],
     difference: Difference,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.simulate import Problem, Runner
 
-_FORMAT = 1
+_FORMAT = 2
 """Of the files."""
 
 
@@ -48,7 +48,9 @@ class Dictionary:
     contact: NDArray[np.float64]
     """What scattered runs differ by that is not linear in the nuisances, as columns, shape (columns, n)."""
 
-    def laid(self, layout: Layout, differences: NDArray[np.float64], problem: Problem, run: Recording) -> NDArray[np.float64]:
+    def laid(
+        self, layout: Layout, differences: NDArray[np.float64], problem: Problem, run: Recording
+    ) -> NDArray[np.float64]:
         """Return differences of the dictionary in the layout of the runs at hand, events put where theirs are.
 
         Args:
@@ -69,7 +71,9 @@ class Dictionary:
             if name not in own.signals:
                 continue
             event = problem.registrar.event_of(run, name) if problem.registrar is not None else ""
-            shift_s = layout.event_s[event] - own.event_s[event] if event in layout.event_s and event in own.event_s else 0.0
+            shift_s = (
+                layout.event_s[event] - own.event_s[event] if event in layout.event_s and event in own.event_s else 0.0
+            )
             at = np.clip((layout.time_s - shift_s) / own.bin_s - 0.5, 0.0, own.bins - 1.0)
             low = np.floor(at).astype(int)
             high = np.minimum(low + 1, own.bins - 1)
@@ -116,9 +120,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jammkle"
 
 
-def _built(
-    recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants
-) -> Dictionary:
+def _built(recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants) -> Dictionary:
     sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
     tasks = [Task(recording, layout, {})]
     counts = {}
@@ -162,11 +164,12 @@ def _contact(
     scaled = (runs - draws @ scatter) / layout.floor
     _, values, rows = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
     count = constants.contact_columns
-    return rows[:count] * (values[:count, np.newaxis] / np.sqrt(len(runs) - 1)) * layout.floor
+    found: NDArray[np.float64] = rows[:count] * (values[:count, np.newaxis] / np.sqrt(len(runs) - 1)) * layout.floor
+    return found
 
 
 def _digest(recording: Recording, layout: Layout, problem: Problem, constants: Constants) -> str:
-    parts = [_FORMAT, problem.version, problem.group_of(recording), layout.signals, layout.bin_s, layout.bins]
+    parts = [_FORMAT, problem.version, problem.group_of(recording), layout.signals, layout.bin_s]
     parts += [[effect.name, grid_of(effect).points.tolist()] for effect in problem.library]
     parts += [[each.name, each.null, each.sigma] for each in problem.scatter]
     parts += [constants.contact_runs, constants.contact_columns]
@@ -178,7 +181,8 @@ def _read(path: Path, layout: Layout) -> Dictionary | None:
     try:
         with np.load(path) as stored:
             events = dict(zip(layout.event_s, stored["event_s"].tolist(), strict=True))
-            own = Layout(layout.signals, layout.units, layout.bin_s, layout.bins, events, layout.floor)
+            bins = int(stored["bins"])
+            own = Layout(layout.signals, layout.units, layout.bin_s, bins, events, stored["floor"])
             effects = {name.removeprefix("effect "): stored[name].astype(float) for name in stored if " " in name}
             return Dictionary(own, stored["nominal"], effects, stored["scatter"], stored["contact"])
     except (OSError, ValueError, KeyError, EOFError):
@@ -192,10 +196,16 @@ def _write(path: Path, dictionary: Dictionary) -> None:
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
             effects = {f"effect {name}": each.astype(np.float32) for name, each in dictionary.effects.items()}
             events = np.array(list(dictionary.layout.event_s.values()))
-            np.savez(
-                file, event_s=events, nominal=dictionary.nominal, scatter=dictionary.scatter,
-                contact=dictionary.contact, **effects,
-            )  # fmt: skip
+            arrays = {
+                **effects,
+                "bins": np.array(dictionary.layout.bins),
+                "floor": dictionary.layout.floor,
+                "event_s": events,
+                "nominal": dictionary.nominal,
+                "scatter": dictionary.scatter,
+                "contact": dictionary.contact,
+            }
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy takes its option by a name that none has
         Path(file.name).replace(path)
     except OSError:
         return

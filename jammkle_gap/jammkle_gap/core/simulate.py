@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-import cloudpickle
+import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.features import features_of
 
@@ -93,6 +93,8 @@ class Problem:
     """What tells this simulator from others and from its other versions; empty: no dictionary is kept on disk."""
     group_of: Callable[[Recording], str] = lambda recording: recording.setting
     """Text that is the same for recordings whose signatures are the same."""
+    conformity: Callable[[Recording], Sequence[float]] = lambda _: ()
+    """Nonconformity of true causes on simulated machines like that of a recording; see `conformal`."""
 
 
 @dataclass(frozen=True)
