@@ -64,7 +64,7 @@ class Layout:
     @property
     def time_s(self) -> NDArray[np.float64]:
         """Centres of the bins, shape (bins,), s."""
-        centres: NDArray[np.float64] = (np.arange(self.bins) + 0.5) * self.bin_s
+        centres: NDArray[np.float64] = self.bin_s * (np.arange(self.bins, dtype=np.float64) + 0.5)
         return centres
 
     def by_signal(self, features: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -125,8 +125,8 @@ def closing_of(difference: Difference, left: NDArray[np.float64], settings: Sequ
         block = np.arange(layout.bins) * blocks // layout.bins
         for values, table in ((difference.whitened[part], before), (left[part], after)):
             squares = np.square(layout.by_signal(values)).sum(axis=0)
-            table.append(np.bincount(block, squares, blocks))
-        counts.append(np.bincount(block, minlength=blocks) * len(layout.signals) * healthy)
+            table.append(np.bincount(block, squares, blocks).astype(np.float64))
+        counts.append(np.bincount(block, minlength=blocks).astype(np.float64) * len(layout.signals) * healthy)
     tables = [np.concatenate(each) for each in (before, after, counts)]
 
     def closed(drawn: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -91,14 +91,22 @@ def _expected(
     repeats: Repeats, variance: NDArray[np.float64], amplitude2: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return expected sums of squares: of every nuisance, in its prior's variance, and of what is left per feature."""
-    columns = repeats.columns * np.sqrt(amplitude2)
-    whitened = columns / np.sqrt(variance)[:, np.newaxis]
-    posterior = np.linalg.inv(np.eye(columns.shape[1]) + whitened.T @ whitened)
-    scores = (repeats.deviations / np.sqrt(variance)) @ whitened @ posterior
+    columns, scores, posterior = _scores(repeats, variance, amplitude2)
     second = amplitude2 * (np.square(scores).sum(axis=0) + repeats.freedom * np.diag(posterior))
     spread = np.einsum("ij,jk,ik->i", columns, posterior, columns, optimize=True)
     rest = np.square(repeats.deviations - scores @ columns.T).sum(axis=0) + repeats.freedom * spread
     return second, rest
+
+
+def _scores(
+    repeats: Repeats, variance: NDArray[np.float64], amplitude2: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return scaled columns, and the posterior mean, shape (runs, nuisances), and covariance of their scores."""
+    columns = repeats.columns * np.sqrt(amplitude2)
+    whitened = columns / np.sqrt(variance)[:, np.newaxis]
+    posterior = np.linalg.inv(np.eye(columns.shape[1]) + whitened.T @ whitened)
+    scores = (repeats.deviations / np.sqrt(variance)) @ whitened @ posterior
+    return columns, scores, posterior
 
 
 def _moderated_variance(
@@ -129,13 +137,8 @@ def _blocks(
     count = min(constants.blocks, layout.bins)
     block = np.arange(layout.bins) * count // layout.bins
     per_block = np.bincount(block, minlength=count)
-    if repeats.freedom:
-        columns = repeats.columns * np.sqrt(amplitude2)
-        whitened = columns / np.sqrt(variance)[:, np.newaxis]
-        posterior = np.linalg.inv(np.eye(columns.shape[1]) + whitened.T @ whitened)
-        left = repeats.deviations - ((repeats.deviations / np.sqrt(variance)) @ whitened @ posterior) @ columns.T
-    else:
-        left = np.zeros((0, layout.size))
+    columns, scores, _ = _scores(repeats, variance, amplitude2)
+    left = repeats.deviations - scores @ columns.T
     table = layout.by_signal(left)
     expected = layout.by_signal(variance)
     floor = layout.by_signal(layout.floor)
@@ -153,8 +156,8 @@ def _blocks(
             column = np.zeros(layout.size)
             layout.by_signal(column)[i, block == b] = amplitude[b]
             found.append(column)
-    columns: NDArray[np.float64] = np.array(found).T
-    return columns
+    stacked: NDArray[np.float64] = np.array(found).T
+    return stacked
 
 
 class Whitener:
