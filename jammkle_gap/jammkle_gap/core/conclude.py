@@ -76,8 +76,8 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     best = fits[named[0]] if named else None
     following = None
     if verdict is Verdict.AMBIGUOUS:
-        machine = evidence.calibration.values
-        following = next_experiment([fits[names] for names in named], experiments, evidence.problem, runner, machine)
+        chosen = [fits[names] for names in named]
+        following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     known = evidence.problem.conformity(evidence.settings[0].faulty[0])
     left = difference.whitened - (best.signature if best is not None else 0.0)

@@ -14,12 +14,12 @@ from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.equivalence import classes_of
-from jammkle_gap.core.search import Candidates, grid_signatures, search
+from jammkle_gap.core.search import Candidates, grid_signatures, screen, search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
 from jammkle_gap.core.simulate import Runner, Task
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -38,6 +38,8 @@ class Evidence:
     settings: tuple[Setting, ...]
     residuals: tuple[Residuals, ...]
     calibration: Calibration
+    machine: Mapping[str, float]
+    """Constants that signatures were simulated with: calibrated, or none where the nominal machine explains more."""
     difference: Difference
     candidates: Candidates
     classes: tuple[tuple[str, ...], ...]
@@ -111,14 +113,24 @@ def evidence_of(
     residuals = residuals_of(settings, runner, {})
     difference = _difference(settings, residuals, dictionaries, problem, runner, uncalibrated(problem), constants)
     calibration = calibrate(settings, difference.scatter, problem, runner, constants)
-    if calibration.values:
-        residuals = residuals_of(settings, runner, calibration.values)
-    if calibration.values or not all(setting.references for setting in settings):
+    complete = all(setting.references for setting in settings)
+    if not complete:
+        # Where references are missing, what is known of the machine is all there is.
+        residuals = residuals_of(settings, runner, calibration.values) if calibration.values else residuals
         difference = _difference(settings, residuals, dictionaries, problem, runner, calibration, constants)
     signatures = grid_signatures(problem, settings, dictionaries, difference)
     classes = classes_of(grids_of(problem), signatures, constants)
-    candidates = search(problem, settings, signatures, difference, calibration.values, runner, constants)
-    return Evidence(problem, tuple(settings), tuple(residuals), calibration, difference, candidates, classes)
+    machine = {} if complete else calibration.values
+    screening = screen(problem, settings, signatures, difference, machine, runner)
+    if complete and calibration.after < calibration.before:
+        again = residuals_of(settings, runner, calibration.values)
+        other = replace(difference, whitened=difference.whiten([each.difference for each in again]))
+        calibrated = screen(problem, settings, signatures, other, calibration.values, runner)
+        # Two machines are on offer, as drawn and as calibrated: the one counts in which an effect explains more.
+        if calibrated.left < screening.left:
+            residuals, difference, screening, machine = again, other, calibrated, calibration.values
+    candidates = search(problem, settings, screening, difference, machine, runner, constants)
+    return Evidence(problem, tuple(settings), tuple(residuals), calibration, machine, difference, candidates, classes)
 
 
 def _difference(

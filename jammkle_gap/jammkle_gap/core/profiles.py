@@ -47,7 +47,8 @@ class Profiles:
 
         """
         self._grids = {name: grids[name] for name in signatures}
-        stacked = np.vstack([signatures[name] for name in self._grids])
+        width = (0, difference.size)
+        stacked = np.vstack([np.zeros(width), *(signatures[name] for name in self._grids)])
         ends = np.cumsum([len(signatures[name]) for name in self._grids])
         self._slices = {
             name: slice(int(end) - len(signatures[name]), int(end)) for name, end in zip(self._grids, ends, strict=True)

@@ -162,10 +162,52 @@ _SILENT = 1e-6
 """Whitened feature below which nothing moves: rounding."""
 
 
-def search(
+@dataclass(frozen=True)
+class Screening:
+    """Every effect on its grid, and with one run at the faulty runs' own commands."""
+
+    profiles: Profiles
+    places: Mapping[str, Place]
+    order: tuple[str, ...]
+    """Effects, the most promising first."""
+    left: float
+    """Squared length of what the most promising one leaves."""
+
+
+def screen(
     problem: Problem,
     settings: Sequence[Setting],
     signatures: Mapping[str, NDArray[np.float64]],
+    difference: Difference,
+    machine: Mapping[str, float],
+    runner: Runner,
+) -> Screening:
+    """Look at every effect.
+
+    Args:
+        problem: Simulator, library and sensing.
+        settings: Runs.
+        signatures: Whitened, of every effect's grid points; see `grid_signatures`.
+        difference: To be explained.
+        machine: Calibrated constants.
+        runner: Makes the runs.
+
+    """
+    profiles = Profiles(grids_of(problem), signatures, difference.whitened)
+    places = {name: profiles.single(name) for name in profiles.names}
+    screened = _screened(problem, settings, difference, machine, runner, places)
+    gains = {name: max(place.gain, screened.get(name, -np.inf)) for name, place in places.items()}
+    # What was simulated at the run's own commands is what counts; sensors' effects need no simulation.
+    proven = [screened.get(name, place.gain) for name, place in places.items()]
+    length = float(difference.whitened @ difference.whitened)
+    order = sorted(gains, key=lambda name: -gains[name])
+    return Screening(profiles, places, tuple(order), length - max(proven, default=0.0))
+
+
+def search(
+    problem: Problem,
+    settings: Sequence[Setting],
+    screening: Screening,
     difference: Difference,
     machine: Mapping[str, float],
     runner: Runner,
@@ -176,31 +218,25 @@ def search(
     Args:
         problem: Simulator, library and sensing.
         settings: Runs.
-        signatures: Whitened, of every effect's grid points; see `grid_signatures`.
+        screening: Of the same difference.
         difference: To be explained.
         machine: Calibrated constants.
         runner: Makes the runs.
         constants: How many are fitted.
 
     """
-    profiles = Profiles(grids_of(problem), signatures, difference.whitened)
-    places = {name: profiles.single(name) for name in profiles.names}
+    places = screening.places
     silent = tuple(effect.name for effect in problem.library if effect.name not in places)
-    if not places:
-        return Candidates((), (), {}, silent)
-    screened = _screened(problem, settings, difference, machine, runner, places)
-    order = sorted(places, key=lambda name: -max(places[name].gain, screened.get(name, -np.inf)))
-    work = [places[name] for name in order[: constants.refined]]
-    work += profiles.pairs(order[: constants.refined], constants.refined_pairs)
+    first = screening.order[: constants.refined]
+    work = [places[name] for name in first]
+    work += screening.profiles.pairs(first, constants.refined_pairs)
     arguments = [(problem, settings, difference, dict(machine), place, constants.fit_evaluations) for place in work]
     answers = runner.map(fit_place, arguments, "fitting")
-    fits = []
-    for fit, runs in answers:
-        fits.append(fit)
-        runner.runs += runs
-    singles = sorted((fit for fit in fits if len(fit.names) == 1), key=lambda fit: fit.left)
-    pairs = sorted((fit for fit in fits if len(fit.names) > 1), key=lambda fit: fit.left)
-    return Candidates(tuple(singles), tuple(pairs), {name: place.gain for name, place in places.items()}, silent)
+    runner.runs += sum(runs for _, runs in answers)
+    fits = sorted((fit for fit, _ in answers), key=lambda fit: fit.left)
+    singles = tuple(fit for fit in fits if len(fit.names) == 1)
+    pairs = tuple(fit for fit in fits if len(fit.names) > 1)
+    return Candidates(singles, pairs, {name: place.gain for name, place in places.items()}, silent)
 
 
 def fit_place(
