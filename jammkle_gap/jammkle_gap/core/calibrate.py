@@ -134,9 +134,7 @@ def _blocks(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[np
     return blocks, np.bincount(blocks)[blocks].astype(float)
 
 
-def _beyond(
-    left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]
-) -> NDArray[np.float64]:
+def _beyond(left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return the variance of the simulator's own error: what is left beyond scatter, by block, for every feature."""
     counts = np.bincount(blocks)
     mean = np.bincount(blocks, np.square(left) - variance) / counts

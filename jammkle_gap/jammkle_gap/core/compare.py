@@ -172,10 +172,10 @@ class Difference:
         if freedom == 0:
             return 1.0
         total = sum(float(np.square(each).sum()) / each.shape[1] for each in self.deviations if each.size)
-        return total / freedom
+        return float(total / freedom)
 
 
-def difference_of(  # noqa: PLR0913, PLR0917 - what it is made of
+def difference_of(
     settings: Sequence[Setting],
     residuals: Sequence[Residuals],
     nuisances: Sequence[NDArray[np.float64]],

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.design import next_experiment
 from jammkle_gap.core.detect import detect
@@ -18,16 +19,18 @@ from jammkle_gap.core.result import (
     FittedEffect,
     FittedParameter,
     HeldOutSetting,
+    SignalGap,
     Spent,
     Trace,
     Verdict,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.core.compare import Difference
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.detect import Detection
@@ -44,9 +47,7 @@ _DETECTABLE = (stats.norm.ppf(0.99) + stats.norm.ppf(0.99)) ** 2
 """Squared whitened length that is detected with 99 % power at 1 % false alarms along a known direction."""
 
 
-def conclude(
-    evidence: Evidence, experiments: Sequence[Experiment], runner: Runner, constants: Constants
-) -> Diagnosis:
+def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runner, constants: Constants) -> Diagnosis:
     """Return the diagnosis.
 
     Args:
@@ -75,12 +76,8 @@ def conclude(
     following = None
     if verdict is Verdict.AMBIGUOUS:
         machine = evidence.calibration.values
-        following = next_experiment(
-            [fits[names] for names in named], experiments, evidence.problem, runner, machine
-        )
-    spread = {
-        name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0
-    }
+        following = next_experiment([fits[names] for names in named], experiments, evidence.problem, runner, machine)
+    spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     left = difference.whitened - (best.signature if best is not None else 0.0)
     return Diagnosis(
         verdict=verdict,
@@ -118,9 +115,7 @@ def _verdict(detection: Detection, posterior: Posterior) -> Verdict:
     return Verdict.EFFECTS if len(posterior.credible) == 1 else Verdict.AMBIGUOUS
 
 
-def _reasons(
-    verdict: Verdict, detection: Detection, posterior: Posterior, evidence: Evidence
-) -> tuple[str, ...]:
+def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evidence: Evidence) -> tuple[str, ...]:
     first = (
         f"the difference is {np.sqrt(detection.ratio):.2f} times healthy scatter; a healthy machine shows as much with "
         f"a probability of {detection.p_value:.2g}"
@@ -138,7 +133,7 @@ def _reasons(
     return first, second, f"none of the effects on offer: probability {unknown:.2f}"
 
 
-def _candidate(  # noqa: PLR0913, PLR0917 - what it is made of
+def _candidate(
     evidence: Evidence,
     fit: Fit | None,
     names: tuple[str, ...],
@@ -149,10 +144,7 @@ def _candidate(  # noqa: PLR0913, PLR0917 - what it is made of
     if fit is None:
         return Candidate(names, probability, 0.0, ())
     others = {
-        other
-        for members in evidence.classes
-        for other in members
-        if set(members) & set(names) and other not in names
+        other for members in evidence.classes for other in members if set(members) & set(names) and other not in names
     }
     return Candidate(
         names,
@@ -181,7 +173,9 @@ def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedE
             detectable = each.null + np.sign(value - each.null) * step
             inside = each.minimum <= detectable <= each.maximum
             parameters.append(
-                FittedParameter(each.name, each.unit, value, (low, high), bool(bound), float(detectable) if inside else np.nan)
+                FittedParameter(
+                    each.name, each.unit, value, (low, high), bool(bound), float(detectable) if inside else np.nan
+                )
             )
         found.append(FittedEffect(name, effect.subsystem, effect.sentence, tuple(parameters)))
     return tuple(found)
@@ -236,10 +230,8 @@ def _held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tup
     return tuple(found)
 
 
-def _alone(evidence: Evidence, k: int, whitened: NDArray[np.float64]) -> object:
+def _alone(evidence: Evidence, k: int, whitened: NDArray[np.float64]) -> Difference:
     """Return the difference of one setting."""
-    from dataclasses import replace
-
     whole = evidence.difference
     return replace(
         whole,
@@ -259,7 +251,7 @@ def _signatures(evidence: Evidence, best: Fit | None) -> list[NDArray[np.float64
     return list(best.features)
 
 
-def _signals(evidence: Evidence, best: Fit | None):
+def _signals(evidence: Evidence, best: Fit | None) -> tuple[SignalGap, ...]:
     return signal_gaps(evidence.settings, evidence.residuals, evidence.difference, _signatures(evidence, best))
 
 

@@ -37,8 +37,9 @@ def next_experiment(
     runner: Runner,
     machine: Mapping[str, float],
 ) -> NextExperiment | None:
-    """Return the experiment in which even the two most alike candidates differ most (maximin; T-optimality for the
-    discrimination of models, Atkinson and Fedorov 1975, Biometrika 62:57).
+    """Return the experiment in which even the two most alike candidates differ most.
+
+    Maximin; T-optimality for the discrimination of models (Atkinson and Fedorov 1975, Biometrika 62:57).
 
     Args:
         fits: Candidates of the set.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

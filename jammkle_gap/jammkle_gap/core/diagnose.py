@@ -43,7 +43,7 @@ class Evidence:
     classes: tuple[tuple[str, ...], ...]
 
 
-def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
+def diagnose(
     recordings: Sequence[Recording],
     problem: Problem,
     *,
@@ -79,7 +79,7 @@ def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
     return replace(found, spent=replace(found.spent, wall_s=time.perf_counter() - started))
 
 
-def evidence_of(  # noqa: PLR0913, PLR0917 - what it is gathered from
+def evidence_of(
     recordings: Sequence[Recording],
     references: Sequence[Recording],
     problem: Problem,
@@ -121,7 +121,7 @@ def evidence_of(  # noqa: PLR0913, PLR0917 - what it is gathered from
     return Evidence(problem, tuple(settings), tuple(residuals), calibration, difference, candidates, classes)
 
 
-def _difference(  # noqa: PLR0913, PLR0917 - what it is made of
+def _difference(
     settings: Sequence[Setting],
     residuals: Sequence[Residuals],
     dictionaries: Sequence[Dictionary],
@@ -131,7 +131,8 @@ def _difference(  # noqa: PLR0913, PLR0917 - what it is made of
     constants: Constants,
 ) -> Difference:
     def laid(rows: NDArray[np.float64], k: int) -> NDArray[np.float64]:
-        return dictionaries[k].laid(settings[k].layout, rows, problem, settings[k].faulty[0]).T
+        columns: NDArray[np.float64] = dictionaries[k].laid(settings[k].layout, rows, problem, settings[k].faulty[0]).T
+        return columns
 
     nuisances = [laid(dictionary.scatter, k) for k, dictionary in enumerate(dictionaries)]
     contact = [laid(dictionary.contact, k) for k, dictionary in enumerate(dictionaries)]
@@ -142,7 +143,7 @@ def _difference(  # noqa: PLR0913, PLR0917 - what it is made of
 def _shared(
     settings: Sequence[Setting], problem: Problem, runner: Runner, calibration: Calibration
 ) -> list[NDArray[np.float64]]:
-    """Return columns of the machine's constants, one posterior standard deviation each, where references are missing."""
+    """Return columns of the machine's constants, a posterior standard deviation each, where references are missing."""
     count = len(problem.constants)
     found = [np.zeros((setting.layout.size, count)) for setting in settings]
     # The matrix root of the posterior covariance turns one deviation of each constant into independent columns.

@@ -47,7 +47,8 @@ def classes_of(
             target = typical[other]
             gains = 2.0 * weights @ (stacked[name] @ target) - quadratic
             left[i, j] = 1.0 - float(gains.max()) / float(target @ target)
-    near = (left < constants.class_distance) & (left.T < constants.class_distance)
+    within = left < constants.class_distance
+    near = within & within.T
     found: list[list[int]] = []
     for i in range(len(names)):
         for members in found:

@@ -64,7 +64,7 @@ class Layout:
     @property
     def time_s(self) -> NDArray[np.float64]:
         """Centres of the bins, shape (bins,), s."""
-        return (np.arange(self.bins) + 0.5) * self.bin_s
+        return (np.arange(self.bins, dtype=np.float64) + 0.5) * self.bin_s
 
     def by_signal(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the features without the events, shape (..., signals, bins)."""
@@ -113,8 +113,9 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registra
         floor = np.hypot(signal.noise / np.sqrt(per_bin), signal.resolution / np.sqrt(12.0))
         floors.append(np.full(bins, max(floor, 1e-9 * max(float(np.abs(signal.values).max()), 1e-9))))
     floors.append(np.full(len(event_s), EVENT_NOISE_S))
-    names, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)
-    return Layout(names, units, bin_s, bins, event_s, np.concatenate(floors))
+    kept = tuple(each.name for each in signals)
+    units = tuple(each.unit for each in signals)
+    return Layout(kept, units, bin_s, bins, event_s, np.concatenate(floors))
 
 
 def measured(recording: Recording) -> dict[str, NDArray[np.float64]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -79,7 +79,8 @@ def refine(
             moved = shares.copy()
             moved[i] += step
             columns.append((signature_at(moved) - signature_at(shares)) / step)
-        return -np.array(columns).T
+        slopes: NDArray[np.float64] = -np.array(columns).T
+        return slopes
 
     begin = np.clip((np.array([start[key] for key in keys]) - low) / span, 1e-6, 1.0 - 1e-6)
     found = least_squares(

@@ -103,9 +103,7 @@ def _phases(setting: Setting, signal: str, registrar: Registrar | None) -> dict[
     return found
 
 
-def closing_of(
-    difference: Difference, left: NDArray[np.float64], settings: Sequence[Setting], blocks: int
-) -> Closing:
+def closing_of(difference: Difference, left: NDArray[np.float64], settings: Sequence[Setting], blocks: int) -> Closing:
     """Return how far the gap closes.
 
     Args:
@@ -116,7 +114,9 @@ def closing_of(
 
     """
     healthy = difference.healthy
-    before, after, counts = [], [], []
+    before: list[NDArray[np.float64]] = []
+    after: list[NDArray[np.float64]] = []
+    counts: list[NDArray[np.float64]] = []
     begin = 0
     for setting in settings:
         layout = setting.layout
@@ -125,8 +125,8 @@ def closing_of(
         block = np.arange(layout.bins) * blocks // layout.bins
         for values, table in ((difference.whitened[part], before), (left[part], after)):
             squares = np.square(layout.by_signal(values)).sum(axis=0)
-            table.append(np.bincount(block, squares, blocks))
-        counts.append(np.bincount(block, minlength=blocks) * len(layout.signals) * healthy)
+            table.append(np.bincount(block, squares, blocks).astype(float))
+        counts.append(np.bincount(block, minlength=blocks).astype(float) * len(layout.signals) * healthy)
     tables = [np.concatenate(each) for each in (before, after, counts)]
 
     def closed(drawn: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -169,14 +169,16 @@ def signal_gaps(
         before, after = each.difference, each.difference - signature
         for i, (name, unit) in enumerate(zip(layout.signals, layout.units, strict=True)):
             rows = [layout.by_signal(values)[i] for values in (before, after, variance)]
-            own = np.array([
-                float(np.square(rows[0]).sum()),
-                float(np.square(rows[1]).sum()),
-                float(rows[2].sum()),
-                float((np.square(rows[0]) / rows[2]).sum()),
-                float((np.square(rows[1]) / rows[2]).sum()),
-                layout.bins,
-            ])
+            own = np.array(
+                [
+                    float(np.square(rows[0]).sum()),
+                    float(np.square(rows[1]).sum()),
+                    float(rows[2].sum()),
+                    float((np.square(rows[0]) / rows[2]).sum()),
+                    float((np.square(rows[1]) / rows[2]).sum()),
+                    layout.bins,
+                ]
+            )
             sums[name, unit] = sums.get((name, unit), np.zeros(6)) + own
     return tuple(
         SignalGap(

@@ -71,9 +71,7 @@ def posterior_of(
     return Posterior(ranked, credible_set(ranked, classes, constants.credible))
 
 
-def credible_set(
-    ranked: Mapping[Names, float], classes: Mapping[str, str], share: float
-) -> tuple[Names, ...]:
+def credible_set(ranked: Mapping[Names, float], classes: Mapping[str, str], share: float) -> tuple[Names, ...]:
     """Return the smallest set of candidates that holds a share of the probability, one for each class."""
     found: dict[tuple[str, ...], Names] = {}
     held = 0.0

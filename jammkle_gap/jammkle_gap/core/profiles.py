@@ -50,15 +50,12 @@ class Profiles:
         stacked = np.vstack([signatures[name] for name in self._grids])
         ends = np.cumsum([len(signatures[name]) for name in self._grids])
         self._slices = {
-            name: slice(int(end) - len(signatures[name]), int(end))
-            for name, end in zip(self._grids, ends, strict=True)
+            name: slice(int(end) - len(signatures[name]), int(end)) for name, end in zip(self._grids, ends, strict=True)
         }
         self._gram = stacked @ stacked.T
         self._overlap = stacked @ difference
         self._quadratic = {
-            name: np.einsum(
-                "ij,jk,ik->i", grid.weights, self._gram[part, part], grid.weights, optimize=True
-            )
+            name: np.einsum("ij,jk,ik->i", grid.weights, self._gram[part, part], grid.weights, optimize=True)
             for (name, grid), part in zip(self._grids.items(), self._slices.values(), strict=True)
         }
 
@@ -92,11 +89,12 @@ class Profiles:
     def gram(self, name: str) -> NDArray[np.float64]:
         """Return the Gram matrix of one effect's grid points."""
         part = self._slices[name]
-        return self._gram[part, part]
+        gram: NDArray[np.float64] = self._gram[part, part]
+        return gram
 
     def _pair(self, one: str, other: str) -> Place:
         empty = np.zeros(len(self._overlap))
-        own = {name: empty for name in (one, other)}
+        own = dict.fromkeys((one, other), empty)
         values: dict[str, NDArray[np.float64]] = {}
         gain = 0.0
         for i in range(2 * _ALTERNATIONS):

@@ -194,7 +194,7 @@ class Diagnosis:
     silent: tuple[str, ...]
     """Effects that move nothing in these recordings, and so cannot be seen."""
     calibration: Mapping[str, float]
-    """Constants of the machine that its references moved by more than one standard deviation of their prior, in such."""
+    """Constants of the machine that its references moved by more than a standard deviation of their prior, in such."""
     references_left: float
     """What the calibrated simulator leaves of the references per feature, in their scatter's variance; NaN: none."""
     traces: tuple[Trace, ...]

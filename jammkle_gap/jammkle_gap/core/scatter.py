@@ -153,7 +153,8 @@ def _blocks(
             column = np.zeros(layout.size)
             layout.by_signal(column)[i, block == b] = amplitude[b]
             found.append(column)
-    return np.array(found).T
+    columns_of_blocks: NDArray[np.float64] = np.array(found).T
+    return columns_of_blocks
 
 
 class Whitener:
@@ -177,4 +178,5 @@ class Whitener:
     def __call__(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return whitened features, shape (..., n)."""
         scaled = features * self._scale
-        return scaled - ((scaled @ self._basis) * self._shrink) @ self._basis.T
+        whitened: NDArray[np.float64] = scaled - ((scaled @ self._basis) * self._shrink) @ self._basis.T
+        return whitened

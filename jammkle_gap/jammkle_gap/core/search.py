@@ -1,4 +1,4 @@
-"""Search: every effect on its grid, the promising ones with the simulator at the faulty runs' own commands, then pairs."""
+"""Search: every effect on its grid, the best with the simulator at the faulty runs' own commands, then pairs."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ _SILENT = 1e-6
 """Whitened feature below which nothing moves: rounding."""
 
 
-def search(  # noqa: PLR0913, PLR0917 - what it works on
+def search(
     problem: Problem,
     settings: Sequence[Setting],
     dictionaries: Sequence[Dictionary],
@@ -204,7 +204,7 @@ def search(  # noqa: PLR0913, PLR0917 - what it works on
     return Candidates(tuple(singles), tuple(pairs), {name: place.gain for name, place in places.items()}, silent)
 
 
-def fit_place(  # noqa: PLR0913, PLR0917 - sent to another process
+def fit_place(
     problem: Problem,
     settings: Sequence[Setting],
     difference: Difference,
@@ -221,7 +221,7 @@ def fit_place(  # noqa: PLR0913, PLR0917 - sent to another process
     return replace(fit, features=features), signatures.runs
 
 
-def _screened(  # noqa: PLR0913, PLR0917 - what it works on
+def _screened(
     problem: Problem,
     settings: Sequence[Setting],
     difference: Difference,

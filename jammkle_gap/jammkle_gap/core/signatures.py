@@ -13,7 +13,7 @@ import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,7 +48,9 @@ class Dictionary:
     contact: NDArray[np.float64]
     """What scattered runs differ by that is not linear in the nuisances, as columns, shape (columns, n)."""
 
-    def laid(self, layout: Layout, differences: NDArray[np.float64], problem: Problem, run: Recording) -> NDArray[np.float64]:
+    def laid(
+        self, layout: Layout, differences: NDArray[np.float64], problem: Problem, run: Recording
+    ) -> NDArray[np.float64]:
         """Return differences of the dictionary in the layout of the runs at hand, events put where theirs are.
 
         Args:
@@ -69,7 +71,9 @@ class Dictionary:
             if name not in own.signals:
                 continue
             event = problem.registrar.event_of(run, name) if problem.registrar is not None else ""
-            shift_s = layout.event_s[event] - own.event_s[event] if event in layout.event_s and event in own.event_s else 0.0
+            shift_s = (
+                layout.event_s[event] - own.event_s[event] if event in layout.event_s and event in own.event_s else 0.0
+            )
             at = np.clip((layout.time_s - shift_s) / own.bin_s - 0.5, 0.0, own.bins - 1.0)
             low = np.floor(at).astype(int)
             high = np.minimum(low + 1, own.bins - 1)
@@ -116,9 +120,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jammkle"
 
 
-def _built(
-    recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants
-) -> Dictionary:
+def _built(recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants) -> Dictionary:
     sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
     tasks = [Task(recording, layout, {})]
     counts = {}
@@ -162,7 +164,8 @@ def _contact(
     scaled = (runs - draws @ scatter) / layout.floor
     _, values, rows = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
     count = constants.contact_columns
-    return rows[:count] * (values[:count, np.newaxis] / np.sqrt(len(runs) - 1)) * layout.floor
+    columns: NDArray[np.float64] = rows[:count] * (values[:count, np.newaxis] / np.sqrt(len(runs) - 1)) * layout.floor
+    return columns
 
 
 def _digest(recording: Recording, layout: Layout, problem: Problem, constants: Constants) -> str:
@@ -190,7 +193,9 @@ def _write(path: Path, dictionary: Dictionary) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            effects = {f"effect {name}": each.astype(np.float32) for name, each in dictionary.effects.items()}
+            effects: dict[str, Any] = {
+                f"effect {name}": each.astype(np.float32) for name, each in dictionary.effects.items()
+            }
             events = np.array(list(dictionary.layout.event_s.values()))
             np.savez(
                 file, event_s=events, nominal=dictionary.nominal, scatter=dictionary.scatter,

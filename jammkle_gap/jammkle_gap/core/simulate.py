@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-import cloudpickle
+import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.features import features_of
 
