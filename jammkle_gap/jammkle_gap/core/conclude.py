@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.detect import Detection
-    from jammkle_gap.core.diagnose import Evidence
+    from jammkle_gap.core.evidence import Evidence
     from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.posterior import Posterior
     from jammkle_gap.core.simulate import Runner

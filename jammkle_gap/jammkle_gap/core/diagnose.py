@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.calibrate import Calibration, calibrate, uncalibrated
-from jammkle_gap.core.compare import Difference, Residuals, Setting, difference_of, residuals_of, settings_of
+from jammkle_gap.core.calibrate import calibrate, uncalibrated
+from jammkle_gap.core.compare import difference_of, residuals_of, settings_of
 from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.equivalence import classes_of
-from jammkle_gap.core.search import Candidates, grid_signatures, search
-from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
+from jammkle_gap.core.evidence import Evidence
+from jammkle_gap.core.search import grid_signatures, search
+from jammkle_gap.core.signatures import cache_folder, dictionary_of, grids_of
 from jammkle_gap.core.simulate import Runner, Task
 
 if TYPE_CHECKING:
@@ -24,23 +25,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.core.calibrate import Calibration
+    from jammkle_gap.core.compare import Difference, Residuals, Setting
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Progress
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """All that a diagnosis is concluded from."""
-
-    problem: Problem
-    settings: tuple[Setting, ...]
-    residuals: tuple[Residuals, ...]
-    calibration: Calibration
-    difference: Difference
-    candidates: Candidates
-    classes: tuple[tuple[str, ...], ...]
 
 
 def diagnose(
