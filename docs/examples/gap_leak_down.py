@@ -12,19 +12,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.november.diagnosis import Diagnosis, diagnose
-from jammkle_gap.november.effect import Effect, EffectParameter, Library
-from jammkle_gap.november.recording import Recording, Signal
-from jammkle_gap.november.residual import autocorrelation_factor
+from jammkle_gap import Effect, EffectParameter, Library, Nuisance, Problem, Recording, Signal, diagnose
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
+    from jammkle_gap import Diagnosis
+
 CHAMBERS = ("Aluminium", "Formlabs", "Prusa", "Ultimaker_006", "Ultimaker_010", "Ultimaker_015", "Ultimaker_020")
 START_SAMPLES = 20
-SAMPLE_S = 0.1
+BIN_S = 1.0
 LIBRARY = Library(
     (
         Effect(
@@ -57,33 +56,37 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
     open_s = np.maximum(time_s - values.get("leak.start", 0.0), 0.0)
     cooled = 1.0 - np.exp(-time_s / values.get("cooling.time", 20.0))
     left = np.exp(-values.get("leak.rate", 0.0) * open_s) * (1.0 - values.get("cooling.share", 0.0) * cooled)
-    return {"pressure": recording.inputs * left}
+    read = values.get("reading.offset", 0.0) + values.get("reading.drift", 0.0) * (time_s / time_s[-1] - 0.5)
+    return {"pressure": recording.inputs * left + read}
 
 
-def load(folder: Path, name: str, noise_mbar: float, noise_time_s: float) -> Recording:
+def load(folder: Path, name: str) -> Recording:
     """Read one chamber; some of its times carry a stray point."""
     rows = [line.split(";") for line in (folder / f"{name}.csv").read_text().splitlines() if line.count(";") == 2]
     time_s = np.array([float("".join(row[0].split(".")[:-1])) / 1000.0 for row in rows])
     pressure_mbar = np.array([1000.0 * float(row[2]) for row in rows])
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time_s)) > 0.0])
     time_s, pressure_mbar = time_s[rising] - time_s[0], pressure_mbar[rising]
-    signal = Signal("pressure", "mbar", time_s, pressure_mbar, noise_mbar, noise_time_s=noise_time_s)
-    return Recording(name, (signal,), float(pressure_mbar[:START_SAMPLES].mean()))
+    return Recording(name, (Signal("pressure", "mbar", time_s, pressure_mbar),), float(pressure_mbar[:START_SAMPLES].mean()))
 
 
-def repeat_noise(folder: Path) -> tuple[float, float]:
-    """Return how far three runs of one chamber differ at the same time, mbar, and how long that lasts, s."""
+def scatter(folder: Path) -> tuple[Nuisance, ...]:
+    """Return how far the mean and the drift over a run differ among three runs of one chamber, mbar."""
     lines = (folder / "Resultaten_opnieuwaanzetten.csv").read_text(encoding="latin-1").splitlines()[1:]
     cells = [line.split(";")[1:4] for line in lines if line.strip(";")]
     runs = np.array([[float(cell.replace(",", ".")) for cell in row] for row in cells])
-    scatter = runs - runs.mean(axis=1, keepdims=True)
-    samples = np.median([autocorrelation_factor(scatter[:, k]) for k in range(scatter.shape[1])])
-    return float(np.sqrt(np.mean(np.var(runs, axis=1, ddof=1)))), SAMPLE_S * float(samples)
+    drift, offset = np.polyfit(np.linspace(-0.5, 0.5, len(runs)), runs, 1).std(axis=1, ddof=1).tolist()
+    source = "three runs of one chamber"
+    return (
+        Nuisance("reading.offset", "mbar", 0.0, offset, source),
+        Nuisance("reading.drift", "mbar", 0.0, drift, source),
+    )
 
 
 def run(folder: Path, name: str) -> Diagnosis:
     """Diagnose one chamber."""
-    return diagnose([load(folder, name, *repeat_noise(folder))], simulate, LIBRARY)
+    problem = Problem(simulate, LIBRARY, scatter(folder), bin_s=lambda _: BIN_S)
+    return diagnose([load(folder, name)], problem, jobs=1)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from jammkle_gap.november.diagnosis import diagnose
-from jammkle_gap.november.effect import Effect, EffectParameter, Library
-from jammkle_gap.november.recording import Recording, Signal
+from jammkle_gap import Effect, EffectParameter, Library, Problem, Recording, Signal, diagnose
 
 STEP_S, TIMES_S = 0.01, 0.01 * np.arange(500)
 
@@ -36,5 +34,5 @@ for hertz in (0.3, 0.5, 0.8, 1.2):  # stands in for the machine: it rubs, and it
     run = Recording(f"{hertz} Hz", (), 0.5 * np.sin(2 * np.pi * hertz * TIMES_S))
     angles = simulate(run, {"rubbing.torque": 0.1})["angle"] + random.normal(0.0, 0.004, TIMES_S.size)
     runs.append(Recording(run.name, (Signal("angle", "rad", TIMES_S, angles),), run.inputs))
-found = diagnose(runs, simulate, Library((rubbing, delay, load)), jobs=1)
+found = diagnose(runs, Problem(simulate, Library((rubbing, delay, load))), jobs=1)
 print(found.verdict.value, *(each.name for each in found.effects), *found.reasons, sep="\n")

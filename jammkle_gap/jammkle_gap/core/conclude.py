@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.detect import Detection
-    from jammkle_gap.core.diagnose import Evidence
+    from jammkle_gap.core.evidence import Evidence
     from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.posterior import Posterior
     from jammkle_gap.core.simulate import Runner
@@ -66,6 +66,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         length,
         difference.whitened.size,
         difference.healthy,
+        _freedom(evidence, constants),
         list(fits.values()),
         class_names(evidence.classes),
         constants,
@@ -183,14 +184,20 @@ def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedE
     return tuple(found)
 
 
+def _freedom(evidence: Evidence, constants: Constants) -> float:
+    """Return the degrees of freedom of the simulator's own error: at most one a signal and block of time."""
+    blocks = constants.blocks * sum(len(setting.layout.signals) for setting in evidence.settings)
+    return min(constants.discrepancy_freedom, float(blocks))
+
+
 def _half_widths(evidence: Evidence, fit: Fit, constants: Constants) -> NDArray[np.float64]:
     """Return half of each parameter's 90 % interval: curvature, times what the fit leaves beyond healthy scatter.
 
-    What is left is the simulator's own error, which hangs together over time: it counts once in `discrepancy_freedom`.
+    What is left is the simulator's own error, which hangs together over time: see `_freedom`.
     """
     size = evidence.difference.whitened.size
     beyond = max(fit.left / size / evidence.difference.healthy - 1.0, 0.0)
-    inflation = 1.0 + beyond * size / constants.discrepancy_freedom
+    inflation = 1.0 + beyond * size / _freedom(evidence, constants)
     scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-12)
     normal = (fit.jacobian / scale).T @ (fit.jacobian / scale)
     variance = np.diag(np.linalg.pinv(normal, rcond=1e-8)) / scale**2

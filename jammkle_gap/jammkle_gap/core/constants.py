@@ -58,7 +58,7 @@ class Constants:
 
     # Posterior.
     discrepancy_freedom: float = 32.0
-    """Degrees of freedom of the simulator's own error."""
+    """Degrees of freedom of the simulator's own error; fewer where signals and blocks of time together are."""
     discrepancy_share: float = 0.03
     """Prior scale of what the true effect leaves per feature, in what healthy runs leave."""
     pair_penalty: float = 4.0

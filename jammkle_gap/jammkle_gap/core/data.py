@@ -27,7 +27,8 @@ class Signal:
     values: NDArray[np.float64]
     """Shape (n,), in `unit`."""
     noise: float = 0.0
-    """Standard deviation from sample to sample by the data sheet, in `unit`; 0: not known."""
+    """Standard deviation from sample to sample by the data sheet, in `unit`. 0, and no resolution: estimated from
+    neighbouring samples."""
     resolution: float = 0.0
     """Smallest step of the sensor, in `unit`; 0: fine enough not to matter. Averaging does not remove its error."""
 

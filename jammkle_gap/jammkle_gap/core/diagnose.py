@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.calibrate import Calibration, calibrate, uncalibrated
-from jammkle_gap.core.compare import Difference, Residuals, Setting, difference_of, residuals_of, settings_of
+from jammkle_gap.core.calibrate import calibrate, uncalibrated
+from jammkle_gap.core.compare import difference_of, residuals_of, settings_of
 from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
@@ -24,9 +24,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.core.calibrate import Calibration
+    from jammkle_gap.core.compare import Difference, Residuals, Setting
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Progress
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.core.noise import noise_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -111,7 +112,8 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registra
     for signal in signals:
         per_bin = max(len(signal.time_s) / max(signal.time_s[-1] - signal.time_s[0], bin_s) * bin_s, 1.0)
         # Rounding to a step of q has a standard deviation of q / sqrt(12), the same for all samples of a still bin.
-        floor = np.hypot(signal.noise / np.sqrt(per_bin), signal.resolution / np.sqrt(12.0))
+        noise, resolution = np.mean([noise_of(each.signal(signal.name)) for each in recordings], axis=0)
+        floor = np.hypot(noise / np.sqrt(per_bin), resolution / np.sqrt(12.0))
         floors.append(np.full(bins, max(floor, 1e-9 * max(float(np.abs(signal.values).max()), 1e-9))))
     floors.append(np.full(len(event_s), EVENT_NOISE_S))
     shared, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)

@@ -40,7 +40,13 @@ class Posterior:
 
 
 def posterior_of(
-    length: float, features: int, healthy: float, fits: Sequence[Fit], classes: Mapping[str, str], constants: Constants
+    length: float,
+    features: int,
+    healthy: float,
+    freedom: float,
+    fits: Sequence[Fit],
+    classes: Mapping[str, str],
+    constants: Constants,
 ) -> Posterior:
     """Return the posterior.
 
@@ -48,6 +54,7 @@ def posterior_of(
         length: Squared length of the whitened difference.
         features: How many it has.
         healthy: What healthy runs leave per feature.
+        freedom: Degrees of freedom of the simulator's own error in these recordings.
         fits: Candidates.
         classes: Name of the equivalence class of each effect that is in one: its members count as one candidate.
         constants: Of the model.
@@ -59,11 +66,11 @@ def posterior_of(
     scale = constants.discrepancy_share * features * healthy
     scores: dict[Names, float] = {}
     for fit in fits:
-        score = _score(fit.left - noise, scale, constants) - constants.pair_penalty * (len(fit.names) - 1)
+        score = _score(fit.left - noise, scale, freedom) - constants.pair_penalty * (len(fit.names) - 1)
         score -= constants.parameter_penalty * (len(fit.values) - len(fit.names))
         scores[fit.names] = max(score, scores.get(fit.names, -np.inf))
     unknown = constants.unknown_share * (length - noise)
-    scores[NONE_OF_THEM] = _score(unknown, scale, constants) - constants.unknown_penalty
+    scores[NONE_OF_THEM] = _score(unknown, scale, freedom) - constants.unknown_penalty
     highest = max(scores.values())
     weights = {names: float(np.exp(score - highest)) for names, score in scores.items()}
     total = sum(weights.values())
@@ -83,6 +90,6 @@ def credible_set(ranked: Mapping[Names, float], classes: Mapping[str, str], shar
     return tuple(found.values())
 
 
-def _score(left: float, scale: float, constants: Constants) -> float:
+def _score(left: float, scale: float, freedom: float) -> float:
     """Return the log-likelihood of what a candidate leaves beyond healthy scatter, up to a constant."""
-    return -0.5 * constants.discrepancy_freedom * float(np.log1p(max(left, 0.0) / scale))
+    return -0.5 * freedom * float(np.log1p(max(left, 0.0) / scale))

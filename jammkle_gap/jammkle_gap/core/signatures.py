@@ -13,7 +13,7 @@ import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -194,7 +194,9 @@ def _write(path: Path, dictionary: Dictionary) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            effects = {f"effect {name}": each.astype(np.float32) for name, each in dictionary.effects.items()}
+            effects: dict[str, Any] = {
+                f"effect {name}": each.astype(np.float32) for name, each in dictionary.effects.items()
+            }
             events = np.array(list(dictionary.layout.event_s.values()))
             arrays = {
                 **effects,

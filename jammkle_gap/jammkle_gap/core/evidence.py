@@ -1,0 +1,25 @@
+"""What a diagnosis is concluded from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jammkle_gap.core.calibrate import Calibration
+    from jammkle_gap.core.compare import Difference, Residuals, Setting
+    from jammkle_gap.core.search import Candidates
+    from jammkle_gap.core.simulate import Problem
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that a diagnosis is concluded from."""
+
+    problem: Problem
+    settings: tuple[Setting, ...]
+    residuals: tuple[Residuals, ...]
+    calibration: Calibration
+    difference: Difference
+    candidates: Candidates
+    classes: tuple[tuple[str, ...], ...]
