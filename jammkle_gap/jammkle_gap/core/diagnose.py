@@ -14,12 +14,13 @@ from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.equivalence import classes_of
-from jammkle_gap.core.search import Candidates, grid_signatures, screen, search
+from jammkle_gap.core.evidence import Evidence
+from jammkle_gap.core.search import grid_signatures, screen, search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
 from jammkle_gap.core.simulate import Runner, Task
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -31,21 +32,6 @@ if TYPE_CHECKING:
     from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Progress
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """All that a diagnosis is concluded from."""
-
-    problem: Problem
-    settings: tuple[Setting, ...]
-    residuals: tuple[Residuals, ...]
-    calibration: Calibration
-    machine: Mapping[str, float]
-    """Constants that signatures were simulated with: calibrated, or none where the nominal machine explains more."""
-    difference: Difference
-    candidates: Candidates
-    classes: tuple[tuple[str, ...], ...]
 
 
 def diagnose(

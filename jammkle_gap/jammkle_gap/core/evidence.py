@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.compare import Difference, Residuals, Setting
     from jammkle_gap.core.search import Candidates
@@ -20,6 +22,8 @@ class Evidence:
     settings: tuple[Setting, ...]
     residuals: tuple[Residuals, ...]
     calibration: Calibration
+    machine: Mapping[str, float]
+    """Constants that signatures were simulated with: calibrated, or none where the nominal machine explains more."""
     difference: Difference
     candidates: Candidates
     classes: tuple[tuple[str, ...], ...]

@@ -207,7 +207,7 @@ def _write(path: Path, dictionary: Dictionary) -> None:
                 "scatter": dictionary.scatter,
                 "contact": dictionary.contact,
             }
-            np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy takes its option by a name that none has
+            np.savez(file, **arrays)
         Path(file.name).replace(path)
     except OSError:
         return
