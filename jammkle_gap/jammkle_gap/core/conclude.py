@@ -73,7 +73,7 @@ def conclude(
     named = [names for names in credible if names != NONE_OF_THEM]
     best = fits[named[0]] if named else None
     following = None
-    if verdict is Verdict.AMBIGUOUS:
+    if verdict is Verdict.AMBIGUOUS and candidates.finished:
         machine = evidence.calibration.values
         following = next_experiment(
             [fits[names] for names in named], experiments, evidence.problem, runner, machine
@@ -107,6 +107,7 @@ def conclude(
         next_experiment=following,
         notes=_notes(evidence),
         spent=Spent(0.0, runner.runs, runner.simulated_s),
+        finished=candidates.finished,
     )
 
 

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.result import Diagnosis
-    from jammkle_gap.core.simulate import Problem, Progress
+    from jammkle_gap.core.search import Provisional
+    from jammkle_gap.core.simulate import Problem, Progress, Stop
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
     folder: Path | None = None,
     jobs: int = -1,
     progress: Progress | None = None,
+    provisional: Provisional | None = None,
+    stop: Stop | None = None,
 ) -> Diagnosis:
     """Say where recordings and simulator disagree, which effect causes it, and how far the gap shrinks with it.
 
@@ -65,16 +68,20 @@ def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
         folder: Where signatures are kept; by default `$XDG_CACHE_HOME/jammkle`.
         jobs: Runs at a time, as joblib counts.
         progress: Told of long work.
+        provisional: Told of the first answer, before anything is fitted.
+        stop: Asked after every run; True ends the search with what is known by then.
 
     Raises:
         BadRecordingError: the recordings cannot be used.
         SimulatorError: the simulator failed; the message names the parameters.
+        StoppedError: asked to stop before anything was known.
 
     """
     started = time.perf_counter()
     constants = constants or Constants()
-    runner = Runner(problem, jobs, progress)
-    evidence = evidence_of(recordings, references, problem, runner, constants, folder or cache_folder())
+    runner = Runner(problem, jobs, progress, stop)
+    kept = folder or cache_folder()
+    evidence = evidence_of(recordings, references, problem, runner, constants, kept, provisional)
     found = conclude(evidence, experiments, runner, constants)
     return replace(found, spent=replace(found.spent, wall_s=time.perf_counter() - started))
 
@@ -86,6 +93,7 @@ def evidence_of(  # noqa: PLR0913, PLR0917 - what it is gathered from
     runner: Runner,
     constants: Constants,
     folder: Path | None,
+    provisional: Provisional | None = None,
 ) -> Evidence:
     """Simulate, calibrate, whiten and fit.
 
@@ -115,7 +123,8 @@ def evidence_of(  # noqa: PLR0913, PLR0917 - what it is gathered from
         residuals = residuals_of(settings, runner, calibration.values)
     if calibration.values or not all(setting.references for setting in settings):
         difference = _difference(settings, residuals, dictionaries, problem, runner, calibration, constants)
-    candidates = search(problem, settings, dictionaries, difference, calibration.values, runner, constants)
+    machine = calibration.values
+    candidates = search(problem, settings, dictionaries, difference, machine, runner, constants, provisional)
     grids = grids_of(problem)
     classes = classes_of(grids, grid_signatures(problem, settings, dictionaries, difference), constants)
     return Evidence(problem, tuple(settings), tuple(residuals), calibration, difference, candidates, classes)

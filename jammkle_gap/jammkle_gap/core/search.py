@@ -11,10 +11,10 @@ from jammkle_gap.core.features import features_of, measured
 from jammkle_gap.core.fit import Fit, refine
 from jammkle_gap.core.profiles import Profiles
 from jammkle_gap.core.signatures import grids_of
-from jammkle_gap.core.simulate import Task, run_task
+from jammkle_gap.core.simulate import StoppedError, Task, run_task
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from jammkle_gap.core.profiles import Place
     from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Runner
+
+    Provisional = Callable[[Sequence[tuple[str, float]]], None]
+    """Told which effects explain which share of the squared difference before any is fitted, best first."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ class Candidates:
     """Gain of every effect on its grid."""
     silent: tuple[str, ...]
     """Effects that move no feature here."""
+    finished: bool = True
+    """False if it was stopped before all that promised something were fitted."""
 
 
 class Signatures:
@@ -170,8 +175,9 @@ def search(  # noqa: PLR0913, PLR0917 - what it works on
     machine: Mapping[str, float],
     runner: Runner,
     constants: Constants,
+    provisional: Provisional | None = None,
 ) -> Candidates:
-    """Fit single effects and pairs.
+    """Fit single effects and pairs; what was fitted until a stop is kept.
 
     Args:
         problem: Simulator, library and sensing.
@@ -181,6 +187,10 @@ def search(  # noqa: PLR0913, PLR0917 - what it works on
         machine: Calibrated constants.
         runner: Makes the runs.
         constants: How many are fitted.
+        provisional: Told of the first answer.
+
+    Raises:
+        StoppedError: asked to stop before anything was fitted.
 
     """
     signatures = grid_signatures(problem, settings, dictionaries, difference)
@@ -191,17 +201,27 @@ def search(  # noqa: PLR0913, PLR0917 - what it works on
         return Candidates((), (), {}, silent)
     screened = _screened(problem, settings, difference, machine, runner, places)
     order = sorted(places, key=lambda name: -max(places[name].gain, screened.get(name, -np.inf)))
+    if provisional is not None:
+        length = max(float(difference.whitened @ difference.whitened), _SILENT)
+        gains = {name: max(screened.get(name, places[name].gain), 0.0) for name in order}
+        shares = ((name, min(gain / length, 1.0)) for name, gain in gains.items())
+        provisional(sorted(shares, key=lambda item: -item[1]))
     work = [places[name] for name in order[: constants.refined]]
     work += profiles.pairs(order[: constants.refined], constants.refined_pairs)
     arguments = [(problem, settings, difference, dict(machine), place, constants.fit_evaluations) for place in work]
-    answers = runner.map(fit_place, arguments, "fitting")
+    finished = True
+    try:
+        answers = runner.map(fit_place, arguments, "fitting")
+    except StoppedError as stopped:
+        answers, finished = list(stopped.done), False
     fits = []
     for fit, runs in answers:
         fits.append(fit)
         runner.runs += runs
     singles = sorted((fit for fit in fits if len(fit.names) == 1), key=lambda fit: fit.left)
     pairs = sorted((fit for fit in fits if len(fit.names) > 1), key=lambda fit: fit.left)
-    return Candidates(tuple(singles), tuple(pairs), {name: place.gain for name, place in places.items()}, silent)
+    profiled = {name: place.gain for name, place in places.items()}
+    return Candidates(tuple(singles), tuple(pairs), profiled, silent, finished)
 
 
 def fit_place(  # noqa: PLR0913, PLR0917 - sent to another process
