@@ -11,6 +11,7 @@ setup(
     package_data={
         f"{NAME}.ankle": ["library/*.yaml", "*.yaml"],
         f"{NAME}.report": ["*.j2"],
+        f"{NAME}.report.sections": ["*.j2"],
         f"{NAME}.trial": ["*.j2"],
     },
     data_files=[

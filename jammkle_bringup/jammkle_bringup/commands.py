@@ -160,26 +160,25 @@ def demo(
 ) -> int:
     """Land a simulated ankle on a 40 degree slope, record it, and diagnose what is wrong with it."""
     import datetime as dt
-    import random
 
     from jammkle_bringup import report
     from jammkle_bringup.core.run_folder import fresh_folder
     from jammkle_bringup.demo import demo as land
-    from jammkle_gap import Secret, draw, show_ending
+    from jammkle_gap import Riddle
     from jammkle_graph.command import results
 
     results.check_writable(json)
     if no_effect and effect is not None:
         return failed(f"--effect {effect} and --no-effect exclude each other: give one of them", EXIT_BAD_INPUT)
-    secret = Secret({}) if no_effect else draw(random.SystemRandom(), effect)
+    riddle = Riddle.nothing() if no_effect else Riddle.drawn(effect)
     today = dt.datetime.now(tz=dt.timezone.utc).astimezone().date()
-    result = land(lambda: fresh_folder(output, today), normalised(namespace), secret, StopRequest())
+    result = land(lambda: fresh_folder(output, today), normalised(namespace), riddle, StopRequest())
     console = results.console()
     console.print(report.summary_table(result.summary))
     for line in result.summary.missing:
         console.print(f"not in the bag: {line}", markup=False)
     console.print(f"picture: {result.picture}", markup=False)
-    show_ending(console, result.ending)
+    result.ending.show(console)
     results.write_json(json, {**result.summary.as_json(), "picture": str(result.picture), **result.ending.as_json()})
     return result.exit_code
 

@@ -6,7 +6,7 @@ import tempfile
 import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -17,7 +17,6 @@ from jammkle_bringup.core.supervisor import Supervisor
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.readiness import Startup
 from jammkle_bringup.up import GraphOptions, beside_others, child_specs, say, say_how_it_ended
-from jammkle_gap import ankle_library, corrected_text, diagnose_landing
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM_STATE, SIM_NODE
 from jammkle_graph.qos import subscriber_qos
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.node_table import ParameterValue
     from jammkle_bringup.core.run_summary import RunSummary
     from jammkle_bringup.core.supervisor import Death
-    from jammkle_gap import Ending, Secret
+    from jammkle_gap import Riddle
 
 LANDING_TIMEOUT_S = 20.0
 """From letting go until everything is jammed. Assumed; in real time it takes about 3 s."""
@@ -45,7 +44,8 @@ class DemoResult:
 
     summary: RunSummary
     picture: Path
-    ending: Ending
+    ending: Any
+    """What was said of the ankle, what was true; see `Riddle`."""
     exit_code: int
 
 
@@ -64,14 +64,14 @@ class _Heard:
 
 
 def demo(
-    make_folder: Callable[[], Path], namespace: str, secret: Secret, asked_to_stop: Callable[[], bool]
+    make_folder: Callable[[], Path], namespace: str, riddle: Riddle, asked_to_stop: Callable[[], bool]
 ) -> DemoResult:
     """Run the demo.
 
     Args:
         make_folder: Makes the run's folder; called once it is known that the demo can start.
         namespace: Normalised namespace.
-        secret: What is done to the simulated ankle; the diagnosis is not told.
+        riddle: What is done to the simulated ankle; the diagnosis is not told.
         asked_to_stop: Ends the demo early once it returns True.
 
     Raises:
@@ -82,9 +82,9 @@ def demo(
     """
     with NamespaceLock(namespace, ros_domain(), default_folder()), tempfile.TemporaryDirectory() as hidden:
         of_sim: dict[str, ParameterValue] = {"start_paused": True}
-        if secret.values:
+        if riddle.effects_file:
             effects = Path(hidden) / "effects.yaml"
-            effects.write_text(corrected_text(ankle_library(), secret.values), encoding="utf-8")
+            effects.write_text(riddle.effects_file, encoding="utf-8")
             of_sim["effects_file"] = str(effects)
         values = {SIM_NODE: of_sim}
         options = beside_others(GraphOptions(namespace, values=values), asked_to_stop)
@@ -102,7 +102,7 @@ def demo(
 
     draw(run, summary, picture)
     exit_code = say_verdict(summary)
-    return DemoResult(summary, picture, diagnose_landing(bag, namespace, secret, asked_to_stop), exit_code)
+    return DemoResult(summary, picture, riddle.solved(bag, namespace, asked_to_stop), exit_code)
 
 
 def say_verdict(summary: RunSummary) -> int:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library, Nuisance
     from jammkle_gap.core.result import Diagnosis, Verdict, as_dict
     from jammkle_gap.core.simulate import InfeasibleError, Problem, SimulatorError
+    from jammkle_gap.landing import Riddle
 
 _HOMES = {
     "BadEffectError": "core.effects",
@@ -31,6 +32,7 @@ _HOMES = {
     "Phase": "core.data",
     "Problem": "core.simulate",
     "Recording": "core.data",
+    "Riddle": "landing",
     "Signal": "core.data",
     "SimulatorError": "core.simulate",
     "Verdict": "core.result",
@@ -55,6 +57,7 @@ __all__ = [
     "Phase",
     "Problem",
     "Recording",
+    "Riddle",
     "Signal",
     "SimulatorError",
     "Verdict",

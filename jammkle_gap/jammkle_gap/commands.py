@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+import enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from jammkle_gap.simulated import Simulated
 from jammkle_gap.trial.command import blind_app
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.options import JsonOption
 
 gap_app = typer.Typer(
@@ -26,23 +27,35 @@ app.add_typer(gap_app, name="gap")
 LibraryOption = Annotated[Path | None, typer.Option(help="Effects of your own (YAML), beside the built-in ones.")]
 
 
+class Sensors(enum.Enum):
+    """Values of `ankle.sensor_sets.SensorSet`, which takes longer to load than `--help` may."""
+
+    ROBOT = "robot"
+    RIG = "rig"
+    INSTRUMENTED = "instrumented"
+
+
 @gap_app.command()
 def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     bags: Annotated[list[Path], typer.Argument(help="Recordings: repeats, or several settings.", metavar="BAG")],
     reference: Annotated[
         list[Path] | None,
-        typer.Option(help="Recording of the same machine in good order; may be repeated. Asks what has changed."),
+        typer.Option(help="Recording of the same machine while healthy, same setting; five are good. May be repeated."),
     ] = None,
     rig: Annotated[
-        str | None,
-        typer.Option(help="Rig that was recorded, where the bags do not tell: tensile, pressure, drop, slip, landing."),
+        list[str] | None,
+        typer.Option(
+            metavar="RIG|BAG=RIG",
+            help="Rig that was recorded, where the bags do not tell: tensile, pressure, drop, slip, landing; "
+            "of one bag as BAG=RIG; may be repeated.",
+        ),
     ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
-            help="NAME=VALUE, names as in `jammkle rig RIG --help`: how the simulated rig is set, whatever bags say; "
-            "may be repeated.",
+            help="NAME=VALUE, or BAG:NAME=VALUE for one bag, names as in `jammkle rig RIG --help`: how the simulated "
+            "rig is set, whatever bags say; may be repeated.",
         ),
     ] = None,
     library: LibraryOption = None,
@@ -52,13 +65,15 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     only: Annotated[
         list[str] | None, typer.Option(metavar="EFFECT", help="Offer only effects named so; may be repeated.")
     ] = None,
-    simulate: Annotated[
-        Simulated,
+    sensors: Annotated[
+        Sensors | None,
         typer.Option(
-            help="whole: all of it, from the commands alone. parts: each part from what was measured at its inputs; "
-            "better for whatever touches the ground, if tendon tensions were recorded."
+            help="Sensors that are used. robot: pressures, IMU, joint angles. rig: and the load cell and the carriage. "
+            "instrumented: and tension and extension of every tendon.",
+            show_default="robot; rig where a load cell was recorded",
         ),
-    ] = Simulated.WHOLE,
+    ] = None,
+    simulate: Annotated[str | None, typer.Option(hidden=True)] = None,
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.")
     ] = Path("runs/gap"),
@@ -67,18 +82,23 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs.")] = None,
     json: JsonOption = None,
 ) -> int:
-    """Say where recordings and simulator disagree, which effect explains it, and how far the gap shrinks.
+    """Say where recordings and simulator disagree, which effect explains it, and how far the gap closes.
 
     Ctrl-C ends the search and keeps what is known by then.
     """
-    from jammkle_gap.diagnose import DiagnoseRequest
-    from jammkle_gap.diagnose import diagnose as run
+    from jammkle_gap.ankle.sensor_sets import SensorSet
+    from jammkle_gap.diagnose_command import DiagnoseRequest
+    from jammkle_gap.diagnose_command import diagnose as run
 
+    if simulate is not None:
+        msg = f"--simulate {simulate} is gone: the whole machine is simulated, from its commands"
+        msg += "; leave it out, and choose with --sensors which measurements count"
+        raise InputError(msg)
     return run(
         DiagnoseRequest(
             bags,
             reference or [],
-            rig,
+            rig or [],
             settings or [],
             namespace,
             library,
@@ -88,7 +108,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
             scheduler,
             without or (),
             only or (),
-            simulate,
+            None if sensors is None else SensorSet(sensors.value),
         )
     )
 

@@ -5,19 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import try_changes
 from jammkle_gap.ankle.inputs import nominal_rig
+from jammkle_gap.ankle.problem import ankle_problem
+from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set
 from jammkle_gap.backend import backend
-from jammkle_gap.diagnosing import asked_in_parts, asked_whole, diagnosis_of
-from jammkle_gap.inputs import check_given, library_of, recordings_of, rig_options
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_gap.november.result import as_dict
-from jammkle_gap.november.verdict import Verdict
+from jammkle_gap.core.result import as_dict
+from jammkle_gap.corrected_file import corrected_file
+from jammkle_gap.diagnosing import diagnosis_of
+from jammkle_gap.inputs import asked_of, library_of, recordings_of
 from jammkle_gap.report import words
-from jammkle_gap.report.page import Setting, page
+from jammkle_gap.report.asked import Asked
+from jammkle_gap.report.page import page
 from jammkle_gap.report.screen import show
-from jammkle_gap.simulated import Simulated
 from jammkle_graph.command import results
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.signals import StopRequest
@@ -26,9 +27,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from jammkle_gap.november.diagnosis import Diagnosis
-    from jammkle_gap.core.effects import Library
+    from jammkle_gap.ankle.per_bag import BagRequest
     from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.effects import Library
+    from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.simulate import Problem
 
 PAGE_NAME = "gap.html"
 CORRECTED_NAME = "corrected.yaml"
@@ -40,9 +43,10 @@ class DiagnoseRequest:
 
     bags: Sequence[Path]
     references: Sequence[Path]
-    rig: str | None
+    rigs: Sequence[str]
+    """What was recorded, as RIG or BAG=RIG, where bags do not tell."""
     settings: Sequence[str]
-    """Options of the rig as NAME=VALUE."""
+    """Options of the rig as NAME=VALUE or BAG:NAME=VALUE."""
     namespace: str | None
     library: Path | None
     folder: Path
@@ -53,7 +57,8 @@ class DiagnoseRequest:
     """Effects taken out of the library: what is said if the true cause is not on offer?"""
     only: Sequence[str] = ()
     """Effects that are on offer, and no others; empty: all."""
-    simulated: Simulated = Simulated.WHOLE
+    sensors: SensorSet | None = None
+    """None: those of a robot, and the load cell where it was recorded."""
 
 
 def diagnose(request: DiagnoseRequest) -> int:
@@ -65,37 +70,30 @@ def diagnose(request: DiagnoseRequest) -> int:
         Interrupted: stopped before anything was known.
 
     """
-    options = _check(request)
+    of_bags, of_references = _check(request)
     stop = StopRequest()
     library = library_of(request.library, request.only, request.without)
-    recordings = recordings_of(request.bags, request.rig, options, stop, request.namespace)
-    references = recordings_of(request.references, request.rig, options, stop, request.namespace)
+    recordings = recordings_of(request.bags, of_bags, stop, request.namespace, request.sensors)
+    references = recordings_of(request.references, of_references, stop, request.namespace, request.sensors)
     _try_changes(library, recordings)
+    problem = ankle_problem(library)
     with backend(request.jobs, request.scheduler) as jobs:
-        ask = asked_in_parts if request.simulated is Simulated.PARTS else asked_whole
-        diagnosis = diagnosis_of(ask(recordings, references, library), library, jobs, stop)
-    setting = Setting(
-        bags=[each.name for each in recordings],
-        references=[each.name for each in references],
-        rigs=list(dict.fromkeys(each.inputs.rig for each in recordings)),
-        library="" if request.library is None else str(request.library),
-        effects=len(library.effects),
-        corrected=str(request.folder / CORRECTED_NAME),
-        simulated=request.simulated,
-    )
-    (request.folder / CORRECTED_NAME).write_text(_corrected(diagnosis, library, request.library), encoding="utf-8")
-    (request.folder / PAGE_NAME).write_text(page(diagnosis, setting), encoding="utf-8")
-    results.write_json(request.json, _content(diagnosis, setting, request))
-    show(diagnosis, setting, request.folder / PAGE_NAME)
+        diagnosis = diagnosis_of(recordings, references, problem, jobs, stop)
+    asked = _asked(request, recordings, references, problem)
+    corrected = corrected_file(diagnosis, problem, request.library)
+    (request.folder / CORRECTED_NAME).write_text(corrected, encoding="utf-8")
+    (request.folder / PAGE_NAME).write_text(page(diagnosis, asked), encoding="utf-8")
+    results.write_json(request.json, _content(diagnosis, asked, request))
+    show(diagnosis, asked, request.folder / PAGE_NAME)
     return 0
 
 
-def _check(request: DiagnoseRequest) -> dict[str, Any]:
-    """Refuse what cannot work before anything is read, and return the options of the rig."""
+def _check(request: DiagnoseRequest) -> tuple[tuple[BagRequest, ...], tuple[BagRequest, ...]]:
+    """Refuse what cannot work before anything is read, and return what is said of bags and references."""
     if request.jobs is not None and request.jobs < 1:
         msg = f"--jobs {request.jobs} must be 1 or more"
         raise InputError(msg)
-    check_given(request.bags, request.references, request.rig)
+    said = asked_of(request.bags, request.references, request.rigs, request.settings)
     try:
         request.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -104,7 +102,7 @@ def _check(request: DiagnoseRequest) -> dict[str, Any]:
     results.check_writable(request.json)
     for name in (PAGE_NAME, CORRECTED_NAME):
         results.check_writable(request.folder / name, "--output")
-    return rig_options(request.settings)
+    return said
 
 
 def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:
@@ -116,30 +114,32 @@ def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:
         raise InputError(str(error)) from error
 
 
-def _corrected(diagnosis: Diagnosis, library: Library, file: Path | None) -> str:
-    """Return the effects file; without any where nothing is known to be the cause."""
-    known = diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}
-    values = {
-        f"{effect.name}.{parameter.name}": parameter.value
-        for effect in (diagnosis.effects if known else ())
-        for parameter in effect.parameters
-    }
-    said = [f"# {diagnosis.verdict.value}: {words.headline(diagnosis)}"]
-    if not diagnosis.finished:
-        said.append("# The diagnosis was stopped early: this is provisional.")
-    return "\n".join([*said, corrected_text(library, values, file if values else None)])
+def _asked(
+    request: DiagnoseRequest, recordings: Sequence[Recording], references: Sequence[Recording], problem: Problem
+) -> Asked:
+    used = {(request.sensors or headline_set(each)).value for each in recordings}
+    return Asked(
+        bags=[each.name for each in recordings],
+        references=[each.name for each in references],
+        rigs=list(dict.fromkeys(each.inputs.rig for each in recordings)),
+        sensors=", ".join(each.value for each in SensorSet if each.value in used),
+        library="" if request.library is None else str(request.library),
+        sentences={effect.name: effect.sentence for effect in problem.library},
+        corrected=str(request.folder / CORRECTED_NAME),
+        constants=problem.constants,
+    )
 
 
-def _content(diagnosis: Diagnosis, setting: Setting, request: DiagnoseRequest) -> dict[str, Any]:
+def _content(diagnosis: Diagnosis, asked: Asked, request: DiagnoseRequest) -> dict[str, Any]:
     return {
         **as_dict(diagnosis),
         "summary": words.headline(diagnosis),
-        "check": list(words.checks(diagnosis)),
+        "check": list(words.checks(diagnosis, asked.sentences)),
         "bags": [str(bag) for bag in request.bags],
         "references": [str(bag) for bag in request.references],
-        "rigs": list(setting.rigs),
-        "simulated": setting.simulated.value,
-        "library": {"effects": setting.effects, "file": setting.library or None},
+        "rigs": list(asked.rigs),
+        "sensors": asked.sensors,
+        "library": {"effects": len(asked.sentences), "file": asked.library or None},
         "page": str(request.folder / PAGE_NAME),
-        "corrected": setting.corrected,
+        "corrected": asked.corrected,
     }

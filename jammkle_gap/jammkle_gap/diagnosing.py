@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-from dataclasses import dataclass
+import sys
 from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.experiments import experiments
-from jammkle_gap.ankle.parts import PartsSimulator, prepared_for_parts
-from jammkle_gap.ankle.simulator import AnkleSimulator
-from jammkle_gap.ankle.specimen import WithTendons, tendons_told_by
-from jammkle_gap.ankle.subsystems import subsystem_simulators
-from jammkle_gap.november.diagnosis import diagnose as diagnose_recordings
-from jammkle_gap.core.effects import BadEffectError
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.november.runs import StoppedError
-from jammkle_gap.november.where import HORIZONS_S
+from jammkle_gap.core.diagnose import diagnose as diagnose_recordings
+from jammkle_gap.core.effects import BadEffectError
+from jammkle_gap.core.simulate import SimulatorError, StoppedError
+from jammkle_gap.report.words import first_answer
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.signals import Interrupted
@@ -25,65 +20,38 @@ from jammkle_sim.rigs.simulation import UnstableSimulationError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from jammkle_gap.november.diagnosis import Diagnosis
-    from jammkle_gap.core.effects import Library
     from jammkle_gap.core.data import Recording
-    from jammkle_gap.november.simulator import RestartingSimulator, Simulator
+    from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.simulate import Problem
 
-
-@dataclass(frozen=True)
-class Question:
-    """What is asked about: recordings, references and a simulator that go together."""
-
-    recordings: Sequence[Recording]
-    references: Sequence[Recording]
-    simulator: Simulator
-
-
-def asked_whole(recordings: Sequence[Recording], references: Sequence[Recording], library: Library) -> Question:
-    """Ask by the commands alone."""
-    return Question(recordings, references, AnkleSimulator(library))
-
-
-def asked_in_parts(
-    recordings: Sequence[Recording],
-    references: Sequence[Recording],
-    library: Library,
-    parts: RestartingSimulator | None = None,
-) -> Question:
-    """Ask in parts, of tendons as references tell them to be.
-
-    Args:
-        recordings: To be diagnosed.
-        references: Of the same machine in good order.
-        library: Effects offered.
-        parts: The simulator in parts, if there is one already.
-
-    Raises:
-        InputError: a recording or an effect cannot be used.
-        GraphError: the simulator fails.
-
-    """
-    simulator = parts or PartsSimulator(library)
-    with failures_told():
-        own, others = prepared_for_parts(recordings, references, library)
-        told = tendons_told_by(others)
-    if not told:
-        return Question(own, others, simulator)
-    values = ", ".join(f"{name} {value:.3g}" for name, value in told.items())
-    note = f"effects come on top of tendons as the references tell them to be: {values}"
-    own = [dataclasses.replace(own[0], notes=(*own[0].notes, note)), *own[1:]]
-    return Question(own, others, WithTendons(simulator, library, tuple(told.items())))
+_ALL_CORES = -1
+_STAGES = {
+    "signatures": (0.0, 0.6),
+    "nominal": (0.6, 0.62),
+    "calibrating": (0.62, 0.7),
+    "constants of the machine": (0.7, 0.74),
+    "screening": (0.74, 0.8),
+    "fitting": (0.8, 0.97),
+    "planning the next run": (0.97, 1.0),
+}
+"""From which share of a diagnosis to which each of its stages goes. Measured, on a machine that knows no signatures."""
 
 
 def diagnosis_of(
-    question: Question,
-    library: Library,
+    recordings: Sequence[Recording],
+    references: Sequence[Recording],
+    problem: Problem,
     jobs: int | None,
     stop: Callable[[], bool],
-    horizons_s: Sequence[float] = HORIZONS_S,
 ) -> Diagnosis:
-    """Diagnose recordings; one that was stopped on the way says so.
+    """Diagnose recordings, telling a first answer on the way; one that was stopped says so.
+
+    Args:
+        recordings: Of the machine in question.
+        references: Of the same machine while healthy.
+        problem: Simulator and effects on offer.
+        jobs: Runs at a time; None: one per core.
+        stop: True ends the search with what is known by then.
 
     Raises:
         InputError: a recording or an effect cannot be used.
@@ -91,27 +59,31 @@ def diagnosis_of(
         Interrupted: stopped before anything was known.
 
     """
-    with progress_bar("diagnosing") as update:
+    with progress_bar("diagnosing") as update, failures_told():
         furthest = 0.0
 
-        def on_progress(stage: str, share: float, _left_s: float) -> None:
+        def on_progress(stage: str, share: float) -> None:
             nonlocal furthest
-            furthest = max(furthest, share)
+            begin, end = _STAGES.get(stage, (furthest, furthest))
+            furthest = max(furthest, begin + share * (end - begin))
             update(furthest, stage)
 
-        with failures_told():
-            return diagnose_recordings(
-                question.recordings,
-                question.simulator,
-                library,
-                references=question.references,
-                subsystems=subsystem_simulators(library),
-                experiments=experiments(),
-                horizons_s=horizons_s,
-                jobs=jobs,
-                on_progress=on_progress,
-                stop=stop,
-            )
+        return diagnose_recordings(
+            recordings,
+            problem,
+            references=references,
+            experiments=experiments(),
+            jobs=_ALL_CORES if jobs is None else jobs,
+            progress=on_progress,
+            provisional=tell_first_answer,
+            stop=stop,
+        )
+
+
+def tell_first_answer(shares: Sequence[tuple[str, float]]) -> None:
+    """Say on stderr what comes first before any fit; a bar that is there moves down."""
+    if shares:
+        sys.stderr.write(f"{first_answer(shares)}\n")
 
 
 @contextlib.contextmanager
@@ -128,7 +100,7 @@ def failures_told() -> Iterator[None]:
         yield
     except (BadRecordingError, BadEffectError) as error:
         raise InputError(str(error)) from error
-    except UnstableSimulationError as error:
+    except (SimulatorError, UnstableSimulationError) as error:
         raise GraphError(str(error)) from error
     except StoppedError as error:
         raise Interrupted from error

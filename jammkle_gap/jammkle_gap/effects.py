@@ -39,7 +39,7 @@ def _table(library: Library) -> Table:
     table.add_column("effect", overflow="fold")
     table.add_column("subsystem", overflow="fold")
     table.add_column("parameter", overflow="fold")
-    table.add_column("off at", justify="right")
+    table.add_column("null", justify="right")
     table.add_column("fitted within", overflow="fold")
     for effect in sorted(library, key=lambda each: each.subsystem):
         for place, each in enumerate(effect.parameters):
@@ -58,7 +58,7 @@ def _content(effect: Effect) -> dict[str, Any]:
         "parameters": {
             each.name: {
                 "unit": each.unit,
-                "off_at": each.null,
+                "null": each.null,
                 "minimum": each.minimum,
                 "maximum": each.maximum,
                 "source": each.source,

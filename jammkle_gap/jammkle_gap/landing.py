@@ -1,22 +1,31 @@
-"""The end of the demo: what the bag alone tells of the simulated ankle, and then what was really done to it."""
+"""The demo's riddle: an effect hidden in a simulated ankle, a diagnosis of its landing, and then the truth."""
 
 from __future__ import annotations
 
+import random
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.ankle.isolated import IsolatedSimulator, thinned, with_instruments_noise
 from jammkle_gap.ankle.loading import load_recording
-from jammkle_gap.landing_effects import Outcome, outcome
-from jammkle_gap.november.diagnosis import diagnose
+from jammkle_gap.ankle.problem import ankle_problem
+from jammkle_gap.ankle.runs import recording_of_run
+from jammkle_gap.ankle.sensor_sets import headline_set, selected
+from jammkle_gap.backend import backend
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.november.result import as_dict
-from jammkle_gap.november.runs import StoppedError
+from jammkle_gap.core.result import as_dict
+from jammkle_gap.diagnosing import diagnosis_of
+from jammkle_gap.landing_effects import Outcome, Secret, draw, outcome
 from jammkle_gap.report import words
+from jammkle_gap.report.parameters import parameter_lines
+from jammkle_gap.report.quantities import probability, times
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.signals import Interrupted
+from jammkle_sim.rigs.catalogue import run_rig, scattered
+from jammkle_sim.rigs.landing_run import LandingRunOptions
+from jammkle_sim.rigs.run import RigCancelledError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,15 +33,17 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from jammkle_gap.landing_effects import Secret
-    from jammkle_gap.november.diagnosis import Diagnosis
+    from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.result import Diagnosis
 
-_RATE_HZ = 100.0
-"""Rate that signals are thinned to: that of the pressures; the demo shall end within a minute."""
+REFERENCES = 5
+"""Landings of the healthy ankle that the recorded one is compared with."""
+_SEED = 1
+_RIG = "landing"
 
 _SENTENCES = {
     Outcome.RIGHT: "The diagnosis was right.",
-    Outcome.AMONG_SEVERAL: "The diagnosis named it among several that this landing cannot tell apart.",
+    Outcome.AMONG_SEVERAL: "The diagnosis named it among several between which this landing does not decide.",
     Outcome.MISSED: "The diagnosis did not find it.",
     Outcome.WRONG: "The diagnosis was wrong.",
 }
@@ -54,59 +65,100 @@ class Ending:
             "diagnosis_outcome": self.outcome.value,
         }
 
+    def show(self, console: Console) -> None:
+        """Say verdict, effects and how far the gap closes, and only then what was true."""
+        diagnosis = self.diagnosis
 
-def diagnose_landing(bag: Path, namespace: str, secret: Secret, asked_to_stop: Callable[[], bool]) -> Ending:
-    """Diagnose a landing's bag; the secret is looked at afterwards, to judge.
+        def say(text: str) -> None:
+            console.print(text, markup=False)
+
+        say("")
+        say(
+            f"Does this ankle do what its simulator says? Diagnosed from the bag, beside {REFERENCES} landings of a "
+            "healthy ankle, simulated without the graph."
+        )
+        say(f"verdict: {diagnosis.verdict.value.replace('_', ' ')}. {words.headline(diagnosis)}")
+        for check in words.checks(diagnosis, {effect.name: effect.sentence for effect in ankle_library()}):
+            say(f"  - {check}")
+        for line in parameter_lines(diagnosis.effects):
+            say(f"  {line['effect']}: {line['parameter']} {line['value']} (90 %: {line['interval']})")
+        gap = diagnosis.gap
+        after = f" -> {times(gap.corrected)}" if diagnosis.effects else ""
+        say(f"gap: {times(gap.nominal)}{after} times healthy scatter; p-value {probability(diagnosis.p_value)}")
+        say(f"in truth: {self.truth}. {_SENTENCES[self.outcome]}")
+
+
+@dataclass(frozen=True)
+class Riddle:
+    """What the demo hides in its simulated ankle, and has diagnosed."""
+
+    secret: Secret
+
+    @classmethod
+    def drawn(cls, effect: str | None) -> Riddle:
+        """Hide an effect of a drawn size.
+
+        Args:
+            effect: Its name; None draws one.
+
+        Raises:
+            InputError: no effect of the demo has this name.
+
+        """
+        return cls(draw(random.SystemRandom(), effect))
+
+    @classmethod
+    def nothing(cls) -> Riddle:
+        """Hide nothing: the ankle is as its simulator has it."""
+        return cls(Secret({}))
+
+    @property
+    def effects_file(self) -> str:
+        """Content of the file that the sim node loads; empty: nothing is hidden."""
+        return corrected_text(ankle_library(), self.secret.values) if self.secret.values else ""
+
+    def solved(self, bag: Path, namespace: str, asked_to_stop: Callable[[], bool]) -> Ending:
+        """Diagnose a landing's bag; the secret is looked at afterwards, to judge.
+
+        Raises:
+            GraphError: the bag cannot be diagnosed.
+            Interrupted: the command was asked to stop.
+
+        """
+        try:
+            recording = load_recording(bag, namespace=namespace)
+        except BadRecordingError as error:
+            msg = f"the landing cannot be diagnosed: {error}"
+            raise GraphError(msg) from error
+        sensors = headline_set(recording)
+        references = [selected(each, sensors) for each in healthy_landings(asked_to_stop)]
+        with backend(None, None) as jobs:
+            problem = ankle_problem()
+            diagnosis = diagnosis_of([selected(recording, sensors)], references, problem, jobs, asked_to_stop)
+        if asked_to_stop():
+            raise Interrupted
+        found = outcome(self.secret, diagnosis)
+        return Ending(diagnosis, found, self.secret.text(problem.library))
+
+
+def healthy_landings(asked_to_stop: Callable[[], bool]) -> list[Recording]:
+    """Return references: landings of the healthy ankle that scatter as the rig does, the same whenever asked for.
+
+    They are run without the graph, as a lab would record them on the same rig before: their times of commands and
+    their height, slope and friction are their own.
 
     Raises:
-        GraphError: the bag cannot be diagnosed.
-        Interrupted: the command was asked to stop.
+        Interrupted: asked to stop.
 
     """
-    library = ankle_library()
-    try:
-        with progress_bar("diagnosing") as show:
-            recording = with_instruments_noise(load_recording(bag, namespace=namespace))
-            recording = thinned(recording, _RATE_HZ)
-            diagnosis = diagnose(
-                [recording],
-                IsolatedSimulator(library),
-                library,
-                jobs=1,
-                on_progress=lambda stage, share, _left_s: show(share, stage),
-                stop=asked_to_stop,
-            )
-    except BadRecordingError as error:
-        msg = f"the landing cannot be diagnosed: {error}"
-        raise GraphError(msg) from error
-    except StoppedError as error:
-        raise Interrupted from error
-    if asked_to_stop():
-        raise Interrupted
-    found = outcome(secret, diagnosis.verdict, [each.names for each in diagnosis.candidates])
-    return Ending(diagnosis, found, secret.text(library))
-
-
-def show_ending(console: Console, ending: Ending) -> None:
-    """Say verdict, effects and how far the gap closes, and only then what was true."""
-    diagnosis = ending.diagnosis
-
-    def say(text: str) -> None:
-        console.print(text, markup=False)
-
-    say("")
-    say("Does this ankle do what its simulator says? Diagnosed from the bag: air, tendons and IMU.")
-    say(f"verdict: {diagnosis.verdict.value.replace('_', ' ')}. {words.headline(diagnosis)}")
-    for check in words.checks(diagnosis):
-        say(f"  - {check}")
-    for effect in diagnosis.effects:
-        for each in effect.parameters:
-            low, high = each.interval
-            unit = "" if each.unit == "1" else f" {each.unit}"
-            say(f"  {effect.name}: {each.name} {each.value:.3g}{unit} (95 %: {low:.3g} to {high:.3g})")
-    gap = diagnosis.gap
-    if diagnosis.effects:
-        say(f"gap: {gap.nominal:.2f} -> {gap.with_effect:.2f} noise units, held out; 1 is the noise")
-    else:
-        say(f"gap: {gap.nominal:.2f} noise units; 1 is the noise")
-    say(f"in truth: {ending.truth}. {_SENTENCES[ending.outcome]}")
+    found = []
+    with progress_bar("landing a healthy ankle") as show:
+        for repeat in range(REFERENCES):
+            show(repeat / REFERENCES, f"{repeat + 1} of {REFERENCES}")
+            options = scattered(_RIG, LandingRunOptions(seed=_SEED), repeat)
+            try:
+                run = run_rig(_RIG, options, lambda _: None, asked_to_stop)
+            except RigCancelledError as error:
+                raise Interrupted from error
+            found.append(recording_of_run(run, f"healthy landing {repeat + 1}"))
+    return found

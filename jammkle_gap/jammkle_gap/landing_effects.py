@@ -6,14 +6,14 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_gap.november.verdict import Verdict
+from jammkle_gap.core.result import Verdict
 from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     import random
-    from collections.abc import Sequence
 
     from jammkle_gap.core.effects import Library
+    from jammkle_gap.core.result import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -92,20 +92,23 @@ def draw(generator: random.Random, name: str | None) -> Secret:
     return Secret({f"{effect.name}.{effect.parameter}": generator.uniform(effect.smallest, effect.largest)})
 
 
-def outcome(secret: Secret, verdict: Verdict, candidates: Sequence[tuple[str, ...]]) -> Outcome:
-    """Judge a diagnosis.
+def outcome(secret: Secret, diagnosis: Diagnosis) -> Outcome:
+    """Judge a diagnosis; an equivalence class that the truth is in is named with it.
 
     Args:
         secret: What was there.
-        verdict: What was said.
-        candidates: Names of the sets of effects that it could be, best first.
+        diagnosis: What was said.
 
     """
-    truth = (secret.name,) if secret.values else ()
-    if verdict is Verdict.NO_GAP:
-        return Outcome.RIGHT if not truth else Outcome.MISSED
-    if verdict is Verdict.UNKNOWN:
-        return Outcome.MISSED if truth else Outcome.WRONG
-    if tuple(candidates[0]) == truth and verdict is Verdict.EFFECTS:
-        return Outcome.RIGHT
-    return Outcome.AMONG_SEVERAL if truth and truth in map(tuple, candidates) else Outcome.WRONG
+    if diagnosis.verdict is Verdict.NO_GAP:
+        return Outcome.MISSED if secret.values else Outcome.RIGHT
+    if diagnosis.verdict is Verdict.UNKNOWN:
+        return Outcome.MISSED if secret.values else Outcome.WRONG
+    if not secret.values:
+        return Outcome.WRONG
+    named = [(each.names, *((other,) for other in each.equivalents)) for each in diagnosis.candidates]
+    if diagnosis.verdict is Verdict.EFFECTS:
+        if named[0] == ((secret.name,),):
+            return Outcome.RIGHT
+        return Outcome.AMONG_SEVERAL if len(named[0][0]) == 1 and (secret.name,) in named[0] else Outcome.WRONG
+    return Outcome.AMONG_SEVERAL if any((secret.name,) in each for each in named) else Outcome.WRONG

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.resources
 import math
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,95 +16,119 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_gap import diagnose as gap_command
-from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.november.closing import Closing, RegimeClosing, SignalClosing
-from jammkle_gap.november.described import Candidate, FittedEffect, FittedParameter, Overlay
-from jammkle_gap.november.diagnosis import Diagnosis
-from jammkle_gap.november.experiments import NextExperiment
-from jammkle_gap.november.noise import NoiseSource
-from jammkle_gap.november.runs import Spent
-from jammkle_gap.november.signatures import Signature
-from jammkle_gap.november.unexplained import Formula
-from jammkle_gap.november.verdict import Verdict
-from jammkle_gap.november.where import HorizonGap, Place, SubsystemGap, Where
-from jammkle_gap.report import words
-from jammkle_gap.report.figures import MOST_SIGNALS
-from jammkle_gap.report.page import Setting, page
-from jammkle_gap.report.quantities import percent, percents, quantity, span
-from jammkle_gap.report.tables import heat_map
+from jammkle_gap import ankle_problem
+from jammkle_gap.core.effects import Nuisance
+from jammkle_gap.core.result import (
+    Candidate,
+    Closing,
+    Diagnosis,
+    FittedEffect,
+    FittedParameter,
+    HeldOutSetting,
+    NextExperiment,
+    Place,
+    SignalGap,
+    Spent,
+    Trace,
+    Verdict,
+)
+from jammkle_gap.corrected_file import corrected_file
+from jammkle_gap.report import screen, words
+from jammkle_gap.report.asked import Asked
+from jammkle_gap.report.page import page
+from jammkle_gap.report.quantities import percent, percents, probability, quantity, span
+from jammkle_gap.report.sections.posterior import MOST_BARS, bars_of
+from jammkle_gap.report.sections.traces import MOST_TRACES
+from jammkle_gap.report.sections.where import heat_map
 
-SETTING = Setting(["one", "two"], [], ["pressure"], "", 45, "out/corrected.yaml")
 LIMIT_BYTES = 5e6
 PREFIX = {"k": 1e3, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
+LEVER = Nuisance("lever.length_m", "m", 0.04, 0.002, "drawing, 5 %")
+SECTIONS = {
+    "verdict", "posterior", "traces", "detectable", "where", "closing", "identifiability", "calibration", "notes",
+}  # fmt: skip
+UNWANTED = re.compile(
+    r"\b(astray|off by|is off|are off|at stake|good order|counts as none|told by|foretold|foretells?)\b"
+)
 
 
-def effect(name: str, sentence: str, value: float = 0.002) -> FittedEffect:
+def effect(name: str, sentence: str, parameter: str = "size", value: float = 0.002) -> FittedEffect:
     """Make up an effect."""
-    parameter = FittedParameter("size", "m", value, (0.5 * value, 2.0 * value), at_bound=False)
-    return FittedEffect(name, "pneumatics", sentence, (parameter,))
+    fitted = FittedParameter(parameter, "m", value, (0.5 * value, 2.0 * value), at_bound=False, detectable=0.3 * value)
+    return FittedEffect(name, "pneumatics", sentence, (fitted,))
 
 
-LEAK = effect("line_leak_achilles", "The achilles line leaks: check the push-fit.")
+LEAK = effect("line_leak_achilles", "The achilles line leaks: check the push-fit.", "conductance_dm3_s_bar")
 WEAR = effect("pump_wear", "The pump is worn: check its membrane.")
+FRICTION = effect("joint_friction", "The joint rubs: grease it.")
+ASKED = Asked(
+    ["one", "two"],
+    ["healthy"],
+    ["pressure"],
+    "robot",
+    "",
+    {each.name: each.sentence for each in (LEAK, WEAR, FRICTION)},
+    "out/corrected.yaml",
+    (LEVER,),
+)
 
 
-def candidate(each: FittedEffect, behind: float) -> Candidate:
-    """Make up a candidate of one effect."""
-    return Candidate((each.name,), 300.0 - behind, behind, 1.0, (each,))
+def candidate(effects: tuple[FittedEffect, ...], likely: float, equivalents: tuple[str, ...] = ()) -> Candidate:
+    """Make up a candidate."""
+    return Candidate(tuple(each.name for each in effects), likely, 0.9, effects, equivalents)
 
 
-def made_up(verdict: Verdict, signals: int = 2, samples: int = 400, recordings: int = 1) -> Diagnosis:
-    """Make up a diagnosis: the first signal is off most."""
+CANDIDATES = {
+    Verdict.NO_GAP: (),
+    Verdict.EFFECTS: (candidate((LEAK,), 0.97),),
+    Verdict.AMBIGUOUS: (candidate((LEAK,), 0.6), candidate((WEAR,), 0.35)),
+    Verdict.UNKNOWN: (candidate((), 0.8), candidate((WEAR,), 0.17)),
+}
+
+
+def made_up(verdict: Verdict, signals: int = 2, samples: int = 400, settings: int = 1) -> Diagnosis:
+    """Make up a diagnosis: the first signal has the largest residual."""
     names = [f"channel_{i}/pressure" for i in range(signals)]
-    off = verdict is not Verdict.NO_GAP
-    gaps = [20.0 / (i + 1) if off else 0.9 for i in range(signals)]
-    left = 9.0 if verdict is Verdict.UNKNOWN else 1.0
+    gaps = [20.0 / (i + 1) if verdict is not Verdict.NO_GAP else 0.9 for i in range(signals)]
     time_s = np.linspace(0.0, 10.0, samples)
-    wave = 1e5 + 5e4 * np.sin(time_s)
     scatter = 100.0 * np.random.default_rng(1).standard_normal(samples)
-    effects = {Verdict.EFFECTS: (LEAK,), Verdict.AMBIGUOUS: (LEAK,), Verdict.UNKNOWN: (WEAR,)}.get(verdict, ())
-    candidates = (candidate(LEAK, 0.0), candidate(WEAR, 1.5)) if verdict is Verdict.AMBIGUOUS else ()
-    following = NextExperiment("rig pressure --cycles 9", names[0], 7.0, 700.0, "Pa", "they differ by 700 Pa")
-    formula = Formula(names[0], "Pa", (("t", 3.0),), 0.4)
+    following = NextExperiment("rig pressure --cycles 9", names[0], 7.0, 700.0, "Pa", "pump_wear differs by 700 Pa")
+    candidates = CANDIDATES[verdict]
+    named = {each.names: each.probability for each in candidates}
+    rest = 1.0 - sum(named.values())
+    missing = [names for names in ((), ("joint_friction",)) if names not in named]
+    posterior = {**named, **{names: rest / len(missing) for names in missing}}
     return Diagnosis(
         verdict=verdict,
         reasons=("because",),
-        effects=effects,
         candidates=candidates,
-        probabilities={"line_leak_achilles": 0.6, "pump_wear": 0.399, "unknown": 0.001},
-        where=Where(
-            (
-                Place(names[0], "holding", "pneumatics", 0.8, (0.7, 0.9), 20.0),
-                Place(names[-1], "still", "", 0.2, (0.1, 0.3), 5.0),
-            ),
-            (
-                SubsystemGap("pneumatics", {names[0]: 20.0}, 20.0, to_blame=True),
-                SubsystemGap("tendon", {names[-1]: 1.0}, 1.0, to_blame=False),
-            ),
-            (HorizonGap(0.0, {names[0]: 1.0}), HorizonGap(math.inf, {names[0]: 20.0})),
+        posterior=dict(sorted(posterior.items(), key=lambda item: -item[1])),
+        conformal={"line_leak_achilles": 0.43},
+        gap_probability=0.999,
+        p_value=0.001 if verdict is not Verdict.NO_GAP else 0.4,
+        false_alarm_rate=0.01,
+        where=(
+            Place(names[0], "holding", 0.8, (0.7, 0.9), 20.0),
+            Place(names[-1], "still", 0.2, (0.1, 0.3), 5.0),
         ),
-        signatures=(Signature(names[0], "ramp", 1.0, "Pa/s", 0.5, "it ramps by +1 Pa per s"),),
-        noise=tuple(NoiseSource(name, "Pa", 100.0, "still stretches") for name in names),
-        gap=Closing(20.0, left, 0.95, (0.9, 0.97)),
+        subsystems={"pneumatics": 0.97},
+        gap=Closing(20.0, 1.1, 0.99, (0.9, 1.0)),
         signals=tuple(
-            SignalClosing(name, "Pa", 100.0, 1.5, Closing(gap, left, 0.95, (0.9, 1.2)), 100.0 * gap, 100.0 * left)
+            SignalGap(name, "Pa", gap, 1.0, 100.0 * gap, 100.0, 100.0) for name, gap in zip(names, gaps, strict=True)
+        ),
+        held_out=(HeldOutSetting("50 kPa", Closing(20.0, 2.0, 0.94, (0.9, 0.97))),),
+        classes=(("line_leak_achilles", "line_leak_manifold"),),
+        silent=("payload",),
+        calibration={"lever.length_m": -1.7},
+        references_left=1.44,
+        traces=tuple(
+            Trace(f"run {i}", name, "Pa", time_s, gap * scatter, 100.0 + 0.0 * time_s, scatter, 1e5 + scatter, scatter)
             for name, gap in zip(names, gaps, strict=True)
+            for i in range(settings)
         ),
-        regimes=(RegimeClosing("50 kPa", 20.0, 2.0, 0.94),),
-        ceiling=1.2,
-        formula=formula if verdict is Verdict.UNKNOWN else None,
         next_experiment=following if verdict is Verdict.AMBIGUOUS else None,
-        dropped={"payload": "moves no signal"},
-        ranking=((("line_leak_achilles",), 300.0), ((), 0.0)),
-        overlays=tuple(
-            Overlay(f"run {i}", name, "Pa", time_s, wave + scatter, wave * 0.9, wave)
-            for name in names
-            for i in range(recordings)
-        ),
         notes=("not recorded: imu/data",),
-        spent=Spent(100, 500.0, 12.0),
-        finished=True,
+        spent=Spent(12.0, 100, 500.0),
     )
 
 
@@ -137,21 +163,36 @@ class Reader(HTMLParser):
 def test_every_verdict_has_a_page_that_needs_no_network(verdict: Verdict) -> None:
     """Whatever the verdict, the page is well-formed, loads nothing, and says verdict and reason in words."""
     diagnosis = made_up(verdict)
-    text = page(diagnosis, SETTING)
+    text = page(diagnosis, ASKED)
     read = Reader(text)
     assert all(source.startswith("data:image/svg+xml;base64,") for source in read.loaded)
     assert not re.search(r"https?://(?!www\.w3\.org)", text)
-    assert {"verdict", "gap", "where", "set", "next", "curves", "signatures", "left-out", "noise", "how"} <= read.ids
+    assert read.ids >= SECTIONS
     assert verdict.value.replace("_", " ") in read.words
-    for sentence in (words.headline(diagnosis), *words.checks(diagnosis), *words.explanation(diagnosis)):
+    said = words.headline(diagnosis), *words.checks(diagnosis, ASKED.sentences), *words.explanation(diagnosis)
+    for sentence in said:
         assert sentence in read.words
-    assert ("effects" in read.ids) == bool(diagnosis.effects)
-    assert ("formula" in read.ids) == (verdict is Verdict.UNKNOWN)
+    assert ("set" in read.ids) == bool(diagnosis.candidates)
     assert "unfinished" not in read.ids
 
 
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_the_words_are_those_of_the_field(verdict: Verdict, capsys: pytest.CaptureFixture[str]) -> None:
+    """None of the words that an engineer would stumble over is on the page or in the terminal."""
+    screen.show(made_up(verdict), ASKED, Path("gap.html"))
+    for text in (Reader(page(made_up(verdict), ASKED)).words, capsys.readouterr().out):
+        assert not UNWANTED.search(text)
+
+
+def test_every_section_has_its_template_beside_it() -> None:
+    """A section is one module and one template of the same name."""
+    files = [each.name for each in importlib.resources.files("jammkle_gap.report.sections").iterdir()]
+    modules = {name.removesuffix(".py") for name in files if name.endswith(".py")} - {"__init__"}
+    assert modules == {name.removesuffix(".html.j2") for name in files if name.endswith(".html.j2")} == SECTIONS
+
+
 def test_a_name_is_only_given_where_something_is_named() -> None:
-    """NO_GAP and UNKNOWN assert no effect; EFFECTS asserts one; AMBIGUOUS all of the set, and how to part them."""
+    """NO_GAP and UNKNOWN assert no effect; EFFECTS asserts one; AMBIGUOUS all of the set, and how to split it."""
     said = {verdict: words.headline(made_up(verdict)) for verdict in Verdict}
     assert [("line leaks" in said[each], "pump is worn" in said[each]) for each in said] == [
         (False, False),
@@ -159,77 +200,107 @@ def test_a_name_is_only_given_where_something_is_named() -> None:
         (True, True),
         (False, False),
     ]
-    assert "700 Pa" in " ".join(words.explanation(made_up(Verdict.AMBIGUOUS)))
-    assert "not enough" in " ".join(words.checks(made_up(Verdict.UNKNOWN)))
-    assert not words.checks(made_up(Verdict.NO_GAP))
+    assert "pump wear differs by 700 Pa" in " ".join(words.explanation(made_up(Verdict.AMBIGUOUS)))
+    assert not words.checks(made_up(Verdict.NO_GAP), {})
+
+
+def test_an_effect_that_is_kept_beside_none_of_them_says_so() -> None:
+    """With UNKNOWN what else is in the credible set is called that, with its probability, and is no finding."""
+    (said,) = [text for text in words.checks(made_up(Verdict.UNKNOWN), {}) if "pump wear" in text]
+    assert "kept in the credible set beside none of them, with a probability of 0.17" in said
+    assert "none of the effects on offer causes it (probability 0.80)" in words.headline(made_up(Verdict.UNKNOWN))
+
+
+def test_an_equivalence_class_is_named_as_one() -> None:
+    """What these sensors cannot tell apart is one answer: named together, checked together, one bar together."""
+    members = ("line_leak_manifold",)
+    found = dataclasses.replace(
+        made_up(Verdict.EFFECTS),
+        candidates=(candidate((LEAK,), 0.97, members),),
+        posterior={("line_leak_achilles",): 0.5, ("line_leak_manifold",): 0.47, (): 0.03},
+    )
+    said = words.headline(found)
+    assert "line leak achilles, one of a class with line leak manifold (these sensors cannot tell them apart)" in said
+    sentences = {**ASKED.sentences, "line_leak_manifold": "The manifold leaks: tighten it."}
+    assert "line leak manifold (equivalent): Tighten it." in words.checks(found, sentences)
+    bars = bars_of(found)
+    assert [each.label for each in bars] == ["line leak achilles = line leak manifold", words.NONE_OF_THEM]
+    assert bars[0].probability == pytest.approx(0.97)
+    assert "(in the credible set)" in Reader(page(found, ASKED)).words
+
+
+def test_the_posterior_keeps_all_of_its_probability() -> None:
+    """However many candidates, bars add up to 1, the small ones are one bar, and none of them has one of its own."""
+    many = {(f"effect_{i}",): 0.0197 + 1e-6 * i for i in range(50)}
+    found = dataclasses.replace(made_up(Verdict.AMBIGUOUS), posterior={**many, (): 1.0 - sum(many.values())})
+    bars = bars_of(found)
+    assert sum(each.probability for each in bars) == pytest.approx(1.0)
+    assert len(bars) <= MOST_BARS + 2
+    assert words.NONE_OF_THEM in [each.label for each in bars]
+    assert bars_of(made_up(Verdict.EFFECTS))[0].conformal == pytest.approx(0.43)
 
 
 def test_what_a_whole_set_holds_is_said_once() -> None:
     """A set of pairs with one effect in common names that one first, and the others by their names."""
-    friction = effect("joint_friction", "The joint rubs: grease it.")
-    pairs = tuple(
-        dataclasses.replace(
-            candidate(LEAK, 0.0), names=(LEAK.name, *(each.name for each in more)), effects=(LEAK, *more)
-        )
-        for more in ((WEAR,), (friction,), ())
-    )
+    pairs = (candidate((LEAK, WEAR), 0.5), candidate((LEAK, FRICTION), 0.3), candidate((LEAK,), 0.2))
     following = NextExperiment("rig drop", "a", 7.0, 1.0, "Pa", "line_leak_achilles + pump_wear differ by 1 Pa")
     found = dataclasses.replace(made_up(Verdict.AMBIGUOUS), candidates=pairs, next_experiment=following)
     said = words.headline(found)
     assert said.startswith("The achilles line leaks; with it comes one of 3")
-    assert said.endswith("pump wear; joint friction; nothing else.")
-    assert "joint friction: The joint rubs: grease it." in words.checks(found)
+    assert said.endswith("pump wear (0.50); joint friction (0.30); nothing else (0.20).")
+    assert "joint friction: Grease it." in words.checks(found, {})
     assert "line leak achilles + pump wear differ" in words.explanation(found)[-1]
-
-
-def test_a_lead_that_would_be_enough_is_not_called_too_little() -> None:
-    """Where a lead closes the gap but is not proven, the words say that, and not that nothing explains it."""
-    given = made_up(Verdict.UNKNOWN)
-    closed = tuple(
-        dataclasses.replace(each, closing=dataclasses.replace(each.closing, with_effect=1.0)) for each in given.signals
-    )
-    proposed = dataclasses.replace(given, signals=closed)
-    assert "pump wear would close it, but not clearly better" in words.headline(proposed)
-    assert "not proven" in " ".join(words.checks(proposed))
 
 
 def test_what_was_stopped_says_so_first() -> None:
     """A diagnosis that was ended early warns above its verdict."""
-    text = page(dataclasses.replace(made_up(Verdict.EFFECTS), finished=False), SETTING)
+    text = page(dataclasses.replace(made_up(Verdict.EFFECTS), finished=False), ASKED)
     assert 0 < text.index('id="unfinished"') < text.index('id="verdict"')
-    unknown = words.headline(dataclasses.replace(made_up(Verdict.UNKNOWN), finished=False))
-    assert "no effect of the library" not in unknown
+
+
+def test_the_calibration_is_shown_in_its_units() -> None:
+    """A constant that references moved stands with nominal and calibrated value, and in standard deviations."""
+    said = Reader(page(made_up(Verdict.EFFECTS), ASKED)).words
+    assert "40.0 mm" in said
+    assert "36.6 mm" in said  # 40 mm less 1.7 times 2 mm
+    assert "-1.7" in said
+    assert "leaves 1.20 times healthy scatter" in said
+    alone = dataclasses.replace(ASKED, references=[])
+    assert "Without references nothing was calibrated" in Reader(page(made_up(Verdict.EFFECTS), alone)).words
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_only_what_is_known_is_loaded(verdict: Verdict) -> None:
-    """The corrected simulator holds the effect where one explains the gap; a mere lead is not put into it."""
-    parameter = FittedParameter("conductance_dm3_s_bar", "dm3/(s bar)", 0.002, (0.001, 0.003), at_bound=False)
-    effects = (dataclasses.replace(LEAK, parameters=(parameter,)),) if verdict is not Verdict.NO_GAP else ()
-    text = gap_command._corrected(dataclasses.replace(made_up(verdict), effects=effects), ankle_library(), None)
+    """The corrected simulator holds the effect where one explains the gap; one kept beside none of them is not in it.
+
+    The calibration stands in its comments.
+    """
+    problem = dataclasses.replace(ankle_problem(), constants=(LEVER,))
+    text = corrected_file(made_up(verdict), problem, None)
     expected = {"line_leak_achilles": {"conductance_dm3_s_bar": 0.002}}
     assert yaml.safe_load(text) == (expected if verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS} else None)
+    assert "#   lever.length_m: 36.6 mm, nominal 40.0 mm (-1.7 standard deviations)" in text
 
 
 def test_pages_stay_small_however_much_was_recorded() -> None:
-    """Twenty recordings of forty signals at length stay below 5 MB, and the page says what was not drawn."""
-    text = page(made_up(Verdict.EFFECTS, signals=40, samples=20_000, recordings=20), SETTING)
+    """Twenty settings of forty signals at length stay below 5 MB, and the page says what was not drawn."""
+    text = page(made_up(Verdict.EFFECTS, signals=40, samples=20_000, settings=20), ASKED)
     assert len(text.encode()) < LIMIT_BYTES
-    assert text.count("<img") == MOST_SIGNALS
-    assert f"The {MOST_SIGNALS} signals that are off most are drawn" in text
+    assert text.count("<img") == MOST_TRACES + 1
+    assert f"{40 * 20 - MOST_TRACES} more, with the smallest shares, are not drawn" in text
 
 
 def test_names_cannot_break_the_page() -> None:
     """Names out of a bag are text on the page, never markup."""
-    setting = dataclasses.replace(SETTING, bags=["<script>alert(1)</script>"])
-    text = page(made_up(Verdict.EFFECTS), setting)
+    asked = dataclasses.replace(ASKED, bags=["<script>alert(1)</script>"])
+    text = page(made_up(Verdict.EFFECTS), asked)
     assert "<script" not in text
     Reader(text)
 
 
 def test_the_heat_map_keeps_every_share() -> None:
     """Each share stands in the row of its signal and the column of its phase."""
-    table = heat_map(made_up(Verdict.EFFECTS).where.places)
+    table = heat_map(made_up(Verdict.EFFECTS).where)
     assert table["phases"] == ["holding", "still"]
     shown: list[list[Any]] = [[cell and cell["share"] for cell in row["cells"]] for row in table["rows"]]
     assert shown == [["80 %", None], [None, "20 %"]]
@@ -246,9 +317,10 @@ def test_quantities_are_what_they_were(size: float, sign: float, unit: str) -> N
 
 
 def test_what_is_not_known_is_a_dash() -> None:
-    """Numbers that are none are shown as none, and more than all is all."""
+    """Numbers that are none are shown as none, more than all is all, and nothing is certain."""
     nothing = (math.nan, math.nan)
     assert [quantity(math.nan, "Pa"), span(1.0, nothing, "Pa"), percent(math.nan), percents(nothing)] == ["-"] * 4
     assert percent(1.3) == "100 %"
     assert percents((0.91, 0.97)) == "91 to 97 %"
     assert span(0.0301, (0.0285, 0.0315), "s") == "28.5 to 31.5 ms"
+    assert [probability(each) for each in (1.0, 0.5, 0.0)] == ["above 0.99", "0.50", "below 0.01"]

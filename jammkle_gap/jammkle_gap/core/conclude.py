@@ -107,6 +107,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         next_experiment=following,
         notes=_notes(evidence),
         spent=Spent(0.0, runner.runs, runner.simulated_s),
+        finished=candidates.finished,
     )
 
 

@@ -44,6 +44,8 @@ def diagnose(
     folder: Path | None = None,
     jobs: int = -1,
     progress: Progress | None = None,
+    provisional: Provisional | None = None,
+    stop: Stop | None = None,
 ) -> Diagnosis:
     """Say where recordings and simulator disagree, which effect causes it, and how far the gap shrinks with it.
 
@@ -56,16 +58,20 @@ def diagnose(
         folder: Where signatures are kept; by default `$XDG_CACHE_HOME/jammkle`.
         jobs: Runs at a time, as joblib counts.
         progress: Told of long work.
+        provisional: Told of the first answer, before anything is fitted.
+        stop: Asked after every run; True ends the search with what is known by then.
 
     Raises:
         BadRecordingError: the recordings cannot be used.
         SimulatorError: the simulator failed; the message names the parameters.
+        StoppedError: asked to stop before anything was known.
 
     """
     started = time.perf_counter()
     constants = constants or Constants()
-    runner = Runner(problem, jobs, progress)
-    evidence = evidence_of(recordings, references, problem, runner, constants, folder or cache_folder())
+    runner = Runner(problem, jobs, progress, stop)
+    kept = folder or cache_folder()
+    evidence = evidence_of(recordings, references, problem, runner, constants, kept, provisional)
     found = conclude(evidence, experiments, runner, constants)
     return replace(found, spent=replace(found.spent, wall_s=time.perf_counter() - started))
 
@@ -77,6 +83,7 @@ def evidence_of(
     runner: Runner,
     constants: Constants,
     folder: Path | None,
+    provisional: Provisional | None = None,
 ) -> Evidence:
     """Simulate, calibrate, whiten and fit.
 

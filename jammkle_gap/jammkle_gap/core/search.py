@@ -11,10 +11,10 @@ from jammkle_gap.core.features import features_of, measured
 from jammkle_gap.core.fit import Fit, refine
 from jammkle_gap.core.profiles import Profiles
 from jammkle_gap.core.signatures import grids_of
-from jammkle_gap.core.simulate import Task, run_task
+from jammkle_gap.core.simulate import StoppedError, Task, run_task
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from jammkle_gap.core.profiles import Place
     from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Runner
+
+    Provisional = Callable[[Sequence[tuple[str, float]]], None]
+    """Told which effects explain which share of the squared difference before any is fitted, best first."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ class Candidates:
     """Gain of every effect on its grid."""
     silent: tuple[str, ...]
     """Effects that move no feature here."""
+    finished: bool = True
+    """False if it was stopped before all that promised something were fitted."""
 
 
 class Signatures:
@@ -212,8 +217,9 @@ def search(
     machine: Mapping[str, float],
     runner: Runner,
     constants: Constants,
+    provisional: Provisional | None = None,
 ) -> Candidates:
-    """Fit single effects and pairs.
+    """Fit single effects and pairs; what was fitted until a stop is kept.
 
     Args:
         problem: Simulator, library and sensing.
@@ -223,6 +229,10 @@ def search(
         machine: Calibrated constants.
         runner: Makes the runs.
         constants: How many are fitted.
+        provisional: Told of the first answer.
+
+    Raises:
+        StoppedError: asked to stop before anything was fitted.
 
     """
     places = screening.places

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     Progress = Callable[[str, float], None]
     """Told what is being done, and the share of it that is done, 0 to 1."""
+    Stop = Callable[[], bool]
+    """Asked after every run; True ends the work."""
 
 
 T = TypeVar("T")
@@ -33,6 +35,15 @@ class InfeasibleError(ValueError):
 
 class SimulatorError(RuntimeError):
     """A simulator, or a user's effect in it, failed; the message names recording and parameters."""
+
+
+class StoppedError(RuntimeError):
+    """Asked to stop on the way."""
+
+    def __init__(self, done: Sequence[Any] = ()) -> None:
+        """Keep what was done until then, in order."""
+        super().__init__("asked to stop")
+        self.done = tuple(done)
 
 
 class Simulator(Protocol):
@@ -109,18 +120,22 @@ class Task:
 class Runner:
     """Makes runs, several at a time, and counts them. Joblib's backend is the user's choice (`parallel_config`)."""
 
-    def __init__(self, problem: Problem, jobs: int = -1, progress: Progress | None = None) -> None:
+    def __init__(
+        self, problem: Problem, jobs: int = -1, progress: Progress | None = None, stop: Stop | None = None
+    ) -> None:
         """Prepare.
 
         Args:
             problem: Its simulator and registrar.
             jobs: Runs at a time, as joblib counts; -1: one per core.
             progress: Told of long work.
+            stop: Asked after every run.
 
         """
         self._problem = problem
         self._jobs = jobs if jobs == 1 or _sendable(problem) else 1
         self._progress = progress or (lambda _what, _share: None)
+        self._stop = stop or (lambda: False)
         self.runs = 0
         """Made so far."""
         self.simulated_s = 0.0
@@ -134,6 +149,7 @@ class Runner:
 
         Raises:
             SimulatorError: the simulator failed.
+            StoppedError: asked to stop.
 
         """
         self.runs += len(tasks)
@@ -146,7 +162,12 @@ class Runner:
         return self._collected(parallel(work), len(tasks), what)
 
     def map(self, function: Callable[..., T], arguments: Sequence[tuple[object, ...]], what: str = "") -> list[T]:
-        """Return a function's answers to several arguments, in order, side by side."""
+        """Return a function's answers to several arguments, in order, side by side.
+
+        Raises:
+            StoppedError: asked to stop.
+
+        """
         if self._jobs == 1 or len(arguments) <= 1:
             return self._collected((function(*each) for each in arguments), len(arguments), what)
         parallel = Parallel(n_jobs=self._jobs, return_as="generator")
@@ -158,6 +179,8 @@ class Runner:
             collected.append(each)
             if what:
                 self._progress(what, done / count)
+            if done < count and self._stop():
+                raise StoppedError(collected)
         return collected
 
 

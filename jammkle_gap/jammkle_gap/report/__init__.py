@@ -1,1 +1,1 @@
-"""A diagnosis for people: words, tables, curves, the page, and where its runs happen. Does not import rclpy."""
+"""A diagnosis for people: words, figures, a page of sections, and what the terminal shows. Does not import rclpy."""

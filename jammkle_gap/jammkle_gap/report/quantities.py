@@ -12,6 +12,7 @@ _DIGITS = 3
 _LARGEST_PLAIN = 1e5
 _SMALLEST_PLAIN = 1e-3
 _MANY_UNITS = 10.0
+_SURE, _NEVER = 0.99, 0.01
 
 
 def _prefix(value: float, unit: str) -> tuple[float, str]:
@@ -36,8 +37,8 @@ def digits(value: float) -> str:
     return f"{value:.{places}f}"
 
 
-def noise_units(gap: float) -> str:
-    """Return a gap in units of the noise: what lies far below 1 is nothing, and needs no digits."""
+def times(gap: float) -> str:
+    """Return a gap in healthy scatter: what lies far below 1 is nothing, and needs no digits."""
     if not math.isfinite(gap):
         return _DASH
     return f"{gap:.0f}" if gap >= _MANY_UNITS**2 else f"{gap:.1f}" if gap >= _MANY_UNITS else f"{gap:.2f}"
@@ -76,8 +77,17 @@ def _to(value: float, width: float) -> str:
     return digits(value) if places > 2 * _DIGITS else f"{value:.{places}f}"
 
 
+def probability(value: float) -> str:
+    """Return a probability with two digits; never 0 or 1, which nothing is."""
+    if not math.isfinite(value):
+        return _DASH
+    if value > _SURE:
+        return f"above {_SURE}"
+    return f"below {_NEVER}" if value < _NEVER else f"{value:.2f}"
+
+
 def percent(share: float) -> str:
-    """Return a share as a whole per cent; what was closed beyond the noise counts as all."""
+    """Return a share as a whole per cent; what was closed beyond scatter counts as all."""
     return _DASH if not math.isfinite(share) else f"{_whole(share)} %"
 
 

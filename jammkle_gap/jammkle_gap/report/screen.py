@@ -8,18 +8,24 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from jammkle_gap.november.verdict import Verdict
-from jammkle_gap.report import tables, words
-from jammkle_gap.report.quantities import noise_units, percent, percents
+from jammkle_gap.core.result import Verdict
+from jammkle_gap.report import words
+from jammkle_gap.report.parameters import parameter_lines
+from jammkle_gap.report.quantities import percent, percents, times
+from jammkle_gap.report.sections.closing import signal_lines
+from jammkle_gap.report.sections.posterior import bars_of
 from jammkle_graph.command import results
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from jammkle_gap.november.diagnosis import Diagnosis
-    from jammkle_gap.report.page import Setting
+    from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.report.asked import Asked
 
 _SIGNALS_SHOWN = 6
+_BARS_SHOWN = 5
+_BAR_WIDTH = 24
+"""Characters of a probability of 1."""
 _STYLES = {
     Verdict.NO_GAP: "bold green",
     Verdict.EFFECTS: "bold blue",
@@ -30,8 +36,8 @@ _WIDTH = 80
 """Text is broken at this, columns; tables are made to fit it."""
 
 
-def show(diagnosis: Diagnosis, setting: Setting, page: Path) -> None:
-    """Print the verdict, what to check, two short tables, what they mean, and where the rest is."""
+def show(diagnosis: Diagnosis, asked: Asked, page: Path) -> None:
+    """Print the verdict, what to check, short tables, what they mean, and where the rest is."""
     console = results.console()
 
     def say(text: str, indent: int = 0) -> None:
@@ -43,29 +49,43 @@ def show(diagnosis: Diagnosis, setting: Setting, page: Path) -> None:
     style = _STYLES[diagnosis.verdict]
     console.print(f"[{style}]{diagnosis.verdict.value.replace('_', ' ')}[/{style}]")
     say(words.headline(diagnosis))
-    for check in words.checks(diagnosis):
+    for check in words.checks(diagnosis, asked.sentences):
         say(f"- {check}", 2)
+    if diagnosis.candidates:
+        console.print(_posterior_table(diagnosis))
     if diagnosis.effects:
         console.print(_effect_table(diagnosis))
     console.print(_gap_table(diagnosis))
     for sentence in words.explanation(diagnosis):
         say(sentence)
-    for note in words.notes(diagnosis):
+    for note in diagnosis.notes:
         say(f"note: {note}")
     if not diagnosis.finished:
         say("STOPPED EARLY: run it again to its end before anything is taken apart.")
     spent = diagnosis.spent
     say(f"{spent.runs} simulator runs, {spent.simulated_s:.0f} simulated seconds, {spent.wall_s:.0f} s")
-    console.print(words.corrected_note(diagnosis, setting.corrected), markup=False, soft_wrap=True)
+    console.print(words.corrected_note(diagnosis, asked.corrected), markup=False, soft_wrap=True)
     console.print(f"page: {page}", markup=False, soft_wrap=True)
+
+
+def _posterior_table(diagnosis: Diagnosis) -> Table:
+    table = Table(title="Posterior", title_justify="left", show_header=False, min_width=_WIDTH // 2)
+    table.add_column("candidate", overflow="fold", max_width=40)
+    table.add_column("probability", justify="right")
+    table.add_column("bar", width=_BAR_WIDTH, no_wrap=True)
+    bars = bars_of(diagnosis)
+    for bar in [*bars[:_BARS_SHOWN], *(each for each in bars[_BARS_SHOWN:] if each.label == words.NONE_OF_THEM)]:
+        length = round(_BAR_WIDTH * bar.probability)
+        table.add_row(escape(bar.label), f"{100.0 * bar.probability:.1f} %", "#" * length)
+    return table
 
 
 def _effect_table(diagnosis: Diagnosis) -> Table:
     table = Table(title=words.effects_title(diagnosis), title_justify="left", min_width=_WIDTH // 2)
-    table.add_column("effect: parameter", overflow="fold", max_width=40)
+    table.add_column("effect: parameter", overflow="fold", max_width=28)
     table.add_column("value", justify="right")
-    table.add_column("95 % interval", justify="right", max_width=24)
-    for line in tables.parameter_lines(diagnosis.effects):
+    table.add_column("90 % interval", justify="right", max_width=20)
+    for line in parameter_lines(diagnosis.effects):
         bound = " (at bound)" if line["remark"] else ""
         name = f"{words.label(line['effect'])}\n  [dim]{escape(line['parameter'])}[/dim]"
         table.add_row(name, escape(line["value"]), escape(line["interval"]) + bound)
@@ -73,22 +93,17 @@ def _effect_table(diagnosis: Diagnosis) -> Table:
 
 
 def _gap_table(diagnosis: Diagnosis) -> Table:
-    table = Table(title="Gap, in units of the noise (held out)", title_justify="left")
+    table = Table(title="Gap, in physical units and in healthy scatter", title_justify="left")
     table.add_column("signal", max_width=28, overflow="fold")
-    for heading in ("nominal", "with effect", "closed", "95 % interval"):
+    for heading in ("residual", "in scatter", "with effect"):
         table.add_column(heading, justify="right")
-    lines = tables.signal_lines(diagnosis)
+    lines = signal_lines(diagnosis)
     for line in lines[:_SIGNALS_SHOWN]:
-        table.add_row(escape(line["signal"]), *(line[key] for key in ("nominal", "with_effect", "closed", "interval")))
+        table.add_row(*(escape(line[key]) for key in ("signal", "nominal_physical", "nominal", "corrected")))
     if len(lines) > _SIGNALS_SHOWN:
-        table.add_row(f"({len(lines) - _SIGNALS_SHOWN} more on the page)", "", "", "", "")
-    overall = diagnosis.gap
+        table.add_row(f"({len(lines) - _SIGNALS_SHOWN} more on the page)", "", "", "")
+    gap = diagnosis.gap
     table.add_section()
-    table.add_row(
-        "all signals",
-        noise_units(overall.nominal),
-        noise_units(overall.with_effect),
-        percent(overall.closed),
-        percents(overall.interval),
-    )
+    closed = f"{percent(gap.closed)} closed ({percents(gap.interval)})" if diagnosis.effects else ""
+    table.add_row(f"whitened, all {closed}", "", times(gap.nominal), times(gap.corrected))
     return table

@@ -1,17 +1,18 @@
-"""A diagnosis in plain words: one sentence, what to check, and how sure it is."""
+"""A diagnosis in plain words: one sentence, what to check, and what the verdict stands on."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from jammkle_gap.november.verdict import Verdict
-from jammkle_gap.report.quantities import noise_units, percent, percents, quantity
+from jammkle_gap.core.locate import EVENT_PHASE
+from jammkle_gap.core.result import Verdict
+from jammkle_gap.report.quantities import percent, percents, probability, quantity, times
 
 if TYPE_CHECKING:
-    from jammkle_gap.november.described import Candidate, FittedEffect
-    from jammkle_gap.november.diagnosis import Diagnosis
-    from jammkle_gap.november.where import Place
+    from collections.abc import Mapping, Sequence
+
+    from jammkle_gap.core.result import Candidate, Diagnosis, FittedEffect, Place
 
 PHASE_WORDS = {
     "evacuating": "while it is evacuated",
@@ -28,9 +29,9 @@ PHASE_WORDS = {
     "other": "in the rest of the run",
     "whole run": "over the whole run",
 }
-_NO_EFFECT = "no effect at all"
+NONE_OF_THEM = "none of the effects on offer"
 _MOST_IN_WORDS = 3
-"""Explanations that are told by their sentences; more are told by their names."""
+"""Explanations that are given by their sentences; more are given by their names."""
 
 
 def label(name: str) -> str:
@@ -38,112 +39,145 @@ def label(name: str) -> str:
     return name.replace("_", " ")
 
 
+def names_label(names: Sequence[str]) -> str:
+    """Return the names of a candidate; of no effects: none of them."""
+    return " + ".join(map(label, names)) or NONE_OF_THEM
+
+
+def candidate_label(candidate: Candidate) -> str:
+    """Return the names of a candidate, and those of its equivalence class."""
+    own = names_label(candidate.names)
+    if not candidate.equivalents:
+        return own
+    others = ", ".join(map(label, candidate.equivalents))
+    return f"{own}, or as well {others} (an equivalence class: these sensors cannot tell them apart)"
+
+
 def finding(effect: FittedEffect) -> str:
     """Return what is wrong, without what to do about it."""
     return effect.sentence.partition(": ")[0].rstrip(".")
 
 
-def advice(effect: FittedEffect) -> str:
-    """Return what to do about it; the whole sentence where it is not split by a colon."""
-    found, colon, todo = effect.sentence.partition(": ")
+def advice(sentence: str) -> str:
+    """Return what to do about an effect; the whole sentence where it is not split by a colon."""
+    found, colon, todo = sentence.partition(": ")
     text = (todo if colon else found).rstrip(".")
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def candidate_label(candidate: Candidate) -> str:
-    """Return the names of a candidate."""
-    return " + ".join(label(name) for name in candidate.names) or _NO_EFFECT
-
-
 def place_label(place: Place) -> str:
     """Return where something is: `achilles/pressure while the vacuum is held`."""
+    if place.phase == EVENT_PHASE:
+        return f"the time of {label(place.signal)}"
     return f"{place.signal} {PHASE_WORDS.get(place.phase, f'while {place.phase}')}"
 
 
 def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
+    named = [each for each in diagnosis.candidates if each.names]
     if diagnosis.verdict is Verdict.NO_GAP:
-        return "Simulation and recordings agree within the noise: there is no gap to explain."
-    if diagnosis.verdict is Verdict.UNKNOWN:
-        return _unexplained(diagnosis)
-    if diagnosis.verdict is Verdict.EFFECTS:
-        found = [finding(effect) for effect in diagnosis.effects]
-        rival = "candidate does as well" if diagnosis.finished else "does as well of what was tried before the stop"
-        return f"{_sentence_of(found)}: that explains the gap, and no other {rival}."
-    return _one_of(diagnosis)
+        return "No gap is detected: the recordings differ from the simulator by no more than healthy runs scatter."
+    if diagnosis.verdict is Verdict.UNKNOWN or not named:
+        likely = f"There is a gap, and most likely {NONE_OF_THEM} causes it{_how_sure(diagnosis, ())}"
+        return f"{likely}: {_largest(diagnosis)}."
+    if diagnosis.verdict is Verdict.AMBIGUOUS:
+        return _one_of(diagnosis)
+    best = named[0]
+    if best.equivalents:
+        members = ", ".join(map(label, best.equivalents))
+        return (
+            f"An equivalence class explains the gap{_how_sure(diagnosis, best.names)}: {names_label(best.names)}, "
+            f"one of a class with {members} (these sensors cannot tell them apart)."
+        )
+    found = _sentence_of([finding(effect) for effect in best.effects])
+    return f"{found}: that explains the gap{_how_sure(diagnosis, best.names)}."
+
+
+def _how_sure(diagnosis: Diagnosis, names: tuple[str, ...]) -> str:
+    value = next((each.probability for each in diagnosis.candidates if each.names == names), None)
+    value = diagnosis.posterior.get(names) if value is None else value
+    return "" if value is None else f" (probability {probability(value)})"
+
+
+def _largest(diagnosis: Diagnosis) -> str:
+    worst = max(diagnosis.signals, key=lambda each: each.nominal)
+    return f"the largest residual, in {worst.signal}, is {times(worst.nominal)} times healthy scatter"
 
 
 def _one_of(diagnosis: Diagnosis) -> str:
-    """Return the set in one sentence: what all of it holds, and what differs; by names where sentences are many."""
+    """Return the credible set in one sentence: what all of it holds, and what differs; by names where it is long."""
     every = [{effect.name: effect for effect in each.effects} for each in diagnosis.candidates]
     shared = [effect for name, effect in every[0].items() if all(name in each for each in every)]
-    rest = [[each[name] for name in each if name not in {one.name for one in shared}] for each in every]
-    if shared or len(rest) > _MOST_IN_WORDS:
-        options = "; ".join(" + ".join(label(effect.name) for effect in each) or "nothing else" for each in rest)
-    else:
-        options = "; or ".join("; ".join(finding(effect) for effect in each) or _NO_EFFECT for each in rest)
+    common = {each.name for each in shared}
+    rest = [[each[name] for name in each if name not in common] for each in every]
+    brief = bool(shared) or len(rest) > _MOST_IN_WORDS
+    options = []
+    for candidate, effects in zip(diagnosis.candidates, rest, strict=True):
+        words = [label(each.name) if brief else finding(each) for each in effects]
+        nothing = "nothing else" if shared else NONE_OF_THEM
+        text = " + ".join(words) if brief else "; ".join(words)
+        members = "".join(f" = {label(each)}" for each in candidate.equivalents)
+        options.append(f"{text or nothing}{members} ({probability(candidate.probability)})")
+    found = f"{'; ' if brief else '; or '}".join(options)
     if not shared:
-        return f"One of {len(rest)} explanations, which these recordings cannot tell apart: {options}."
-    found = _sentence_of([finding(effect) for effect in shared])
-    return f"{found}; with it comes one of {len(rest)} that these recordings cannot tell apart: {options}."
+        return f"One of {len(rest)} explanations, between which these recordings do not decide: {found}."
+    first = _sentence_of([finding(effect) for effect in shared])
+    return f"{first}; with it comes one of {len(rest)}, between which these recordings do not decide: {found}."
 
 
-def _unexplained(diagnosis: Diagnosis) -> str:
-    left = max(diagnosis.signals, key=lambda each: each.closing.with_effect)
-    most = f"{left.signal} is off by {noise_units(left.closing.with_effect)} times its noise"
-    but = " with the best of them" if diagnosis.effects else ""
-    if not diagnosis.finished:
-        return f"Stopped before an explanation was found: {most}{but}."
-    if diagnosis.effects and _is_closed(diagnosis):
-        lead = " + ".join(label(effect.name) for effect in diagnosis.effects)
-        return f"There is a gap, and nothing is proven to cause it: {lead} would close it, but not clearly better."
-    return f"Something real is left that no effect of the library explains: {most}{but}."
+def checks(diagnosis: Diagnosis, sentences: Mapping[str, str]) -> tuple[str, ...]:
+    """Return what a technician should check, most probable first.
 
+    Args:
+        diagnosis: What was found.
+        sentences: Of effects, for those of an equivalence class that were not fitted.
 
-def _is_closed(diagnosis: Diagnosis) -> bool:
-    return all(each.closing.with_effect <= each.limit for each in diagnosis.signals)
-
-
-def checks(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return what a technician should check, in the order of what speaks for it."""
+    """
     if diagnosis.verdict is Verdict.NO_GAP:
         return ()
+    texts = []
     if diagnosis.verdict is Verdict.UNKNOWN:
-        worst = diagnosis.where.places[0]
+        worst = diagnosis.where[0]
         share = f"{percent(worst.share)} ({percents(worst.interval)})"
-        texts = [f"The largest part of the gap is in {place_label(worst)}: {share}."]
-        if diagnosis.effects:
-            names = " + ".join(label(effect.name) for effect in diagnosis.effects)
-            texts.append(f"Closest of the library, and not {'proven' if _is_closed(diagnosis) else 'enough'}: {names}.")
+        texts.append(f"The largest share of the gap is in {place_label(worst)}: {share}.")
+        texts += [_kept(each) for each in diagnosis.candidates if each.names]
         return tuple(texts)
-    if diagnosis.verdict is Verdict.EFFECTS:  # the headline has told what is wrong
-        return tuple(dict.fromkeys(f"{label(effect.name)}: {advice(effect)}" for effect in diagnosis.effects))
-    effects = [effect for each in diagnosis.candidates for effect in each.effects]
-    return tuple(dict.fromkeys(f"{label(effect.name)}: {effect.sentence}" for effect in effects))
+    for candidate in diagnosis.candidates:
+        texts += [f"{label(effect.name)}: {advice(effect.sentence)}" for effect in candidate.effects]
+        texts += [
+            f"{label(name)} (equivalent): {advice(sentences[name])}"
+            for name in candidate.equivalents
+            if name in sentences
+        ]
+    return tuple(dict.fromkeys(texts))
+
+
+def _kept(candidate: Candidate) -> str:
+    left = f"it explains {percent(candidate.explained)} of the squared difference"
+    return (
+        f"{candidate_label(candidate)} is kept in the credible set beside none of them, with a probability of "
+        f"{probability(candidate.probability)}: {left}."
+    )
 
 
 def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return what the verdict stands on, one sentence each."""
-    texts = []
-    worst = max(diagnosis.signals, key=lambda each: each.closing.nominal)
-    texts.append(
-        f"The nominal simulator is off most in {worst.signal}: by {quantity(worst.nominal_physical, worst.unit)} "
-        f"(root mean square), {noise_units(worst.closing.nominal)} times its noise."
-    )
+    worst = max(diagnosis.signals, key=lambda each: each.nominal)
+    physical = quantity(worst.nominal_physical, worst.unit)
+    residual = f"{physical} (root mean square), {times(worst.nominal)} times healthy scatter"
+    chance = f"{diagnosis.p_value:.1g}; the detection threshold is {diagnosis.false_alarm_rate:g}"
+    texts = [
+        f"The largest residual is in {worst.signal}: {residual}.",
+        f"A healthy machine shows a difference like this one with a probability of {chance}.",
+    ]
     if diagnosis.verdict is Verdict.NO_GAP:
-        return (*texts, "Up to about 1 is noise, and a simulator is never perfect: this does not count as a gap.")
-    place = diagnosis.where.places[0]
-    texts.append(
-        f"{percent(place.share)} of the gap ({percents(place.interval)}) is in {place_label(place)}.{_blame(diagnosis)}"
-    )
-    texts.append(closed_sentence(diagnosis))
-    if diagnosis.formula is not None:
-        texts.append(
-            f"A formula explains {percent(diagnosis.formula.share)} of what is left of {diagnosis.formula.signal}."
-        )
+        return tuple(texts)
+    place = diagnosis.where[0]
+    texts.append(f"{percent(place.share)} of the gap ({percents(place.interval)}) is in {place_label(place)}.")
+    if diagnosis.effects:
+        texts.append(closed_sentence(diagnosis))
     if diagnosis.next_experiment is not None:
-        following = diagnosis.next_experiment
-        texts.append(f"To tell them apart, record '{following.name}': there, {next_sentence(diagnosis)}.")
+        texts.append(f"To split the set, record '{diagnosis.next_experiment.name}': there, {next_sentence(diagnosis)}.")
     return tuple(texts)
 
 
@@ -157,63 +191,43 @@ def next_sentence(diagnosis: Diagnosis) -> str:
 
 
 def closed_sentence(diagnosis: Diagnosis) -> str:
-    """Return how far the gap shrinks, with its interval, on what the effect was not fitted to."""
+    """Return how far the gap closes with the best candidate, and in settings that it was not fitted to."""
     names = " + ".join(label(effect.name) for effect in diagnosis.effects)
-    worst = max(diagnosis.signals, key=lambda each: each.closing.nominal)
-    overall, closing = diagnosis.gap, worst.closing
-    if not names and not diagnosis.finished:
-        return "What was fitted before the stop foretells nothing clearly better than the nominal simulator does."
-    if not names:
-        return "No candidate foretells what it was not fitted to clearly better than the nominal simulator."
-    text = f"With {names}, {worst.signal} goes from {noise_units(closing.nominal)} to"
-    text += f" {noise_units(closing.with_effect)} times its noise"
-    text += f" on stretches it was not fitted to: {percent(closing.closed)} closed ({percents(closing.interval)})"
-    if math.isfinite(overall.closed):
-        text += f"; over all signals {percent(overall.closed)} ({percents(overall.interval)})"
+    gap = diagnosis.gap
+    text = f"With {names} in the simulator the gap goes from {times(gap.nominal)} to {times(gap.corrected)} times "
+    text += "healthy scatter"
+    if math.isfinite(gap.closed):
+        text += f": {percent(gap.closed)} closed ({percents(gap.interval)})"
+    held = [each for each in diagnosis.held_out if math.isfinite(each.closing.closed)]
+    if held:
+        told = "; ".join(f"{each.setting} {percent(each.closing.closed)}" for each in held)
+        text += f". In settings that it was not fitted to: {told}"
     return f"{text}."
-
-
-def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return what was noted on the recordings, each thing once."""
-    counted: dict[str, int] = {}
-    for note in diagnosis.notes:
-        counted[note] = counted.get(note, 0) + 1
-    return tuple(f"{note} ({count} recordings)" if count > 1 else note for note, count in counted.items())
 
 
 def effects_title(diagnosis: Diagnosis) -> str:
     """Return what the table of effects and their sizes shows."""
     return {
-        Verdict.UNKNOWN: "The closest lead, which does not explain the gap",
-        Verdict.AMBIGUOUS: "The first of the set",
+        Verdict.UNKNOWN: "Kept beside none of them",
+        Verdict.AMBIGUOUS: "Most probable of the credible set",
     }.get(diagnosis.verdict, "What explains the gap")
 
 
 def corrected_note(diagnosis: Diagnosis, file: str) -> str:
     """Return what can be done with the file of the corrected simulator."""
     if diagnosis.verdict is Verdict.NO_GAP:
-        return f"{file} holds no effect: the simulator is right as it is."
+        return f"{file} holds no effect: no gap was detected."
     if diagnosis.verdict is Verdict.UNKNOWN:
-        return f"{file} holds no effect: what explains a part only is a lead, and not loaded."
+        return f"{file} holds no effect: what is kept beside none of them is not loaded."
     if diagnosis.verdict is Verdict.AMBIGUOUS:
-        return f"{file} holds the first of the set; jammkle rig ... --effects {file} runs with it."
+        return f"{file} holds the most probable of the set; jammkle rig ... --effects {file} runs with it."
     return f"{file} holds it; jammkle rig ... --effects {file} runs with it."
 
 
-def _blame(diagnosis: Diagnosis) -> str:
-    blamed = [each.name for each in diagnosis.where.subsystems if each.to_blame]
-    innocent = [each.name for each in diagnosis.where.subsystems if each.gaps and not each.to_blame]
-    if not blamed and not innocent:
-        return ""
-    if not blamed:
-        return " No subsystem is off on its own, fed with what was measured at its inputs."
-    text = f" Fed with what was measured at their inputs, {_listed(blamed)} {'is' if len(blamed) == 1 else 'are'} off"
-    return f"{text}; {_listed(innocent)} {'is' if len(innocent) == 1 else 'are'} not." if innocent else f"{text}."
-
-
-def _listed(names: list[str]) -> str:
-    *most, last = names
-    return f"{', '.join(most)} and {last}" if most else last
+def first_answer(shares: Sequence[tuple[str, float]], most: int = 3) -> str:
+    """Return the provisional answer: effects, and the share of the squared difference that each explains."""
+    told = ", ".join(f"{label(name)} {percent(share)}" for name, share in shares[:most])
+    return f"first answer, before any fit: {told} of the squared difference; refining"
 
 
 def _sentence_of(found: list[str]) -> str:
