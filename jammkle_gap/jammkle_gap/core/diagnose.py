@@ -30,11 +30,12 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.search import Provisional
     from jammkle_gap.core.signatures import Dictionary
-    from jammkle_gap.core.simulate import Problem, Progress
+    from jammkle_gap.core.simulate import Problem, Progress, Stop
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
     recordings: Sequence[Recording],
     problem: Problem,
     *,
@@ -125,6 +126,10 @@ def evidence_of(
         # Two machines are on offer, as drawn and as calibrated: the one counts in which an effect explains more.
         if calibrated.left < screening.left:
             residuals, difference, screening, machine = again, other, calibrated, calibration.values
+    if provisional is not None:
+        length = max(float(difference.whitened @ difference.whitened), 1.0)
+        shares = {name: min(max(gain / length, 0.0), 1.0) for name, gain in screening.gains.items()}
+        provisional(sorted(shares.items(), key=lambda item: -item[1]))
     candidates = search(problem, settings, screening, difference, machine, runner, constants)
     return Evidence(problem, tuple(settings), tuple(residuals), calibration, machine, difference, candidates, classes)
 

@@ -175,6 +175,8 @@ class Screening:
     places: Mapping[str, Place]
     order: tuple[str, ...]
     """Effects, the most promising first."""
+    gains: Mapping[str, float]
+    """By how much each shortens the squared difference, at the run's own commands where that was simulated."""
     left: float
     """Squared length of what the most promising one leaves."""
 
@@ -203,10 +205,10 @@ def screen(
     screened = _screened(problem, settings, difference, machine, runner, places)
     gains = {name: max(place.gain, screened.get(name, -np.inf)) for name, place in places.items()}
     # What was simulated at the run's own commands is what counts; sensors' effects need no simulation.
-    proven = [screened.get(name, place.gain) for name, place in places.items()]
+    proven = {name: screened.get(name, place.gain) for name, place in places.items()}
     length = float(difference.whitened @ difference.whitened)
     order = sorted(gains, key=lambda name: -gains[name])
-    return Screening(profiles, places, tuple(order), length - max(proven, default=0.0))
+    return Screening(profiles, places, tuple(order), proven, length - max(proven.values(), default=0.0))
 
 
 def search(
@@ -217,7 +219,6 @@ def search(
     machine: Mapping[str, float],
     runner: Runner,
     constants: Constants,
-    provisional: Provisional | None = None,
 ) -> Candidates:
     """Fit single effects and pairs; what was fitted until a stop is kept.
 
@@ -229,7 +230,6 @@ def search(
         machine: Calibrated constants.
         runner: Makes the runs.
         constants: How many are fitted.
-        provisional: Told of the first answer.
 
     Raises:
         StoppedError: asked to stop before anything was fitted.
@@ -241,12 +241,17 @@ def search(
     work = [places[name] for name in first]
     work += screening.profiles.pairs(first, constants.refined_pairs)
     arguments = [(problem, settings, difference, dict(machine), place, constants.fit_evaluations) for place in work]
-    answers = runner.map(fit_place, arguments, "fitting")
+    finished = True
+    try:
+        answers = runner.map(fit_place, arguments, "fitting")
+    except StoppedError as stopped:
+        answers, finished = list(stopped.done), False
     runner.runs += sum(runs for _, runs in answers)
     fits = sorted((fit for fit, _ in answers), key=lambda fit: fit.left)
     singles = tuple(fit for fit in fits if len(fit.names) == 1)
     pairs = tuple(fit for fit in fits if len(fit.names) > 1)
-    return Candidates(singles, pairs, {name: place.gain for name, place in places.items()}, silent)
+    profiled = {name: place.gain for name, place in places.items()}
+    return Candidates(singles, pairs, profiled, silent, finished)
 
 
 def fit_place(

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from jammkle_gap.core.effects import Library
     from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.effects import Library
 
 _RANKED = 5
 """How many effects are kept of each ranking."""

@@ -17,9 +17,9 @@ from jammkle_sim.rigs.catalogue import rig_kind, run_rig
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from jammkle_gap.november.alike import Alike
-    from jammkle_gap.core.effects import Library
     from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.effects import Library
+    from jammkle_gap.november.alike import Alike
 
 
 @dataclass(frozen=True)
