@@ -34,15 +34,18 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
         typer.Option(help="Recording of the same machine in good order; may be repeated. Asks what has changed."),
     ] = None,
     rig: Annotated[
-        str | None,
-        typer.Option(help="Rig that was recorded, where the bags do not tell: tensile, pressure, drop, slip, landing."),
+        list[str] | None,
+        typer.Option(
+            help="RIG, or BAG=RIG for one bag: what was recorded where bags do not tell; tensile, pressure, drop, slip "
+            "or landing; may be repeated.",
+        ),
     ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
-            help="NAME=VALUE, names as in `jammkle rig RIG --help`: how the simulated rig is set, whatever bags say; "
-            "may be repeated.",
+            help="NAME=VALUE, or BAG:NAME=VALUE for one bag, names as in `jammkle rig RIG --help`: how the simulated "
+            "rig is set, whatever bags say; may be repeated.",
         ),
     ] = None,
     library: LibraryOption = None,
@@ -78,7 +81,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
         DiagnoseRequest(
             bags,
             reference or [],
-            rig,
+            rig or [],
             settings or [],
             namespace,
             library,

@@ -10,7 +10,7 @@ from jammkle_gap.ankle.effects import try_changes
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.backend import backend
 from jammkle_gap.diagnosing import asked_in_parts, asked_whole, diagnosis_of
-from jammkle_gap.inputs import check_given, library_of, recordings_of, rig_options
+from jammkle_gap.inputs import asked_of, library_of, recordings_of
 from jammkle_gap.november.effect import BadEffectError
 from jammkle_gap.november.result import as_dict
 from jammkle_gap.november.verdict import Verdict
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from jammkle_gap.ankle.per_bag import BagRequest
     from jammkle_gap.november.diagnosis import Diagnosis
     from jammkle_gap.november.effect import Library
     from jammkle_gap.november.recording import Recording
@@ -40,9 +41,10 @@ class DiagnoseRequest:
 
     bags: Sequence[Path]
     references: Sequence[Path]
-    rig: str | None
+    rigs: Sequence[str]
+    """What was recorded, as RIG or BAG=RIG, where bags do not tell."""
     settings: Sequence[str]
-    """Options of the rig as NAME=VALUE."""
+    """Options of the rig as NAME=VALUE or BAG:NAME=VALUE."""
     namespace: str | None
     library: Path | None
     folder: Path
@@ -65,11 +67,11 @@ def diagnose(request: DiagnoseRequest) -> int:
         Interrupted: stopped before anything was known.
 
     """
-    options = _check(request)
+    of_bags, of_references = _check(request)
     stop = StopRequest()
     library = library_of(request.library, request.only, request.without)
-    recordings = recordings_of(request.bags, request.rig, options, stop, request.namespace)
-    references = recordings_of(request.references, request.rig, options, stop, request.namespace)
+    recordings = recordings_of(request.bags, of_bags, stop, request.namespace)
+    references = recordings_of(request.references, of_references, stop, request.namespace)
     _try_changes(library, recordings)
     with backend(request.jobs, request.scheduler) as jobs:
         ask = asked_in_parts if request.simulated is Simulated.PARTS else asked_whole
@@ -90,12 +92,12 @@ def diagnose(request: DiagnoseRequest) -> int:
     return 0
 
 
-def _check(request: DiagnoseRequest) -> dict[str, Any]:
-    """Refuse what cannot work before anything is read, and return the options of the rig."""
+def _check(request: DiagnoseRequest) -> tuple[tuple[BagRequest, ...], tuple[BagRequest, ...]]:
+    """Refuse what cannot work before anything is read, and return what is said of bags and references."""
     if request.jobs is not None and request.jobs < 1:
         msg = f"--jobs {request.jobs} must be 1 or more"
         raise InputError(msg)
-    check_given(request.bags, request.references, request.rig)
+    said = asked_of(request.bags, request.references, request.rigs, request.settings)
     try:
         request.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -104,7 +106,7 @@ def _check(request: DiagnoseRequest) -> dict[str, Any]:
     results.check_writable(request.json)
     for name in (PAGE_NAME, CORRECTED_NAME):
         results.check_writable(request.folder / name, "--output")
-    return rig_options(request.settings)
+    return said
 
 
 def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:

@@ -3,69 +3,54 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
-
-import yaml
+from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.ankle.loading import load_recording
+from jammkle_gap.ankle.loading import load_recordings
+from jammkle_gap.ankle.november import for_november
+from jammkle_gap.ankle.per_bag import BadRequestError, requests_for
 from jammkle_gap.november.effect import BadEffectError, Library
 from jammkle_gap.november.recording import BadRecordingError
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.signals import Interrupted
-from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from jammkle_gap.ankle.per_bag import BagRequest
     from jammkle_gap.november.recording import Recording
 
 
-def check_given(bags: Sequence[Path], references: Sequence[Path], rig: str | None) -> None:
-    """Refuse bags and a rig that cannot work before anything is read.
+def asked_of(
+    bags: Sequence[Path], references: Sequence[Path], rigs: Sequence[str], settings: Sequence[str]
+) -> tuple[tuple[BagRequest, ...], tuple[BagRequest, ...]]:
+    """Return what is said of each bag and of each reference, refusing what cannot work before anything is read.
+
+    Args:
+        bags: To be diagnosed.
+        references: Of the machine in good order.
+        rigs: `RIG` or `BAG=RIG`.
+        settings: `NAME=VALUE` or `BAG:NAME=VALUE`.
 
     Raises:
-        InputError: the rig does not exist, or a bag is given twice.
+        InputError: a rig does not exist, a setting is none, or a bag is given twice.
 
     """
-    if rig is not None and rig not in RIGS:
-        msg = f"--rig '{rig}' does not exist; known are: {', '.join(RIGS)}"
-        raise InputError(msg)
-    given = [bag.resolve() for bag in (*bags, *references)]
+    paths = (*bags, *references)
+    try:
+        found = requests_for([str(bag) for bag in paths], rigs, settings)
+    except BadRequestError as error:
+        raise InputError(str(error)) from error
+    given = [bag.resolve() for bag in paths]
     for place, bag in enumerate(given):
         if bag in given[:place]:
             known = "as a reference too" if place >= len(bags) else "twice"
             msg = f"bag {bag.name} is given {known}; a repeat and a reference must be runs of their own"
             raise InputError(msg)
-
-
-def rig_options(settings: Sequence[str]) -> dict[str, Any]:
-    """Return how the rig is set, whatever the bags say; `settings` are NAME=VALUE.
-
-    Raises:
-        InputError: a setting that is none.
-
-    """
-    return dict(map(_setting, settings))
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    name, sign, value = text.partition("=")
-    if not name or not sign:
-        msg = f"--set '{text}' must be NAME=VALUE, such as vacuum_pa=50000"
-        raise InputError(msg)
-    try:
-        read = yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        msg = f"--set '{text}' has a value that cannot be read; write a number or a word, such as vacuum_pa=50000"
-        raise InputError(msg) from error
-    try:
-        return name.replace("-", "_"), float(read) if isinstance(read, str) else read
-    except ValueError:  # a word, such as a foot
-        return name.replace("-", "_"), read
+    return found[: len(bags)], found[len(bags) :]
 
 
 def library_of(file: Path | None, only: Sequence[str] = (), without: Sequence[str] = ()) -> Library:
@@ -96,17 +81,15 @@ def library_of(file: Path | None, only: Sequence[str] = (), without: Sequence[st
 
 def recordings_of(
     bags: Sequence[Path],
-    rig: str | None,
-    options: Mapping[str, Any],
+    requests: Sequence[BagRequest],
     stop: Callable[[], bool],
     namespace: str | None = None,
 ) -> list[Recording]:
-    """Read bags.
+    """Read bags: a recording for each run that they hold.
 
     Args:
         bags: To be read.
-        rig: What was recorded, where the bags do not tell.
-        options: How it was set, whatever the bags say.
+        requests: What is said of each.
         stop: Asked before each bag; True ends it.
         namespace: Of the ankle, if the bags hold several.
 
@@ -116,27 +99,37 @@ def recordings_of(
         Interrupted: asked to stop.
 
     """
-    found: list[Recording] = []
+    found: list[tuple[Path, tuple[Recording, ...]]] = []
     with progress_bar("reading bags") as update:
-        for place, bag in enumerate(bags):
+        for place, (bag, request) in enumerate(zip(bags, requests, strict=True)):
             if stop():
                 raise Interrupted
             update(place / len(bags), bag.name)
             try:
-                recording = load_recording(bag, rig, options=options, namespace=namespace)
+                runs = load_recordings(bag, request.rig, options=request.options, namespace=namespace)
+                found.append((bag, tuple(for_november(each) for each in runs)))
             except BadRecordingError as error:
                 raise InputError(str(error)) from error
             except UnstableSimulationError as error:
                 msg = f"bag {bag}: {error}"
                 raise GraphError(msg) from error
-            unknown = sorted(set(options) - {name for name, _ in recording.inputs.options})
-            if unknown:
-                known = ", ".join(name for name, _ in recording.inputs.options)
-                msg = f"--set {unknown[0]} is no option of rig {recording.inputs.rig}; it has: {known}"
-                raise InputError(msg)
-            found.append(recording)
-    names = [each.name for each in found]
+    _check_options(found, requests)
+    names = [each.name for _, runs in found for each in runs]
     return [
-        dataclasses.replace(each, name=str(bag)) if names.count(each.name) > 1 else each
-        for each, bag in zip(found, bags, strict=True)
+        dataclasses.replace(each, name=f"{bag}{each.name[len(bag.name) :]}") if names.count(each.name) > 1 else each
+        for bag, runs in found
+        for each in runs
     ]
+
+
+def _check_options(found: Sequence[tuple[Path, Sequence[Recording]]], requests: Sequence[BagRequest]) -> None:
+    """Refuse an option that its bag's rig does not have; one for all bags, if none of their rigs has it."""
+    rigs = [runs[0].inputs for _, runs in found]
+    every = {name for inputs in rigs for name, _ in inputs.options}
+    for inputs, request in zip(rigs, requests, strict=True):
+        own = {name for name, _ in inputs.options}
+        unknown = sorted(name for name in request.options if name not in (own if name in request.own else every))
+        if unknown:
+            known = ", ".join(name for name, _ in inputs.options)
+            msg = f"--set {unknown[0]} is no option of rig {inputs.rig}; it has: {known}"
+            raise InputError(msg)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.isolated import IsolatedSimulator, thinned, with_instruments_noise
 from jammkle_gap.ankle.loading import load_recording
+from jammkle_gap.ankle.november import for_november
 from jammkle_gap.landing_effects import Outcome, outcome
 from jammkle_gap.november.diagnosis import diagnose
 from jammkle_gap.november.recording import BadRecordingError
@@ -66,7 +67,7 @@ def diagnose_landing(bag: Path, namespace: str, secret: Secret, asked_to_stop: C
     library = ankle_library()
     try:
         with progress_bar("diagnosing") as show:
-            recording = with_instruments_noise(load_recording(bag, namespace=namespace))
+            recording = with_instruments_noise(for_november(load_recording(bag, namespace=namespace)))
             recording = thinned(recording, _RATE_HZ)
             diagnosis = diagnose(
                 [recording],

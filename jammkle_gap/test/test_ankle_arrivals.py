@@ -10,6 +10,7 @@ from scipy.signal import lfilter  # type: ignore[import-untyped]  # carries no t
 
 from jammkle_gap.ankle.bag import Samples
 from jammkle_gap.ankle.loading import recording_of
+from jammkle_gap.ankle.november import for_november
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_graph import names
 from recorded import ACHILLES, SIMULATOR, run, unbiased, worst_gap
@@ -37,7 +38,7 @@ def test_commands_of_a_live_graph_are_put_where_they_arrived() -> None:
         return Samples(times_s, times_s, each.columns)
 
     live = dataclasses.replace(given, topics={name: heard(name, each) for name, each in given.topics.items()})
-    recording = recording_of(live)
+    recording = for_november(recording_of(live))
     assert any("switched up to 8 ms later" in note for note in recording.notes)
     assert worst_gap(recording) < 1.5
     signal = recording.signal(ACHILLES)
@@ -62,7 +63,7 @@ def heard_early(early_s: float, slow_s: float = 0.0) -> Recording:
         keep = float(np.exp(-np.median(np.diff(line.stamp_s)) / slow_s))
         slow_pa = lfilter([1.0 - keep], [1.0, -keep], pressure_pa - pressure_pa[0]) + pressure_pa[0]
         topics[names.PRESSURES[names.ACHILLES].name] = dataclasses.replace(line, columns={column: slow_pa})
-    return recording_of(dataclasses.replace(given, topics=topics))
+    return for_november(recording_of(dataclasses.replace(given, topics=topics)))
 
 
 def test_what_all_commands_are_late_by_is_left_in() -> None:
@@ -85,7 +86,7 @@ def test_commands_stay_where_they_were_heard_if_no_pressure_answers() -> None:
     given = bag_of_run(run("pressure", cycles=1, channel=names.ACHILLES))
     late = {name: dataclasses.replace(each, log_s=each.log_s + 0.001) for name, each in given.topics.items()}
     del late[names.PRESSURES[names.ACHILLES].name]
-    recording = recording_of(dataclasses.replace(given, topics=late))
+    recording = for_november(recording_of(dataclasses.replace(given, topics=late)))
     for line in recording.inputs.commands.solenoids.values():
         assert np.isfinite(line.time_s).all()
 

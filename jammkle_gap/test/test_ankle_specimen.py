@@ -15,6 +15,7 @@ from jammkle_gap.ankle.instruments import TENSION, quantity_of
 from jammkle_gap.ankle.parts import PartsSimulator
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.specimen import WithTendons, tendons_told_by
+from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
 if TYPE_CHECKING:
@@ -95,9 +96,10 @@ def test_bodies_and_air_stay_as_they_are() -> None:
 
 
 def test_where_nothing_is_told_parts_are_as_built() -> None:
-    """Also with effects on, and where times count from when the slide was seen to move off."""
+    """Also with effects on, and where the release is that which the slide has seen."""
     landed = landing(MACHINE, 3)
-    counted = dataclasses.replace(landed, inputs=dataclasses.replace(landed.inputs, starts_by_motion=True))
+    seen = dataclasses.replace(landed.inputs, release_s=1.01, release_seen_by=names.JOINT_STATES.name)
+    counted = dataclasses.replace(landed, inputs=seen)
     values = {"joint_delay.delay_s": 0.02, TORN: 0.3}
     plain, machine = PARTS(counted, values), WithTendons(PARTS, LIBRARY, ())(counted, values)
     assert plain.keys() == machine.keys()

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_graph import names
 from jammkle_sim.rigs import replay
 from jammkle_sim.rigs.timeline import Timeline
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from jammkle_gap.november.recording import Signal
     from jammkle_sim.rigs.rig import Rig
 
-_EXACT_S = 1e-6
-"""Difference of log time and stamp up to which a recorder hears everything at once, as one inside a simulation does."""
 _SHIFTS_S = np.arange(0.0, 0.0301, 0.00025)
 """Delays that are tried. Assumed: the graph's hop takes 0.2 ms, its callbacks are served every few milliseconds, and
 what all switchings are late by leaves room for that."""
@@ -41,28 +38,6 @@ _TOGETHER_S = 0.02
 """Switchings of several solenoids within this time are one command."""
 _BEFORE_S, _AFTER_S = 0.05, 0.15
 """Stretches around a switching in which the pressures are looked at: where they were, and how they answer."""
-
-
-def with_acknowledgements(bag: Bag) -> Bag:
-    """Return the bag with the commands as the hardware acknowledged them, where it did."""
-    topics = dict(bag.topics)
-    told = topics.pop(names.ACTUATOR_STATES.name, None)
-    if told is None:
-        return bag
-    order = np.argsort(told.stamp_s, kind="stable")
-    for topic, column in told.columns.items():
-        values = column[order]
-        changed = np.concatenate(([True], values[1:] != values[:-1]))
-        time_s = told.stamp_s[order][changed]
-        topics[topic] = Samples(time_s, time_s, {"data": values[changed]})
-    return dataclasses.replace(bag, topics=topics, acknowledged=True)
-
-
-def is_exact(bag: Bag) -> bool:
-    """Tell whether commands have the times of the measurements' clock at which they were taken."""
-    if bag.acknowledged:
-        return True
-    return all(float(np.abs(each.log_s - each.stamp_s).max()) <= _EXACT_S for each in bag.topics.values())
 
 
 def with_arrivals(inputs: AnkleInputs, rig: Rig, signals: Mapping[str, Signal], notes: list[str]) -> AnkleInputs:

@@ -5,6 +5,7 @@ Pressure, load cell and IMU are those of the simulated sensors (`physics.sensors
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,8 @@ _ANGLE_RAD = 5e-4
 """Standard deviation of a joint angle. Assumed: the rounding of a 12-bit encoder."""
 _SLIDE_M = 2e-5
 """Standard deviation of the slide and of a tendon's extension. Assumed: a linear scale of 0.05 mm."""
+_HALF_RISE = 1.678
+"""Time, in time constants, at which two equal poles have come half way: `1 - (1 + t) exp(-t) = 1 / 2`."""
 _TENSION_N = 0.05
 """Standard deviation of a tendon's tension. Assumed: as of the load cell."""
 
@@ -85,6 +88,13 @@ def declared_noise(rig: Rig, timestep_s: float) -> dict[str, float]:
 def declared_bias(rig: Rig) -> dict[str, float]:
     """Return the standard deviation of a sensor's constant offset by quantity, SI; those not named have none."""
     return {PRESSURE: rig.sensors.pressure_offset_pa}
+
+
+def half_rise_s(rig: Rig) -> float:
+    """Return how long the IMU's filter, of two equal poles, takes to come half way to a step, s."""
+    timestep_s = float(rig.model.opt.timestep)
+    pole_s = -timestep_s / math.log1p(-float(imu_law(rig.sensors, timestep_s)["smoothing"][0]))
+    return _HALF_RISE * pole_s
 
 
 def _noise_gain(smoothing: float) -> float:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.ankle.inputs import moved_as_recorded
 from jammkle_gap.ankle.measured import Measured
 from jammkle_gap.ankle.readings import Truth, readings
 from jammkle_gap.ankle.truth import air_of, inputs_of, steps_of, truth_of
@@ -73,6 +74,7 @@ def restarted_readings(
 
 def _restarted(recording: Recording, rig: Rig, horizon_s: float, drive: Drive) -> dict[str, NDArray[np.float64]]:
     inputs, steps = inputs_of(recording), steps_of(recording, rig)
+    rig = moved_as_recorded(rig, inputs)
     measured = Measured(recording, rig, steps)
     tension_n = measured.tensions_n() if drive is Drive.MEASURED else None
     if drive is Drive.MEASURED and tension_n is None:
@@ -131,6 +133,7 @@ def pulled_bodies(
 
     """
     steps = steps_of(recording, rig)
+    rig = moved_as_recorded(rig, inputs_of(recording))
     measured = Measured(recording, rig, steps)
     tension_n = measured.tensions_n()
     if tension_n is None:

@@ -82,6 +82,8 @@ class Recording:
     """What it was run at, such as `50 kPa` or `drop`: a regime can be held out as a whole."""
     notes: tuple[str, ...] = field(default=())
     """What the reader should know: signals that are missing, things that were repaired."""
+    setting: str = ""
+    """What the machine was made to do. Recordings of the same setting are repeats."""
     run: str = ""
     """Which run it is: recordings that name the same are repeats. Empty: told by what the nominal simulator makes."""
 
