@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jammkle_gap.ankle.effects import ankle_library
-    from jammkle_gap.ankle.loading import load_recording
+    from jammkle_gap.ankle.loading import load_recordings
     from jammkle_gap.ankle.problem import ankle_problem
+    from jammkle_gap.ankle.setting import with_settings
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import BadRecordingError, Phase, Recording, Signal
     from jammkle_gap.core.design import Experiment
@@ -40,7 +41,8 @@ _HOMES = {
     "ankle_problem": "ankle.problem",
     "as_dict": "core.result",
     "diagnose": "core.diagnose",
-    "load_recording": "ankle.loading",
+    "load_recordings": "ankle.loading",
+    "with_settings": "ankle.setting",
 }
 
 __all__ = [
@@ -65,7 +67,8 @@ __all__ = [
     "ankle_problem",
     "as_dict",
     "diagnose",
-    "load_recording",
+    "load_recordings",
+    "with_settings",
 ]
 
 

@@ -7,6 +7,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.experiments import experiments
+from jammkle_gap.ankle.setting import with_settings
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose as diagnose_recordings
 from jammkle_gap.core.effects import BadEffectError
@@ -68,10 +69,11 @@ def diagnosis_of(
             furthest = max(furthest, begin + share * (end - begin))
             update(furthest, stage)
 
+        compared = with_settings([*recordings, *references])
         return diagnose_recordings(
-            recordings,
+            compared[: len(recordings)],
             problem,
-            references=references,
+            references=compared[len(recordings) :],
             experiments=experiments(),
             jobs=_ALL_CORES if jobs is None else jobs,
             progress=on_progress,

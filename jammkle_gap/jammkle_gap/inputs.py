@@ -6,7 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.ankle.loading import load_recording
+from jammkle_gap.ankle.loading import load_recordings
 from jammkle_gap.ankle.per_bag import BadRequestError, requests_for
 from jammkle_gap.ankle.sensor_sets import headline_set, selected
 from jammkle_gap.core.data import BadRecordingError
@@ -109,7 +109,7 @@ def recordings_of(
                 raise Interrupted
             update(place / len(bags), bag.name)
             try:
-                runs = (load_recording(bag, request.rig, options=request.options, namespace=namespace),)
+                runs = load_recordings(bag, request.rig, options=request.options, namespace=namespace)
                 found.append((bag, tuple(selected(each, sensors or headline_set(each)) for each in runs)))
             except BadRecordingError as error:
                 raise InputError(str(error)) from error

@@ -14,7 +14,7 @@ from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.priors import PriorParameter
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.simulator import AnkleSimulator
-from jammkle_gap.november.effect import BadEffectError
+from jammkle_gap.core.effects import BadEffectError
 from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.assembly import assembled
@@ -22,7 +22,7 @@ from jammkle_sim.rigs.catalogue import RIGS, run_rig
 from jammkle_sim.rigs.rig import GROUND
 
 if TYPE_CHECKING:
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.data import Recording
 
 SIMULATOR = AnkleSimulator(ankle_library())
 ENTRIES = [each for each in (*machine_constants(), *run_scatter()) if isinstance(each, AnkleEffect)]

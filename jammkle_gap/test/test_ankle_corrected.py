@@ -9,7 +9,7 @@ import pytest
 
 from jammkle_gap.ankle.corrected import Correction, corrected_text, load_correction
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.november.effect import BadEffectError
+from jammkle_gap.core.effects import BadEffectError
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.landing import make_simulation

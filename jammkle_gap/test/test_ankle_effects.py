@@ -26,7 +26,7 @@ from jammkle_gap.ankle.instruments import (
 )
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.simulator import AnkleSimulator
-from jammkle_gap.november.effect import BadEffectError
+from jammkle_gap.core.effects import BadEffectError
 from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.rig import Rig
 
 LIBRARY = ankle_library()
@@ -229,20 +229,6 @@ def test_a_sensor_that_reads_low_is_no_vacuum_at_the_start() -> None:
     offset = {"pressure_sensor_offset_manifold.offset_pa": -4000.0}
     found = SIMULATOR(dataclasses.replace(recording, inputs=low), offset)[sensor]
     np.testing.assert_allclose(found, SIMULATOR(recording, offset)[sensor], atol=1.0)
-
-
-def test_late_sensors_are_late_commands_where_times_count_from_a_motion() -> None:
-    """The slide tells when a drop began, as late as it is read: then the same is late in both, the commands."""
-    recording = recorded("landing")
-    counted = dataclasses.replace(recording, inputs=dataclasses.replace(recording.inputs, starts_by_motion=True))
-    sensors, commands = (SIMULATOR(counted, {f"{name}.delay_s": 0.012}) for name in ("sensor_delay", "command_delay"))
-    for name, values in sensors.items():
-        np.testing.assert_allclose(values, commands[name], err_msg=name)
-    seen, nominal = SIMULATOR(counted, {"joint_delay.delay_s": 0.012}), SIMULATOR(counted, {})
-    slide, pressure, imu = "carriage/position", "achilles/pressure", "imu/specific_force_z"
-    assert np.abs(sensors[pressure] - nominal[pressure]).max() > 1000.0
-    np.testing.assert_allclose(seen[slide], nominal[slide], atol=5e-3)
-    assert np.abs(seen[imu] - nominal[imu]).max() > 1.0
 
 
 def test_softening_takes_the_force_down_with_every_pull() -> None:

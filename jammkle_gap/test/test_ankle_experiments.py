@@ -10,7 +10,7 @@ from jammkle_gap.ankle.experiments import experiments
 from jammkle_gap.report.quantities import noise_units
 
 if TYPE_CHECKING:
-    from jammkle_gap.november.experiments import Experiment
+    from jammkle_gap.core.design import Experiment
 
 
 @pytest.mark.parametrize("experiment", experiments(), ids=lambda each: each.name)

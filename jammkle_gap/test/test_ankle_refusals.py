@@ -10,7 +10,7 @@ import pytest
 
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.loading import load_recording, recording_of
-from jammkle_gap.november.recording import BadRecordingError
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 from recorded import ACHILLES, bag
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.november.effect import Library
+from jammkle_gap.core.effects import Library
 from jammkle_gap.trial.apart import NotApart, as_rows, not_apart
 from jammkle_gap.trial.page import _pair_line
 

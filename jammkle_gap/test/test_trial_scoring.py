@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_gap.november.effect import EffectParameter
+from jammkle_gap.core.effects import EffectParameter
 from jammkle_gap.trial.answers import Answer, Estimate, Said, answer_of
 from jammkle_gap.trial.key import Kind, TrueEffect, Truth
 from jammkle_gap.trial.outcomes import Outcome, level, outcome

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +30,24 @@ class Samples:
     stamp_s: NDArray[np.float64]
     """When each was measured, s, by its header; as `log_s` where the type has none, shape (n,)."""
     columns: dict[str, NDArray[np.float64]]
-    """Each of shape (n,), SI, as in the message; NaN where a message lacks what others have."""
+    """Each of shape (n,), SI, as in the message."""
+    lacking: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    """By column, of those that not every message has: where it is missing, shape (n,); two publishers of joint_states
+    may each know joints of their own."""
+
+    def readings(self, column: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return stamps, s, and values of one column, from the messages that have it, both of shape (n,)."""
+        values = self.columns[column]
+        if column not in self.lacking:
+            return self.stamp_s, values
+        there = ~self.lacking[column]
+        return self.stamp_s[there], values[there]
+
+    def chosen(self, which: NDArray[Any]) -> Samples:
+        """Return some of the messages, by index or by mask."""
+        columns = {name: values[which] for name, values in self.columns.items()}
+        lacking = {name: missing[which] for name, missing in self.lacking.items()}
+        return Samples(self.log_s[which], self.stamp_s[which], columns, lacking)
 
 
 @dataclass(frozen=True)
@@ -122,20 +139,30 @@ class _Table:
         self._log_ns: list[int] = []
         self._stamp_ns: list[int] = []
         self._rows: list[dict[str, float]] = []
+        self._places: dict[int, int] = {}
 
     def add(self, log_ns: int, message: Any, row: dict[str, float]) -> None:
         header = getattr(message, "header", None)
         stamp_ns = 0 if header is None else int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+        if header is not None:
+            # Two publishers that know one half of the joints each may stamp alike.
+            place = self._places.setdefault(stamp_ns, len(self._rows))
+            if place < len(self._rows) and row and self._rows[place].keys().isdisjoint(row):
+                self._rows[place].update(row)
+                return
         self._log_ns.append(log_ns)
         self._stamp_ns.append(log_ns if header is None else stamp_ns)
         self._rows.append(row)
 
     def samples(self) -> Samples:
-        columns = dict.fromkeys(name for row in self._rows for name in row)
+        names_ = dict.fromkeys(name for row in self._rows for name in row)
+        columns = {name: np.array([row.get(name, np.nan) for row in self._rows]) for name in names_}
+        lacking = {name: np.array([name not in row for row in self._rows]) for name in names_}
         return Samples(
             np.array(self._log_ns, dtype=np.float64) * _S_PER_NS,
             np.array(self._stamp_ns, dtype=np.float64) * _S_PER_NS,
-            {name: np.array([row.get(name, np.nan) for row in self._rows]) for name in columns},
+            columns,
+            {name: missing for name, missing in lacking.items() if missing.any()},
         )
 
 

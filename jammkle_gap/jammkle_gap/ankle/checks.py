@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
+from jammkle_gap.ankle.signals import CARRIAGE, COMMANDS
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from jammkle_gap.ankle.bag import Bag, Samples
+    from jammkle_gap.ankle.told import Told
     from jammkle_gap.core.data import Signal
     from jammkle_sim.rigs.replay import CommandTrack
     from jammkle_sim.rigs.rig import Rig
@@ -33,6 +35,8 @@ _LOWEST_PA, _HIGHEST_PA = 15e3, 130e3
 """What a channel may read, absolute: from more vacuum than the pump makes to the highest atmosphere and some offset."""
 _LARGEST_START_M = 0.05
 """Largest distance between the slide's start and that of the rig."""
+_LARGEST_PULL_M = 0.2
+"""Largest way of a crosshead. Assumed: three times the extension at which a tendon breaks."""
 _REORDERED_S = 0.1
 """How far neighbours may be out of order in the bag and are put back. Assumed: no queue of a recorder holds longer."""
 _FALLS_PA = 3e3
@@ -104,6 +108,75 @@ def check_commands_from_start(bag: str, signals: Mapping[str, Signal], commands:
             raise BadRecordingError(msg)
 
 
+class TooShortError(BadRecordingError):
+    """A run is too short to hold anything out."""
+
+
+def checked_topics(bag: Bag) -> dict[str, Samples]:
+    """Return the topics of a bag, samples in order.
+
+    Raises:
+        BadRecordingError: a command or a clock that cannot be right, or commands alone.
+
+    """
+    topics: dict[str, Samples] = {}
+    for topic, samples in bag.topics.items():
+        if topic in COMMANDS:
+            check_command_values(bag.name, topic, samples)
+            topics[topic] = samples
+            continue
+        topics[topic] = in_order(bag.name, topic, samples)
+        check_clocks(bag.name, topic, samples)
+    if not set(topics) - set(COMMANDS):
+        msg = f"bag {bag.name} holds commands alone"
+        msg += f"; record pressures, {names.JOINT_STATES.name} and {names.IMU.name} too"
+        raise BadRecordingError(msg)
+    return topics
+
+
+def check_signals(bag: str, signals: Mapping[str, Signal], solenoids: Mapping[str, Timeline]) -> None:
+    """Refuse signals of a run that cannot be right, or that are not enough.
+
+    Raises:
+        BadRecordingError: as said; a TooShortError, if that is all.
+
+    """
+    if not signals:
+        msg = f"bag {bag} holds no sample in its run"
+        raise TooShortError(msg + "; record from before the motion on until it is over")
+    check_numbers(bag, signals.values())
+    check_alive(bag, signals, solenoids)
+    check_length(bag, signals)
+    check_pauses(bag, signals.values())
+
+
+def refuse_no_release(bag: str, rig: str) -> None:
+    """Refuse a run of a rig that lets go in which nothing falls.
+
+    Raises:
+        BadRecordingError: always.
+
+    """
+    msg = f"bag {bag} holds no release: neither {names.CARRIAGE_JOINT} nor {names.IMU.name} falls from rest for 0.03 s"
+    msg += f"; record from before the release on, or name another rig than '{rig}' with --rig"
+    raise BadRecordingError(msg)
+
+
+def check_course_is_known(bag: str, told: Told) -> None:
+    """Refuse a run of a driven rig without its carriage, unless the user says how it was driven.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    needed = sorted({"speed_m_s", "extension_m", "descent_m"} & {name for name, _ in told.options})
+    missing = [name for name in needed if name not in told.given]
+    if missing:
+        msg = f"bag {bag} does not tell how the carriage of rig '{told.rig}' was driven"
+        msg += f"; record '{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}, or give --set {missing[0]}=..."
+        raise BadRecordingError(msg)
+
+
 def check_length(bag: str, signals: Mapping[str, Signal]) -> None:
     """Refuse what is too short to hold anything out.
 
@@ -115,7 +188,7 @@ def check_length(bag: str, signals: Mapping[str, Signal]) -> None:
     if length_s < SHORTEST_S:
         msg = f"bag {bag} lasts {length_s:.2g} s, too short to hold anything out"
         msg += f"; record at least {SHORTEST_S:g} s, better ten, or several runs"
-        raise BadRecordingError(msg)
+        raise TooShortError(msg)
 
 
 def check_pauses(bag: str, signals: Iterable[Signal]) -> None:
@@ -174,8 +247,7 @@ def in_order(bag: str, topic: str, samples: Samples) -> Samples:
         msg = f"stamps of {topic} in bag {bag} run backwards or stand still at {100.0 * lost:.0f} % of its samples"
         msg += "; record one publisher with a steady clock, without a reset of the simulation"
         raise BadRecordingError(msg)
-    columns = {name: values[kept] for name, values in samples.columns.items()}
-    return type(samples)(samples.log_s[kept], samples.stamp_s[kept], columns)
+    return samples.chosen(kept)
 
 
 def check_numbers(bag: str, signals: Iterable[Signal]) -> None:
@@ -255,8 +327,12 @@ def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[s
     elif not measured & set(joints) and measured:
         problem = f"it has no joint {min(measured)}"
     else:
-        slide = signals.get(f"{names.CARRIAGE_JOINT}/position")
-        if slide is not None and abs(float(slide.values[0]) - start_m) > _LARGEST_START_M:
+        slide = signals.get(CARRIAGE)
+        if rig.name == "tensile" and slide is not None and np.abs(slide.values).max() > _LARGEST_PULL_M:
+            furthest_m = float(slide.values[np.argmax(np.abs(slide.values))])
+            problem = f"its slide stays within {_LARGEST_PULL_M:g} m of where the tendon is free"
+            problem += f", the recording's is at {furthest_m:.3f} m"
+        elif slide is not None and abs(float(slide.values[0]) - start_m) > _LARGEST_START_M:
             problem = f"its slide starts at {start_m:.3f} m, the recording's at {float(slide.values[0]):.3f} m"
     if problem:
         msg = f"bag {bag} cannot be from rig '{rig.name}': {problem}"

@@ -9,8 +9,10 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 from jammkle_gap.core.data import BadRecordingError
+from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.rigs.catalogue import rig_kind
+from jammkle_sim.rigs.driven import following, let_go, started_at, true_time_s
 from jammkle_sim.rigs.rig import ACCELEROMETER
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from jammkle_sim.rigs.driven import Course
     from jammkle_sim.rigs.replay import CommandTrack
     from jammkle_sim.rigs.rig import Rig
 
@@ -37,15 +40,23 @@ class AnkleInputs:
     """Absolute pressures at the start, shape (4,), Pa, where it was not vented."""
     ambient_pa: float | None = None
     """Pressure of the atmosphere, Pa, where it is not that of the rig's options."""
-    starts_by_motion: bool = False
-    """The start of the rig was told by its slide: if joints are read late, times count from later."""
     ankle: Options = ()
     """Constants of the ankle that are not those of the rig: fields of AnkleParameters by name, sorted."""
+    course: Course | None = None
+    """How the carriage was driven, as its sensor read it; None: by the rig's own programme, or not at all."""
+    release_s: float | None = None
+    """When the carriage was let go, s, as the sensor that saw it read it; None: by the rig's programme, or never."""
+    release_seen_by: str = ""
+    """Topic of that sensor: if it is late, the carriage was let go earlier. Empty: nobody saw it, it was set."""
+    exact: bool = True
+    """Commands have the times at which they were taken, by the clock of the measurements; else those of a recorder."""
+    known: frozenset[str] = frozenset()
+    """Options that bag or user have given; the others are the rig's defaults."""
 
     @cached_property
     def key(self) -> str:
         """Text that is the same for the same inputs."""
-        parts = [repr((self.rig, self.options, self.ambient_pa, self.starts_by_motion, self.ankle))]
+        parts = [repr((self.rig, self.options, self.ambient_pa, self.release_s, self.release_seen_by, self.ankle))]
         timelines = (self.commands.duty, *(each for _, each in sorted(self.commands.solenoids.items())))
         digest = hashlib.blake2b("".join((*parts, *sorted(self.commands.solenoids))).encode(), digest_size=16)
         for timeline in timelines:
@@ -53,12 +64,47 @@ class AnkleInputs:
             digest.update(timeline.values.tobytes())
         if self.start_pa is not None:
             digest.update(self.start_pa.tobytes())
+        if self.course is not None:
+            digest.update(self.course.time_s.tobytes())
+            digest.update(self.course.position_m.tobytes())
         return digest.hexdigest()
 
 
 def nominal_rig(inputs: AnkleInputs) -> Rig:
-    """Return the rig as the simulator has it, built once per process. It must not be changed."""
-    return _in_the_weather(inputs.rig, inputs.options, inputs.ankle, inputs.ambient_pa)
+    """Return the rig as the simulator has it, built once per process. It must not be changed.
+
+    What it does by itself is its own programme; `moved_as_recorded` makes it do what the recording's did.
+    """
+    start_m = None if inputs.course is None else inputs.course.start_m
+    return _in_the_weather(inputs.rig, inputs.options, inputs.ankle, inputs.ambient_pa, start_m)
+
+
+def moved_as_recorded(rig: Rig, inputs: AnkleInputs) -> Rig:
+    """Return a rig that is driven and let go as the recording's was, whatever its sensors made of that.
+
+    Args:
+        rig: With effects in it, or without; not touched. A sensor of its that is late saw the motion late.
+        inputs: What the sensors read.
+
+    """
+    wiring = rig.wiring
+    if inputs.course is not None:
+        return following(rig, inputs.course.as_read_by(wiring.joint_delay_s, wiring.clock_skew))
+    if inputs.release_s is None:
+        return rig
+    if not inputs.release_seen_by:
+        return let_go(rig, inputs.release_s)
+    late_s = {names.JOINT_STATES.name: wiring.joint_delay_s, names.IMU.name: wiring.imu_delay_s}
+    return let_go(rig, true_time_s(inputs.release_s, late_s[inputs.release_seen_by], wiring.clock_skew))
+
+
+def motion_key(rig: Rig, inputs: AnkleInputs) -> str:
+    """Return what tells the motion of a rig from that of others with the same inputs."""
+    if inputs.course is None and not inputs.release_seen_by:
+        return ""
+    wiring = rig.wiring
+    late_s = wiring.imu_delay_s if inputs.release_seen_by == names.IMU.name else wiring.joint_delay_s
+    return repr((late_s, wiring.clock_skew))
 
 
 def known_options(rig: str, given: Mapping[str, Any]) -> Options:
@@ -70,8 +116,8 @@ def known_options(rig: str, given: Mapping[str, Any]) -> Options:
     """
     try:
         table = rig_kind(rig).options
-        names = {row.name for row in rows(table)}
-        options = from_mapping(table, {name: value for name, value in given.items() if name in names})
+        own = {row.name for row in rows(table)}
+        options = from_mapping(table, {name: value for name, value in given.items() if name in own})
     except ParameterError as error:
         msg = f"the recording's rig cannot be built: {error}"
         raise BadRecordingError(msg) from error
@@ -79,18 +125,20 @@ def known_options(rig: str, given: Mapping[str, Any]) -> Options:
 
 
 @lru_cache(maxsize=32)
-def _in_the_weather(rig: str, options: Options, ankle: Options, ambient_pa: float | None) -> Rig:
-    built = _built(rig, options, ankle)
+def _in_the_weather(rig: str, options: Options, ankle: Options, ambient_pa: float | None, start_m: float | None) -> Rig:
+    built = _built(rig, options, ankle, start_m)
     if ambient_pa is None:
         return built
     return dataclasses.replace(built, pneumatics=dataclasses.replace(built.pneumatics, ambient_pa=ambient_pa))
 
 
 @lru_cache(maxsize=32)
-def _built(rig: str, options: Options, ankle: Options) -> Rig:
+def _built(rig: str, options: Options, ankle: Options, start_m: float | None) -> Rig:
     kind = rig_kind(rig)
     other = {} if kind.ankle is None else {"ankle": dataclasses.replace(kind.ankle, **dict(ankle))}
     built, _ = kind.build(kind.options(**dict(options)), **other)
+    if start_m is not None:
+        built = started_at(built, start_m)
     # The IMU's law clips at the same limit; MuJoCo would do so before offsets and turns.
     built.model.sensor_cutoff[built.model.sensor(ACCELEROMETER).id] = 0.0
     return built

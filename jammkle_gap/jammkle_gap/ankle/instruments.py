@@ -16,6 +16,8 @@ from jammkle_sim.physics.sensors import SensorParameters, imu_law
 if TYPE_CHECKING:
     from jammkle_sim.rigs.rig import Rig
 
+_HALF_RISE = 1.678
+"""Time, in time constants, at which two equal poles have come half way: `1 - (1 + t) exp(-t) = 1 / 2`."""
 _TENSION_N = 0.05
 """Standard deviation of a tendon's tension. Assumed: as of the load cell."""
 
@@ -84,6 +86,13 @@ def declared_noise(rig: Rig, timestep_s: float) -> dict[str, float]:
 def declared_bias(rig: Rig) -> dict[str, float]:
     """Return the standard deviation of a sensor's constant offset by quantity, SI; those not named have none."""
     return {PRESSURE: rig.sensors.pressure_offset_pa}
+
+
+def half_rise_s(rig: Rig) -> float:
+    """Return how long the IMU's filter, of two equal poles, takes to come half way to a step, s."""
+    timestep_s = float(rig.model.opt.timestep)
+    pole_s = -timestep_s / math.log1p(-float(imu_law(rig.sensors, timestep_s)["smoothing"][0]))
+    return _HALF_RISE * pole_s
 
 
 def _noise_gain(smoothing: float) -> float:

@@ -1,4 +1,9 @@
-"""Recordings from bags: of `jammkle rig`, of the live graph, and of anybody else's recorder."""
+"""Recordings from bags: of `jammkle rig`, of the live graph, and of anybody else's recorder.
+
+What a machine was made to do is taken from its bag: commands, the course of a driven carriage, when another was let go
+and how far it fell, the channel that a pulled tendon hangs on, the weather. What neither bag nor user tell is the rig's
+default, and said to be.
+"""
 
 from __future__ import annotations
 
@@ -6,156 +11,234 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from jammkle_gap.ankle import checks
+from jammkle_gap.ankle.acknowledged import is_exact, with_acknowledgements
+from jammkle_gap.ankle.atmosphere import begins_vented, weather_pa, with_air
 from jammkle_gap.ankle.bag import read_bag
-from jammkle_gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
-from jammkle_gap.ankle.instruments import RESOLUTION, UNITS, declared_noise, quantity_of
-from jammkle_gap.ankle.phases import FALLING_RIGS, pressure_signals, recording_phases
-from jammkle_gap.ankle.starting import rig_start
-from jammkle_gap.core.data import BadRecordingError, Recording, Signal
+from jammkle_gap.ankle.course import course_of
+from jammkle_gap.ankle.inputs import AnkleInputs, nominal_rig
+from jammkle_gap.ankle.instruments import RESOLUTION, declared_noise, quantity_of
+from jammkle_gap.ankle.measured_options import with_channel, with_fall
+from jammkle_gap.ankle.phases import FALLING_RIGS, recording_phases
+from jammkle_gap.ankle.setting import setting_text
+from jammkle_gap.ankle.signals import CARRIAGE, COMMANDS, commands_of, signals_of, strange_joints, thinned
+from jammkle_gap.ankle.spans import (
+    Span,
+    commanded_span,
+    driven_span,
+    falling_spans,
+    not_before,
+    seen_release_s,
+    span_of_simulation,
+    whole_span,
+)
+from jammkle_gap.ankle.told import told_by
+from jammkle_gap.core.data import BadRecordingError, Recording
 from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.assembly import assembled
-from jammkle_sim.rigs.catalogue import RIGS
+from jammkle_sim.rigs.driven import is_driven
 from jammkle_sim.rigs.replay import CommandTrack, timestep_s
 from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from jammkle_gap.ankle.bag import Bag, Samples
-    from jammkle_gap.ankle.inputs import Options
+    from jammkle_gap.ankle.told import Told
+    from jammkle_gap.core.data import Signal
+    from jammkle_sim.rigs.rig import Rig
 
-_NOT_VENTED_PA = 3e3
-"""Distance from the atmosphere from which on a channel counts as evacuated at the start. Assumed: twenty times the
-scatter of the sensors' offsets."""
-_WEATHER_PA = 500.0
-"""Distance from the standard atmosphere from which on the recording's own is taken. Assumed: three such scatters."""
 _FALL_SAMPLES = 2500
 """Samples per signal that a fall is thinned to at most: at 1 kHz all of the 2.5 s of a drop."""
-_ON_THE_GRID = 1e-6
-"""Rounding of a number of samples."""
-_SLOW_HZ = 200.0
-"""Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
-hundreds of runs."""
-_ROUNDING_S = 1e-9
-"""What stamps of the same time may differ by, s."""
-_REGIME = ("foot", "material", "membrane", "jam", "channel", "vacuum_pa", "speed_m_s")
-"""Options that make a regime of their own; the others only scatter or are the same for all."""
-
-
-def load_recording(
-    path: Path, rig: str | None = None, *, options: Mapping[str, Any] | None = None, namespace: str | None = None
-) -> Recording:
-    """Read a bag.
-
-    Args:
-        path: The bag.
-        rig: What it was recorded on, where the bag does not tell: a name of `rigs.catalogue`.
-        options: How that rig was set, where the bag does not tell; what is missing keeps its default.
-        namespace: Of the ankle; None takes the only one that is there.
-
-    Raises:
-        BadRecordingError: it cannot be used; the message says why and what to record instead.
-
-    """
-    return recording_of(read_bag(path, namespace), rig, options or {})
-
-
-def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | None = None) -> Recording:
-    """Return the recording that a bag holds; see `load_recording`.
-
-    Raises:
-        BadRecordingError: it cannot be used.
-
-    """
-    bag = _on_one_clock(bag)
-    notes: list[str] = []
-    name, settings = _rig_of(bag, rig, options or {}, notes)
-    checks.check_commands(bag)
-    topics: dict[str, Samples] = {}
-    for topic, samples in bag.topics.items():
-        if topic in _COMMANDS:
-            checks.check_command_values(bag.name, topic, samples)
-            topics[topic] = samples
-            continue
-        topics[topic] = checks.in_order(bag.name, topic, samples)
-        checks.check_clocks(bag.name, topic, samples)
-    if not set(topics) - set(_COMMANDS):
-        msg = f"bag {bag.name} holds commands alone"
-        msg += f"; record pressures, {names.JOINT_STATES.name} and {names.IMU.name} too"
-        raise BadRecordingError(msg)
-    inputs = AnkleInputs(name, settings, CommandTrack(_nothing(), {}))
-    built = nominal_rig(inputs)
-    start = rig_start(bag, topics, built, lambda guess_s: _commands(topics, guess_s), notes)
-    start_s = start.stamp_s
-    commands = _commands(topics, start_s)
-    noise, steps = declared_noise(built, timestep_s(built)), RESOLUTION
-    signals = {
-        each.name: dataclasses.replace(
-            each, noise=noise[quantity_of(each.name)], resolution=steps.get(quantity_of(each.name), 0.0)
-        )
-        for each in _signals(bag.name, topics, start_s)
-    }
-    checks.check_numbers(bag.name, signals.values())
-    checks.check_alive(bag.name, signals, commands.solenoids)
-    checks.check_length(bag.name, signals)
-    checks.check_pauses(bag.name, signals.values())
-    checks.check_commands_from_start(bag.name, signals, commands)
-    parts = assembled(built)
-    start_m = float(parts.data.joint(names.CARRIAGE_JOINT).qpos[0])
-    checks.check_rig(bag.name, built, signals, parts.joints, start_m)
-    inputs = dataclasses.replace(inputs, commands=commands, starts_by_motion=start.by_motion)
-    inputs = _with_air(inputs, bag, signals, built.pneumatics.ambient_pa, notes)
-    missing = [topic for topic in _EXPECTED if topic not in topics or not topics[topic].columns]
-    strange = _strange_joints(topics)
-    if strange:
-        notes.append(f"joints that are not an ankle's, and left out: {', '.join(strange)}")
-    if missing:
-        notes.append(f"not recorded: {', '.join(missing)}")
-    phases = recording_phases(name, signals, commands)
-    fewest = _FALL_SAMPLES if name in FALLING_RIGS else 0
-    thin = tuple(_thinned(signal, fewest) for signal in signals.values())
-    return Recording(bag.name, thin, inputs, phases, _regime(inputs), tuple(notes))
-
-
-_COMMANDS = (names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values()))
+_STRETCHED_M = 0.001
+"""Extension at the start from which on it is said that nobody knows what a tendon went through before. Assumed."""
+_WORTH_SAYING_S = 0.01
+"""Time from the first stamp to the start of a run from which on it is said."""
 _EXPECTED = (
     names.MANIFOLD_PRESSURE.name,
     *(topic.name for topic in names.PRESSURES.values()),
     names.JOINT_STATES.name,
     names.IMU.name,
     names.LOAD_CELL.name,
-    names.TENDON_STATES.name,
 )
+"""Topics of a rig with all its sensors; instrumented tendons are an extra."""
 
 
-def _rig_of(bag: Bag, rig: str | None, options: Mapping[str, Any], notes: list[str]) -> tuple[str, Options]:
-    try:
-        described: Any = yaml.safe_load(bag.description) if bag.description else {}
-    except yaml.YAMLError as error:
-        msg = f"bag {bag.name} has {names.SIM_PARAMETERS.name} that are not YAML: {' '.join(str(error).split())}"
-        raise BadRecordingError(msg) from error
-    described = described if isinstance(described, dict) else {}
-    told = str(described.get("rig", ""))
-    if rig is None and not told:
-        msg = f"bag {bag.name} does not tell what it was recorded on"
-        msg += f"; name it with --rig, one of: {', '.join(RIGS)}"
+def load_recordings(
+    path: Path, rig: str | None = None, *, options: Mapping[str, Any] | None = None, namespace: str | None = None
+) -> tuple[Recording, ...]:
+    """Read a bag: one recording of a machine that was driven or jammed, one per release of a machine that was let go.
+
+    Args:
+        path: The bag.
+        rig: What it was recorded on, where the bag does not tell: a name of `rigs.catalogue`.
+        options: How that rig was set, where the bag does not tell; what nobody tells is measured or keeps its default.
+        namespace: Of the ankle; None takes the only one that is there.
+
+    Returns:
+        Named as the bag, or BAG#1, BAG#2 and so on where it holds several.
+
+    Raises:
+        BadRecordingError: it cannot be used; the message says why and what to record instead.
+
+    """
+    return recordings_of(read_bag(path, namespace), rig, options or {})
+
+
+def load_recording(
+    path: Path, rig: str | None = None, *, options: Mapping[str, Any] | None = None, namespace: str | None = None
+) -> Recording:
+    """Read a bag of one run; see `load_recordings`.
+
+    Raises:
+        BadRecordingError: it cannot be used, or holds several runs.
+
+    """
+    return recording_of(read_bag(path, namespace), rig, options or {})
+
+
+def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | None = None) -> Recording:
+    """Return the recording that a bag of one run holds; see `load_recordings`.
+
+    Raises:
+        BadRecordingError: it cannot be used, or holds several runs.
+
+    """
+    found = recordings_of(bag, rig, options)
+    if len(found) > 1:
+        msg = f"bag {bag.name} holds {len(found)} runs, one per release; give a bag of one run here"
         raise BadRecordingError(msg)
-    if rig is not None and told and rig != told:
-        msg = f"bag {bag.name} was recorded on rig '{told}', not '{rig}'"
-        msg += "; leave --rig out, or give the right bag"
-        raise BadRecordingError(msg)
-    given = {**dict(described.get("options") or {}), **options}
-    if not given:
-        notes.append(f"how rig '{rig}' was set is not known: its defaults are taken")
-    given.pop("seed", None)
-    return told or str(rig), known_options(told or str(rig), given)
+    return found[0]
+
+
+def recordings_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | None = None) -> tuple[Recording, ...]:
+    """Return the recordings that a bag holds; see `load_recordings`.
+
+    Raises:
+        BadRecordingError: it cannot be used.
+
+    """
+    bag = with_acknowledgements(_on_one_clock(bag))
+    told = told_by(bag, rig, options or {})
+    checks.check_commands(bag)
+    topics = checks.checked_topics(bag)
+    first_s = whole_span(topics).start_s
+    whole = {each.name: each for each in signals_of(bag.name, topics, first_s, np.inf)}
+    checks.check_commands_from_start(bag.name, whole, commands_of(topics, first_s))
+    spans = _spans(bag, topics, told, whole)
+    found, errors = [], []
+    for place, span in enumerate(spans):
+        name = bag.name if len(spans) == 1 else f"{bag.name}#{place + 1}"
+        try:
+            found.append(_recording(name, bag, topics, told, span, first_s))
+        except checks.TooShortError as error:
+            errors.append(error)
+    if not found:
+        raise errors[0]
+    if errors:
+        note = f"{len(errors)} of {len(spans)} runs left out as too short"
+        found = [dataclasses.replace(each, notes=(*each.notes, note)) for each in found]
+    return tuple(found)
+
+
+def _spans(bag: Bag, topics: Mapping[str, Samples], told: Told, whole: Mapping[str, Signal]) -> tuple[Span, ...]:
+    """Return the runs of a bag, of which `whole` holds all signals."""
+    built = nominal_rig(_unmoved(told))
+    joints = topics.get(names.JOINT_STATES.name)
+    is_described = bag.description is not None
+    first_s = whole_span(topics).start_s
+    if told.rig in FALLING_RIGS:
+        spans = falling_spans(topics, built)
+        if not spans and not is_described:
+            checks.check_rig(bag.name, built, whole, assembled(built).joints, _start_m(built))
+            checks.refuse_no_release(bag.name, told.rig)
+    elif is_driven(built):
+        has_carriage = joints is not None and CARRIAGE in joints.columns
+        if not has_carriage and not is_described:
+            checks.check_course_is_known(bag.name, told)
+        spans = (driven_span(topics, built),) if has_carriage else ()
+    else:
+        spans = (commanded_span(topics),)
+    if is_described:
+        spans = tuple(span_of_simulation(span, first_s) for span in spans or (whole_span(topics),))
+    if not begins_vented(topics):
+        spans = tuple(not_before(span, first_s) for span in spans)
+    return spans or (whole_span(topics),)
+
+
+def _recording(name: str, bag: Bag, topics: Mapping[str, Samples], told: Told, span: Span, first_s: float) -> Recording:
+    """Return one run of a bag."""
+    said = []
+    if abs(span.start_s - first_s) > _WORTH_SAYING_S:
+        said.append(f"times count from {span.start_s - first_s:.3f} s after the first stamp, by its motion or commands")
+    if not told.known:
+        said.append(f"how rig '{told.rig}' was set is not known: its defaults are taken but for what is measured")
+    if told.rig in FALLING_RIGS:
+        told = with_fall(told, span, topics, said)
+    elif "channel" in dict(told.options) and told.rig == "tensile":
+        told = with_channel(told, span, topics, said)
+    inputs = _unmoved(told)
+    commands = commands_of(topics, span.start_s)
+    signals = _signals(name, topics, span, nominal_rig(inputs))
+    checks.check_signals(name, signals, commands.solenoids)
+    inputs = dataclasses.replace(inputs, commands=commands, exact=is_exact(bag))
+    built = nominal_rig(inputs)
+    checks.check_rig(name, built, signals, assembled(built).joints, _start_m(built))
+    inputs = _with_motion(inputs, topics, span, built)
+    weather = None if bag.description is not None else weather_pa(topics)
+    inputs = with_air(inputs, weather, signals, built.pneumatics.ambient_pa, said)
+    if told.rig == "tensile" and inputs.course is not None and inputs.course.start_m > _STRETCHED_M:
+        stretched = f"the tendon is stretched by {1e3 * inputs.course.start_m:.1f} mm as the recording begins"
+        said.append(f"{stretched}, and taken to have relaxed there; record from its free length on")
+    phases = recording_phases(told.rig, signals, commands)
+    if inputs.course is not None:  # what is driven is told, not compared
+        signals.pop(CARRIAGE, None)
+    strange = strange_joints(topics)
+    if strange:
+        said.append(f"joints that are not an ankle's, and left out: {', '.join(strange)}")
+    missing = [topic for topic in _EXPECTED if topic not in topics or not topics[topic].columns]
+    if missing:
+        said.append(f"not recorded: {', '.join(missing)}")
+    fewest = _FALL_SAMPLES if told.rig in FALLING_RIGS else 0
+    thin = tuple(thinned(signal, fewest) for signal in signals.values())
+    recording = Recording(name, thin, inputs, phases, notes=tuple(said))
+    return dataclasses.replace(recording, setting=setting_text(recording))
+
+
+def _unmoved(told: Told) -> AnkleInputs:
+    """Return inputs of a rig that does what its programme says and is told nothing."""
+    nothing = Timeline(np.zeros(1), np.zeros(1))
+    return AnkleInputs(told.rig, told.options, CommandTrack(nothing, {}), known=told.known)
+
+
+def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], span: Span, built: Rig) -> AnkleInputs:
+    """Return inputs with how the carriage was driven or when it was let go, as far as that was seen."""
+    if inputs.rig in FALLING_RIGS:
+        release_s = seen_release_s(span, built)
+        seen_by = span.seen_by if release_s is not None else ""
+        return dataclasses.replace(inputs, release_s=release_s, release_seen_by=seen_by)
+    joints = topics.get(names.JOINT_STATES.name)
+    if not is_driven(built) or joints is None or CARRIAGE not in joints.columns:
+        return inputs
+    stamp_s, position_m = joints.readings(CARRIAGE)
+    within = stamp_s <= span.end_s
+    return dataclasses.replace(inputs, course=course_of(stamp_s[within] - span.start_s, position_m[within]))
+
+
+def _signals(name: str, topics: Mapping[str, Samples], span: Span, built: Rig) -> dict[str, Signal]:
+    noise = declared_noise(built, timestep_s(built))
+    return {
+        each.name: dataclasses.replace(
+            each, noise=noise[quantity_of(each.name)], resolution=RESOLUTION.get(quantity_of(each.name), 0.0)
+        )
+        for each in signals_of(name, topics, span.start_s, span.end_s)
+    }
+
+
+def _start_m(built: Rig) -> float:
+    return float(assembled(built).data.joint(names.CARRIAGE_JOINT).qpos[0])
 
 
 def _on_one_clock(bag: Bag) -> Bag:
@@ -168,100 +251,5 @@ def _on_one_clock(bag: Bag) -> Bag:
     topics = {}
     for name, samples in bag.topics.items():
         log_s = np.interp(samples.log_s, ticks.log_s, ticks.columns["clock_s"])
-        topics[name] = dataclasses.replace(
-            samples, log_s=log_s, stamp_s=log_s if name in _COMMANDS else samples.stamp_s
-        )
+        topics[name] = dataclasses.replace(samples, log_s=log_s, stamp_s=log_s if name in COMMANDS else samples.stamp_s)
     return dataclasses.replace(bag, topics=topics)
-
-
-def _nothing() -> Timeline:
-    return Timeline(np.zeros(1), np.zeros(1))
-
-
-def _commands(topics: Mapping[str, Samples], start_s: float) -> CommandTrack:
-    def timeline(topic: str) -> Timeline:
-        samples = topics[topic]
-        order = np.argsort(samples.log_s, kind="stable")
-        return Timeline(samples.log_s[order] - start_s, samples.columns["data"][order])
-
-    solenoids = {channel: timeline(topic.name) for channel, topic in names.SOLENOIDS.items() if topic.name in topics}
-    return CommandTrack(timeline(names.PUMP_DUTY.name), solenoids)
-
-
-def _signals(bag: str, topics: Mapping[str, Samples], start_s: float) -> Iterator[Signal]:
-    for topic, samples in topics.items():
-        time_s = samples.stamp_s - start_s
-        inside = time_s >= -_ROUNDING_S
-        for column, values in samples.columns.items():
-            name = _signal_name(topic, column)
-            if name is None or topic in _COMMANDS or not inside.any():
-                continue
-            _check_finite(bag, name, time_s, values)
-            yield Signal(name, UNITS[quantity_of(name)], time_s[inside], values[inside])
-
-
-def _signal_name(topic: str, column: str) -> str | None:
-    """Return the name of a signal: a pressure's topic, a tendon's or joint's column, else topic and column."""
-    if column == "pressure":
-        return topic
-    owner, _, what = column.rpartition("/")
-    if what == "velocity" or (topic == names.JOINT_STATES.name and owner not in _JOINTS):
-        return None
-    if "/" in column:
-        return column
-    return f"{topic.split('/', maxsplit=1)[0]}/{column}"
-
-
-_JOINTS = (*names.ANKLE_JOINTS, names.CARRIAGE_JOINT)
-
-
-def _strange_joints(topics: Mapping[str, Samples]) -> list[str]:
-    samples = topics.get(names.JOINT_STATES.name)
-    joints = {column.partition("/")[0] for column in samples.columns} if samples is not None else set()
-    return sorted(joints - set(_JOINTS))
-
-
-def _check_finite(bag: str, name: str, time_s: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-    bad = ~np.isfinite(values)
-    if bad.any():
-        when_s = float(time_s[int(np.argmax(bad))])
-        msg = (
-            f"{name} in bag {bag} is not a number at {int(bad.sum())} of {len(values)} samples, first at {when_s:.3f} s"
-        )
-        msg += "; leave such samples out when recording, and check the sensor"
-        raise BadRecordingError(msg)
-
-
-def _thinned(signal: Signal, fewest: int) -> Signal:
-    """Return every n-th sample of a signal, so that neither `fewest` samples nor _SLOW_HZ are fallen below."""
-    length_s = float(signal.time_s[-1] - signal.time_s[0])
-    every = max(int((len(signal.time_s) - 1) / max(length_s * _SLOW_HZ, fewest, 1.0) + _ON_THE_GRID), 1)
-    return dataclasses.replace(signal, time_s=signal.time_s[::every].copy(), values=signal.values[::every].copy())
-
-
-def _with_air(
-    inputs: AnkleInputs, bag: Bag, signals: Mapping[str, Signal], ambient_pa: float, notes: list[str]
-) -> AnkleInputs:
-    """Take atmosphere and start from the pressures, where the bag does not tell or they differ from vented."""
-    found = pressure_signals(signals)
-    if not found:
-        return inputs
-    first = {where: float(np.median(signals[name].values[:5])) for where, name in found.items()}
-    highest_pa = float(np.median([np.percentile(signals[name].values, 99) for name in found.values()]))
-    if bag.description is None and abs(highest_pa - STANDARD_ATMOSPHERE_PA) > _WEATHER_PA:
-        ambient_pa = highest_pa
-        inputs = dataclasses.replace(inputs, ambient_pa=ambient_pa)
-        notes.append(f"atmosphere taken from the vented pressures: {ambient_pa:.0f} Pa")
-    evacuated = [where for where, value in first.items() if value < ambient_pa - _NOT_VENTED_PA]
-    if not evacuated:
-        return inputs
-    notes.append(f"not vented at the start, and begun from the pressures measured then: {', '.join(evacuated)}")
-    volumes = ("manifold", *names.CHANNELS)
-    return dataclasses.replace(inputs, start_pa=np.array([first.get(where, ambient_pa) for where in volumes]))
-
-
-def _regime(inputs: AnkleInputs) -> str:
-    options = dict(inputs.options)
-    parts = [f"{name} {options[name]:g}" if isinstance(options[name], float) else str(options[name])
-             for name in _REGIME if name in options]  # fmt: skip
-    return ", ".join((inputs.rig, *parts))

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 _BIN_S, _SLOW_BIN_S = 0.02, 0.05
 """Length of a bin, s, and on the slip rig, whose runs are slow."""
-_COMMAND_ROUNDING_S = 0.1
-"""Commands that differ by less have the same signatures."""
 
 
 def ankle_problem(library: Library | None = None) -> Problem:
@@ -52,20 +50,10 @@ def bin_s(recording: Recording) -> float:
 
 
 def group_of(recording: Recording) -> str:
-    """Return text that is the same for recordings whose signatures are: rig, options and commands to a tenth of 1 s."""
+    """Return text that is the same for recordings whose signatures are: of the same setting, told in the same way."""
     inputs = inputs_of(recording)
-    commands = [
-        (
-            channel,
-            [
-                (round(t / _COMMAND_ROUNDING_S), v)
-                for t, v in zip(line.time_s.tolist(), line.values.tolist(), strict=True)
-            ],
-        )
-        for channel, line in sorted(inputs.commands.solenoids.items())
-    ]
-    options = [(name, f"{value:.3g}" if isinstance(value, float) else value) for name, value in inputs.options]
-    return repr((inputs.rig, options, inputs.starts_by_motion, commands))
+    told = (inputs.course is not None, inputs.release_seen_by, inputs.exact)
+    return repr((inputs.rig, recording.setting, told))
 
 
 @lru_cache(maxsize=1)

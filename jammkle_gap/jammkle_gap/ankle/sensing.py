@@ -55,7 +55,7 @@ class AnkleSensing:
         inputs = inputs_of(recording)
         before = nominal_rig(inputs)
         after = apply_effects(before, self.library, values)
-        delays_s = _delays_s(before, after, by_motion=inputs.starts_by_motion)
+        delays_s = _delays_s(before, after)
         turned = _turned(measured, before, after)
         skew = after.wiring.clock_skew - before.wiring.clock_skew
         found = {}
@@ -74,19 +74,16 @@ class AnkleSensing:
         return found
 
 
-def _delays_s(before: Rig, after: Rig, *, by_motion: bool) -> dict[str, float]:
+def _delays_s(before: Rig, after: Rig) -> dict[str, float]:
     """Return by how much later each quantity is read, s; those not named as joints are."""
     old, new = before.wiring, after.wiring
-    joints_s = new.joint_delay_s - old.joint_delay_s
-    # Where times count from when the slide was seen to move, late joints make the others early.
-    seen_s = joints_s if by_motion else 0.0
-    imu_s = new.imu_delay_s - old.imu_delay_s - seen_s
+    imu_s = new.imu_delay_s - old.imu_delay_s
     return {
-        "": joints_s - seen_s,
+        "": new.joint_delay_s - old.joint_delay_s,
         PRESSURE: new.pressure_delay_s - old.pressure_delay_s,
         ACCELERATION: imu_s,
         RATE: imu_s,
-        FORCE: new.load_cell_delay_s - old.load_cell_delay_s - seen_s,
+        FORCE: new.load_cell_delay_s - old.load_cell_delay_s,
     }
 
 

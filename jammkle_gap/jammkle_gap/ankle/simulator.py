@@ -75,8 +75,7 @@ class AnkleSimulator:
 
     def _rig(self, inputs: AnkleInputs, values: Mapping[str, float]) -> Rig:
         machine = apply_effects(nominal_rig(inputs), self._package, dict(self.machine))
-        rig = apply_effects(machine, self._all, values)
-        return _counted_from_motion(rig) if inputs.starts_by_motion else rig
+        return apply_effects(machine, self._all, values)
 
     @cached_property
     def _all(self) -> Library:
@@ -85,23 +84,3 @@ class AnkleSimulator:
     @cached_property
     def _package(self) -> Library:
         return Library((*machine_constants(), *run_scatter(), *ankle_library()))
-
-
-def _counted_from_motion(rig: Rig) -> Rig:
-    """Return the rig as it looks where times count from when the slide was seen to move off.
-
-    What the joints are read late by is not seen in themselves, but in all else, which comes earlier by as much.
-    """
-    wiring = rig.wiring
-    late_s = wiring.joint_delay_s
-    if late_s == 0.0:
-        return rig
-    counted = dataclasses.replace(
-        wiring,
-        command_delay_s=wiring.command_delay_s + late_s,
-        pressure_delay_s=wiring.pressure_delay_s - late_s,
-        imu_delay_s=wiring.imu_delay_s - late_s,
-        load_cell_delay_s=wiring.load_cell_delay_s - late_s,
-        joint_delay_s=0.0,
-    )
-    return dataclasses.replace(rig, wiring=counted)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_gap.ankle.inputs import AnkleInputs, nominal_rig
+from jammkle_gap.ankle.inputs import AnkleInputs, motion_key, moved_as_recorded, nominal_rig
 from jammkle_gap.ankle.readings import Truth
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs import replay
@@ -37,10 +37,12 @@ def truth_of(recording: Recording, rig: Rig) -> Truth:
 
     """
     pressure_pa = air_of(recording, rig)
-    body_key = digest_of(_air_key(recording, rig), rig.tendon_laws.tobytes(), model_key(recording, rig))
+    inputs = inputs_of(recording)
+    moved = motion_key(rig, inputs)
+    body_key = digest_of(_air_key(recording, rig), rig.tendon_laws.tobytes(), model_key(recording, rig), moved)
 
     def run_bodies() -> Truth:
-        bodies = replay.Bodies(rig)
+        bodies = replay.Bodies(moved_as_recorded(rig, inputs))
         return Truth(replay.timestep_s(rig), pressure_pa, bodies.follow(pressure_pa[1:]), bodies.raw_imu_at_start)
 
     truth: Truth = _stages().get(f"body {body_key}", run_bodies)

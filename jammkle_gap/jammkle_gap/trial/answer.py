@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_gap.ankle.parts import PartsSimulator
 from jammkle_gap.backend import backend
 from jammkle_gap.diagnosing import Question, asked_in_parts, diagnosis_of, failures_told
-from jammkle_gap.inputs import check_given, library_of, recordings_of, rig_options
+from jammkle_gap.inputs import asked_of, library_of, recordings_of
 from jammkle_gap.november.baselines import baselines as rank
 from jammkle_gap.november.remembering import Remembering
 from jammkle_gap.november.result import as_dict
@@ -49,7 +49,7 @@ def answer(request: AnswerRequest) -> int:
 
     """
     asked, program = read_questions(request.questions), commit()
-    options, stop = rig_options(asked.settings), StopRequest()
+    stop, rigs = StopRequest(), [] if asked.rig is None else [asked.rig]
 
     every_effect = library_of(None, (), ())
     # All ways look at the same recordings, and begin with the same small changes to them.
@@ -57,7 +57,8 @@ def answer(request: AnswerRequest) -> int:
 
     @functools.cache
     def read(bags: tuple[Path, ...]) -> list[Recording]:
-        return recordings_of(bags, asked.rig, options, stop)
+        said, _ = asked_of(bags, (), rigs, asked.settings)
+        return recordings_of(bags, said, stop)
 
     @functools.cache
     def question(references: tuple[Path, ...]) -> Question:
@@ -66,7 +67,7 @@ def answer(request: AnswerRequest) -> int:
     with backend(request.jobs, request.scheduler) as jobs:
         for way in asked.ways:
             references = asked.references if way.takes_references else ()
-            check_given(asked.bags, references, asked.rig)
+            asked_of(asked.bags, references, rigs, asked.settings)
             library = library_of(None, way.only, way.without)
             ask = _ranking if way.run is Run.BASELINES else _diagnosis
             content = ask(question(references), library, jobs, stop)

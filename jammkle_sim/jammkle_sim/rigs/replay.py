@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.rig import Event, Rig
     from jammkle_sim.rigs.timeline import Timeline
 
 
@@ -180,11 +180,13 @@ class Bodies:
             raise UnstableSimulationError(msg)
         rows = np.zeros((len(given), records.row_width(len(self.parts.joints), len(self._rig.tendon_names))))
         begin, end = self._step, self._step + len(given)
-        inside = {event.step for event in self._rig.events if begin < event.step < end}
-        for first, last in itertools.pairwise(sorted({begin, end, *inside})):
-            for event in self._rig.events:
-                if event.step == first:
-                    event.act(self.parts.data)
+        due: dict[int, list[Event]] = {begin: [], end: []}
+        for event in self._rig.events:
+            if begin <= event.step < end:
+                due.setdefault(event.step, []).append(event)
+        for first, last in itertools.pairwise(sorted(due)):
+            for event in due[first]:
+                event.act(self.parts.data)
             part = slice(first - begin, last - begin)
             self._step = first + advance(given[part], rows[part])
             if self._step != last:

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _FIBRES = {"multi": Fibre.MULTI_MATERIAL, "a30": Fibre.SHORE_A30, "a85": Fibre.SHORE_A85}
-_CHANNEL = names.PERONEAL_LEFT
-"""The tendon hangs on this channel; the two others stay vented."""
-_TENDON = names.TENDONS_OF_CHANNEL[_CHANNEL][0]
 _JAM_S = 0.1
 """When the vacuum is switched on."""
 _PULL_S = 1.5
@@ -58,6 +55,9 @@ class TensileOptions:
     )
     mounting_error_m: float = parameter(
         0.0, "How far the crosshead starts above the tendon's free length", "m", -0.005, 0.005
+    )
+    channel: str = parameter(
+        names.PERONEAL_LEFT, "Channel that the tendon hangs on; the two others stay vented", choices=names.CHANNELS
     )
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
@@ -98,40 +98,46 @@ def tensile_rig(options: TensileOptions) -> tuple[Rig, Programme]:
         Event(round(turn / options.timestep_s), lambda data: set_speed(data, -options.speed_m_s)),
         Event(round(stop / options.timestep_s), lambda data: set_speed(data, 0.0)),
     )
-    spec = _spec(options, sensors)
+    tendon_name = tendon_on(options.channel)
+    spec = _spec(options, sensors, tendon_name)
     rig = Rig(
         name="tensile",
         spec=spec,
         model=spec.compile(),
         tendon_laws=tendon_law(
-            tendon, options.timestep_s, _LENGTH_M - options.mounting_error_m, names.CHANNELS.index(_CHANNEL)
+            tendon, options.timestep_s, _LENGTH_M - options.mounting_error_m, names.CHANNELS.index(options.channel)
         ),
         pneumatics=pneumatics,
         sensors=sensors,
         events=events,
         options=options,
         parts={"tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
-        tendon_names=(_TENDON,),
+        tendon_names=(tendon_name,),
     )
     programme = Programme(
         duration_s=stop + _END_S,
-        vacuum=(VacuumStep(_JAM_S, (_CHANNEL,), options.vacuum_pa),),
-        evaluate=lambda topics: _results(topics, start, turn),
+        vacuum=(VacuumStep(_JAM_S, (options.channel,), options.vacuum_pa),),
+        evaluate=lambda topics: _results(topics, tendon_name, start, turn),
         topics=(names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name),
     )
     return rig, programme
 
 
-def _spec(options: TensileOptions, sensors: SensorParameters) -> Any:
+def tendon_on(channel: str) -> str:
+    """Return the tendon that is pulled if it hangs on a channel; of the Achilles pair, the left one."""
+    return names.TENDONS_OF_CHANNEL[channel][0]
+
+
+def _spec(options: TensileOptions, sensors: SensorParameters, tendon_name: str) -> Any:
     spec = new_spec("tensile", options.timestep_s)
     spec.option.gravity = (0.0, 0.0, 0.0)  # the cell is tared with the clamp on it
     crosshead = add_carriage(spec, 0.0, _CROSSHEAD_KG)
-    crosshead.add_site(name=f"{_TENDON}_crosshead")
-    spec.worldbody.add_site(name=f"{_TENDON}_base", pos=(0.0, 0.0, -_LENGTH_M))
-    wire = spec.add_tendon(name=_TENDON)
-    wire.wrap_site(f"{_TENDON}_base")
-    wire.wrap_site(f"{_TENDON}_crosshead")
-    pull = spec.add_actuator(name=_TENDON, trntype=mujoco.mjtTrn.mjTRN_TENDON, target=_TENDON)
+    crosshead.add_site(name=f"{tendon_name}_crosshead")
+    spec.worldbody.add_site(name=f"{tendon_name}_base", pos=(0.0, 0.0, -_LENGTH_M))
+    wire = spec.add_tendon(name=tendon_name)
+    wire.wrap_site(f"{tendon_name}_base")
+    wire.wrap_site(f"{tendon_name}_crosshead")
+    pull = spec.add_actuator(name=tendon_name, trntype=mujoco.mjtTrn.mjTRN_TENDON, target=tendon_name)
     pull.gear = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     add_drive(spec, _CROSSHEAD_KG, _SERVO_RAD_S)
     add_imu_sensors(spec, sensors)
@@ -140,12 +146,12 @@ def _spec(options: TensileOptions, sensors: SensorParameters) -> Any:
         name=LOAD_CELL,
         type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
         objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
-        objname=_TENDON,
+        objname=tendon_name,
     )
     return spec
 
 
-def _results(topics: Mapping[str, Series], start_s: float, turn_s: float) -> dict[str, float]:
+def _results(topics: Mapping[str, Series], tendon_name: str, start_s: float, turn_s: float) -> dict[str, float]:
     """Peak, work and loss from load cell and crosshead, as a test machine reports them.
 
     The share lost is left out where the tendon was slack all the way, the extension at the break, of the tendon itself,
@@ -159,18 +165,18 @@ def _results(topics: Mapping[str, Series], start_s: float, turn_s: float) -> dic
     loaded_j = work_j(extension_m[going_up], force_n[going_up])
     lost_j = work_j(extension_m[pulled], force_n[pulled])
     tendon = topics[names.TENDON_STATES.name]
-    torn = tendon.column(f"{_TENDON}.broken") > 0.0
+    torn = tendon.column(f"{tendon_name}.broken") > 0.0
     results = {
         "peak_force_n": float(force_n[pulled].max()),
         "largest_extension_m": float(extension_m.max()),
         "energy_in_n_m": loaded_j,
         "energy_lost_n_m": lost_j,
     }
-    if tendon.column(f"{_TENDON}.tension_n").max() > 0.0 and loaded_j > 0.0:  # slack, both are noise alone
+    if tendon.column(f"{tendon_name}.tension_n").max() > 0.0 and loaded_j > 0.0:  # slack, both are noise alone
         results["share_lost"] = lost_j / loaded_j
     if torn.any():
         # It tore between the last row that has it whole and the first that has it torn.
         first = int(np.argmax(torn))
-        stretched_m = tendon.column(f"{_TENDON}.extension_m")
+        stretched_m = tendon.column(f"{tendon_name}.extension_m")
         results["break_extension_m"] = float(stretched_m[max(first - 1, 0) : first + 1].mean())
     return results

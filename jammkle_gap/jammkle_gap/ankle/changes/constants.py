@@ -15,6 +15,7 @@ from jammkle_gap.ankle.changes.sensing import delay_sensors
 from jammkle_gap.ankle.changes.tendon import branch_times_s, with_tendons
 from jammkle_graph.names import ANKLE_JOINTS
 from jammkle_sim.rigs.assembly import laws_of
+from jammkle_sim.rigs.driven import is_driven
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -118,6 +119,7 @@ def move_later(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Let whatever the rig does by itself, such as its release, come `late_s` later.
 
     The rig's own clock starts with its motion: on it commands come sooner (`hasten_commands`), and every reading is of
-    a moment that much earlier. So the motion need not wait for a whole time step.
+    a moment that much earlier. So the motion need not wait for a whole time step. A drive follows what was measured.
     """
-    return delay_sensors(rig, {"delay_s": values["late_s"]}, "") if rig.events else rig
+    starts_by_itself = rig.events and not is_driven(rig)
+    return delay_sensors(rig, {"delay_s": values["late_s"]}, "") if starts_by_itself else rig

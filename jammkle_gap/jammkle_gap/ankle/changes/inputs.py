@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_graph.names import CHANNELS
 from jammkle_sim.rigs.catalogue import rig_kind
+from jammkle_sim.rigs.driven import is_driven
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,9 +43,15 @@ def shift_commands(inputs: AnkleInputs, values: Mapping[str, float], place: str)
 
 
 def hasten_commands(inputs: AnkleInputs, values: Mapping[str, float], _place: str) -> AnkleInputs:
-    """Let all commands come `late_s` sooner: on the clock of a rig that moves so much later. See `move_later`."""
-    if not nominal_rig(inputs).events:
+    """Let all commands come `late_s` sooner: on the clock of a rig that moves so much later. See `move_later`.
+
+    A release that was seen is then read so much later. A drive has no start that scatters, as its course is measured.
+    """
+    rig = nominal_rig(inputs)
+    if not rig.events or is_driven(rig):
         return inputs
+    if inputs.release_s is not None and inputs.release_seen_by:
+        inputs = dataclasses.replace(inputs, release_s=inputs.release_s + values["late_s"])
     return shift_commands(inputs, {"late_s": -values["late_s"]}, "")
 
 
@@ -77,16 +84,15 @@ def raise_drop(inputs: AnkleInputs, values: Mapping[str, float], _place: str) ->
     return _with_option(inputs, "drop_height_m", lambda height_m: max(height_m + values["extra_m"], 0.0))
 
 
-def scale_speed(inputs: AnkleInputs, values: Mapping[str, float], _place: str) -> AnkleInputs:
-    """Scale the speed of a driven carriage by `scale`."""
-    return _with_option(inputs, "speed_m_s", lambda speed_m_s: speed_m_s * values["scale"])
-
-
 def scale_travel(inputs: AnkleInputs, values: Mapping[str, float], _place: str) -> AnkleInputs:
-    """Scale the way of a driven carriage by `scale`."""
-    for option in ("extension_m", "descent_m"):
-        inputs = _with_option(inputs, option, lambda way_m: way_m * values["scale"])
-    return inputs
+    """Scale the way of a driven carriage by `scale`, from where it starts."""
+    course = inputs.course
+    if course is None:
+        for option in ("extension_m", "descent_m"):
+            inputs = _with_option(inputs, option, lambda way_m: way_m * values["scale"])
+        return inputs
+    scaled_m = course.start_m + values["scale"] * (course.position_m - course.start_m)
+    return dataclasses.replace(inputs, course=dataclasses.replace(course, position_m=scaled_m))
 
 
 def _with_option(inputs: AnkleInputs, option: str, change: Any) -> AnkleInputs:
