@@ -52,6 +52,8 @@ class Answer:
     """p-value of each single effect."""
     classes: tuple[frozenset[str], ...] = ()
     """Effects that these recordings cannot tell apart at all: naming one is naming all."""
+    silent: frozenset[str] = frozenset()
+    """Effects that move nothing in these recordings."""
     located: str = ""
     """The subsystem that most likely holds the cause."""
     closed: float | None = None
@@ -118,6 +120,7 @@ def answer_of(content: Mapping[str, Any]) -> Answer:
         {NO_GAP: 1.0 - gap, **{label: gap * value for label, value in posterior.items()}},
         {name: float(value) for name, value in (content.get("conformal") or {}).items() if value is not None},
         tuple(map(frozenset, content.get("classes") or ())),
+        frozenset(content.get("silent") or ()),
         max(content.get("subsystems") or {"": 0.0}, key=(content.get("subsystems") or {"": 0.0}).__getitem__),
         _closed(content.get("gap") or {}),
         _estimates(listed[0]["effects"] if listed else []),

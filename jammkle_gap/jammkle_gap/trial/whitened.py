@@ -54,6 +54,13 @@ _COLUMNS: Final = (
 
 def recording_of_real(run: RealRun, setting: str) -> Recording:
     """Return what a rig's sensors recorded of a run: features can be taken of it, but it cannot be simulated again."""
+    signals = tuple(each for each in signals_of(run) if set_of(each.name) is not SensorSet.INSTRUMENTED)
+    nothing = CommandTrack(Timeline(np.zeros(1), np.zeros(1)), {})
+    return Recording(run.plan.rig, signals, AnkleInputs(run.plan.rig, (), nothing), setting=setting)
+
+
+def signals_of(run: RealRun) -> list[Signal]:
+    """Return what all sensors recorded of a run."""
     signals = []
     for topic, track in run.topics.items():
         if is_command(topic):
@@ -61,13 +68,12 @@ def recording_of_real(run: RealRun, setting: str) -> Recording:
         rising = np.concatenate([[True], np.diff(np.maximum.accumulate(track.stamp_s)) > 0.0])
         for i, column in enumerate(track.columns):
             name = _signal(topic, column)
-            if name and set_of(name) is not SensorSet.INSTRUMENTED:
+            if name:
                 quantity = quantity_of(name)
                 values = np.asarray(track.values[rising, i], dtype=float)
                 step = RESOLUTION.get(quantity, 0.0)
                 signals.append(Signal(name, UNITS[quantity], track.stamp_s[rising], values, resolution=step))
-    nothing = CommandTrack(Timeline(np.zeros(1), np.zeros(1)), {})
-    return Recording(run.plan.rig, tuple(signals), AnkleInputs(run.plan.rig, (), nothing), setting=setting)
+    return signals
 
 
 def _signal(topic: str, column: str) -> str:
