@@ -8,24 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.problem import ankle_problem
-from jammkle_gap.ankle.sensor_sets import selected
+from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set, selected
 from jammkle_gap.backend import backend
 from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
-from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import evidence_of
-from jammkle_gap.core.effects import BadEffectError
 from jammkle_gap.core.result import as_dict
 from jammkle_gap.core.signatures import cache_folder, dictionary_of
-from jammkle_gap.core.simulate import Runner, SimulatorError
-from jammkle_gap.inputs import check_given, library_of, recordings_of, rig_options
+from jammkle_gap.core.simulate import Runner
+from jammkle_gap.diagnosing import failures_told
+from jammkle_gap.inputs import asked_of, library_of, recordings_of
 from jammkle_gap.trial import files
 from jammkle_gap.trial.baselines import baselines
 from jammkle_gap.trial.ceiling import CEILING_CONSTANTS, ceiling_problem
 from jammkle_gap.trial.questions import Run, read_questions, said_file
 from jammkle_gap.trial.remembering import Remembering
 from jammkle_graph.command.commit import commit
-from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.signals import Interrupted, StopRequest
 
 if TYPE_CHECKING:
@@ -33,7 +31,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_gap.core.data import Recording
-    from jammkle_gap.core.diagnose import Evidence
+    from jammkle_gap.core.evidence import Evidence
     from jammkle_gap.core.simulate import Problem
     from jammkle_gap.trial.questions import Questions, Way
 
@@ -64,12 +62,8 @@ def answer(request: AnswerRequest) -> int:
     case = _Case(asked)
     with backend(request.jobs, request.scheduler) as jobs:
         for way in asked.ways:
-            try:
+            with failures_told():
                 content = case.said(way, -1 if jobs is None else jobs)
-            except (BadRecordingError, BadEffectError) as error:
-                raise InputError(str(error)) from error
-            except SimulatorError as error:
-                raise GraphError(str(error)) from error
             if case.stop():
                 raise Interrupted
             files.write_json(said_file(request.questions.parent, way.run), {**content, "commit": program})
@@ -81,8 +75,8 @@ class _Case:
 
     def __init__(self, asked: Questions) -> None:
         self._asked = asked
-        self._options = rig_options(asked.settings)
         self._read: dict[tuple[Path, ...], list[Recording]] = {}
+        self._known: dict[object, dict[str, Any]] = {}
         self._headline: Evidence | None = None
         diagnoses = sum(way.run not in {Run.BASELINES, Run.CEILING} for way in asked.ways)
         self._remembering = Remembering(ankle_problem(ankle_library()).simulator) if diagnoses > 1 else None
@@ -90,20 +84,22 @@ class _Case:
 
     def said(self, way: Way, jobs: int) -> dict[str, Any]:
         """Return the answer to one way of asking."""
-        given = self._asked.references if way.takes_references else ()
-        check_given(self._asked.bags, given, self._asked.rig)
-        runs, references = self._recordings(self._asked.bags), self._recordings(given)
+        runs, references = self._recordings(way)
         if way.references is not None:
             references = first_of_each(references, way.references)
-        runs, references = ([selected(run, way.sensors) for run in group] for group in (runs, references))
+        runs, references = ([_seen(run, way.sensors) for run in group] for group in (runs, references))
         if way.run is Run.CEILING:
             return _diagnosed(runs, references, ceiling_problem(), CEILING_CONSTANTS, jobs)[0]
         if way.run is Run.BASELINES:
             return self._ranked(runs, references, jobs)
-        said, evidence = _diagnosed(runs, references, self._problem(way), Constants(), jobs)
-        if way.run is Run.WITH:
-            self._headline = evidence
-        return said
+        asked = (way.only, way.without, *((run.name, *(each.name for each in run.signals)) for run in runs),
+                 *(run.name for run in references))  # fmt: skip
+        if asked not in self._known:
+            # Where other sensors are not there, their answer is one that was given.
+            self._known[asked], evidence = _diagnosed(runs, references, self._problem(way), Constants(), jobs)
+            if way.run is Run.WITH:
+                self._headline = evidence
+        return self._known[asked]
 
     def _problem(self, way: Way) -> Problem:
         problem = ankle_problem(library_of(None, way.only, way.without))
@@ -111,12 +107,18 @@ class _Case:
             return problem
         return dataclasses.replace(problem, simulator=self._remembering)
 
-    def _recordings(self, bags: tuple[Path, ...]) -> list[Recording]:
-        if bags not in self._read:
-            self._read[bags] = recordings_of(bags, self._asked.rig, self._options, self.stop)
-            if self._remembering is not None:
-                self._remembering.know(self._read[bags])
-        return self._read[bags]
+    def _recordings(self, way: Way) -> tuple[list[Recording], list[Recording]]:
+        """Return runs and references with all of their signals."""
+        bags, given = self._asked.bags, self._asked.references if way.takes_references else ()
+        rigs = () if self._asked.rig is None else (self._asked.rig,)
+        requests = asked_of(bags, given, rigs, self._asked.settings)
+        for paths, request in zip((bags, given), requests, strict=True):
+            if paths not in self._read:
+                found = recordings_of(paths, request, self.stop, sensors=SensorSet.INSTRUMENTED)
+                self._read[paths] = found
+                if self._remembering is not None:
+                    self._remembering.know(found)
+        return self._read[bags], self._read[given]
 
     def _ranked(self, runs: Sequence[Recording], references: Sequence[Recording], jobs: int) -> dict[str, Any]:
         """Return what simpler methods say of what the headline gathered."""
@@ -138,6 +140,10 @@ class _Case:
             "classes": [list(each) for each in evidence.classes],
             "runtime": {"wall_s": time.perf_counter() - started, "simulator_runs": runner.runs},
         }
+
+
+def _seen(recording: Recording, sensors: SensorSet | None) -> Recording:
+    return selected(recording, sensors or headline_set(recording))
 
 
 def first_of_each(references: Sequence[Recording], count: int) -> list[Recording]:

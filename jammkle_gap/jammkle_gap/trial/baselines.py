@@ -62,7 +62,7 @@ def baselines(evidence: Evidence, dictionaries: Sequence[Dictionary]) -> Baselin
 
     """
     plain = in_noise(evidence)
-    problem, settings, machine = evidence.problem, evidence.settings, evidence.calibration.values
+    problem, settings, machine = evidence.problem, evidence.settings, evidence.machine
     signatures = grid_signatures(problem, settings, dictionaries, plain)
     length = float(plain.whitened @ plain.whitened)
     if not signatures:
@@ -123,7 +123,7 @@ def _all_free(
             owner.append(name)
     jacobian, origin = np.array(columns).T, np.array(null)
     begin, span = np.array(low), np.array(high) - np.array(low)
-    simulated = Signatures(evidence.problem, evidence.settings, plain, evidence.calibration.values)
+    simulated = Signatures(evidence.problem, evidence.settings, plain, evidence.machine)
     best, left, length = origin.copy(), plain.whitened.copy(), 1.0
     current = jacobian.copy()
     for _ in range(_FREE_STEPS):

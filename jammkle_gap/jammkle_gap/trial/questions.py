@@ -38,7 +38,7 @@ class Run(enum.Enum):
 REFERENCES: Final = {Run.FEWER: 3, Run.WITHOUT: 0}
 """References per setting that a way takes; those not named take all."""
 SENSORS: Final = {Run.ROBOT: SensorSet.ROBOT, Run.INSTRUMENTED: SensorSet.INSTRUMENTED}
-"""Sensors that a way looks at; those not named look at those of the rig."""
+"""Sensors that a way looks at; the others look at those of a robot, and the load cell where the rig has one."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class Way:
         return self.references != 0
 
     @property
-    def sensors(self) -> SensorSet:
-        """What it may look at."""
-        return SENSORS.get(self.run, SensorSet.RIG)
+    def sensors(self) -> SensorSet | None:
+        """What it may look at; None: what a diagnosis looks at unless asked otherwise."""
+        return SENSORS.get(self.run)
 
 
 @dataclass(frozen=True)
