@@ -1,38 +1,38 @@
-"""What the sensors of a trial's rigs cannot tell apart, and which rig can."""
+"""Equivalence classes of a trial's answers, and what would split them."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from jammkle_gap.trial.answers import NO_GAP, Answer, Said
+from jammkle_gap.trial.apart import as_rows, not_apart
+from jammkle_gap.trial.key import Kind, Truth
+from jammkle_gap.trial.scoring import Case
 
-from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.core.effects import Library
-from jammkle_gap.trial.apart import NotApart, as_rows, not_apart
-from jammkle_gap.trial.page import _pair_line
-
-OFFERED = ("fibre_loss_peroneal_left", "tendon_failure_peroneal_left", "line_leak_manifold", "line_leak_peroneal_left")
+LEAKS = frozenset({"leak_a", "leak_b"})
 
 
-@lru_cache(maxsize=1)
-def found() -> dict[tuple[str, str], NotApart]:
-    library = Library(tuple(effect for effect in ankle_library() if effect.name in OFFERED))
-    return {(each.first, each.second): each for each in not_apart(7, ["tensile", "pressure"], library)}
+def case(rig: str, *classes: frozenset[str], silent: frozenset[str] = frozenset()) -> Case:
+    """Return a healthy case on a rig with some classes declared."""
+    answer = Answer(Said.NO_GAP, probabilities={NO_GAP: 1.0}, classes=classes, silent=silent)
+    return Case("1", Truth(Kind.NONE, rigs=(rig,)), answer)
 
 
 def test_a_rig_that_tells_is_named() -> None:
-    """Fibres and a whole tendon fall alike on the tensile rig; in air, that jams all of them, they do not."""
-    pair = found()["fibre_loss_peroneal_left", "tendon_failure_peroneal_left"]
-    assert pair.apart["tensile"] < 0.1 < pair.apart["pressure"]
-    assert pair.told_on == ("pressure",)
+    """Declared in one of two pulls, never in the air: the pressure rig is what to record next."""
+    (pair,) = not_apart([case("tensile", LEAKS), case("tensile"), case("pressure")], [])
+    assert (pair.first, pair.second) == ("leak_a", "leak_b")
+    assert pair.declared == {"tensile": (1, 2)}
+    assert pair.way_out == "rig pressure"
 
 
-def test_effects_that_have_nothing_in_common_are_not_listed() -> None:
-    """A leak and a torn tendon are told apart everywhere."""
-    assert not any("leak" in first and "leak" not in second for first, second in found())
+def test_a_rig_on_which_both_are_silent_does_not_tell() -> None:
+    """What moves nothing there cannot be told apart there, either; then it takes a sensor."""
+    (pair,) = not_apart([case("tensile", LEAKS), case("drop", silent=LEAKS)], [])
+    assert pair.told_on == ()
+    assert "no rig of the trial has" in pair.way_out
 
 
-def test_every_pair_can_be_shown_and_kept() -> None:
-    """On the page and in JSON."""
-    pairs = list(found().values())
-    assert [row["effects"] for row in as_rows(pairs)] == [[each.first, each.second] for each in pairs]
-    nowhere = NotApart("one", "other", {"drop": 0.01}, ("drop",), ())
-    assert "another sensor" in _pair_line(nowhere)["told_on"]
+def test_a_sensor_that_splits_a_class_is_named() -> None:
+    """Where the class is gone with instrumented tendons, they are the way out."""
+    (pair,) = not_apart([case("tensile", LEAKS)], [case("tensile")])
+    assert pair.way_out == "instrumented tendons on rig tensile"
+    assert as_rows([pair])[0]["split_by"] == pair.way_out

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from jammkle_gap.core.effects import EffectParameter
 from jammkle_gap.trial.answers import Answer, Estimate, Said, answer_of
 from jammkle_gap.trial.key import Kind, TrueEffect, Truth
-from jammkle_gap.trial.outcomes import Outcome, level, outcome
+from jammkle_gap.trial.outcomes import Outcome, is_exact, is_first, level, likeliest, outcome, probability
 from jammkle_gap.trial.scoring import Case, figures
 from jammkle_gap.trial.statistics import Share, calibration_error, reliability
 
@@ -75,7 +75,7 @@ def scored(*pairs: tuple[Truth, Answer]) -> dict[str, tuple[float, int]]:
 
 
 def test_figures_are_those_counted_by_hand() -> None:
-    """Of ten answers, each figure is the share that a reader counts in the table."""
+    """Of twelve answers, each figure is the share that a reader counts in the table; what is too small is apart."""
     found = scored(
         (truth(Kind.NONE), said(NONE)),
         (truth(Kind.NONE), said(NONE)),
@@ -83,35 +83,42 @@ def test_figures_are_those_counted_by_hand() -> None:
         (truth(Kind.SINGLE, "a", size=4.1), said(EFFECTS, "a", located="pneumatics")),
         (truth(Kind.SINGLE, "a", size=8.0), said(SET, "b", "a", "c", located="tendon")),
         (truth(Kind.SINGLE, "a", size=2.0), said(EFFECTS, "b", located="pneumatics")),
-        (truth(Kind.SINGLE, "b", size=0.5), said(NONE)),
+        (truth(Kind.SINGLE, "b", size=1.0), said(NONE)),
+        (truth(Kind.SINGLE, "b", size=0.5), said(EFFECTS, "b")),
         (truth(Kind.PAIR, "a", "b", size=4.0), said(EFFECTS, "a+b", located="pneumatics")),
         (truth(Kind.OUTSIDE, size=8.0), said(UNKNOWN, located="mechanics")),
+        (truth(Kind.OUTSIDE, size=0.3), said(NONE)),
         (truth(Kind.MIDRUN, "a", size=8.0), said(EFFECTS, "c", located="pneumatics")),
     )
     assert found["false_alarms"] == (pytest.approx(1 / 3), 3)
-    assert found["wrong_names"] == (pytest.approx(2 / 10), 10)
-    assert found["wrong_sets"] == (0.0, 10)
+    assert found["wrong_names"] == (pytest.approx(2 / 12), 12)
+    assert found["wrong_among_named"] == (pytest.approx(2 / 5), 5)
+    assert found["wrong_sets"] == (0.0, 12)
     assert found["unknown_rejected"] == (1.0, 1)
+    assert found["unknown_below_1"] == (0.0, 1)
+    assert found["top_1_at_0"] == (1.0, 1)
     assert found["top_1"] == (pytest.approx(1 / 4), 4)
     assert found["top_2"] == (pytest.approx(2 / 4), 4)
     assert found["top_1_at_2"] == (0.0, 1)
     assert found["top_1_from_4"] == (pytest.approx(1 / 2), 2)
-    assert found["detected_at_0.5"] == (0.0, 1)
+    assert found["detected_at_1"] == (0.0, 1)
+    assert found["detected_at_0"] == (1.0, 1)
     assert found["detected_at_2"] == (1.0, 1)
     assert found["pairs_exact"] == (1.0, 1)
-    assert found["coverage"] == (pytest.approx(3 / 4), 4)
-    assert found["set_size"] == (pytest.approx((1 + 3 + 1 + 1) / 4), 4)
+    assert found["coverage"] == (pytest.approx(4 / 5), 5)
+    assert found["set_size"] == (pytest.approx((1 + 3 + 1 + 1 + 1) / 5), 5)
+    assert found["sets_exact"] == (pytest.approx(3 / 5), 5)
     assert found["midrun_safe"] == (0.0, 1)
     # a, a, a of size 2 and more, the pair, outside, in mid-run: six seen, of which two lie elsewhere
     assert found["located"] == (pytest.approx(4 / 6), 6)
 
 
 def test_probability_on_the_truth_is_the_mean_over_all_cases() -> None:
-    """Both effects of a pair count, no gap and unknown are answers like others, and a change in mid-run is left out."""
+    """No gap and unknown are answers like others; half of a pair is not the pair; a change in mid-run is left out."""
     found = scored(
         (truth(Kind.NONE), said(NONE, probabilities={"no_gap": 0.9, "a": 0.1})),
         (truth(Kind.SINGLE, "a"), said(EFFECTS, "a", probabilities={"a": 0.7, "b": 0.3})),
-        (truth(Kind.PAIR, "a", "b"), said(EFFECTS, "a+b", probabilities={"a": 0.5, "b": 0.4, "unknown": 0.1})),
+        (truth(Kind.PAIR, "a", "b"), said(EFFECTS, "a+b", probabilities={"a + b": 0.9, "b": 0.05, "unknown": 0.05})),
         (truth(Kind.OUTSIDE), said(UNKNOWN, probabilities={"unknown": 0.6, "a": 0.4})),
         (truth(Kind.MIDRUN, "a"), said(UNKNOWN, probabilities={"unknown": 1.0})),
     )
@@ -133,23 +140,47 @@ def test_what_is_closed_is_measured_against_the_oracle() -> None:
 
 
 def test_errors_are_relative_to_the_size_of_the_effect() -> None:
-    """With b off at 1 and truly 3, an estimate of 2.5 is off by a quarter; 95 % intervals shrink to 90 % by 0.839."""
+    """With b off at 1 and truly 3, an estimate of 2.5 is off by a quarter; an interval holds the truth or does not."""
     what = truth(Kind.SINGLE, "b", value=3.0)
     near = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(2.5, 1.9, 3.1)})
-    far = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(2.5, 1.92, 3.08)})
+    far = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(2.5, 2.1, 2.9)})
     wrong = Answer(EFFECTS, (frozenset({"a"}),), estimates={"a.x": Estimate(9.0, 8.0, 10.0)})
     found = figures([Case("1", what, near), Case("2", what, far), Case("3", what, wrong)], PARAMETERS)
     assert (found["parameter_error"].value, found["parameter_error"].count) == (pytest.approx(0.25), 2)
-    # 2.5 + 0.839 * 0.6 = 3.003 holds 3; 2.5 + 0.839 * 0.58 = 2.987 does not
     assert (found["intervals_90"].value, found["intervals_90"].count) == (0.5, 2)
 
 
-def test_an_interval_that_its_range_cut_is_not_made_shorter() -> None:
-    """Of 2.5 to 3.2, where the range ends, the upper end stays: it holds 3.19. So does a lower end."""
-    cut = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(2.9, 2.5, 3.2)})
-    assert figures([Case("1", truth(Kind.SINGLE, "b", value=3.19), cut)], PARAMETERS)["intervals_90"].value == 1.0
-    cut = Answer(EFFECTS, (frozenset({"b"}),), estimates={"b.x": Estimate(0.4, 0.0, 0.9)})
-    assert figures([Case("1", truth(Kind.SINGLE, "b", value=0.01), cut)], PARAMETERS)["intervals_90"].value == 1.0
+def test_members_of_a_class_count_as_one_answer() -> None:
+    """Naming what was declared equivalent to the truth is right, alone and in a pair, and its probability counts."""
+    alike = (frozenset({"a", "c"}),)
+    single, pair = truth(Kind.SINGLE, "a"), truth(Kind.PAIR, "a", "b")
+    other = said(EFFECTS, "c", classes=alike, probabilities={"c": 0.6, "a": 0.3, "b": 0.1})
+    assert outcome(single, other) is Outcome.RIGHT
+    assert outcome(single, said(EFFECTS, "c")) is Outcome.WRONG_NAME
+    assert is_first(pair, said(EFFECTS, "b+c", classes=alike))
+    assert not is_first(pair, said(EFFECTS, "a+c", classes=alike))
+    assert probability(single, other) == pytest.approx(0.9)
+    assert likeliest(other) == ("c", pytest.approx(0.9))
+
+
+def test_a_set_is_exact_without_false_members() -> None:
+    """The pair and its halves are exact; one more effect, or the pair missing, is not."""
+    pair = truth(Kind.PAIR, "a", "b")
+    assert is_exact(pair, said(SET, "a+b", "a"))
+    assert not is_exact(pair, said(SET, "a+b", "a+c"))
+    assert not is_exact(pair, said(SET, "a", "b"))
+
+
+def test_conformal_sets_stand_beside_the_posterior() -> None:
+    """Of two true causes with p-values of 0.5 and 0.01, one is in its set; the sets have two members and one."""
+    found = scored(
+        (truth(Kind.SINGLE, "a"), said(EFFECTS, "a", conformal={"a": 0.5, "b": 0.2, "c": 0.01})),
+        (truth(Kind.SINGLE, "b"), said(EFFECTS, "b", conformal={"a": 0.5, "b": 0.01})),
+    )
+    assert found["conformal_coverage"] == (0.5, 2)
+    assert found["conformal_size"] == (1.5, 2)
+    # 0.01 and 0.5 where 0.25 and 0.75 are even
+    assert found["conformal_error"] == (pytest.approx((0.24 + 0.25) / 2), 2)
 
 
 def test_an_effect_left_out_must_not_be_replaced_by_another_name() -> None:
@@ -194,8 +225,8 @@ def test_no_answer_is_lost_between_bins(answers: list[tuple[float, bool]]) -> No
 
 def test_a_size_is_that_of_the_largest_step_reached() -> None:
     """A tenth short still counts, as sizes are a factor of two apart; an unknown size is none."""
-    assert [level(truth(Kind.SINGLE, "a", size=size)) for size in (0.2, 0.46, 1.9, 3.5, 3.7, 30.0)] == [
-        0.0, 0.5, 2.0, 2.0, 4.0, 8.0,
+    assert [level(truth(Kind.SINGLE, "a", size=size)) for size in (0.2, 0.91, 1.9, 3.5, 3.7, 30.0)] == [
+        0.0, 1.0, 2.0, 2.0, 4.0, 8.0,
     ]  # fmt: skip
     assert level(truth(Kind.SINGLE, "a")) is None
 
@@ -206,11 +237,14 @@ def test_leads_of_an_unknown_are_no_answer() -> None:
         "verdict": "UNKNOWN",
         "effects": [{"name": "a", "subsystem": "tendon", "parameters": {}}],
         "set": [{"names": ["a"], "effects": []}],
-        "probabilities": {"unknown": 0.8, "a": 0.2},
-        "subsystems": [{"name": "pneumatics", "gap": 3.0, "to_blame": True}],
+        "posterior": [{"names": [], "probability": 0.8}, {"names": ["a"], "probability": 0.2}],
+        "gap_probability": 0.5,
+        "subsystems": {"tendon": 0.1, "pneumatics": 0.9},
         "gap": {"closed": 0.5},
         "runtime": {"wall_s": 2.0, "simulator_runs": 7},
     }
     answer = answer_of(content)
     assert (answer.candidates, answer.located, answer.runs) == ((), "pneumatics", 7)
+    assert answer.ranking == (frozenset({"a"}),)
+    assert answer.probabilities == pytest.approx({"no_gap": 0.5, "unknown": 0.4, "a": 0.1})
     assert answer_of({"refused": "too short"}).said is Said.REFUSED

@@ -8,7 +8,7 @@ from jammkle_gap.trial import files
 from jammkle_gap.trial.files import CaseNote
 from jammkle_gap.trial.key import Key, Kind, Rung, TrueEffect, Truth
 from jammkle_gap.trial.questions import Run
-from jammkle_gap.trial.tasks import open_tasks
+from jammkle_gap.trial.tasks import BLIND, EVERY, FEW, blind_tasks, open_tasks, sample
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,7 +32,25 @@ def test_every_effect_is_left_out_once_in_its_largest_case(tmp_path: Path) -> No
     for name in cases:
         (tmp_path / files.CASES / name / "bag").mkdir(parents=True)
         files.write_case(tmp_path / files.CASES / name, CaseNote(("bag",)))
+    files.write_trial(tmp_path, files.TrialFacts("0" * 64, regimes="development"))
     asked = {task.case: {way.run: way for way in task.asked.ways} for task in open_tasks(tmp_path, Key(cases, ""))}
     assert {case for case, ways in asked.items() if Run.ORACLE in ways} == {"1", "2", "3", "4", "5"}
     left_out = {case: ways[Run.LEFT_OUT].without for case, ways in asked.items() if Run.LEFT_OUT in ways}
     assert left_out == {"2": ("leak",), "4": ("wear",)}
+    assert {case for case, ways in asked.items() if Run.CEILING in ways} == {"1", "2", "5"}
+
+
+def test_a_sample_is_drawn_by_the_hash_of_the_key(tmp_path: Path) -> None:
+    """A small trial is diagnosed in all ways; of a large one about a sixth, the same whenever it is asked."""
+    for count, sha256 in ((FEW, "0" * 64), (300, "1" * 64)):
+        trial = tmp_path / str(count)
+        for k in range(count):
+            (trial / files.CASES / f"{k:04d}" / "bag").mkdir(parents=True)
+            files.write_case(trial / files.CASES / f"{k:04d}", CaseNote(("bag",)))
+        files.write_trial(trial, files.TrialFacts(sha256))
+    assert len(sample(tmp_path / str(FEW))) == FEW
+    drawn = sample(tmp_path / "300")
+    assert drawn == sample(tmp_path / "300")
+    assert 30 <= len(drawn) <= 70
+    ways = {task.case: {way.run for way in task.asked.ways} for task in blind_tasks(tmp_path / "300")}
+    assert all(asked == set(BLIND if case in drawn else EVERY) for case, asked in ways.items())

@@ -69,7 +69,8 @@ def drop(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     fall_m = max(float(chosen["drop_height_m"]) + _HEIGHT_M * higher, 0.0)
     pretension_m = float(chosen["pretension_m"]) + _PRETENSION_M * tighter
     friction = float(chosen["friction"]) * math.exp(_FRICTION * rougher)
-    pitch_rad = math.radians(float(chosen["pitch_deg"]))
+    first = periods[0].machine
+    pitch_rad = math.radians(float(chosen["pitch_deg"])) + first.leg.hung_rad
     has_tendons = foot in {JAMMED, UNJAMMED}
     ball = SquashBall()
     if foot == STANDARD:
@@ -78,7 +79,8 @@ def drop(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         touch_m, toe_m = 2.0 * ball.radius_m, ball.radius_m
     else:
         toe_m = PLAIN.dropped_toe_m
-        touch_m = PLAIN.touch_height_m(toe_m, pitch_rad, 0.0)
+        # The height is set with the foot as it hangs and as it was built.
+        touch_m = first.leg.as_built().touch_height_m(first.leg.dropped_toe_m, pitch_rad, 0.0)
     stand = Stand(float(chosen["mass_kg"]), toe_m, friction, 0.0, touch_m)
 
     def law(machine: Machine) -> Law:
@@ -89,11 +91,11 @@ def drop(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         height_m=touch_m + fall_m,
         leg_pitch_rad=0.0,
         foot_pitch_rad=0.0 if foot in {STANDARD, SQUASH_BALL} else pitch_rad,
-        free_m=free_lengths_m(periods[0].machine.ankle, pitch_rad, pretension_m),
+        free_m=free_lengths_m(first.ankle, pitch_rad, pretension_m),
         has_tendons=has_tendons,
         schedule=together(_JAM_S, CHANNELS, float(chosen["vacuum_pa"])) if foot == JAMMED else (),
         duration_s=_DURATION_S,
-        release_s=_RELEASE_S,
+        release_s=_RELEASE_S + round(first.rig.late_s, 3),
         drive_m=None,
         step_s=_STEP_S,
     )

@@ -61,10 +61,10 @@ def landing(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     higher, rougher = stream(seed, "landing").standard_normal(2)
     slope_rad, fall_m = math.radians(float(chosen["slope_deg"])), float(chosen["drop_height_m"])
     first = periods[0].machine
-    touch_m = PLAIN.touch_height_m(PLAIN.toe_m, 0.0, slope_rad)
+    touch_m = first.leg.as_built().touch_height_m(first.leg.toe_m, first.leg.hung_rad, slope_rad)
     stand = Stand(
         mass_kg=float(chosen["mass_kg"]),
-        toe_m=PLAIN.toe_m,
+        toe_m=first.leg.toe_m,
         friction=max(float(chosen["friction"]) + _FRICTION * rougher, 0.0),
         slope_rad=slope_rad,
         touch_m=touch_m,
@@ -81,12 +81,12 @@ def landing(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         law=law,
         height_m=touch_m + max(fall_m + _HEIGHT_M * higher, 0.0),
         leg_pitch_rad=0.0,
-        foot_pitch_rad=0.0,
-        free_m=free_lengths_m(first.ankle, 0.0, first.ankle.achilles_pretension_m),
+        foot_pitch_rad=first.leg.hung_rad,
+        free_m=free_lengths_m(first.ankle, first.leg.hung_rad, first.ankle.achilles_pretension_m),
         has_tendons=True,
         schedule=() if jam_s is None else together(jam_s, CHANNELS, float(chosen["vacuum_pa"])),
         duration_s=max(1, round((landed_s + _REST_S) / PERIOD_S)) * PERIOD_S,
-        release_s=release_s,
+        release_s=release_s + round(first.rig.late_s, 3),
         drive_m=None,
         step_s=_STEP_S,
     )

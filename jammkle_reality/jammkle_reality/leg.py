@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -32,6 +33,8 @@ class Leg:
     """Behind the joint. Assumed."""
     half_width_m: float = 0.030
     """Assumed."""
+    hung_rad: float = 0.0
+    """How much further toe-down than a plan tells the foot hangs on its tendons."""
     sole_m: float = 0.020
     """Joint above sole. Assumed."""
     corner_radius_m: float = 0.005
@@ -68,6 +71,10 @@ class Leg:
     """By how much more it pulls per way down."""
     mount_s2: float = 0.0
     """How soft the IMU is mounted: way that it gives per acceleration."""
+
+    def as_built(self) -> Leg:
+        """Return the leg before its foot was bent: what the rig was set up with."""
+        return dataclasses.replace(self, bent_rad=0.0, twisted_rad=0.0)
 
     def corners_m(self, toe_m: float) -> Floats:
         """Return the centres of the sole's corners: toe left, right, heel left, right, shape (4, 3)."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_graph.names import CHANNELS
+from jammkle_reality.bodies import turned_about_y
 from jammkle_reality.contact import WOOD_N_M15, WOOD_S_M, hertz
 from jammkle_reality.leg import PLAIN
 from jammkle_reality.leg_law import Stand, ankle_law, free_lengths_m
@@ -81,24 +82,25 @@ def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     leg_m, speed_m_s = float(chosen["leg_m"]), float(chosen["speed_m_s"])
     first = periods[0].machine
     tilt_rad = _hanging_rad(first, leg_m)
-    touch_m = _touch_m(tilt_rad, slope_rad, leg_m)
+    touch_m = _touch_m(first, tilt_rad, slope_rad, leg_m)
     stand = Stand(
         mass_kg=_CARRIAGE_KG + _CELL_KG + PLAIN.ankle_kg,
-        toe_m=PLAIN.toe_m,
+        toe_m=first.leg.toe_m,
         friction=max(told + _FRICTION * rougher, 0.0),
         slope_rad=slope_rad + _SLOPE_RAD * steeper,
         touch_m=touch_m,
         pivot_m=leg_m,
     )
     start_m = touch_m + _CLEARANCE_M
-    halt_s = _PUSH_S + (float(chosen["descent_m"]) + _CLEARANCE_M) / speed_m_s
+    push_s = _PUSH_S + first.rig.late_s
+    halt_s = push_s + (float(chosen["descent_m"]) + _CLEARANCE_M) / speed_m_s
     real_m_s = speed_m_s * (1.0 + first.rig.speed_error)
 
     def law(machine: Machine) -> Law:
         return _law(machine, foot, stand)
 
     def drive_m(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        corners_s = np.array([0.0, _PUSH_S, _PUSH_S + _RAMP_S, halt_s, halt_s + _RAMP_S, halt_s + 10.0])
+        corners_s = np.array([0.0, push_s, push_s + _RAMP_S, halt_s, halt_s + _RAMP_S, halt_s + 10.0])
         # The way of a speed that ramps up and down, from the integral of its corners.
         speeds = np.array([0.0, 0.0, real_m_s, real_m_s, 0.0, 0.0])
         ways = np.concatenate([[0.0], np.cumsum(np.diff(corners_s) * (speeds[1:] + speeds[:-1]) / 2.0)])
@@ -112,8 +114,8 @@ def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         law=law,
         height_m=start_m,
         leg_pitch_rad=tilt_rad,
-        foot_pitch_rad=0.0,
-        free_m=free_lengths_m(first.ankle, 0.0, first.ankle.achilles_pretension_m),
+        foot_pitch_rad=first.leg.hung_rad,
+        free_m=free_lengths_m(first.ankle, first.leg.hung_rad, first.ankle.achilles_pretension_m),
         has_tendons=foot != RIGID_ANKLE,
         schedule=together(_JAM_S, CHANNELS, float(chosen["vacuum_pa"])) if foot == JAMMED else (),
         duration_s=math.ceil(round((halt_s + _HOLD_S) / PERIOD_S, 6)) * PERIOD_S,
@@ -147,11 +149,12 @@ def _hanging_rad(machine: Machine, leg_m: float) -> float:
     return math.atan2(forward_m, leg_m - up_m)
 
 
-def _touch_m(tilt_rad: float, slope_rad: float, leg_m: float) -> float:
+def _touch_m(machine: Machine, tilt_rad: float, slope_rad: float, leg_m: float) -> float:
     """Return where the carriage is as the tilted foot first touches the slope through the origin."""
     cosine, sine = math.cos(tilt_rad), math.sin(tilt_rad)
     ankle = np.array([-leg_m * sine, 0.0, -leg_m * cosine])
     turn = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
-    centres = ankle + PLAIN.corners_m(PLAIN.toe_m) @ turn.T
+    leg = machine.leg.as_built()
+    centres = ankle + leg.corners_m(leg.toe_m) @ turned_about_y(leg.hung_rad).T @ turn.T
     out = np.array([-math.sin(slope_rad), 0.0, math.cos(slope_rad)])
-    return float((PLAIN.corner_radius_m - centres @ out).max() / out[2]) - leg_m
+    return float((leg.corner_radius_m - centres @ out).max() / out[2]) - leg_m

@@ -16,15 +16,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SpecimenScatter:
-    """Standard deviation over specimens; relative where no unit is given. Assumed."""
+    """Standard deviation over specimens; relative where no unit is given. Assumed where nothing is said."""
 
-    pump_flow: float = 0.03
-    pump_vacuum: float = 0.015
-    valve_area: float = 0.03
-    volume: float = 0.03
+    pump_flow: float = 0.05
+    """Data sheets of small diaphragm pumps state typical values; samples differ by a twentieth."""
+    pump_vacuum: float = 0.05
+    """As the flow."""
+    valve_area: float = 0.05
+    """Flow tolerance of small solenoid valves: a tenth either way at two standard deviations."""
+    volume: float = 0.05
+    """Hoses cut to length and cast channels: a twentieth."""
     leak: float = 0.3
-    dead_s: float = 0.001
-    print_batch: float = 0.012
+    dead_s: float = 0.002
+    """Small solenoids of one type have 5 to 10 ms."""
+    lever: float = 0.1
+    """No drawing of the ankle is published: builders scale its picture, to a tenth."""
+    hung_rad: float = math.radians(5.0)
+    """What a foot on four soft tendons is set to by eye."""
+    foot_mass: float = 0.05
+    """A printed part: infill and screws."""
+    carriage_kg: float = 0.09
+    """A twentieth of 1.8 kg: cables and screws."""
+    release_s: float = 0.02
+    """Magnets, latches and drives act within tens of milliseconds."""
+    command_s: float = 0.01
+    """A bus that is served 50 to 100 times a second."""
+    print_batch: float = 0.03
     """Modulus of all tendons of one print."""
     fibre: float = 0.006
     """Modulus of one tendon beside the others of its print."""
@@ -114,7 +131,39 @@ def machine(seed: int) -> Machine:
     clock = dataclasses.replace(Clock(), skew=scatter.skew * draw.standard_normal())
     sensors = dataclasses.replace(plain.sensors, pressure=pressure, load_cell=cell, tension=tension, clock=clock)
     rig = dataclasses.replace(plain.rig, speed_error=0.5 * scatter.gain * draw.standard_normal())
-    return dataclasses.replace(plain, air=air, tendons=tendons, sensors=sensors, rig=rig)
+    made = dataclasses.replace(plain, air=air, tendons=tendons, sensors=sensors, rig=rig)
+    return _built(made, stream(seed, "build"))
+
+
+def _built(machine: Machine, draw: np.random.Generator) -> Machine:
+    """Return a specimen with the levers, the pose, the masses and the delays that its builder gave it."""
+    scatter, ankle, leg = SPECIMENS, machine.ankle, machine.leg
+    foot, toe = _factor(draw, scatter.foot_mass), _factor(draw, scatter.lever)
+    x, y, z = ankle.foot_inertia_kg_m2
+    ankle = dataclasses.replace(
+        ankle,
+        foot_kg=ankle.foot_kg * foot,
+        foot_inertia_kg_m2=(x * foot, y * foot, z * foot),
+        achilles_arm_m=ankle.achilles_arm_m * _factor(draw, scatter.lever),
+        achilles_spread_m=ankle.achilles_spread_m * _factor(draw, scatter.lever),
+        peroneal_forward_m=ankle.peroneal_forward_m * _factor(draw, scatter.lever),
+        peroneal_spread_m=ankle.peroneal_spread_m * _factor(draw, scatter.lever),
+    )
+    leg = dataclasses.replace(
+        leg,
+        toe_m=leg.toe_m * toe,
+        dropped_toe_m=leg.dropped_toe_m * toe,
+        heel_m=leg.heel_m * _factor(draw, scatter.lever),
+        hung_rad=scatter.hung_rad * draw.standard_normal(),
+        payload_kg=scatter.carriage_kg * draw.standard_normal(),
+    )
+    rig = dataclasses.replace(machine.rig, late_s=abs(scatter.release_s * draw.standard_normal()))
+    clock = machine.sensors.clock
+    clock = dataclasses.replace(
+        clock, command_delay_s=clock.command_delay_s + abs(scatter.command_s * draw.standard_normal())
+    )
+    sensors = dataclasses.replace(machine.sensors, clock=clock)
+    return dataclasses.replace(machine, ankle=ankle, leg=leg, rig=rig, sensors=sensors)
 
 
 def today(specimen: Machine, seed: int) -> Machine:
@@ -122,7 +171,7 @@ def today(specimen: Machine, seed: int) -> Machine:
 
     Args:
         specimen: What `machine` made, faults or none.
-        seed: Of the run, 0 or more.
+        seed: Of the run; `machine.STILL` leaves the specimen as it was made.
 
     """
     draw, scatter, air = stream(seed, "day"), RUNS, specimen.air

@@ -101,7 +101,7 @@ def _travel_m(time_s: NDArray[np.float64], rig: Rig, speed_m_s: float, extension
     """Return where the crosshead is: up and back, with ramps of its speed and today's late start."""
     real_m_s = speed_m_s * (1.0 + rig.speed_error)
     one_way_s = extension_m / speed_m_s
-    start_s = _PULL_S + rig.start_jitter_s
+    start_s = _PULL_S + rig.late_s + rig.start_jitter_s
     ramp_s = min(real_m_s / rig.ramp_m_s2, 0.2 * one_way_s)
     corners_s = np.array([start_s, start_s + ramp_s, start_s + one_way_s - ramp_s, start_s + one_way_s + ramp_s,
                           start_s + 2.0 * one_way_s - ramp_s, start_s + 2.0 * one_way_s])  # fmt: skip

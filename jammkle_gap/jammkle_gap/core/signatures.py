@@ -7,6 +7,7 @@ or other bounds of an effect, have another digest, so that an old dictionary is 
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -22,12 +23,13 @@ from jammkle_gap.core.grids import Grid, grid_of
 from jammkle_gap.core.simulate import Task
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.effects import Effect
     from jammkle_gap.core.simulate import Problem, Runner
 
 _FORMAT = 2
@@ -105,14 +107,27 @@ def dictionary_of(
 
     """
     layout = layout_of([recording], problem.bin_s(recording), problem.registrar)
-    if folder is None or not problem.version:
-        return _built(recording, layout, problem, runner, constants)
-    path = folder / f"{_digest(recording, layout, problem, constants)}.npz"
-    known = _read(path, layout)
+    kept = folder if problem.version else None
+    name = _digest(recording, layout, problem, constants)
+    known = None if kept is None else _read(kept / f"{name}.npz", layout)
     if known is None:
-        known = _built(recording, layout, problem, runner, constants)
-        _write(path, known)
-    return known
+        known = _scattered(recording, layout, problem, runner, constants)
+        if kept is not None:
+            _write(kept / f"{name}.npz", known)
+    sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
+    asked = [effect for effect in problem.library if effect.name not in sensed]
+    tables = {} if kept is None else {each.name: _read_table(_table_file(kept, name, each)) for each in asked}
+    missing = [each for each in asked if tables.get(each.name) is None]
+    for each, table in zip(missing, _simulated(recording, known.layout, missing, runner), strict=True):
+        tables[each.name] = table
+        if kept is not None:
+            _write_table(_table_file(kept, name, each), table)
+    effects = {}
+    for each in asked:
+        table = tables[each.name]
+        if table is not None and np.abs(table).max() > 0.0:
+            effects[each.name] = table.astype(float)
+    return dataclasses.replace(known, effects=effects)
 
 
 def cache_folder() -> Path:
@@ -120,17 +135,11 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jammkle"
 
 
-def _built(recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants) -> Dictionary:
-    sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
+def _scattered(
+    recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants
+) -> Dictionary:
+    """Return a dictionary without effects: the nominal run, nuisances, and scattered runs."""
     tasks = [Task(recording, layout, {})]
-    counts = {}
-    for effect in problem.library:
-        if effect.name in sensed:
-            continue
-        points = grid_of(effect).points
-        counts[effect.name] = len(points)
-        keys = [effect.key(each) for each in effect.parameters]
-        tasks += [Task(recording, layout, dict(zip(keys, point.tolist(), strict=True))) for point in points]
     tasks += [Task(recording, layout, {each.name: each.null + each.sigma}) for each in problem.scatter]
     draws = np.random.default_rng(0).standard_normal((constants.contact_runs, len(problem.scatter)))
     for draw in draws.tolist():
@@ -140,15 +149,25 @@ def _built(recording: Recording, layout: Layout, problem: Problem, runner: Runne
     # A signal that the simulator does not give is NaN throughout, and not compared.
     nominal = features[0]
     differences = np.nan_to_num(features[1:] - nominal)
-    effects, begin = {}, 0
-    for name, count in counts.items():
-        signature = differences[begin : begin + count]
-        begin += count
-        if np.abs(signature).max() > 0.0:
-            effects[name] = signature
-    scatter = differences[begin : begin + len(problem.scatter)]
-    contact = _contact(differences[begin + len(problem.scatter) :], draws, scatter, layout, constants)
-    return Dictionary(layout, nominal, effects, scatter, contact)
+    scatter = differences[: len(problem.scatter)]
+    contact = _contact(differences[len(problem.scatter) :], draws, scatter, layout, constants)
+    return Dictionary(layout, nominal, {}, scatter, contact)
+
+
+def _simulated(
+    recording: Recording, layout: Layout, effects: Sequence[Effect], runner: Runner
+) -> list[NDArray[np.float64]]:
+    """Return the differences that effects make at the points of their grids, shape (points, n) each."""
+    if not effects:
+        return []
+    grids = [grid_of(effect).points for effect in effects]
+    tasks = [Task(recording, layout, {})]
+    for effect, points in zip(effects, grids, strict=True):
+        keys = [effect.key(each) for each in effect.parameters]
+        tasks += [Task(recording, layout, dict(zip(keys, point.tolist(), strict=True))) for point in points]
+    features = np.array(runner.features(tasks, "signatures"))
+    differences = np.nan_to_num(features[1:] - features[0])
+    return np.split(differences, np.cumsum([len(points) for points in grids])[:-1])
 
 
 def _contact(
@@ -170,7 +189,6 @@ def _contact(
 
 def _digest(recording: Recording, layout: Layout, problem: Problem, constants: Constants) -> str:
     parts = [_FORMAT, problem.version, problem.group_of(recording), layout.signals, layout.bin_s]
-    parts += [[effect.name, grid_of(effect).points.tolist()] for effect in problem.library]
     parts += [[each.name, each.null, each.sigma] for each in problem.scatter]
     parts += [constants.contact_runs, constants.contact_columns]
     return hashlib.blake2b(json.dumps(parts).encode(), digest_size=16).hexdigest()
@@ -183,8 +201,7 @@ def _read(path: Path, layout: Layout) -> Dictionary | None:
             events = dict(zip(layout.event_s, stored["event_s"].tolist(), strict=True))
             bins = int(stored["bins"])
             own = Layout(layout.signals, layout.units, layout.bin_s, bins, events, stored["floor"])
-            effects = {name.removeprefix("effect "): stored[name].astype(float) for name in stored if " " in name}
-            return Dictionary(own, stored["nominal"], effects, stored["scatter"], stored["contact"])
+            return Dictionary(own, stored["nominal"], {}, stored["scatter"], stored["contact"])
     except (OSError, ValueError, KeyError, EOFError):
         return None
 
@@ -194,12 +211,8 @@ def _write(path: Path, dictionary: Dictionary) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            effects: dict[str, Any] = {
-                f"effect {name}": each.astype(np.float32) for name, each in dictionary.effects.items()
-            }
             events = np.array(list(dictionary.layout.event_s.values()))
-            arrays = {
-                **effects,
+            arrays: dict[str, Any] = {
                 "bins": np.array(dictionary.layout.bins),
                 "floor": dictionary.layout.floor,
                 "event_s": events,
@@ -208,6 +221,32 @@ def _write(path: Path, dictionary: Dictionary) -> None:
                 "contact": dictionary.contact,
             }
             np.savez(file, **arrays)
+        Path(file.name).replace(path)
+    except OSError:
+        return
+
+
+def _table_file(folder: Path, name: str, effect: Effect) -> Path:
+    """Return where the signatures of one effect are kept: whoever adds an effect simulates no other again."""
+    points = json.dumps([effect.name, grid_of(effect).points.tolist()])
+    return folder / name / f"{hashlib.blake2b(points.encode(), digest_size=16).hexdigest()}.npy"
+
+
+def _read_table(path: Path) -> NDArray[np.float64] | None:
+    """Return what stands on disk; None where there is nothing that can be read."""
+    try:
+        table: NDArray[np.float64] = np.load(path)
+    except (OSError, ValueError, EOFError):
+        return None
+    return table
+
+
+def _write_table(path: Path, table: NDArray[np.float64]) -> None:
+    """Put signatures on disk, whole or not at all."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            np.save(file, table.astype(np.float32))
         Path(file.name).replace(path)
     except OSError:
         return

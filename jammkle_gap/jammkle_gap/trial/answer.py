@@ -2,34 +2,44 @@
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass
+import dataclasses
+import time
 from typing import TYPE_CHECKING, Any
 
-from jammkle_gap.ankle.parts import PartsSimulator
+from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap.ankle.problem import ankle_problem
+from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set, selected
 from jammkle_gap.backend import backend
-from jammkle_gap.diagnosing import Question, asked_in_parts, diagnosis_of, failures_told
+from jammkle_gap.core.conclude import conclude
+from jammkle_gap.core.constants import Constants
+from jammkle_gap.core.diagnose import evidence_of
+from jammkle_gap.core.result import as_dict
+from jammkle_gap.core.signatures import cache_folder, dictionary_of
+from jammkle_gap.core.simulate import Runner
+from jammkle_gap.diagnosing import failures_told
 from jammkle_gap.inputs import asked_of, library_of, recordings_of
-from jammkle_gap.november.baselines import baselines as rank
-from jammkle_gap.november.remembering import Remembering
-from jammkle_gap.november.result import as_dict
 from jammkle_gap.trial import files
+from jammkle_gap.trial.baselines import baselines
+from jammkle_gap.trial.ceiling import CEILING_CONSTANTS, ceiling_problem
 from jammkle_gap.trial.questions import Run, read_questions, said_file
+from jammkle_gap.trial.remembering import Remembering
 from jammkle_graph.command.commit import commit
 from jammkle_graph.command.signals import Interrupted, StopRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Sequence
     from pathlib import Path
 
     from jammkle_gap.core.data import Recording
-    from jammkle_gap.core.effects import Library
+    from jammkle_gap.core.evidence import Evidence
+    from jammkle_gap.core.simulate import Problem
+    from jammkle_gap.trial.questions import Questions, Way
 
 _RANKED = 5
 """How many effects are kept of each ranking."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class AnswerRequest:
     """One call of `jammkle gap blind answer`."""
 
@@ -49,56 +59,111 @@ def answer(request: AnswerRequest) -> int:
 
     """
     asked, program = read_questions(request.questions), commit()
-    stop, rigs = StopRequest(), [] if asked.rig is None else [asked.rig]
-
-    every_effect = library_of(None, (), ())
-    # All ways look at the same recordings, and begin with the same small changes to them.
-    simulator = Remembering(PartsSimulator(every_effect))
-
-    @functools.cache
-    def read(bags: tuple[Path, ...]) -> list[Recording]:
-        said, _ = asked_of(bags, (), rigs, asked.settings)
-        return recordings_of(bags, said, stop)
-
-    @functools.cache
-    def question(references: tuple[Path, ...]) -> Question:
-        return asked_in_parts(read(asked.bags), read(references), every_effect, simulator)
-
+    case = _Case(asked)
     with backend(request.jobs, request.scheduler) as jobs:
         for way in asked.ways:
-            references = asked.references if way.takes_references else ()
-            asked_of(asked.bags, references, rigs, asked.settings)
-            library = library_of(None, way.only, way.without)
-            ask = _ranking if way.run is Run.BASELINES else _diagnosis
-            content = ask(question(references), library, jobs, stop)
-            if stop():
+            with failures_told():
+                content = case.said(way, -1 if jobs is None else jobs)
+            if case.stop():
                 raise Interrupted
             files.write_json(said_file(request.questions.parent, way.run), {**content, "commit": program})
     return 0
 
 
-def _diagnosis(
-    question: Question,
-    library: Library,
-    jobs: int | None,
-    stop: Callable[[], bool],
-) -> dict[str, Any]:
-    # Horizons are for whoever reads the page: they decide nothing.
-    return as_dict(diagnosis_of(question, library, jobs, stop, horizons_s=()))
+class _Case:
+    """The recordings of one case, read when a way first asks for them, and what was found of them."""
+
+    def __init__(self, asked: Questions) -> None:
+        self._asked = asked
+        self._read: dict[tuple[Path, ...], list[Recording]] = {}
+        self._known: dict[object, dict[str, Any]] = {}
+        self._headline: Evidence | None = None
+        diagnoses = sum(way.run not in {Run.BASELINES, Run.CEILING} for way in asked.ways)
+        self._remembering = Remembering(ankle_problem(ankle_library()).simulator) if diagnoses > 1 else None
+        self.stop = StopRequest()
+
+    def said(self, way: Way, jobs: int) -> dict[str, Any]:
+        """Return the answer to one way of asking."""
+        runs, references = self._recordings(way)
+        if way.references is not None:
+            references = first_of_each(references, way.references)
+        runs, references = ([_seen(run, way.sensors) for run in group] for group in (runs, references))
+        if way.run is Run.CEILING:
+            return _diagnosed(runs, references, ceiling_problem(), CEILING_CONSTANTS, jobs)[0]
+        if way.run is Run.BASELINES:
+            return self._ranked(runs, references, jobs)
+        asked = (way.only, way.without, *((run.name, *(each.name for each in run.signals)) for run in runs),
+                 *(run.name for run in references))  # fmt: skip
+        if asked not in self._known:
+            # Where other sensors are not there, their answer is one that was given.
+            self._known[asked], evidence = _diagnosed(runs, references, self._problem(way), Constants(), jobs)
+            if way.run is Run.WITH:
+                self._headline = evidence
+        return self._known[asked]
+
+    def _problem(self, way: Way) -> Problem:
+        problem = ankle_problem(library_of(None, way.only, way.without))
+        if self._remembering is None or way.only or way.without:
+            return problem
+        return dataclasses.replace(problem, simulator=self._remembering)
+
+    def _recordings(self, way: Way) -> tuple[list[Recording], list[Recording]]:
+        """Return runs and references with all of their signals."""
+        bags, given = self._asked.bags, self._asked.references if way.takes_references else ()
+        rigs = () if self._asked.rig is None else (self._asked.rig,)
+        requests = asked_of(bags, given, rigs, self._asked.settings)
+        for paths, request in zip((bags, given), requests, strict=True):
+            if paths not in self._read:
+                found = recordings_of(paths, request, self.stop, sensors=SensorSet.INSTRUMENTED)
+                self._read[paths] = found
+                if self._remembering is not None:
+                    self._remembering.know(found)
+        return self._read[bags], self._read[given]
+
+    def _ranked(self, runs: Sequence[Recording], references: Sequence[Recording], jobs: int) -> dict[str, Any]:
+        """Return what simpler methods say of what the headline gathered."""
+        # Takes a second to import, and is wanted here alone.
+        from jammkle_gap.trial.learned import learned  # noqa: PLC0415
+
+        started = time.perf_counter()
+        problem, constants = ankle_problem(ankle_library()), Constants()
+        runner = Runner(problem, jobs)
+        evidence = self._headline or evidence_of(runs, references, problem, runner, constants, cache_folder())
+        dictionaries = [
+            dictionary_of((setting.references or setting.faulty)[0], problem, runner, constants, cache_folder())
+            for setting in evidence.settings
+        ]
+        found, classified = baselines(evidence, dictionaries), learned(evidence, dictionaries)
+        ranked = {"rmse": found.rmse, "bic": found.bic, "free": found.free, "learned": tuple(classified)}
+        return {
+            "baselines": {name: list(names[:_RANKED]) for name, names in ranked.items()},
+            "classes": [list(each) for each in evidence.classes],
+            "runtime": {"wall_s": time.perf_counter() - started, "simulator_runs": runner.runs},
+        }
 
 
-def _ranking(
-    question: Question,
-    library: Library,
-    jobs: int | None,
-    stop: Callable[[], bool],
-) -> dict[str, Any]:
-    with failures_told():
-        found = rank(
-            question.recordings, question.simulator, library, references=question.references, jobs=jobs, stop=stop
-        )
-    ranked = {"rmse": found.rmse, "bic": found.bic, "free": found.free}
-    return {
-        "baselines": {name: list(names[:_RANKED]) for name, names in ranked.items()},
-        "runtime": {"wall_s": found.spent.wall_s, "simulator_runs": found.spent.runs},
-    }
+def _seen(recording: Recording, sensors: SensorSet | None) -> Recording:
+    return selected(recording, sensors or headline_set(recording))
+
+
+def first_of_each(references: Sequence[Recording], count: int) -> list[Recording]:
+    """Return so many references of every setting."""
+    seen: dict[str, int] = {}
+    kept = []
+    for each in references:
+        seen[each.setting] = seen.get(each.setting, 0) + 1
+        if seen[each.setting] <= count:
+            kept.append(each)
+    return kept
+
+
+def _diagnosed(
+    runs: Sequence[Recording], references: Sequence[Recording], problem: Problem, constants: Constants, jobs: int
+) -> tuple[dict[str, Any], Evidence]:
+    """Return what `diagnose` says, and the evidence behind it; no experiment is planned."""
+    started = time.perf_counter()
+    runner = Runner(problem, jobs)
+    evidence = evidence_of(runs, references, problem, runner, constants, cache_folder())
+    found = conclude(evidence, (), runner, constants)
+    spent = dataclasses.replace(found.spent, wall_s=time.perf_counter() - started)
+    return as_dict(dataclasses.replace(found, spent=spent)), evidence

@@ -1,56 +1,65 @@
-"""Which effects the sensors of a trial's rigs cannot tell apart, and where they can: what no diagnosis can do."""
+"""Equivalence classes that the diagnosis declared, and what would split them."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-
-from jammkle_gap.ankle.parts import PartsSimulator, prepared_for_parts
-from jammkle_gap.ankle.runs import recording_of_run
-from jammkle_gap.november.alike import alike
-from jammkle_gap.november.compared import compare
-from jammkle_gap.november.sensitivity import probe
-from jammkle_gap.trial.regimes import rigs, settings_of
-from jammkle_graph.parameters import from_mapping
-from jammkle_sim.rigs.catalogue import rig_kind, run_rig
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from jammkle_gap.core.data import Recording
-    from jammkle_gap.core.effects import Library
-    from jammkle_gap.november.alike import Alike
+    from jammkle_gap.trial.answers import Answer
+    from jammkle_gap.trial.scoring import Case
 
 
 @dataclass(frozen=True)
 class NotApart:
-    """Two effects that at least one rig cannot tell apart."""
+    """Two effects that the sensors of at least one rig cannot tell apart."""
 
     first: str
     second: str
-    apart: Mapping[str, float]
-    """Share of what one does that the other cannot do, by rig; rigs that one of them moves nothing on are left out."""
-    same_signals: tuple[str, ...]
-    """Rigs on which they move the very same signals."""
+    declared: Mapping[str, tuple[int, int]]
+    """By rig: in how many cases they were declared equivalent, and of how many."""
+    instrumented_splits: tuple[str, ...]
+    """Rigs on which tension and extension of every tendon would tell them apart."""
     told_on: tuple[str, ...]
-    """Rigs that tell them apart: the experiment to make. Empty: it takes another sensor."""
+    """Rigs whose own sensors tell them apart: the experiment to make."""
+
+    @property
+    def way_out(self) -> str:
+        """What would split them."""
+        ways = [f"rig {rig}" for rig in self.told_on]
+        ways += [f"instrumented tendons on rig {rig}" for rig in self.instrumented_splits]
+        return ", ".join(ways) or "a sensor that no rig of the trial has, such as a flow meter in each line"
 
 
-def not_apart(seed: int, used: Sequence[str], library: Library) -> list[NotApart]:
-    """Compare all effects on the rigs of a trial, as the trial sets them, by the simulator in parts.
+def not_apart(headline: Sequence[Case], instrumented: Sequence[Case]) -> list[NotApart]:
+    """Return every pair of effects that is in a class of some case; those that no rig tells apart first.
 
     Args:
-        seed: Of the trial, which chooses the settings.
-        used: Rigs that the trial recorded; others are not looked at.
-        library: Effects on offer.
-
-    Returns:
-        The pairs that a rig does not tell apart; those that no rig does first.
+        headline: Cases diagnosed with the sensors of their rigs.
+        instrumented: The same with instrumented tendons, as far as that was asked.
 
     """
-    by_rig = {rig: _on(_recordings(seed, rig), library) for rig in rigs() if rig in used}
-    pairs = sorted({(each.first, each.second) for found in by_rig.values() for each in found if not each.told_apart})
-    return sorted((_pair(*names, by_rig) for names in pairs), key=lambda each: (bool(each.told_on), each.first))
+    own, better = _by_rig(headline), _by_rig(instrumented)
+    pairs = sorted({pair for answers in own.values() for answer in answers for pair in _pairs(answer)})
+    found = []
+    for pair in pairs:
+        counts = {rig: (sum(pair in _pairs(each) for each in answers), len(answers)) for rig, answers in own.items()}
+        told = tuple(
+            rig
+            for rig, (count, _) in counts.items()
+            if count == 0 and not all(set(pair) <= each.silent for each in own[rig])
+        )
+        splits = tuple(
+            rig
+            for rig, answers in better.items()
+            if counts.get(rig, (0, 0))[0] and not any(pair in _pairs(each) for each in answers)
+        )
+        declared = {rig: count for rig, count in counts.items() if count[0]}
+        found.append(NotApart(*pair, declared, splits, told))
+    return sorted(found, key=lambda each: (bool(each.told_on), each.first, each.second))
 
 
 def as_rows(pairs: Sequence[NotApart]) -> list[dict[str, Any]]:
@@ -58,37 +67,20 @@ def as_rows(pairs: Sequence[NotApart]) -> list[dict[str, Any]]:
     return [
         {
             "effects": [each.first, each.second],
-            "apart": dict(each.apart),
-            "same_signals": list(each.same_signals),
-            "told_on": list(each.told_on),
+            "declared": {rig: list(count) for rig, count in each.declared.items()},
+            "split_by": each.way_out,
         }
         for each in pairs
     ]
 
 
-def _pair(first: str, second: str, by_rig: Mapping[str, Sequence[Alike]]) -> NotApart:
-    on = {rig: each for rig, found in by_rig.items() for each in found if (each.first, each.second) == (first, second)}
-    return NotApart(
-        first,
-        second,
-        {rig: each.apart for rig, each in on.items()},
-        tuple(rig for rig, each in on.items() if each.same_signals),
-        tuple(rig for rig, each in on.items() if each.told_apart),
-    )
+def _by_rig(cases: Sequence[Case]) -> dict[str, list[Answer]]:
+    found: dict[str, list[Answer]] = {}
+    for case in cases:
+        if case.truth.rigs and case.answer.probabilities:
+            found.setdefault(", ".join(case.truth.rigs), []).append(case.answer)
+    return dict(sorted(found.items()))
 
 
-def _recordings(seed: int, rig: str) -> list[Recording]:
-    """Run a rig without any effect, once in each setting."""
-    table = rig_kind(rig).options
-    plans = [from_mapping(table, dict(settings)) for settings in settings_of(seed, rig)]
-    return [
-        recording_of_run(run_rig(rig, plan, lambda _: None, lambda: False), f"{rig} {number}")
-        for number, plan in enumerate(plans, start=1)
-    ]
-
-
-def _on(recordings: Sequence[Recording], library: Library) -> list[Alike]:
-    named, _ = prepared_for_parts(recordings, (), library)
-    compared = compare(named, PartsSimulator(library), (), 1, lambda: False)
-    residual = compared.layout.residual(compared.nominal)
-    return alike(probe(library, compared.runs, compared.layout, residual), compared.layout)
+def _pairs(answer: Answer) -> set[tuple[str, str]]:
+    return {pair for members in answer.classes for pair in itertools.combinations(sorted(members), 2)}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_gap.november.verdict import Verdict
+from jammkle_gap.core.result import Verdict
 from jammkle_gap.trial.real import RealCase
 from jammkle_graph.command.errors import InputError
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import ModuleType
 
-    from jammkle_gap.november.diagnosis import Diagnosis
+    from jammkle_gap.core.result import Diagnosis
 
 _EXAMPLES = Path(__file__).resolve().parents[3] / "docs" / "examples"
 

@@ -68,7 +68,9 @@ class Truth:
     location: tuple[str, ...] = ()
     """Subsystems that it may rightly be said to lie in; empty: not asked."""
     size: float | None = None
-    """Root mean square over signals of faulty minus healthy, in units of the run-to-run scatter."""
+    """In units of what an ideal detector with these sensors needs; see `whitened`."""
+    scatter: float | None = None
+    """Root mean square over signals of faulty minus healthy, in units of the run-to-run scatter; see `sizes`."""
     wanted: float | None = None
     """The size that was aimed at: the smaller of it and `size` where the fault's range ends."""
     rigs: tuple[str, ...] = ()
@@ -168,6 +170,7 @@ def truth_as_dict(truth: Truth) -> dict[str, Any]:
         "what": truth.what,
         "location": list(truth.location),
         "size": truth.size,
+        "scatter": truth.scatter,
         "wanted": truth.wanted,
         "rigs": list(truth.rigs),
         "machine": truth.machine,
@@ -194,6 +197,7 @@ def truth_of(case: str, table: Any) -> Truth:
             str(table.get("what") or ""),
             tuple(map(str, table.get("location") or ())),
             _number(table.get("size")),
+            _number(table.get("scatter")),
             _number(table.get("wanted")),
             tuple(map(str, table.get("rigs") or ())),
             None if table.get("machine") is None else int(table["machine"]),

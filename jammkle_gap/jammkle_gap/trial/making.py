@@ -12,20 +12,22 @@ from jammkle_gap.trial.key import Kind, Truth
 from jammkle_gap.trial.regimes import settings_of
 from jammkle_gap.trial.sizes import columns_of, scatter_of, share_for, size_of
 from jammkle_gap.trial.sources import Wrong
+from jammkle_gap.trial.whitened import HEALTHY, IdealDetector, detectable_size, gain_of
 from jammkle_reality.record import Plan
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_gap.trial.plan import CasePlan
-    from jammkle_gap.trial.sizes import Columns
     from jammkle_gap.trial.sources import Source
     from jammkle_reality.record import RealRun
 
 REPEATS = 2
 """Runs to be diagnosed per setting: the least that shows what differs from run to run."""
-REFERENCES = 3
-"""Runs in good order per setting."""
+REFERENCES = 5
+"""Healthy runs per setting that are handed over."""
+_TWINS = 3
+"""Runs with and without the fault that its size is taken from: those to be diagnosed, and one more."""
 _ENOUGH = 0.9
 """Share of the wanted size with which a rig is taken."""
 _ONSET = (0.35, 0.65)
@@ -81,16 +83,16 @@ class Maker:
             Wrong(fault.fact.name, fault.at(share, bound))
             for fault, share, bound in zip(faults, shares, bounds, strict=True)
         ]
-        repeats = (trial.run(setting, repeat, wrong) for repeat in range(1, REPEATS) for setting in trial.settings)
-        runs = (*trial.first(wrong), *repeats)
-        references = tuple(run for repeat in zip(*trial.references(), strict=True) for run in repeat)
+        runs = tuple(run for repeat in range(REPEATS) for run in trial.faulty(repeat, wrong))
+        references = tuple(run for repeat in range(REFERENCES) for run in trial.references(repeat))
         truth = Truth(
             kind=case.kind,
             effects=self._source.effects(wrong),
             rung=case.rung,
             what=" + ".join(f"{each.fault} ({_text(each.values)})" for each in wrong),
             location=tuple(dict.fromkeys(place for fault in faults for place in fault.location)),
-            size=trial.size(wrong) if wrong else None,
+            size=trial.size(wrong, _TWINS) if wrong else None,
+            scatter=trial.in_scatter(wrong) if wrong else None,
             wanted=case.wanted,
             rigs=(trial.rig,),
             machine=case.machine,
@@ -101,7 +103,7 @@ class Maker:
         row = self._source.faults[fault]
 
         def size_at(share: float) -> float:
-            return trial.size([Wrong(fault, row.at(share, bounds))])
+            return trial.size([Wrong(fault, row.at(share, bounds))], REPEATS)
 
         if trial.wanted is None:
             return 1.0, size_at(1.0)
@@ -117,62 +119,71 @@ class Maker:
 
 
 class _Trial:
-    """One case on one rig."""
+    """One case on one rig. Of every setting the first runs are twins, then come references, then what the maker keeps."""
 
     def __init__(self, maker: Maker, case: CasePlan, rig: str, onset: float, seeds: Sequence[int]) -> None:
         self._maker, self._case, self.rig, self._onset, self._seeds = maker, case, rig, onset, seeds
         self._plans = maker.plans(rig)
-        self._healthy: list[Columns] = []
-        self._references: list[list[RealRun]] = []
-        self._scatters: list[Mapping[str, float]] = []
-        self._first: tuple[list[Wrong], list[RealRun]] | None = None
-        self.settings = range(len(self._plans))
+        self._settings = range(len(self._plans))
+        self._healthy: dict[tuple[int, int], RealRun] = {}
+        self._latest: tuple[list[Wrong], dict[tuple[int, int], RealRun]] = ([], {})
+        self._detectors: list[IdealDetector] = []
         self.wanted = case.wanted
 
-    def run(self, setting: int, repeat: int, wrong: Sequence[Wrong]) -> RealRun:
+    def faulty(self, repeat: int, wrong: Sequence[Wrong]) -> list[RealRun]:
+        """Return a run of every setting; the latest faults are remembered, as a search ends with those wanted."""
+        if not wrong:
+            return [self._healthy_run(setting, repeat) for setting in self._settings]
+        if self._latest[0] != list(wrong):
+            self._latest = (list(wrong), {})
+        known = self._latest[1]
+        for setting in self._settings:
+            if (setting, repeat) not in known:
+                onset_s = self._onset * self._end_s(setting) if self._onset else 0.0
+                begun = [dataclasses.replace(each, onset_s=onset_s) for each in wrong]
+                known[setting, repeat] = self._run(setting, repeat, begun)
+        return [known[setting, repeat] for setting in self._settings]
+
+    def references(self, repeat: int) -> list[RealRun]:
+        """Return a healthy run of every setting that is no twin."""
+        return [self._healthy_run(setting, _TWINS + repeat) for setting in self._settings]
+
+    def size(self, wrong: Sequence[Wrong], twins: int) -> float:
+        """Return the size of what is wrong, in what an ideal detector needs."""
+        if not self._detectors:
+            self._detectors = [
+                IdealDetector([self._healthy_run(setting, repeat) for repeat in range(HEALTHY)])
+                for setting in self._settings
+            ]
+        runs = [self.faulty(repeat, wrong) for repeat in range(twins)]
+        differences = [
+            [detector.difference(self._healthy_run(setting, i), run[setting]) for i, run in enumerate(runs)]
+            for setting, detector in enumerate(self._detectors)
+        ]
+        return detectable_size(gain_of(differences, REPEATS, REFERENCES))
+
+    def in_scatter(self, wrong: Sequence[Wrong]) -> float:
+        """Return the size of what is wrong in the run-to-run scatter, over the first run of every setting."""
+        healthy = [columns_of(self._healthy_run(setting, 0)) for setting in self._settings]
+        scatters = [
+            scatter_of([columns_of(self._healthy_run(setting, _TWINS + i)) for i in range(REFERENCES)])
+            for setting in self._settings
+        ]
+        return size_of(list(zip(healthy, map(columns_of, self.faulty(0, wrong)), strict=True)), scatters)
+
+    def _healthy_run(self, setting: int, repeat: int) -> RealRun:
+        if (setting, repeat) not in self._healthy:
+            self._healthy[setting, repeat] = self._run(setting, repeat, ())
+        return self._healthy[setting, repeat]
+
+    def _run(self, setting: int, repeat: int, wrong: Sequence[Wrong]) -> RealRun:
         """Run one setting; repeats differ in all that a day makes differ."""
-        plan = self._plans[setting]
         seed = self._seeds[repeat * len(self._plans) + setting]
-        if self._onset and wrong:
-            end_s = self._end_s(setting)
-            wrong = [dataclasses.replace(each, onset_s=self._onset * end_s) for each in wrong]
-        return self._maker.run(plan, self._case.machine, wrong, seed)
-
-    def first(self, wrong: Sequence[Wrong]) -> list[RealRun]:
-        """Return the first run of every setting; the latest are kept, as a search ends with those that are wanted."""
-        if self._first is None or self._first[0] != list(wrong):
-            self._first = list(wrong), [self.run(setting, 0, wrong) for setting in self.settings]
-        return self._first[1]
-
-    def size(self, wrong: Sequence[Wrong]) -> float:
-        """Return the size of what is wrong, over the first run of every setting."""
-        faulty = [columns_of(run) for run in self.first(wrong)]
-        return size_of(list(zip(self._first_healthy(), faulty, strict=True)), self._scatter())
-
-    def references(self) -> list[list[RealRun]]:
-        """Return runs in good order, per setting."""
-        if not self._references:
-            self._references = [
-                [self.run(setting, REPEATS + repeat, ()) for repeat in range(REFERENCES)] for setting in self.settings
-            ]
-        return self._references
-
-    def _scatter(self) -> list[Mapping[str, float]]:
-        """Return what differs from run to run in each setting, when nothing is wrong with this very specimen."""
-        if not self._scatters:
-            self._scatters = [
-                scatter_of([healthy, *map(columns_of, references)])
-                for healthy, references in zip(self._first_healthy(), self.references(), strict=True)
-            ]
-        return self._scatters
-
-    def _first_healthy(self) -> list[Columns]:
-        if not self._healthy:
-            self._healthy = [columns_of(self.run(setting, 0, ())) for setting in self.settings]
-        return self._healthy
+        return self._maker.run(self._plans[setting], self._case.machine, wrong, seed)
 
     def _end_s(self, setting: int) -> float:
-        return max(float(times_s[-1]) for times_s, _ in self._first_healthy()[setting].values())
+        columns = columns_of(self._healthy_run(setting, 0))
+        return max(float(times_s[-1]) for times_s, _ in columns.values())
 
 
 def _text(values: Mapping[str, float]) -> str:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING, Final
 
-from jammkle_gap.november.probability import NO_GAP, UNKNOWN
-from jammkle_gap.trial.answers import Said
+from jammkle_gap.trial.answers import NO_GAP, UNKNOWN, Said
 from jammkle_gap.trial.key import Kind
 
 if TYPE_CHECKING:
     from jammkle_gap.trial.answers import Answer
     from jammkle_gap.trial.key import Truth
 
-SIZES: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
-"""Sizes that figures are told apart by, in units of the run-to-run scatter."""
+SIZES: Final = (1.0, 2.0, 4.0, 8.0)
+"""Sizes that figures are told apart by, in what an ideal detector needs."""
 _NEARLY = 0.9
 """A case counts for a size that it misses by less than a tenth: sizes are a factor of two apart."""
 
@@ -48,30 +47,59 @@ def outcome(truth: Truth, answer: Answer) -> Outcome:
     if answer.said is Said.UNKNOWN:
         return Outcome.RIGHT if truth.kind is Kind.OUTSIDE else Outcome.NOT_EXPLAINED
     if answer.said is Said.AMBIGUOUS:
-        is_there = truth.names in answer.candidates and truth.kind is not Kind.OUTSIDE
-        return Outcome.IN_SET if is_there else Outcome.WRONG_SET
+        return Outcome.IN_SET if is_in_set(truth, answer) else Outcome.WRONG_SET
     if is_first(truth, answer):
         return Outcome.RIGHT
-    return Outcome.PART if answer.names and answer.names < truth.names else Outcome.WRONG_NAME
+    part = any(answer.is_same(answer.names, {name}) for name in truth.names) and truth.kind is Kind.PAIR
+    return Outcome.PART if part else Outcome.WRONG_NAME
 
 
 def is_first(truth: Truth, answer: Answer) -> bool:
-    """Whether the truth is what is named first, alone or before others that the data cannot tell from it."""
-    return bool(answer.candidates) and truth.names == answer.names and truth.kind is not Kind.OUTSIDE
+    """Whether the truth, or an equivalent of it, is what is named first, alone or before others."""
+    return bool(answer.candidates) and bool(truth.names) and answer.is_same(answer.names, truth.names)
+
+
+def is_ranked_first(truth: Truth, answer: Answer) -> bool:
+    """Whether the truth is the most probable candidate, whether or not it was named."""
+    return bool(answer.ranking) and bool(truth.names) and answer.is_same(answer.ranking[0], truth.names)
+
+
+def is_in_set(truth: Truth, answer: Answer, most: int | None = None) -> bool:
+    """Whether the truth is one of the set, or of its first members."""
+    return bool(truth.names) and any(answer.is_same(each, truth.names) for each in answer.candidates[:most])
+
+
+def is_exact(truth: Truth, answer: Answer) -> bool:
+    """Whether the set is complete and has no false member: the truth is in it, and nothing that is not true."""
+    return is_in_set(truth, answer) and all(
+        any(answer.is_same({name}, {true}) for true in truth.names) for each in answer.candidates for name in each
+    )
 
 
 def probability(truth: Truth, answer: Answer) -> float:
-    """Return the probability that the answer puts on the truth; both of two effects count."""
+    """Return the probability that the answer puts on the truth; members of its class count."""
     if truth.kind is Kind.NONE:
         return answer.probabilities.get(NO_GAP, 0.0)
     if truth.kind is Kind.OUTSIDE:
         return answer.probabilities.get(UNKNOWN, 0.0)
-    return sum(answer.probabilities.get(name, 0.0) for name in truth.names)
+    return sum(value for label, value in answer.probabilities.items() if means(label, truth, answer))
+
+
+def means(label: str, truth: Truth, answer: Answer) -> bool:
+    """Whether a label of the answer's probabilities is the truth."""
+    if label in {NO_GAP, UNKNOWN}:
+        return truth.kind is (Kind.NONE if label == NO_GAP else Kind.OUTSIDE)
+    return bool(truth.names) and answer.is_same(label.split(" + "), truth.names)
 
 
 def likeliest(answer: Answer) -> tuple[str, float]:
-    """Return what the answer holds most likely, and how likely."""
-    return max(answer.probabilities.items(), key=lambda one: one[1], default=("", 0.0))
+    """Return what the answer holds most likely, and how likely; members of a class add up."""
+    totals: dict[str, float] = {}
+    for label, value in answer.probabilities.items():
+        alike = label.split(" + ")
+        first = next((each for each in totals if answer.is_same(each.split(" + "), alike)), label)
+        totals[first] = totals.get(first, 0.0) + value
+    return max(totals.items(), key=lambda one: one[1], default=("", 0.0))
 
 
 def label(truth: Truth) -> str:
@@ -97,3 +125,9 @@ def level(truth: Truth) -> float | None:
     if truth.size is None:
         return None
     return max((size for size in SIZES if truth.size >= _NEARLY * size), default=0.0)
+
+
+def is_visible(truth: Truth) -> bool:
+    """Whether an ideal detector sees it; where its size is not known, it is taken to."""
+    reached = level(truth)
+    return reached is None or reached > 0.0

@@ -10,41 +10,42 @@ import jinja2
 from markupsafe import Markup
 
 from jammkle_gap.report.quantities import digits, percent, percents
-from jammkle_gap.trial.aims import AIMS, OTHERS, Aim
+from jammkle_gap.trial.aims import AIMS, BY_RIG, OTHERS, Aim
 from jammkle_gap.trial.key import Rung
 from jammkle_gap.trial.pictures import calibration_svg, detection_svg
-from jammkle_gap.trial.questions import Run
 from jammkle_gap.trial.real import as_rows
-from jammkle_gap.trial.result import (
-    case_as_dict,
-    confusion,
-    diagnosed_by,
-    main_cases,
-    outcome_names,
-    outcomes_by_kind,
-)
+from jammkle_gap.trial.result import case_as_dict, diagnosed_by
+from jammkle_gap.trial.tables import confusion, outcome_names, outcomes_by_kind
+from jammkle_gap.trial.tasks import CEILINGS, ONE_IN
+from jammkle_gap.trial.ways import main_cases
+from jammkle_gap.trial.whitened import FALSE_ALARMS, HEALTHY, POWER
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_gap.trial.apart import NotApart
     from jammkle_gap.trial.real import RealCase
-    from jammkle_gap.trial.result import Result, Way
+    from jammkle_gap.trial.result import Result
     from jammkle_gap.trial.scoring import Figure
+    from jammkle_gap.trial.ways import Way
 
 _TEMPLATE = "page.html.j2"
-_NAMES = {Run.WITH: "with references", Run.WITHOUT: "without references"}
 _LADDER = ("false_alarms", "wrong_names", "top_1_at_2", "top_1_from_4", "unknown_rejected", "probability_on_truth")
 _COMPARED = (
     "false_alarms",
-    "wrong_names",
+    "wrong_among_named",
     "unknown_rejected",
     "top_1_at_2",
     "top_1_from_4",
+    "ranked_at_2",
+    "ranked_from_4",
     "top_2_from_4",
     "pairs_exact",
 )
-_BY_NAME = {aim.figure: aim for aim in (*AIMS, *OTHERS)}
+_BY_CAUSE = ("detected_at_2", "top_1_from_2", "ranked_from_2", "top_2_from_2", "unknown_rejected")
+_BY_NAME = {aim.figure: aim for aim in (*AIMS, *OTHERS)} | {
+    "ranked_from_2": Aim("ranked_from_2", "right name most probable, twice and above", "")
+}
 
 
 def page(result: Result, pairs: Sequence[NotApart] = (), real: Sequence[RealCase] = ()) -> str:
@@ -52,7 +53,7 @@ def page(result: Result, pairs: Sequence[NotApart] = (), real: Sequence[RealCase
 
     Args:
         result: Of the trial.
-        pairs: Effects that the rigs' sensors cannot tell apart, as far as that was looked at.
+        pairs: Effects that were declared equivalent, and what would split them.
         real: What was said of real recordings, if it was asked.
 
     """
@@ -63,6 +64,7 @@ def page(result: Result, pairs: Sequence[NotApart] = (), real: Sequence[RealCase
     first = result.ways[0]
     met = [aim for aim in AIMS if aim.figure in first.figures and aim.is_met(first.figures[aim.figure].value)]
     asked = [aim for aim in AIMS if aim.figure in first.figures]
+    ceiling = result.ceiling or ()
     return environment.from_string(source).render(
         facts=result.facts,
         diagnosed_by=diagnosed_by(result),
@@ -72,21 +74,33 @@ def page(result: Result, pairs: Sequence[NotApart] = (), real: Sequence[RealCase
         cases=len(first.cases),
         main=len(main_cases(first.cases)),
         kinds={kind: sum(row.values()) for kind, row in outcomes_by_kind(main_cases(first.cases)).items()},
-        ways=[_NAMES[way.run] for way in result.ways],
+        ways=[way.name for way in result.ways],
+        sampled=len(result.ways) > 1 and len(result.ways[1].cases) < len(first.cases),
+        one_in=ONE_IN,
+        ceilings=CEILINGS,
+        healthy=HEALTHY,
+        power=percent(POWER),
+        alarms=percent(FALSE_ALARMS),
         aims=[_line(aim, result.ways) for aim in AIMS],
         others=[_line(aim, result.ways) for aim in OTHERS if any(aim.figure in way.figures for way in result.ways)],
-        ladder=_ladder(result.ways),
+        rig_figures=[_BY_NAME[name].text for name in BY_RIG],
+        rigs=_rigs(first, result.baselines),
+        cause_figures=[_BY_NAME[name].text for name in _BY_CAUSE],
+        causes=[(name, _cells(found, _BY_CAUSE)) for name, found in first.effects.items()],
+        ladder=_ladder(result.ways[:1]),
         ladder_figures=[_BY_NAME[name].text for name in _LADDER],
-        baselines=_baselines(first.figures, result.baselines),
+        ceiling_ways=[way.name for way in ceiling],
+        ceiling=[_line(aim, ceiling) for aim in (*AIMS, *OTHERS) if any(aim.figure in way.figures for way in ceiling)],
+        baselines=[(way.name, _cells(way.figures, _COMPARED)) for way in (first, *result.baselines)],
         baseline_figures=[_BY_NAME[name].text for name in _COMPARED],
         outcome_names=outcome_names(),
-        outcomes=[(_NAMES[way.run], outcomes_by_kind(main_cases(way.cases))) for way in result.ways],
-        confusions=[(_NAMES[way.run], *confusion(main_cases(way.cases))) for way in result.ways],
+        outcomes=[(way.name, outcomes_by_kind(main_cases(way.cases))) for way in result.ways],
+        confusions=[(way.name, *confusion(main_cases(way.cases))) for way in result.ways],
         detection=_embedded(detection_svg(result.ways)),
         calibration=_embedded(calibration_svg(result.ways)),
         pairs=[_pair_line(pair) for pair in pairs],
         real=[{**row, "closed": percent(row["closed"]) if row["closed"] is not None else "-"} for row in as_rows(real)],
-        lines=[(_NAMES[way.run], [_case_line(case_as_dict(case)) for case in way.cases]) for way in result.ways],
+        lines=[(way.name, [_case_line(case_as_dict(case)) for case in way.cases]) for way in result.ways],
     )
 
 
@@ -100,6 +114,10 @@ def figure_text(aim: Aim, figure: Figure | None) -> str:
     return f"{percent(figure.value)}{interval} of {figure.count}"
 
 
+def _cells(found: Mapping[str, Figure], names: Sequence[str]) -> list[str]:
+    return [figure_text(_BY_NAME[name], found.get(name)) for name in names]
+
+
 def _line(aim: Aim, ways: Sequence[Way]) -> dict[str, Any]:
     cells = []
     for way in ways:
@@ -111,44 +129,41 @@ def _line(aim: Aim, ways: Sequence[Way]) -> dict[str, Any]:
     return {"text": aim.text, "aim": aim.aim, "cells": cells}
 
 
+def _rigs(first: Way, baselines: Sequence[Way]) -> list[dict[str, Any]]:
+    """Return a line per rig, and below it the ranking by error on the same cases."""
+    lines = []
+    for rig, found in first.rigs.items():
+        lines.append({"rig": rig, "who": "this diagnosis", "cells": _cells(found, BY_RIG)})
+        for way in baselines[:1]:
+            lines.append({"rig": "", "who": way.name, "cells": _cells(way.rigs.get(rig, {}), BY_RIG)})
+    return lines
+
+
 def _ladder(ways: Sequence[Way]) -> list[dict[str, Any]]:
     return [
-        {
-            "rung": rung.value,
-            "way": _NAMES[way.run],
-            "count": way.counts[rung],
-            "cells": [figure_text(_BY_NAME[name], way.rungs[rung].get(name)) for name in _LADDER],
-        }
+        {"rung": rung.value, "way": way.name, "count": way.counts[rung], "cells": _cells(way.rungs[rung], _LADDER)}
         for rung in Rung
         for way in ways
         if rung in way.rungs
     ]
 
 
-def _baselines(
-    diagnosis: Mapping[str, Figure], baselines: Mapping[str, Mapping[str, Figure]]
-) -> list[tuple[str, list[str]]]:
-    rows = {"this diagnosis, with references": diagnosis, **baselines}
-    return [
-        (name, [figure_text(_BY_NAME[each], found.get(each)) for each in _COMPARED]) for name, found in rows.items()
-    ]
-
-
 def _pair_line(pair: NotApart) -> dict[str, str]:
     return {
         "effects": f"{pair.first}, {pair.second}",
-        "apart": ", ".join(f"{rig} {percent(share)}" for rig, share in pair.apart.items()),
-        "same_signals": ", ".join(pair.same_signals) or "-",
-        "told_on": ", ".join(pair.told_on) or "no rig of the trial: it takes another sensor",
+        "declared": ", ".join(f"{rig} {count} of {total}" for rig, (count, total) in pair.declared.items()),
+        "way_out": pair.way_out,
     }
 
 
 def _case_line(line: Mapping[str, Any]) -> dict[str, Any]:
-    size = line["size"]
     return {
         **line,
-        "size": "-" if size is None else digits(size),
+        "size": "-" if line["size"] is None else digits(line["size"]),
+        "scatter": "-" if line["scatter"] is None else digits(line["scatter"]),
+        "p_value": "-" if line["p_value"] is None else f"{line['p_value']:.2g}",
         "probability_on_truth": f"{line['probability_on_truth']:.2f}",
+        "members": " | ".join(" + ".join(names) for names in line["set"]),
     }
 
 

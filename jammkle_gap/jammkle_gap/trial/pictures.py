@@ -9,7 +9,6 @@ import matplotlib as mpl
 from matplotlib.figure import Figure as Sheet
 
 from jammkle_gap.trial.outcomes import SIZES
-from jammkle_gap.trial.questions import Run
 from jammkle_graph.command.figures import STYLE
 
 if TYPE_CHECKING:
@@ -17,13 +16,12 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from jammkle_gap.trial.result import Way
+    from jammkle_gap.trial.ways import Way
 
-_COLOURS = {Run.WITH: "#1f5fa8", Run.WITHOUT: "#d9741a"}
-_NAMES = {Run.WITH: "with references", Run.WITHOUT: "without"}
+_COLOURS = ("#1f5fa8", "#7a9cc6", "#d9741a", "#b3261e", "#1b6e2c", "#7b4bab")
 _TEXT: dict[Any, Any] = {"svg.fonttype": "none", "font.family": "sans-serif", "svg.hashsalt": "jammkle blind"}
 _APART = 1.04
-"""Points of the two ways stand this far apart, as a factor, so that both intervals are seen."""
+"""Points of the ways stand this far apart, as a factor, so that all intervals are seen."""
 
 
 def detection_svg(ways: Sequence[Way]) -> str:
@@ -36,14 +34,14 @@ def detection_svg(ways: Sequence[Way]) -> str:
             (named, "top_1_at_", "right name first"),
         ):
             for place, way in enumerate(ways):
-                _points(axes, way, prefix, _APART ** (2 * place - 1))
-            axes.set(xscale="log", xlabel="size of the effect [run-to-run scatter]", ylim=(-0.03, 1.03))
+                _points(axes, way, prefix, place)
+            axes.set(xscale="log", xlabel="size of the effect [what an ideal detector needs]", ylim=(-0.03, 1.03))
             axes.set_xticks(SIZES, [f"{size:g}" for size in SIZES])
             axes.minorticks_off()
             axes.set_title(title, loc="left")
         seen.set_ylabel("share of cases")
         if seen.get_legend_handles_labels()[0]:
-            seen.legend(loc="lower right")
+            seen.legend(loc="lower right", fontsize="x-small")
         return _svg(sheet)
 
 
@@ -53,21 +51,21 @@ def calibration_svg(ways: Sequence[Way]) -> str:
         sheet = Sheet(figsize=(4.8, 4.0))
         axes = sheet.subplots()
         axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8, linestyle=(0, (4, 2)))
-        for way in ways:
+        for place, way in enumerate(ways):
             x = [each.stated for each in way.bins]
             y = [each.true.value for each in way.bins]
             low = [each.true.value - each.true.interval[0] for each in way.bins]
             high = [each.true.interval[1] - each.true.value for each in way.bins]
-            axes.errorbar(x, y, [low, high], fmt="o-", markersize=4, color=_COLOURS[way.run], label=_NAMES[way.run])
+            axes.errorbar(x, y, [low, high], fmt="o-", markersize=4, color=_COLOURS[place], label=way.name)
         axes.set(
             xlabel="probability that was stated", ylabel="share that came true", xlim=(0, 1.02), ylim=(-0.03, 1.03)
         )
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(loc="upper left")
+            axes.legend(loc="upper left", fontsize="x-small")
         return _svg(sheet)
 
 
-def _points(axes: Axes, way: Way, prefix: str, shift: float) -> None:
+def _points(axes: Axes, way: Way, prefix: str, place: int) -> None:
     found = [(size, way.figures[f"{prefix}{size:g}"]) for size in SIZES if f"{prefix}{size:g}" in way.figures]
     if not found:
         return
@@ -75,13 +73,13 @@ def _points(axes: Axes, way: Way, prefix: str, shift: float) -> None:
     low = [max(figure.value - end[0], 0.0) for (_, figure), end in zip(found, ends, strict=True)]
     high = [max(end[1] - figure.value, 0.0) for (_, figure), end in zip(found, ends, strict=True)]
     axes.errorbar(
-        [size * shift for size, _ in found],
+        [size * _APART**place for size, _ in found],
         [figure.value for _, figure in found],
         [low, high],
         fmt="o-",
         markersize=4,
-        color=_COLOURS[way.run],
-        label=_NAMES[way.run],
+        color=_COLOURS[place],
+        label=way.name,
     )
 
 

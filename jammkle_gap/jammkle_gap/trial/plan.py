@@ -17,16 +17,17 @@ if TYPE_CHECKING:
 _LARGER: Final = (4.0, 8.0)
 """Of each effect of a pair and of those that set in during a run: there the question is which, not whether."""
 _OUTSIDE: Final = (2.0, 4.0, 8.0)
+"""Outside the library: an ideal detector sees all of them."""
 
 _SHARES: Final = (
-    (Kind.NONE, Rung.WITHHELD, 110),
-    (Kind.SINGLE, Rung.WITHHELD, 125),
+    (Kind.NONE, Rung.WITHHELD, 200),
+    (Kind.SINGLE, Rung.WITHHELD, 112),
     (Kind.PAIR, Rung.WITHHELD, 30),
-    (Kind.OUTSIDE, Rung.WITHHELD, 27),
+    (Kind.OUTSIDE, Rung.WITHHELD, 30),
     (Kind.MIDRUN, Rung.WITHHELD, 12),
     (Kind.SINGLE, Rung.KNOWN, 16),
 )
-"""Cases of each kind in 320. Assumed: enough without a gap to see 1 % of false alarms, 25 singles of each size."""
+"""Cases of each kind in 400. Assumed: enough healthy ones to see 1 % of false alarms, 28 singles of each size."""
 
 
 @dataclass(frozen=True)

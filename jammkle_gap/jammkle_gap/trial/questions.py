@@ -5,7 +5,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
+from jammkle_gap.ankle.sensor_sets import SensorSet
 from jammkle_gap.trial import files
 from jammkle_graph.command.errors import InputError
 
@@ -13,14 +15,30 @@ from jammkle_graph.command.errors import InputError
 class Run(enum.Enum):
     """A way of diagnosing, and the folder of its answers."""
 
-    WITH = "with_references"
-    WITHOUT = "without_references"
+    WITH = "rig_5"
+    """The headline: all references, and the sensors of the rig."""
+    FEWER = "rig_3"
+    """Three references per setting."""
+    WITHOUT = "rig_0"
+    """No reference."""
+    ROBOT = "robot_5"
+    """Without load cell and carriage."""
+    INSTRUMENTED = "instrumented_5"
+    """With tension and extension of every tendon."""
     BASELINES = "baselines"
-    """What simpler methods say, with references; as blind as the first two."""
+    """What simpler methods say of what the headline looks at; as blind as the others."""
     ORACLE = "oracle"
     """Only the true effects on offer: how far the gap can be closed."""
     LEFT_OUT = "left_out"
     """The true effect not on offer."""
+    CEILING = "ceiling"
+    """With the reality itself as the simulator, and its own faults as the library."""
+
+
+REFERENCES: Final = {Run.FEWER: 3, Run.WITHOUT: 0}
+"""References per setting that a way takes; those not named take all."""
+SENSORS: Final = {Run.ROBOT: SensorSet.ROBOT, Run.INSTRUMENTED: SensorSet.INSTRUMENTED}
+"""Sensors that a way looks at; the others look at those of a robot, and the load cell where the rig has one."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +52,19 @@ class Way:
     """Effects that are not on offer."""
 
     @property
+    def references(self) -> int | None:
+        """References per setting that it may look at; None: all."""
+        return REFERENCES.get(self.run)
+
+    @property
     def takes_references(self) -> bool:
-        """Whether it may look at the references."""
-        return self.run is not Run.WITHOUT
+        """Whether it may look at any."""
+        return self.references != 0
+
+    @property
+    def sensors(self) -> SensorSet | None:
+        """What it may look at; None: what a diagnosis looks at unless asked otherwise."""
+        return SENSORS.get(self.run)
 
 
 @dataclass(frozen=True)
@@ -45,7 +73,7 @@ class Questions:
 
     bags: tuple[Path, ...]
     references: tuple[Path, ...]
-    """Of the same machine in good order, for the ways that take them."""
+    """Of the same machine while healthy, for the ways that take them."""
     rig: str | None
     """What was recorded, where the bags do not tell."""
     settings: tuple[str, ...]

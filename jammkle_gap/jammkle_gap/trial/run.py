@@ -38,8 +38,9 @@ _SAY_EVERY_S = 60.0
 """How often progress is said where there is no terminal for a bar."""
 _EXIT_INTERRUPTED = 130
 _KEPT = {
-    "verdict", "reasons", "effects", "set", "probabilities", "where", "subsystems", "gap", "noise", "dropped",
-    "ranking", "notes", "finished", "runtime", "formula", "next_experiment", "baselines", "commit",
+    "verdict", "reasons", "effects", "set", "posterior", "conformal", "gap_probability", "p_value", "where",
+    "subsystems", "gap", "classes", "silent", "calibration", "references_left", "next_experiment", "notes", "finished",
+    "runtime", "baselines", "commit",
 }  # fmt: skip
 """Of a diagnosis's JSON; the rest is in no figure."""
 _QUESTIONS = "questions.json"

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_gap.trial import files
-from jammkle_gap.trial.key import Kind, main_rungs
+from jammkle_gap.trial.key import Kind, Rung, main_rungs
+from jammkle_gap.trial.outcomes import level
 from jammkle_gap.trial.questions import Questions, Run, Way
 from jammkle_graph.command.errors import InputError
 
@@ -20,8 +22,18 @@ if TYPE_CHECKING:
 
 _SEAL = "sealed.json"
 
-BLIND = (Run.WITH, Run.WITHOUT, Run.BASELINES)
+EVERY = (Run.WITH, Run.BASELINES)
+"""Ways that every case is diagnosed in."""
+SAMPLED = (Run.WITHOUT, Run.FEWER, Run.ROBOT, Run.INSTRUMENTED)
+"""Ways that a sample of the cases is diagnosed in."""
+BLIND = (*EVERY, *SAMPLED)
 """Those that need no key."""
+FEW = 24
+"""Cases up to which every one is in the samples."""
+ONE_IN = 6
+"""Beyond it, every sixth case is in the sample. Chosen: the standard trial then takes 90 minutes on two cores."""
+CEILINGS = 24
+"""Cases with a fault that the ceiling is asked about: its simulator takes ten times as long."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +46,35 @@ class Task:
 
 def blind_tasks(trial: Path) -> list[Task]:
     """Return all that can be done without the key, case by case."""
-    return [_task(trial, case, map(Way, BLIND)) for case in files.case_names(trial)]
+    sampled = sample(trial)
+    names = files.case_names(trial)
+    return [_task(trial, case, map(Way, BLIND if case in sampled else EVERY)) for case in names]
+
+
+def sample(trial: Path) -> frozenset[str]:
+    """Return the cases that are diagnosed with fewer references and other sensors, too: by the hash of the key.
+
+    Raises:
+        InputError: it is no trial.
+
+    """
+    names, sha256 = files.case_names(trial), files.read_trial(trial).key_sha256
+    if len(names) <= FEW:
+        return frozenset(names)
+    return frozenset(name for name in names if _drawn(sha256, name) % ONE_IN == 0)
+
+
+def _drawn(sha256: str, case: str) -> int:
+    """Return a number that nobody chose, the same whenever it is asked for."""
+    return int.from_bytes(hashlib.sha256(f"{sha256} {case}".encode()).digest()[:4], "big")
 
 
 def open_tasks(trial: Path, key: Key) -> list[Task]:
     """Return what is done with the key, case by case.
 
     The oracle is asked about every single effect and pair; an effect is left out in the largest of its cases that
-    figures are of.
+    figures are of. The ceiling is asked about some of those that the reality made and that an ideal detector sees twice
+    over, each rig's in turn.
     """
     main = main_rungs(key.cases.values())
     ways: dict[str, list[Way]] = {}
@@ -54,7 +87,23 @@ def open_tasks(trial: Path, key: Key) -> list[Task]:
             largest[name] = max(largest.get(name, (0.0, "")), (truth.size, case))
     for name, (_, case) in largest.items():
         ways[case].append(Way(Run.LEFT_OUT, without=(name,)))
+    for case in _under_the_ceiling(trial, key):
+        ways[case].append(Way(Run.CEILING))
     return [_task(trial, case, asked) for case, asked in ways.items()]
+
+
+def _under_the_ceiling(trial: Path, key: Key) -> list[str]:
+    facts = files.read_trial(trial)
+    if not facts.regimes:  # another reality, which this program does not have
+        return []
+    by_rig: dict[tuple[str, ...], list[str]] = {}
+    for case in sorted(key.cases, key=lambda name: _drawn(facts.key_sha256, name)):
+        truth = key.cases[case]
+        clear = truth.kind in {Kind.SINGLE, Kind.PAIR} and (level(truth) or 0.0) >= 2.0  # noqa: PLR2004 - a size
+        if clear and truth.rung is Rung.WITHHELD:
+            by_rig.setdefault(truth.rigs, []).append(case)
+    turns = itertools.zip_longest(*by_rig.values())
+    return [case for turn in turns for case in turn if case is not None][:CEILINGS]
 
 
 def missing(trial: Path, tasks: Sequence[Task]) -> list[Task]:
@@ -82,9 +131,9 @@ def seal(trial: Path) -> str:
         raise InputError(msg)
     digest = hashlib.sha256()
     for task in tasks:
-        for run in BLIND:
-            digest.update(f"{run.value}/{task.case}\n".encode())
-            digest.update(files.answer_file(trial, run.value, task.case).read_bytes())
+        for way in sorted(task.asked.ways, key=lambda each: each.run.value):
+            digest.update(f"{way.run.value}/{task.case}\n".encode())
+            digest.update(files.answer_file(trial, way.run.value, task.case).read_bytes())
     found = digest.hexdigest()
     file = trial / files.ANSWERS / _SEAL
     if file.exists():
