@@ -84,9 +84,7 @@ class _Figures:
         if counted.of:
             self.found[name] = _figure(counted)
 
-    def mean(
-        self, name: str, values: Sequence[float], middle: Callable[[Sequence[float]], object] = np.mean
-    ) -> None:
+    def mean(self, name: str, values: Sequence[float], middle: Callable[[Sequence[float]], object] = np.mean) -> None:
         if values:
             self.found[name] = Figure(float(middle(values)), len(values))  # type: ignore[arg-type]  # a NumPy number
 
