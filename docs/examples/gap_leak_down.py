@@ -67,7 +67,9 @@ def load(folder: Path, name: str) -> Recording:
     pressure_mbar = np.array([1000.0 * float(row[2]) for row in rows])
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time_s)) > 0.0])
     time_s, pressure_mbar = time_s[rising] - time_s[0], pressure_mbar[rising]
-    return Recording(name, (Signal("pressure", "mbar", time_s, pressure_mbar),), float(pressure_mbar[:START_SAMPLES].mean()))
+    return Recording(
+        name, (Signal("pressure", "mbar", time_s, pressure_mbar),), float(pressure_mbar[:START_SAMPLES].mean())
+    )
 
 
 def scatter(folder: Path) -> tuple[Nuisance, ...]:

@@ -116,7 +116,9 @@ def dictionary_of(
             _write(kept / f"{name}.npz", known)
     sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
     asked = [effect for effect in problem.library if effect.name not in sensed]
-    tables = {} if kept is None else {each.name: _read_table(_table_file(kept, name, each)) for each in asked}
+    tables: dict[str, NDArray[np.float64] | NDArray[np.float32] | None] = {}
+    if kept is not None:
+        tables = {each.name: _read_table(_table_file(kept, name, each)) for each in asked}
     missing = [each for each in asked if tables.get(each.name) is None]
     for each, table in zip(missing, _simulated(recording, known.layout, missing, runner), strict=True):
         tables[each.name] = table

@@ -213,13 +213,10 @@ def calibration(cases: Sequence[Case]) -> tuple[Bin, ...]:
 
 def _add_closing(gathered: _Figures, cases: Sequence[Case]) -> None:
     """Add how much was closed of what the true effects close; nothing is closed by what names nothing."""
-    for figure, best_of in (
-        ("closed_of_oracle", lambda case: case.oracle),
-        ("closed_of_ceiling", lambda case: case.ceiling),
-    ):
+    for figure in ("closed_of_oracle", "closed_of_ceiling"):
         ratios = []
         for case in cases:
-            best = best_of(case)
+            best = case.oracle if figure == "closed_of_oracle" else case.ceiling
             reached = None if best is None or not best.candidates else best.closed
             if reached is None or reached < _WORTH_CLOSING or case.truth.kind not in {Kind.SINGLE, Kind.PAIR}:
                 continue
