@@ -40,6 +40,8 @@ class Fit:
     """Squared length of what it leaves of the difference."""
     jacobian: NDArray[np.float64]
     """Derivatives of the signature, shape (n, parameters), per unit of each parameter."""
+    whitened: NDArray[np.float64]
+    """The difference that it was fitted to, shape (n,)."""
     features: tuple[NDArray[np.float64], ...] = ()
     """What it makes of the features of each setting, in their units."""
 
@@ -109,4 +111,4 @@ def refine(
     shares = np.frombuffer(best[0])
     left = float(np.square(difference - best[1]).sum())
     values = dict(zip(keys, (low + shares * span).tolist(), strict=True))
-    return Fit(names, values, best[1], left, -np.asarray(found.jac) / span)
+    return Fit(names, values, best[1], left, -np.asarray(found.jac) / span, difference)
