@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 CHAMBERS = ("Aluminium", "Formlabs", "Prusa", "Ultimaker_006", "Ultimaker_010", "Ultimaker_015", "Ultimaker_020")
 START_SAMPLES = 20
-BIN_S = 1.0
+BIN_S, PER_BIN = 1.0, 10
 LIBRARY = Library(
     (
         Effect(
@@ -60,26 +60,33 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
     return {"pressure": recording.inputs * left + read}
 
 
-def load(folder: Path, name: str) -> Recording:
+def load(folder: Path, name: str, noise_mbar: float) -> Recording:
     """Read one chamber; some of its times carry a stray point."""
     rows = [line.split(";") for line in (folder / f"{name}.csv").read_text().splitlines() if line.count(";") == 2]
     time_s = np.array([float("".join(row[0].split(".")[:-1])) / 1000.0 for row in rows])
     pressure_mbar = np.array([1000.0 * float(row[2]) for row in rows])
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time_s)) > 0.0])
     time_s, pressure_mbar = time_s[rising] - time_s[0], pressure_mbar[rising]
-    return Recording(
-        name, (Signal("pressure", "mbar", time_s, pressure_mbar),), float(pressure_mbar[:START_SAMPLES].mean())
-    )
+    signal = Signal("pressure", "mbar", time_s, pressure_mbar, noise_mbar)
+    return Recording(name, (signal,), float(pressure_mbar[:START_SAMPLES].mean()))
 
 
-def scatter(folder: Path) -> tuple[Nuisance, ...]:
-    """Return how far the mean and the drift over a run differ among three runs of one chamber, mbar."""
+def scatter(folder: Path) -> tuple[float, tuple[Nuisance, ...]]:
+    """Return how far three runs of one chamber differ, mbar: from sample to sample, in their mean, and in their drift.
+
+    Means over a bin differ by more than white noise would, so noise is given as what makes them differ as much.
+    """
     lines = (folder / "Resultaten_opnieuwaanzetten.csv").read_text(encoding="latin-1").splitlines()[1:]
     cells = [line.split(";")[1:4] for line in lines if line.strip(";")]
     runs = np.array([[float(cell.replace(",", ".")) for cell in row] for row in cells])
-    drift, offset = np.polyfit(np.linspace(-0.5, 0.5, len(runs)), runs, 1).std(axis=1, ddof=1).tolist()
+    runs = runs[: len(runs) // PER_BIN * PER_BIN].reshape(-1, PER_BIN, 3).mean(axis=1)
+    share = np.linspace(-0.5, 0.5, len(runs))
+    lines_fitted = np.polyfit(share, runs, 1)
+    drift, offset = lines_fitted.std(axis=1, ddof=1).tolist()
+    rest = runs - np.outer(share, lines_fitted[0]) - lines_fitted[1]
+    noise = float(np.sqrt(PER_BIN * rest.var(axis=1, ddof=1).mean()))
     source = "three runs of one chamber"
-    return (
+    return noise, (
         Nuisance("reading.offset", "mbar", 0.0, offset, source),
         Nuisance("reading.drift", "mbar", 0.0, drift, source),
     )
@@ -87,8 +94,9 @@ def scatter(folder: Path) -> tuple[Nuisance, ...]:
 
 def run(folder: Path, name: str) -> Diagnosis:
     """Diagnose one chamber."""
-    problem = Problem(simulate, LIBRARY, scatter(folder), bin_s=lambda _: BIN_S)
-    return diagnose([load(folder, name)], problem, jobs=1)
+    noise_mbar, nuisances = scatter(folder)
+    problem = Problem(simulate, LIBRARY, nuisances, bin_s=lambda _: BIN_S)
+    return diagnose([load(folder, name, noise_mbar)], problem, jobs=1)
 
 
 if __name__ == "__main__":

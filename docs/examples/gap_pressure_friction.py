@@ -1,7 +1,8 @@
 """Real data: a piston with an O-ring is stroked at four pressures. Its friction grows with pressure.
 
 Measured by others: see data/README.md beside the recordings. The simulator has the piston's area and a dry friction,
-as they are at 1 bar; noise is how far reruns of the same setting differ.
+as they are at 1 bar. Runs are stroked by hand, so no two have the same inputs: each is a setting of its own, and how far
+the friction of reruns differs is a nuisance.
 """
 
 from __future__ import annotations
@@ -12,20 +13,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.november.diagnosis import Diagnosis, diagnose
-from jammkle_gap.november.effect import Effect, EffectParameter, Library
-from jammkle_gap.november.recording import Recording, Signal
+from jammkle_gap import Effect, EffectParameter, Library, Nuisance, Problem, Recording, Signal, diagnose
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
+
+    from jammkle_gap import Diagnosis
 
 PRESSURES_BAR = (1, 3, 5, 7)
 SMOOTH = 11
 """Samples that position is smoothed over before it is differentiated."""
 THIN = 5
 """Every so many samples are compared: 20 Hz."""
+BIN_S = 0.2
 SLOW_MM_S = 1.0
 """Below this the piston counts as resting, and friction keeps the sign of the last motion; assumed."""
 MOVING_MM_S = 3.0
@@ -65,21 +67,9 @@ LIBRARY = Library(
         ),
     )
 )
-CALIBRATION = Library(
-    (
-        Effect(
-            "area",
-            "piston",
-            (EffectParameter("force_per_bar", "N/bar", FORCE_N_BAR, 48.0, 56.0, "assumed"),),
-            "The piston's area, and the load cell's gain with it.",
-        ),
-        Effect(
-            "load_cell_offset",
-            "sensing",
-            (EffectParameter("force", "N", 0.0, -5.0, 5.0, "assumed"),),
-            "Zero the load cell.",
-        ),
-    )
+CONSTANTS = (
+    Nuisance("area.force_per_bar", "N/bar", FORCE_N_BAR, 1.5, "assumed: 3 % of piston and load cell"),
+    Nuisance("load_cell.offset", "N", 0.0, 2.5, "assumed"),
 )
 
 
@@ -87,11 +77,11 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
     """Give the force that strokes the piston, N."""
     inputs = recording.inputs
     pressure, rate = inputs["pressure"], inputs["rate"]
-    rub = inputs["dry"] + values.get("dry_friction.more", 0.0)
+    rub = inputs["dry"] + values.get("dry_friction.more", 0.0) + values.get("run.friction", 0.0)
     rub = rub + values.get("pressure_friction.per_bar", 0.0) * (pressure - PRESSURES_BAR[0])
     side = turned(inputs["direction"], inputs["position"], values.get("presliding.length", 0.0))
     force = values.get("area.force_per_bar", FORCE_N_BAR) * pressure + rub * side
-    force += values.get("viscous_friction.coefficient", 0.0) * rate + values.get("load_cell_offset.force", 0.0)
+    force += values.get("viscous_friction.coefficient", 0.0) * rate + values.get("load_cell.offset", 0.0)
     return {"force": force + values.get("spring.stiffness", 0.0) * inputs["position"]}
 
 
@@ -122,13 +112,9 @@ def friction_n(file: Path) -> float:
     return float(np.median(rest[rate > MOVING_MM_S]) - np.median(rest[rate < -MOVING_MM_S])) / 2.0
 
 
-def rerun_noise_n(folder: Path) -> float:
-    """Return how far the friction of reruns of the same setting differs, N."""
-    spreads = [
-        np.var([friction_n(folder / "rerun" / f"{k}_O-ring257_{bar}bar.csv") for k in (1, 2, 3)], ddof=1)
-        for bar in PRESSURES_BAR
-    ]
-    return float(np.sqrt(np.mean(spreads)))
+def reruns(folder: Path, bar: int) -> list[Path]:
+    """Return the files of the three runs at a pressure."""
+    return [folder / "rerun" / f"{k}_O-ring257_{bar}bar.csv" for k in (1, 2, 3)]
 
 
 def direction(rate_mm_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -138,20 +124,21 @@ def direction(rate_mm_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sign(rate_mm_s[last])
 
 
-def load(file: Path, bar: int, dry_n: float, noise_n: float) -> Recording:
+def load(file: Path, dry_n: float) -> Recording:
     """Read one run."""
     time_s, position, rate, pressure, force = (column[::THIN] for column in columns(file))
     inputs = {"position": position, "rate": rate, "pressure": pressure, "dry": dry_n, "direction": direction(rate)}
-    return Recording(file.stem, (Signal("force", "N", time_s, force, noise_n),), inputs, regime=f"{bar} bar")
+    return Recording(file.stem, (Signal("force", "N", time_s, force),), inputs)
 
 
-def run(folder: Path, parts: Sequence[str] = ("O-ring257_{}bar.csv",)) -> Diagnosis:
+def run(folder: Path) -> Diagnosis:
     """Diagnose the runs at all four pressures; friction at 1 bar is taken as known."""
-    noise_n = rerun_noise_n(folder)
-    files = [(bar, folder / part.format(bar)) for part in parts for bar in PRESSURES_BAR]
-    dry_n = friction_n(files[0][1])
-    recordings = [load(file, bar, dry_n, noise_n) for bar, file in files]
-    return diagnose(recordings, simulate, LIBRARY, calibration=CALIBRATION)
+    friction = np.array([[friction_n(file) for file in reruns(folder, bar)] for bar in PRESSURES_BAR])
+    spread_n = float(np.sqrt(friction.var(axis=1, ddof=1).mean()))
+    scatter = (Nuisance("run.friction", "N", 0.0, spread_n, "three runs at each pressure"),)
+    problem = Problem(simulate, LIBRARY, scatter, CONSTANTS, bin_s=lambda _: BIN_S)
+    runs = [load(file, float(friction[0].mean())) for bar in PRESSURES_BAR for file in reruns(folder, bar)]
+    return diagnose(runs, problem, jobs=1)
 
 
 if __name__ == "__main__":
@@ -161,5 +148,5 @@ if __name__ == "__main__":
         for parameter in effect.parameters:
             low, high = parameter.interval
             print(f"{effect.name}: {parameter.value:.3g} {parameter.unit} ({low:.3g} to {high:.3g})")
-    for names, nats in found.ranking:
-        print(f"{nats:8.1f} nats  {' + '.join(names) or 'no effect'}")
+    for names, probability in found.posterior.items():
+        print(f"{probability:8.3f}  {' + '.join(names) or 'none of them'}")

@@ -16,15 +16,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from jammkle_gap.november.diagnosis import Diagnosis, diagnose
-from jammkle_gap.november.effect import Effect, EffectParameter, Library
-from jammkle_gap.november.recording import Recording, Signal
+from jammkle_gap import Effect, EffectParameter, Library, Nuisance, Problem, Recording, Signal, diagnose
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
+    from jammkle_gap import Diagnosis
+
+BIN_S = 0.05
 DUTY_PER_RAD = 0.00246
 """Duty cycle per radian of error and unit of gain; as published with the recordings for this servo."""
 SUBSTEPS = 5
@@ -35,19 +36,13 @@ def one(name: str, subsystem: str, sentence: str, *parameters: tuple[str, str, f
     return Effect(name, subsystem, tuple(EffectParameter(*each, "assumed") for each in parameters), sentence)
 
 
-CALIBRATION = Library(
-    (
-        one(
-            "motor",
-            "motor",
-            "Constants of the motor: 0.52 N m at 1.47 A and 5 V by its data sheet.",
-            ("constant", "N m/A", 0.354, 0.1, 1.0),
-            ("resistance", "Ohm", 3.4, 1.0, 12.0),
-            ("armature", "kg m^2", 0.0015, 0.0002, 0.006),
-        ),
-        one("dry", "friction", "Dry friction.", ("torque", "N m", 0.03, 0.001, 0.12)),
-        one("viscous", "friction", "Viscous friction.", ("coefficient", "N m s", 0.008, 0.0005, 0.04)),
-    )
+DATA_SHEET, GUESSED = "data sheet: 0.52 N m at 1.47 A and 5 V; assumed to a fifth", "assumed to a half"
+CONSTANTS = (
+    Nuisance("motor.constant", "N m/A", 0.354, 0.07, DATA_SHEET, 0.1, 1.0),
+    Nuisance("motor.resistance", "Ohm", 3.4, 0.7, DATA_SHEET, 1.0, 12.0),
+    Nuisance("motor.armature", "kg m^2", 0.0015, 0.00075, GUESSED, 0.0002, 0.006),
+    Nuisance("dry.torque", "N m", 0.03, 0.015, GUESSED, 0.001, 0.12),
+    Nuisance("viscous.coefficient", "N m s", 0.008, 0.004, GUESSED, 0.0005, 0.04),
 )
 LIBRARY = Library(
     (
@@ -144,17 +139,17 @@ def load(file: Path) -> Recording:
         "gain": data["kp"],
     }
     signal = Signal("position", "rad", column["timestamp"].astype(float), column["position"].astype(float))
-    return Recording(file.stem, (signal,), inputs, regime=f"{data['trajectory']}, gain {data['kp']}")
+    return Recording(f"{data['trajectory']}, gain {data['kp']}", (signal,), inputs)
 
 
 def run(folder: Path) -> Diagnosis:
-    """Diagnose all sixteen runs at once."""
-    recordings = [load(file) for file in sorted(folder.glob("*.json"))]
-    return diagnose(recordings, simulate, LIBRARY, calibration=CALIBRATION)
+    """Diagnose all sixteen runs at once; no two had the same trajectory and gain."""
+    problem = Problem(simulate, LIBRARY, constants=CONSTANTS, bin_s=lambda _: BIN_S)
+    return diagnose([load(file) for file in sorted(folder.glob("*.json"))], problem, jobs=1)
 
 
 if __name__ == "__main__":
     found = run(Path(sys.argv[1]))
     print(found.verdict.value, *found.reasons, sep="\n")
-    for names, nats in found.ranking:
-        print(f"{nats:8.1f} nats  {' + '.join(names) or 'calibration alone'}")
+    for names, probability in found.posterior.items():
+        print(f"{probability:8.3f}  {' + '.join(names) or 'none of them'}")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.scatter import Scatter
     from jammkle_gap.core.simulate import Problem, Runner
 
-_TURNS = 4
+TURNS = 4
 """Times that a step and the variance of what it leaves follow from each other. Chosen: neither moves by more than a
 tenth after it."""
 _HALVINGS = 3
@@ -79,7 +79,7 @@ def calibrate(
     target = np.concatenate([setting.reference_features.mean(axis=0) for setting, _ in used])
     # The scatter of single runs, not of their mean: a machine need not be known better than a run tells.
     variance = np.concatenate([each.variance + np.square(each.columns).sum(axis=1) for _, each in used])
-    blocks, bins_per_block = _blocks([setting.layout for setting, _ in used], constants)
+    blocks, bins_per_block = blocks_of([setting.layout for setting, _ in used], constants)
 
     def residuals(places: Sequence[NDArray[np.float64]], what: str) -> list[NDArray[np.float64]]:
         """Return what each place leaves of the references; what the simulator does not give is 0."""
@@ -101,11 +101,11 @@ def calibrate(
         jacobian = np.array([current - each for each in residuals(moved, "calibrating")]).T
         step = np.zeros(count)
         total = variance
-        for _ in range(_TURNS):
+        for _ in range(TURNS):
             weighted = jacobian / total[:, np.newaxis]
             covariance = np.linalg.inv(jacobian.T @ weighted + np.eye(count))
             step = covariance @ (weighted.T @ current - place)
-            total = variance + bins_per_block * _beyond(current - jacobian @ step, variance, blocks)
+            total = variance + bins_per_block * beyond(current - jacobian @ step, variance, blocks)
         before = _objective(current, total, place)
         for _ in range(_HALVINGS):
             (made,) = residuals([place + step], "")
@@ -120,7 +120,7 @@ def calibrate(
     return Calibration(_values(problem.constants, place), deviations, covariance, left[0], left[1])
 
 
-def _blocks(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def blocks_of(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return the block of every feature, and how many features each block has, for every feature."""
     found, begin = [], 0
     for layout in layouts:
@@ -134,7 +134,7 @@ def _blocks(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[np
     return blocks, np.bincount(blocks)[blocks].astype(float)
 
 
-def _beyond(left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]) -> NDArray[np.float64]:
+def beyond(left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return the variance of the simulator's own error: what is left beyond scatter, by block, for every feature."""
     counts = np.bincount(blocks)
     mean = np.bincount(blocks, np.square(left) - variance) / counts

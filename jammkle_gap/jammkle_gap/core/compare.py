@@ -7,7 +7,7 @@ references keeps the machine's own constants as further columns, the same in all
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -148,6 +148,10 @@ class Difference:
     freedom: tuple[int, ...]
     """Degrees of freedom of the deviations."""
     scatter: tuple[Scatter, ...]
+    columns: tuple[NDArray[np.float64], ...]
+    """Of the covariance of the difference, shape (features, columns), per setting."""
+    shared: tuple[NDArray[np.float64], ...]
+    """The same columns in all settings: constants of the machine."""
 
     def whiten(self, parts: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return whitened features.
@@ -201,39 +205,47 @@ def difference_of(
     scatter = fit_scatter(repeats, constants)
     columns = [np.hstack([each.columns, more]) for each, more in zip(scatter, contact, strict=True)]
     single = [Whitener(each.variance, own) for each, own in zip(scatter, columns, strict=True)]
-    whiteners = tuple(single)
     factors = tuple(setting.factor for setting in settings)
-    if any(np.abs(each).max(initial=0.0) > 0.0 for each in shared):
-        whiteners = (_stacked(scatter, columns, shared, factors),)
-    unwhitened = Difference(
+    difference = Difference(
         np.zeros(0),
-        whiteners,
+        tuple(single),
         factors,
         tuple(setting.layout.size for setting in settings),
         tuple(whitener(each.deviations) for whitener, each in zip(single, residuals, strict=True)),
         tuple(setting.freedom for setting in settings),
         tuple(scatter),
+        tuple(each * np.sqrt(factor) for each, factor in zip(columns, factors, strict=True)),
+        tuple(shared),
     )
-    whitened = unwhitened.whiten([each.difference for each in residuals])
-    return Difference(
-        whitened,
-        whiteners,
-        factors,
-        unwhitened.sizes,
-        unwhitened.deviations,
-        unwhitened.freedom,
-        unwhitened.scatter,
-    )
+    return beside(difference, residuals, [np.zeros(size) for size in difference.sizes])
+
+
+def beside(difference: Difference, residuals: Sequence[Residuals], own: Sequence[NDArray[np.float64]]) -> Difference:
+    """Return the difference whitened by its scatter together with the simulator's own error.
+
+    Args:
+        difference: With its scatter.
+        residuals: Of each setting.
+        own: Variance of the simulator's own error in each feature of one run, per setting.
+
+    """
+    variances = [each.variance + more for each, more in zip(difference.scatter, own, strict=True)]
+    columns = [each / np.sqrt(factor) for each, factor in zip(difference.columns, difference.factors, strict=True)]
+    whiteners = tuple(Whitener(variance, each) for variance, each in zip(variances, columns, strict=True))
+    if any(np.abs(each).max(initial=0.0) > 0.0 for each in difference.shared):
+        whiteners = (_stacked(variances, columns, difference.shared, difference.factors),)
+    found = replace(difference, whiteners=whiteners)
+    return replace(found, whitened=found.whiten([each.difference for each in residuals]))
 
 
 def _stacked(
-    scatter: Sequence[Scatter],
+    variances: Sequence[NDArray[np.float64]],
     columns: Sequence[NDArray[np.float64]],
     shared: Sequence[NDArray[np.float64]],
     factors: Sequence[float],
 ) -> Whitener:
     """Return the whitener of all settings at once, in units of each setting's own factor."""
-    total = sum(len(each.variance) for each in scatter)
+    total = sum(map(len, variances))
     width = sum(each.shape[1] for each in columns)
     table = np.zeros((total, width + shared[0].shape[1]))
     row = column = 0
@@ -241,4 +253,4 @@ def _stacked(
         table[row : row + len(own), column : column + own.shape[1]] = own
         table[row : row + len(own), width:] = more / np.sqrt(factor)
         row, column = row + len(own), column + own.shape[1]
-    return Whitener(np.concatenate([each.variance for each in scatter]), table)
+    return Whitener(np.concatenate(variances), table)

@@ -60,14 +60,16 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     """
     difference, candidates = evidence.difference, evidence.candidates
     fits = {fit.names: fit for fit in (*candidates.singles, *candidates.pairs)}
-    detection = detect(difference, candidates.singles, constants)
-    length = float(difference.whitened @ difference.whitened)
+    detection = detect(difference, evidence.noticed.singles, constants)
+    # Settings without references have a likelihood of their own.
+    referenced = np.repeat([bool(setting.references) for setting in evidence.settings], difference.sizes)
     posterior = posterior_of(
-        length,
-        difference.whitened.size,
+        _squared(difference.whitened, referenced),
+        int(referenced.sum()),
         difference.healthy,
         _freedom(evidence, constants),
-        list(fits.values()),
+        [replace(fit, left=_squared(fit.whitened - fit.signature, referenced)) for fit in fits.values()],
+        evidence.own,
         class_names(evidence.classes),
         constants,
     )
@@ -81,12 +83,12 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     known = evidence.problem.conformity(evidence.settings[0].faulty[0])
-    left = difference.whitened - (best.signature if best is not None else 0.0)
+    left = _left(evidence, best)
     return Diagnosis(
         verdict=verdict,
         reasons=_reasons(verdict, detection, posterior, evidence),
         candidates=tuple(
-            _candidate(evidence, fits.get(names), names, posterior.probabilities[names], length, constants)
+            _candidate(evidence, fits.get(names), names, posterior.probabilities[names], constants)
             for names in credible
         ),
         posterior=posterior.probabilities,
@@ -130,8 +132,7 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
     if best is None:
         return (first, "no effect on offer moves these signals")
     fit = next(f for f in (*evidence.candidates.singles, *evidence.candidates.pairs) if f.names == best)
-    length = float(evidence.difference.whitened @ evidence.difference.whitened)
-    share = 100.0 * (1.0 - fit.left / length)
+    share = 100.0 * _explained(evidence, fit)
     second = f"{' + '.join(best)} explains {share:.0f} % of its square; probability {posterior.probabilities[best]:.2f}"
     unknown = posterior.probabilities.get(NONE_OF_THEM, 0.0)
     return first, second, f"none of the effects on offer: probability {unknown:.2f}"
@@ -142,7 +143,6 @@ def _candidate(
     fit: Fit | None,
     names: tuple[str, ...],
     probability: float,
-    length: float,
     constants: Constants,
 ) -> Candidate:
     if fit is None:
@@ -153,10 +153,26 @@ def _candidate(
     return Candidate(
         names,
         probability,
-        1.0 - fit.left / length,
+        _explained(evidence, fit),
         _fitted(evidence, fit, constants),
         tuple(sorted(others)),
     )
+
+
+def _squared(values: NDArray[np.float64], kept: NDArray[np.bool_]) -> float:
+    return float(np.square(values[kept]).sum())
+
+
+def _left(evidence: Evidence, fit: Fit | None) -> NDArray[np.float64]:
+    """Return what a candidate leaves of the difference, whitened by scatter alone."""
+    whole = evidence.difference
+    return whole.whitened - (whole.whiten(fit.features) if fit is not None and fit.features else 0.0)
+
+
+def _explained(evidence: Evidence, fit: Fit) -> float:
+    """Return the share of the squared whitened difference that a candidate explains."""
+    left, whole = _left(evidence, fit), evidence.difference.whitened
+    return 1.0 - float(left @ left) / float(whole @ whole)
 
 
 def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedEffect, ...]:
@@ -224,9 +240,9 @@ def _held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tup
     """Return how far the gap closes in each setting with parameters fitted to the others, by one Gauss-Newton step."""
     if best is None or len(evidence.settings) < 2:  # noqa: PLR2004 - one alone cannot be held out
         return ()
-    left = evidence.difference.whitened - best.signature
+    left = best.whitened - best.signature
     parts, slopes = _parts(evidence, left), _parts(evidence, best.jacobian)
-    wholes = _parts(evidence, evidence.difference.whitened)
+    wholes = _parts(evidence, best.whitened)
     found = []
     for k, setting in enumerate(evidence.settings):
         others = [i for i in range(len(parts)) if i != k]
@@ -251,6 +267,8 @@ def _alone(evidence: Evidence, k: int, whitened: NDArray[np.float64]) -> Differe
         deviations=(whole.deviations[k],),
         freedom=(whole.freedom[k],),
         scatter=(whole.scatter[k],),
+        columns=(whole.columns[k],),
+        shared=(whole.shared[k],),
     )
 
 

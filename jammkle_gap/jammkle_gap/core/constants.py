@@ -61,6 +61,11 @@ class Constants:
     """Degrees of freedom of the simulator's own error; fewer where signals and blocks of time together are."""
     discrepancy_share: float = 0.03
     """Prior scale of what the true effect leaves per feature, in what healthy runs leave."""
+    own_error_share: float = 1.0
+    """Prior scale of the simulator's own error in a block without references, in the variance of scatter there. Chosen:
+    as much as scatter, since nothing cancels it."""
+    reweighings: int = 2
+    """Times that a candidate is fitted anew beside its own error. Chosen: a third moves nothing by more than its interval."""
     pair_penalty: float = 4.0
     """Nats that a second effect costs: prior odds of a pair, and its parameters."""
     parameter_penalty: float = 0.5

@@ -15,7 +15,8 @@ from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.equivalence import classes_of
 from jammkle_gap.core.evidence import Evidence
-from jammkle_gap.core.search import grid_signatures, screen, search
+from jammkle_gap.core.own_error import OwnError
+from jammkle_gap.core.search import grid_signatures, reweighed, screen, search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
 from jammkle_gap.core.simulate import Runner, Task
 
@@ -131,7 +132,28 @@ def evidence_of(
         shares = {name: min(max(gain / length, 0.0), 1.0) for name, gain in screening.gains.items()}
         provisional(sorted(shares.items(), key=lambda item: -item[1]))
     candidates = search(problem, settings, screening, difference, machine, runner, constants)
-    return Evidence(problem, tuple(settings), tuple(residuals), calibration, machine, difference, candidates, classes)
+    noticed = candidates
+    own: dict[tuple[str, ...], float] = {}
+    if not complete and candidates.finished:
+        error = OwnError(settings, residuals, difference, constants)
+        weighed = error.beside(())
+        signatures = grid_signatures(problem, settings, dictionaries, weighed)
+        screening = screen(problem, settings, signatures, weighed, machine, runner)
+        candidates = search(problem, settings, screening, weighed, machine, runner, constants)
+        both = (noticed, candidates)
+        candidates, own = reweighed(problem, settings, error, machine, both, runner, constants)
+    return Evidence(
+        problem,
+        settings,
+        tuple(residuals),
+        calibration,
+        machine,
+        difference,
+        noticed,
+        candidates,
+        own,
+        classes,
+    )
 
 
 def _difference(

@@ -25,5 +25,11 @@ class Evidence:
     machine: Mapping[str, float]
     """Constants that signatures were simulated with: calibrated, or none where the nominal machine explains more."""
     difference: Difference
+    """Whitened by scatter alone."""
+    noticed: Candidates
+    """Fitted to it: whether there is a gap."""
     candidates: Candidates
+    """Fitted beside the simulator's own error where references are missing: which effect it is."""
+    own: Mapping[tuple[str, ...], float]
+    """Log-likelihood of each candidate in the settings without references, and of none of them, ()."""
     classes: tuple[tuple[str, ...], ...]

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 _STEP_SHARE, _LEAST_STEP = 0.15, 0.01
 """Step of a difference quotient: share of the distance from null, and least share of the range. Chosen: contact makes
 smaller differences of a simulation uneven."""
+_SHORTENINGS = 3
+"""Times that a step is tried, each time shortened to what there is to explain."""
+_LEAST_REACH = 3.0
+"""Change of the whitened signature that is always let pass: three standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class Fit:
     """Squared length of what it leaves of the difference."""
     jacobian: NDArray[np.float64]
     """Derivatives of the signature, shape (n, parameters), per unit of each parameter."""
+    whitened: NDArray[np.float64]
+    """The difference that it was fitted to, shape (n,)."""
     features: tuple[NDArray[np.float64], ...] = ()
     """What it makes of the features of each setting, in their units."""
 
@@ -73,12 +79,21 @@ def refine(
 
     def jacobian_at(shares: NDArray[np.float64]) -> NDArray[np.float64]:
         columns = []
+        # A step that changes more than there is to explain is no derivative.
+        reach = max(float(np.linalg.norm(difference - signature_at(shares))), _LEAST_REACH)
         for i, share in enumerate(shares):
             step = max(_STEP_SHARE * abs(share - null[i]), _LEAST_STEP)
             step = -step if share + step > 1.0 else step
-            moved = shares.copy()
-            moved[i] += step
-            columns.append((signature_at(moved) - signature_at(shares)) / step)
+            change = np.zeros(len(difference))
+            for _ in range(_SHORTENINGS):
+                moved = shares.copy()
+                moved[i] += step
+                change = signature_at(moved) - signature_at(shares)
+                length = float(np.linalg.norm(change))
+                if length <= reach:
+                    break
+                step *= reach / length
+            columns.append(change / (moved[i] - share))
         slopes: NDArray[np.float64] = -np.array(columns).T
         return slopes
 
@@ -96,4 +111,4 @@ def refine(
     shares = np.frombuffer(best[0])
     left = float(np.square(difference - best[1]).sum())
     values = dict(zip(keys, (low + shares * span).tolist(), strict=True))
-    return Fit(names, values, best[1], left, -np.asarray(found.jac) / span)
+    return Fit(names, values, best[1], left, -np.asarray(found.jac) / span, difference)

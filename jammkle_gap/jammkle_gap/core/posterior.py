@@ -45,17 +45,19 @@ def posterior_of(
     healthy: float,
     freedom: float,
     fits: Sequence[Fit],
+    own: Mapping[Names, float],
     classes: Mapping[str, str],
     constants: Constants,
 ) -> Posterior:
     """Return the posterior.
 
     Args:
-        length: Squared length of the whitened difference.
+        length: Squared length of the whitened difference in settings with references.
         features: How many it has.
         healthy: What healthy runs leave per feature.
         freedom: Degrees of freedom of the simulator's own error in these recordings.
-        fits: Candidates.
+        fits: Candidates, with what they leave in settings with references.
+        own: Log-likelihood of each, and of none of them, in settings without.
         classes: Name of the equivalence class of each effect that is in one: its members count as one candidate.
         constants: Of the model.
 
@@ -67,10 +69,10 @@ def posterior_of(
     scores: dict[Names, float] = {}
     for fit in fits:
         score = _score(fit.left - noise, scale, freedom) - constants.pair_penalty * (len(fit.names) - 1)
-        score -= constants.parameter_penalty * (len(fit.values) - len(fit.names))
+        score += own.get(fit.names, 0.0) - constants.parameter_penalty * (len(fit.values) - len(fit.names))
         scores[fit.names] = max(score, scores.get(fit.names, -np.inf))
     unknown = constants.unknown_share * (length - noise)
-    scores[NONE_OF_THEM] = _score(unknown, scale, freedom) - constants.unknown_penalty
+    scores[NONE_OF_THEM] = _score(unknown, scale, freedom) + own.get(NONE_OF_THEM, 0.0) - constants.unknown_penalty
     highest = max(scores.values())
     weights = {names: float(np.exp(score - highest)) for names, score in scores.items()}
     total = sum(weights.values())
@@ -92,4 +94,6 @@ def credible_set(ranked: Mapping[Names, float], classes: Mapping[str, str], shar
 
 def _score(left: float, scale: float, freedom: float) -> float:
     """Return the log-likelihood of what a candidate leaves beyond healthy scatter, up to a constant."""
+    if scale <= 0.0:
+        return 0.0
     return -0.5 * freedom * float(np.log1p(max(left, 0.0) / scale))

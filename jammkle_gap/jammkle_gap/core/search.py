@@ -9,6 +9,7 @@ import numpy as np
 
 from jammkle_gap.core.features import features_of, measured
 from jammkle_gap.core.fit import Fit, refine
+from jammkle_gap.core.posterior import NONE_OF_THEM
 from jammkle_gap.core.profiles import Profiles
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.core.simulate import StoppedError, Task, run_task
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.compare import Difference, Setting
     from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.own_error import OwnError
     from jammkle_gap.core.profiles import Place
     from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Runner
@@ -64,7 +66,7 @@ class Signatures:
         """
         self._problem = problem
         self._settings = settings
-        self._difference = difference
+        self.difference = difference
         self._machine = dict(machine)
         self._known: dict[tuple[int, tuple[tuple[str, float], ...]], NDArray[np.float64]] = {}
         self._sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
@@ -74,8 +76,8 @@ class Signatures:
         """Return the whitened signature of parameters by key; far off where they are infeasible."""
         parts = self.parts(values)
         if parts is None:
-            return np.full(sum(self._difference.sizes), _INFEASIBLE)
-        return self._difference.whiten(parts)
+            return np.full(sum(self.difference.sizes), _INFEASIBLE)
+        return self.difference.whiten(parts)
 
     def parts(self, values: Mapping[str, float]) -> list[NDArray[np.float64]] | None:
         """Return the signature in the features of each setting; None where the parameters are infeasible."""
@@ -240,7 +242,7 @@ def search(
     first = screening.order[: constants.refined]
     work = [places[name] for name in first]
     work += screening.profiles.pairs(first, constants.refined_pairs)
-    arguments = [(problem, settings, difference, dict(machine), place, constants.fit_evaluations) for place in work]
+    arguments = [(problem, settings, difference, dict(machine), place, constants) for place in work]
     finished = True
     try:
         answers = runner.map(fit_place, arguments, "fitting")
@@ -260,15 +262,72 @@ def fit_place(
     difference: Difference,
     machine: Mapping[str, float],
     place: Place,
-    evaluations: int,
+    constants: Constants,
 ) -> tuple[Fit, int]:
     """Return a candidate fitted from a place on the mesh, and the runs that it took."""
     signatures = Signatures(problem, settings, difference, machine)
     parameters = problem.library.parameters(place.names)
     start = dict(zip([key for key, _ in parameters], np.concatenate(place.values).tolist(), strict=True))
-    fit = refine(difference.whitened, place.names, parameters, start, signatures, evaluations)
-    features = tuple(signatures.parts(fit.values) or ())
-    return replace(fit, features=features), signatures.runs
+    fit = refine(difference.whitened, place.names, parameters, start, signatures, constants.fit_evaluations)
+    return replace(fit, features=tuple(signatures.parts(fit.values) or ())), signatures.runs
+
+
+def fit_beside(
+    problem: Problem,
+    settings: Sequence[Setting],
+    error: OwnError,
+    machine: Mapping[str, float],
+    fit: Fit,
+    constants: Constants,
+) -> tuple[Fit, int]:
+    """Return a candidate fitted anew beside the simulator's own error that it leaves, and the runs that it took."""
+    signatures = Signatures(problem, settings, error.beside(fit.features), machine)
+    parameters = problem.library.parameters(fit.names)
+    for _ in range(constants.reweighings):
+        signatures.difference = difference = error.beside(fit.features)
+        fit = refine(difference.whitened, fit.names, parameters, fit.values, signatures, constants.fit_evaluations)
+        fit = replace(fit, features=tuple(signatures.parts(fit.values) or ()))
+    return fit, signatures.runs
+
+
+def reweighed(
+    problem: Problem,
+    settings: Sequence[Setting],
+    error: OwnError,
+    machine: Mapping[str, float],
+    candidates: Sequence[Candidates],
+    runner: Runner,
+    constants: Constants,
+) -> tuple[Candidates, dict[tuple[str, ...], float]]:
+    """Fit candidates anew, each beside the simulator's own error that it leaves.
+
+    Args:
+        problem: Simulator, library and sensing.
+        settings: Runs.
+        error: Of the simulator.
+        machine: Calibrated constants.
+        candidates: Found in several ways; of those with the same effects the most likely is kept.
+        runner: Makes the runs.
+        constants: How often.
+
+    Returns:
+        The candidates, and the log-likelihood of each, and of none of them.
+
+    """
+    work = [fit for each in candidates for fit in (*each.singles, *each.pairs) if fit.features]
+    arguments = [(problem, settings, error, dict(machine), fit, constants) for fit in work]
+    answers = runner.map(fit_beside, arguments, "weighing the simulator's own error")
+    runner.runs += sum(runs for _, runs in answers)
+    fits = [fit for fit, _ in answers if fit.features]
+    unknown, *scores = error.scores(fits)
+    kept: dict[tuple[str, ...], Fit] = {}
+    own = {NONE_OF_THEM: unknown}
+    for fit, score in sorted(zip(fits, scores, strict=True), key=lambda item: -item[1]):
+        if kept.setdefault(fit.names, fit) is fit:
+            own[fit.names] = score
+    singles = tuple(fit for fit in kept.values() if len(fit.names) == 1)
+    pairs = tuple(fit for fit in kept.values() if len(fit.names) > 1)
+    return replace(candidates[0], singles=singles, pairs=pairs), own
 
 
 def _screened(
