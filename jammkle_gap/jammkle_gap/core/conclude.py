@@ -76,7 +76,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     named = [names for names in credible if names != NONE_OF_THEM]
     best = fits[named[0]] if named else None
     following = None
-    if verdict is Verdict.AMBIGUOUS:
+    if verdict is Verdict.AMBIGUOUS and candidates.finished:
         chosen = [fits[names] for names in named]
         following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}

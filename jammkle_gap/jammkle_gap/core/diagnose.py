@@ -16,7 +16,7 @@ from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.equivalence import classes_of
 from jammkle_gap.core.evidence import Evidence
 from jammkle_gap.core.search import grid_signatures, screen, search
-from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
+from jammkle_gap.core.signatures import cache_folder, dictionary_of, grids_of
 from jammkle_gap.core.simulate import Runner, Task
 
 if TYPE_CHECKING:
@@ -30,11 +30,12 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.search import Provisional
     from jammkle_gap.core.signatures import Dictionary
-    from jammkle_gap.core.simulate import Problem, Progress
+    from jammkle_gap.core.simulate import Problem, Progress, Stop
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
     recordings: Sequence[Recording],
     problem: Problem,
     *,
@@ -125,7 +126,7 @@ def evidence_of(
         # Two machines are on offer, as drawn and as calibrated: the one counts in which an effect explains more.
         if calibrated.left < screening.left:
             residuals, difference, screening, machine = again, other, calibrated, calibration.values
-    candidates = search(problem, settings, screening, difference, machine, runner, constants)
+    candidates = search(problem, settings, screening, difference, machine, runner, constants, provisional)
     return Evidence(problem, tuple(settings), tuple(residuals), calibration, machine, difference, candidates, classes)
 
 

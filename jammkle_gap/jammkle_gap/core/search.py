@@ -177,6 +177,8 @@ class Screening:
     """Effects, the most promising first."""
     left: float
     """Squared length of what the most promising one leaves."""
+    shares: Mapping[str, float]
+    """Of the squared difference that each explains by itself, largest first."""
 
 
 def screen(
@@ -203,10 +205,12 @@ def screen(
     screened = _screened(problem, settings, difference, machine, runner, places)
     gains = {name: max(place.gain, screened.get(name, -np.inf)) for name, place in places.items()}
     # What was simulated at the run's own commands is what counts; sensors' effects need no simulation.
-    proven = [screened.get(name, place.gain) for name, place in places.items()]
+    proven = {name: screened.get(name, place.gain) for name, place in places.items()}
     length = float(difference.whitened @ difference.whitened)
+    shares = {name: float(np.clip(proven[name] / max(length, _SILENT), 0.0, 1.0)) for name in proven}
     order = sorted(gains, key=lambda name: -gains[name])
-    return Screening(profiles, places, tuple(order), length - max(proven, default=0.0))
+    ranked = dict(sorted(shares.items(), key=lambda item: -item[1]))
+    return Screening(profiles, places, tuple(order), length - max(proven.values(), default=0.0), ranked)
 
 
 def search(
@@ -235,18 +239,24 @@ def search(
         StoppedError: asked to stop before anything was fitted.
 
     """
+    if provisional is not None:
+        provisional(list(screening.shares.items()))
     places = screening.places
     silent = tuple(effect.name for effect in problem.library if effect.name not in places)
     first = screening.order[: constants.refined]
     work = [places[name] for name in first]
     work += screening.profiles.pairs(first, constants.refined_pairs)
     arguments = [(problem, settings, difference, dict(machine), place, constants.fit_evaluations) for place in work]
-    answers = runner.map(fit_place, arguments, "fitting")
+    finished = True
+    try:
+        answers = runner.map(fit_place, arguments, "fitting")
+    except StoppedError as stopped:
+        answers, finished = list(stopped.done), False
     runner.runs += sum(runs for _, runs in answers)
     fits = sorted((fit for fit, _ in answers), key=lambda fit: fit.left)
     singles = tuple(fit for fit in fits if len(fit.names) == 1)
     pairs = tuple(fit for fit in fits if len(fit.names) > 1)
-    return Candidates(singles, pairs, {name: place.gain for name, place in places.items()}, silent)
+    return Candidates(singles, pairs, {name: place.gain for name, place in places.items()}, silent, finished)
 
 
 def fit_place(
