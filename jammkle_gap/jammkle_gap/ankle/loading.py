@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from jammkle_gap.ankle import checks
-from jammkle_gap.ankle.bag import read_bag
+from jammkle_gap.ankle.bag import Samples, read_bag
 from jammkle_gap.ankle.inputs import AnkleInputs, known_options, nominal_rig
 from jammkle_gap.ankle.instruments import RESOLUTION, UNITS, declared_noise, quantity_of
 from jammkle_gap.ankle.phases import FALLING_RIGS, pressure_signals, recording_phases
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.ankle.bag import Bag, Samples
+    from jammkle_gap.ankle.bag import Bag
     from jammkle_gap.ankle.inputs import Options
 
 _NOT_VENTED_PA = 3e3
@@ -74,7 +74,7 @@ def recording_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] | 
         BadRecordingError: it cannot be used.
 
     """
-    bag = _on_one_clock(bag)
+    bag = _with_acknowledgements(_on_one_clock(bag))
     notes: list[str] = []
     name, settings = _rig_of(bag, rig, options or {}, notes)
     checks.check_commands(bag)
@@ -171,6 +171,21 @@ def _on_one_clock(bag: Bag) -> Bag:
         topics[name] = dataclasses.replace(
             samples, log_s=log_s, stamp_s=log_s if name in _COMMANDS else samples.stamp_s
         )
+    return dataclasses.replace(bag, topics=topics)
+
+
+def _with_acknowledgements(bag: Bag) -> Bag:
+    """Take the commands as the hardware acknowledged them, where it did."""
+    topics = dict(bag.topics)
+    told = topics.pop(names.ACTUATOR_STATES.name, None)
+    if told is None:
+        return bag
+    order = np.argsort(told.stamp_s, kind="stable")
+    for topic, column in told.columns.items():
+        values = column[order]
+        changed = np.concatenate(([True], values[1:] != values[:-1]))
+        time_s = told.stamp_s[order][changed]
+        topics[topic] = Samples(time_s, time_s, {"data": values[changed]})
     return dataclasses.replace(bag, topics=topics)
 
 
