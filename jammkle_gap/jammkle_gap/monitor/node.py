@@ -14,11 +14,11 @@ from std_msgs.msg import String
 
 from jammkle_gap.ankle.bag import TAKERS
 from jammkle_gap.ankle.inputs import known_options
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.monitor.conversions import rig_of, simulator_gap_message, stamp_s
 from jammkle_gap.monitor.core.monitor import GapMonitor
 from jammkle_gap.monitor.health import sentence, subsystem_health, unknown_rig_health
 from jammkle_gap.monitor.parameters import FROM_THE_GRAPH, GapMonitorParameters, monitor_settings
-from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 from jammkle_graph.declare import declare
 from jammkle_graph.diagnostics import DiagnosticsPublisher
