@@ -70,7 +70,7 @@ class Secret:
         key, value = next(iter(self.values.items()))
         parameter = next(each for each in library.effect(self.name).parameters if key.endswith(f".{each.name}"))
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-        return f"{self.name}, {parameter.name} {value:.3g}{unit} (off at {parameter.null:g})"
+        return f"{self.name}, {parameter.name} {value:.3g}{unit} (null at {parameter.null:g})"
 
 
 def draw(generator: random.Random, name: str | None) -> Secret:

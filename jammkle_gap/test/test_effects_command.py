@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def test_every_effect_is_listed_with_what_is_fitted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """All names are there, in the table and in the JSON, with bounds around the value at which they are off."""
+    """All names are there, in the table and in the JSON, with bounds around their null value."""
     assert main(["gap", "effects", "--json", str(tmp_path / "effects.json")]) == 0
     shown = capsys.readouterr().out
     listed = json.loads((tmp_path / "effects.json").read_text(encoding="utf-8"))["effects"]
@@ -24,7 +24,7 @@ def test_every_effect_is_listed_with_what_is_fitted(tmp_path: Path, capsys: pyte
         assert each["name"] in shown
         for name, parameter in each["parameters"].items():
             assert name in shown
-            assert parameter["minimum"] <= parameter["off_at"] <= parameter["maximum"]
+            assert parameter["minimum"] <= parameter["null"] <= parameter["maximum"]
 
 
 def test_a_library_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 import random
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
+import yaml
 
-from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap import Riddle, Verdict, ankle_library
+from jammkle_gap.core.result import Candidate
 from jammkle_gap.landing_effects import EFFECTS, DemoEffect, Outcome, Secret, draw, outcome
-from jammkle_gap.november.verdict import Verdict
 from jammkle_graph.command.errors import InputError
 
+if TYPE_CHECKING:
+    from jammkle_gap import Diagnosis
+
 SECRET = Secret({"tendon_stiffness.scale": 1.3})
+STIFFNESS, FRICTION, OFFSET = ("tendon_stiffness",), ("jamming_friction",), ("imu_offset",)
+
+
+def said(verdict: Verdict, *candidates: Candidate) -> Diagnosis:
+    """A diagnosis, as far as it is judged."""
+    return cast("Diagnosis", SimpleNamespace(verdict=verdict, candidates=candidates))
+
+
+def named(*names: str, equivalents: tuple[str, ...] = ()) -> Candidate:
+    """A candidate."""
+    return Candidate(names, 0.5, 0.9, (), equivalents)
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
@@ -34,32 +51,39 @@ def test_without_a_name_any_may_be_drawn() -> None:
 def test_an_effect_that_a_landing_cannot_show_is_refused() -> None:
     """One line that names what was given and what there is."""
     with pytest.raises(InputError, match=r"--effect 'payload' .* tendon_stiffness"):
-        draw(random.Random(0), "payload")  # noqa: S311 - a repeatable draw
+        Riddle.drawn("payload")
+
+
+def test_the_riddle_is_a_file_that_the_simulation_loads() -> None:
+    """It holds the effect that was drawn, and nothing where nothing is hidden."""
+    table: dict[str, Any] = yaml.safe_load(Riddle(SECRET).effects_file)
+    assert table == {"tendon_stiffness": {"scale": 1.3}}
+    assert not Riddle.nothing().effects_file
 
 
 @pytest.mark.parametrize(
-    ("secret", "verdict", "candidates", "expected"),
+    ("secret", "diagnosis", "expected"),
     [
-        (SECRET, Verdict.EFFECTS, [("tendon_stiffness",)], Outcome.RIGHT),
-        (SECRET, Verdict.EFFECTS, [("jamming_friction",)], Outcome.WRONG),
-        (SECRET, Verdict.EFFECTS, [("jamming_friction", "tendon_stiffness")], Outcome.WRONG),
-        (SECRET, Verdict.AMBIGUOUS, [("jamming_friction",), ("tendon_stiffness",)], Outcome.AMONG_SEVERAL),
-        (SECRET, Verdict.AMBIGUOUS, [("jamming_friction",), ("imu_offset",)], Outcome.WRONG),
-        (SECRET, Verdict.NO_GAP, [()], Outcome.MISSED),
-        (SECRET, Verdict.UNKNOWN, [()], Outcome.MISSED),
-        (Secret({}), Verdict.NO_GAP, [()], Outcome.RIGHT),
-        (Secret({}), Verdict.UNKNOWN, [()], Outcome.WRONG),
-        (Secret({}), Verdict.EFFECTS, [("imu_offset",)], Outcome.WRONG),
+        (SECRET, said(Verdict.EFFECTS, named(*STIFFNESS)), Outcome.RIGHT),
+        (SECRET, said(Verdict.EFFECTS, named(*STIFFNESS, equivalents=FRICTION)), Outcome.AMONG_SEVERAL),
+        (SECRET, said(Verdict.EFFECTS, named(*FRICTION, equivalents=STIFFNESS)), Outcome.AMONG_SEVERAL),
+        (SECRET, said(Verdict.EFFECTS, named(*FRICTION)), Outcome.WRONG),
+        (SECRET, said(Verdict.EFFECTS, named(*FRICTION, *STIFFNESS)), Outcome.WRONG),
+        (SECRET, said(Verdict.AMBIGUOUS, named(*FRICTION), named(*STIFFNESS)), Outcome.AMONG_SEVERAL),
+        (SECRET, said(Verdict.AMBIGUOUS, named(*FRICTION), named(*OFFSET)), Outcome.WRONG),
+        (SECRET, said(Verdict.NO_GAP), Outcome.MISSED),
+        (SECRET, said(Verdict.UNKNOWN, named()), Outcome.MISSED),
+        (Secret({}), said(Verdict.NO_GAP), Outcome.RIGHT),
+        (Secret({}), said(Verdict.UNKNOWN, named()), Outcome.WRONG),
+        (Secret({}), said(Verdict.EFFECTS, named(*OFFSET)), Outcome.WRONG),
     ],
 )
-def test_the_outcome_is_told_as_it_is(
-    secret: Secret, verdict: Verdict, candidates: list[tuple[str, ...]], expected: Outcome
-) -> None:
+def test_the_outcome_is_told_as_it_is(secret: Secret, diagnosis: Diagnosis, expected: Outcome) -> None:
     """Only the one right name counts as right; a name where nothing was is as wrong as a wrong name."""
-    assert outcome(secret, verdict, candidates) is expected
+    assert outcome(secret, diagnosis) is expected
 
 
 def test_the_truth_is_told_with_value_and_unit() -> None:
-    """Name, parameter, value, and where it would be off."""
-    assert Secret({"imu_offset.z_m_s2": 0.3}).text(ankle_library()) == "imu_offset, z_m_s2 0.3 m/s2 (off at 0)"
+    """Name, parameter, value, and its null."""
+    assert Secret({"imu_offset.z_m_s2": 0.3}).text(ankle_library()) == "imu_offset, z_m_s2 0.3 m/s2 (null at 0)"
     assert Secret({}).text(ankle_library()).startswith("nothing")

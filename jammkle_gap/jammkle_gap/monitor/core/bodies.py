@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.ankle.instruments import ANGLE, SLIDE, declared_noise, quantity_of
+from jammkle_gap.ankle.instruments import ANGLE, SLIDE, quantity_of
 from jammkle_gap.monitor.core.followed import Residual
 from jammkle_gap.monitor.core.motion import phase_of_motion
 from jammkle_gap.monitor.core.subsystem import Subsystem
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.replay import BodyTrack
     from jammkle_sim.rigs.rig import Rig
 
+_NOISE = {ANGLE: 5e-4, SLIDE: 2e-5}
+"""Scatter of single readings, rad and m. Assumed: the rounding of a 12-bit encoder and of a linear scale of 0.05 mm, a
+little more than step / sqrt(12); a diagnosis takes the steps themselves, since it averages over many readings."""
 _HELD_M = 0.002
 """Distance from the height at which the rig holds its slide, within which a slide counts as held. Assumed."""
 
@@ -39,7 +42,6 @@ class BodyFollower:
         """Take a rig whose slide is held and let go."""
         self._rig = rig
         self._step_s = timestep_s(rig)
-        self._noise = declared_noise(rig, self._step_s)
         # What the rig does by itself, and when, is not the twin's: it sees whether the slide is held.
         self._bodies = Bodies(dataclasses.replace(rig, events=()))
         self._joints = self._bodies.parts.joints
@@ -81,7 +83,7 @@ class BodyFollower:
             if len(time_s):
                 made = [np.interp(time_s, grid_s, run.position(name)) for run in runs]
                 noise = np.hypot(
-                    self._noise[SLIDE if quantity_of(signal) == SLIDE else ANGLE],
+                    _NOISE[SLIDE if quantity_of(signal) == SLIDE else ANGLE],
                     np.max([np.abs(each - made[0]) for each in made], axis=0),
                 )
                 residuals.append(Residual(signal, phase, (measured - made[0]) / noise))
