@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from jammkle_reality.run import run
 PULL = Plan("tensile", {"speed_m_s": 0.1, "extension_m": 0.02})
 
 
-@lru_cache(maxsize=None)
+@cache
 def pulled(seed: int, gain: float = 1.0) -> RealRun:
     """Return a fast pull of the machine as drawn, its load cell off by a factor."""
     return run(PULL, Machine(), [FaultSetting("load_cell_gain", {"gain": gain})], seed)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.core.compare import Difference
-    from jammkle_gap.core.diagnose import Evidence
+    from jammkle_gap.core.evidence import Evidence
     from jammkle_gap.core.profiles import Place
     from jammkle_gap.core.signatures import Dictionary
 

@@ -44,9 +44,7 @@ def ceiling_way(cases: Sequence[Case], parameters: Mapping[str, EffectParameter]
     return way_of("ceiling", under, {}), way_of("this diagnosis, same cases", asked, parameters)
 
 
-def baseline_ways(
-    trial: Path, cases: Sequence[Case], parameters: Mapping[str, EffectParameter]
-) -> tuple[Way, ...]:
+def baseline_ways(trial: Path, cases: Sequence[Case], parameters: Mapping[str, EffectParameter]) -> tuple[Way, ...]:
     """Return simpler methods; the majority guess is read off the key.
 
     Args:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.core.compare import Setting
-    from jammkle_gap.core.diagnose import Evidence
+    from jammkle_gap.core.evidence import Evidence
     from jammkle_gap.core.signatures import Dictionary
 
 _BLOCKS = 8

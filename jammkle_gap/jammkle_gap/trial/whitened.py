@@ -13,7 +13,7 @@ import re
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy import stats
+from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.ankle.inputs import AnkleInputs
 from jammkle_gap.ankle.instruments import RESOLUTION, UNITS, quantity_of
