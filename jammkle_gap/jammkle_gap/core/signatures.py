@@ -116,20 +116,16 @@ def dictionary_of(
             _write(kept / f"{name}.npz", known)
     sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
     asked = [effect for effect in problem.library if effect.name not in sensed]
-    tables: dict[str, NDArray[np.float64] | NDArray[np.float32] | None] = {}
-    if kept is not None:
-        tables = {each.name: _read_table(_table_file(kept, name, each)) for each in asked}
-    missing = [each for each in asked if tables.get(each.name) is None]
+    tables = {each.name: None if kept is None else _read_table(_table_file(kept, name, each)) for each in asked}
+    missing = [each for each in asked if tables[each.name] is None]
     for each, table in zip(missing, _simulated(recording, known.layout, missing, runner), strict=True):
         tables[each.name] = table
         if kept is not None:
             _write_table(_table_file(kept, name, each), table)
-    effects = {}
-    for each in asked:
-        table = tables[each.name]
-        if table is not None and np.abs(table).max() > 0.0:
-            effects[each.name] = table.astype(float)
-    return dataclasses.replace(known, effects=effects)
+    found = {
+        name: table.astype(float) for name, table in tables.items() if table is not None and np.abs(table).max() > 0.0
+    }
+    return dataclasses.replace(known, effects=found)
 
 
 def cache_folder() -> Path:

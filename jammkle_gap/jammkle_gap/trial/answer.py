@@ -161,9 +161,11 @@ def _diagnosed(
     runs: Sequence[Recording], references: Sequence[Recording], problem: Problem, constants: Constants, jobs: int
 ) -> tuple[dict[str, Any], Evidence]:
     """Return what `diagnose` says, and the evidence behind it; no experiment is planned."""
-    started = time.perf_counter()
+    started, begun = time.perf_counter(), time.process_time()
     runner = Runner(problem, jobs)
     evidence = evidence_of(runs, references, problem, runner, constants, cache_folder())
     found = conclude(evidence, (), runner, constants)
     spent = dataclasses.replace(found.spent, wall_s=time.perf_counter() - started)
-    return as_dict(dataclasses.replace(found, spent=spent)), evidence
+    said = as_dict(dataclasses.replace(found, spent=spent))
+    said["runtime"]["cpu_s"] = time.process_time() - begun
+    return said, evidence

@@ -63,6 +63,8 @@ class Answer:
     p_value: float | None = None
     """Of the test for a gap."""
     wall_s: float = 0.0
+    cpu_s: float = 0.0
+    """Of the process that diagnosed."""
     runs: int = 0
     problem: str = ""
     """Why it was refused."""
@@ -126,6 +128,7 @@ def answer_of(content: Mapping[str, Any]) -> Answer:
         _estimates(listed[0]["effects"] if listed else []),
         content.get("p_value"),
         float(runtime.get("wall_s") or 0.0),
+        float(runtime.get("cpu_s") or 0.0),
         int(runtime.get("simulator_runs") or 0),
         commit=str(content.get("commit") or ""),
     )

@@ -119,7 +119,7 @@ class Maker:
 
 
 class _Trial:
-    """One case on one rig. Of every setting the first runs are twins, then come references, then what the maker keeps."""
+    """One case on one rig. Of every setting twins come first, then references, then what the maker keeps."""
 
     def __init__(self, maker: Maker, case: CasePlan, rig: str, onset: float, seeds: Sequence[int]) -> None:
         self._maker, self._case, self.rig, self._onset, self._seeds = maker, case, rig, onset, seeds

@@ -134,8 +134,7 @@ def _rigs(first: Way, baselines: Sequence[Way]) -> list[dict[str, Any]]:
     lines = []
     for rig, found in first.rigs.items():
         lines.append({"rig": rig, "who": "this diagnosis", "cells": _cells(found, BY_RIG)})
-        for way in baselines[:1]:
-            lines.append({"rig": "", "who": way.name, "cells": _cells(way.rigs.get(rig, {}), BY_RIG)})
+        lines += [{"rig": "", "who": way.name, "cells": _cells(way.rigs.get(rig, {}), BY_RIG)} for way in baselines[:1]]
     return lines
 
 

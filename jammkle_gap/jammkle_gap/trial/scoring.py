@@ -107,6 +107,7 @@ def figures(cases: Sequence[Case], parameters: Mapping[str, EffectParameter]) ->
     answered = [case.answer for case in cases if case.answer.said is not Said.REFUSED]
     gathered.share("refused", (case.outcome is Outcome.REFUSED for case in cases))
     gathered.mean("wall_s", [answer.wall_s for answer in answered], np.median)
+    gathered.mean("cpu_s", [answer.cpu_s for answer in answered if answer.cpu_s], np.median)
     gathered.mean("simulator_runs", [float(answer.runs) for answer in answered if answer.runs], np.median)
     return gathered.found
 
@@ -201,7 +202,7 @@ def _add_sets(gathered: _Figures, cases: Sequence[Case]) -> None:
 
 
 def calibration(cases: Sequence[Case]) -> tuple[Bin, ...]:
-    """Return the reliability of the likeliest label of each answer; changes in mid-run, of which none is true, left out.
+    """Return the reliability of the likeliest label of each answer; none is true of a change in mid-run, left out.
 
     Labels are combinations, `no gap` and `unknown`; members of a class count as one.
     """
@@ -213,10 +214,12 @@ def calibration(cases: Sequence[Case]) -> tuple[Bin, ...]:
 
 def _add_closing(gathered: _Figures, cases: Sequence[Case]) -> None:
     """Add how much was closed of what the true effects close; nothing is closed by what names nothing."""
-    for figure in ("closed_of_oracle", "closed_of_ceiling"):
+    for figure, bests in (
+        ("closed_of_oracle", [case.oracle for case in cases]),
+        ("closed_of_ceiling", [case.ceiling for case in cases]),
+    ):
         ratios = []
-        for case in cases:
-            best = case.oracle if figure == "closed_of_oracle" else case.ceiling
+        for case, best in zip(cases, bests, strict=True):
             reached = None if best is None or not best.candidates else best.closed
             if reached is None or reached < _WORTH_CLOSING or case.truth.kind not in {Kind.SINGLE, Kind.PAIR}:
                 continue

@@ -28,7 +28,7 @@ SAMPLED = (Run.WITHOUT, Run.FEWER, Run.ROBOT, Run.INSTRUMENTED)
 """Ways that a sample of the cases is diagnosed in."""
 BLIND = (*EVERY, *SAMPLED)
 """Those that need no key."""
-FEW = 24
+FEW = 12
 """Cases up to which every one is in the samples."""
 ONE_IN = 6
 """Beyond it, every sixth case is in the sample. Chosen: the standard trial then takes 90 minutes on two cores."""
