@@ -1,8 +1,8 @@
 """Real data: a piston with an O-ring is stroked at four pressures. Its friction grows with pressure.
 
 Measured by others: see data/README.md beside the recordings. The simulator has the piston's area and a dry friction,
-as they are at 1 bar. Runs are stroked by hand, so no two have the same inputs: each is a setting of its own, and how far
-the friction of reruns differs is a nuisance.
+as they are at 1 bar. Runs are stroked by hand, so no two have the same inputs: each is a setting of its own, and how
+far the friction of reruns differs is a nuisance.
 """
 
 from __future__ import annotations

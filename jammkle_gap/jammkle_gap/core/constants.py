@@ -65,7 +65,7 @@ class Constants:
     """Prior scale of the simulator's own error in a block without references, in the variance of scatter there. Chosen:
     as much as scatter, since nothing cancels it."""
     reweighings: int = 2
-    """Times that a candidate is fitted anew beside its own error. Chosen: a third moves nothing by more than its interval."""
+    """Times that a candidate is fitted anew beside its own error. Chosen: a third moves nothing."""
     pair_penalty: float = 4.0
     """Nats that a second effect costs: prior odds of a pair, and its parameters."""
     parameter_penalty: float = 0.5

@@ -71,7 +71,7 @@ def baselines(evidence: Evidence, dictionaries: Sequence[Dictionary]) -> Baselin
     places = {name: profiles.single(name) for name in profiles.names}
     left = {name: length - place.gain for name, place in places.items()}
     for name in sorted(left, key=left.__getitem__)[:_FITTED]:
-        fit, _ = fit_place(problem, settings, plain, machine, places[name], _EVALUATIONS)
+        fit, _ = fit_place(problem, settings, plain, machine, places[name], constants)
         left[name] = min(left[name], fit.left)
     samples = sum(len(signal.values) for setting in settings for run in setting.faulty for signal in run.signals)
     sizes = {name: len(place.values[0]) for name, place in places.items()} | {"": 0}
