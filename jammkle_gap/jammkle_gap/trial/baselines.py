@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.profiles import Profiles
 from jammkle_gap.core.scatter import Whitener
 from jammkle_gap.core.search import Signatures, fit_place, grid_signatures
@@ -71,7 +72,7 @@ def baselines(evidence: Evidence, dictionaries: Sequence[Dictionary]) -> Baselin
     places = {name: profiles.single(name) for name in profiles.names}
     left = {name: length - place.gain for name, place in places.items()}
     for name in sorted(left, key=left.__getitem__)[:_FITTED]:
-        fit, _ = fit_place(problem, settings, plain, machine, places[name], constants)
+        fit, _ = fit_place(problem, settings, plain, machine, places[name], Constants(fit_evaluations=_EVALUATIONS))
         left[name] = min(left[name], fit.left)
     samples = sum(len(signal.values) for setting in settings for run in setting.faulty for signal in run.signals)
     sizes = {name: len(place.values[0]) for name, place in places.items()} | {"": 0}
