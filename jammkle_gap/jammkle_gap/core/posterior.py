@@ -71,6 +71,10 @@ def posterior_of(
         score = _score(fit.left - noise, scale, freedom) - constants.pair_penalty * (len(fit.names) - 1)
         score += own.get(fit.names, 0.0) - constants.parameter_penalty * (len(fit.values) - len(fit.names))
         scores[fit.names] = max(score, scores.get(fit.names, -np.inf))
+    # A pair contains each of its effects: unless it is more probable than these alone, its other half is idle.
+    for names in [names for names in scores if len(names) > 1]:
+        if any(scores.get((name,), -np.inf) >= scores[names] for name in names):
+            del scores[names]
     unknown = constants.unknown_share * (length - noise)
     scores[NONE_OF_THEM] = _score(unknown, scale, freedom) + own.get(NONE_OF_THEM, 0.0) - constants.unknown_penalty
     highest = max(scores.values())
