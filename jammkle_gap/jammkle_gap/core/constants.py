@@ -73,7 +73,7 @@ class Constants:
     unknown_share: float = 0.5
     """Share of the gap that an effect outside the library would leave to be as probable as one that it has."""
     unknown_penalty: float = 5.0
-    """Nats that it costs to say none of them."""
+    """Nats that it costs to say none of them, with all of `discrepancy_freedom`; less in proportion with fewer."""
     credible: float = 0.95
     """Probability that the set holds."""
     class_distance: float = 0.05

@@ -72,7 +72,9 @@ def posterior_of(
         score += own.get(fit.names, 0.0) - constants.parameter_penalty * (len(fit.values) - len(fit.names))
         scores[fit.names] = max(score, scores.get(fit.names, -np.inf))
     unknown = constants.unknown_share * (length - noise)
-    scores[NONE_OF_THEM] = _score(unknown, scale, freedom) + own.get(NONE_OF_THEM, 0.0) - constants.unknown_penalty
+    scores[NONE_OF_THEM] = _score(unknown, scale, freedom) + own.get(NONE_OF_THEM, 0.0)
+    # The same share explained makes it as probable as none of them, however many degrees of freedom there are.
+    scores[NONE_OF_THEM] -= constants.unknown_penalty * freedom / constants.discrepancy_freedom
     highest = max(scores.values())
     weights = {names: float(np.exp(score - highest)) for names, score in scores.items()}
     total = sum(weights.values())
