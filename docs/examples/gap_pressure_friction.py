@@ -1,8 +1,9 @@
 """Real data: a piston with an O-ring is stroked at four pressures. Its friction grows with pressure.
 
 Measured by others: see data/README.md beside the recordings. The simulator has the piston's area and a dry friction,
-as they are at 1 bar. Runs are stroked by hand, so no two have the same inputs: each is a setting of its own, and how
-far the friction of reruns differs is a nuisance.
+as they are at 1 bar. No two runs were stroked alike, so each is a setting of its own. Scatter is what repeats within
+and among them show: noise is how far the ten strokes of a run differ at the same place, and how far the friction of
+reruns differs is a nuisance.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ SMOOTH = 11
 """Samples that position is smoothed over before it is differentiated."""
 THIN = 5
 """Every so many samples are compared: 20 Hz."""
-BIN_S = 0.2
+BIN_S, PER_BIN = 0.2, 4
+PLACES = 20
+"""Parts of the stroke at which strokes are compared."""
 SLOW_MM_S = 1.0
 """Below this the piston counts as resting, and friction keeps the sign of the last motion; assumed."""
 MOVING_MM_S = 3.0
@@ -112,6 +115,15 @@ def friction_n(file: Path) -> float:
     return float(np.median(rest[rate > MOVING_MM_S]) - np.median(rest[rate < -MOVING_MM_S])) / 2.0
 
 
+def stroke_noise_n(file: Path) -> float:
+    """Return how far the force at the same place and in the same direction differs from stroke to stroke, N."""
+    _, position, rate, pressure, force = columns(file)
+    rest = force - FORCE_N_BAR * pressure
+    place = np.digitize(position, np.linspace(position.min(), position.max(), PLACES + 1)[1:-1])
+    cell = place + PLACES * (direction(rate) > 0.0)
+    return float(np.mean([rest[cell == each].std() for each in np.unique(cell)]))
+
+
 def reruns(folder: Path, bar: int) -> list[Path]:
     """Return the files of the three runs at a pressure."""
     return [folder / "rerun" / f"{k}_O-ring257_{bar}bar.csv" for k in (1, 2, 3)]
@@ -124,11 +136,11 @@ def direction(rate_mm_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sign(rate_mm_s[last])
 
 
-def load(file: Path, dry_n: float) -> Recording:
+def load(file: Path, dry_n: float, noise_n: float) -> Recording:
     """Read one run."""
     time_s, position, rate, pressure, force = (column[::THIN] for column in columns(file))
     inputs = {"position": position, "rate": rate, "pressure": pressure, "dry": dry_n, "direction": direction(rate)}
-    return Recording(file.stem, (Signal("force", "N", time_s, force),), inputs)
+    return Recording(file.stem, (Signal("force", "N", time_s, force, noise_n),), inputs)
 
 
 def run(folder: Path) -> Diagnosis:
@@ -137,7 +149,10 @@ def run(folder: Path) -> Diagnosis:
     spread_n = float(np.sqrt(friction.var(axis=1, ddof=1).mean()))
     scatter = (Nuisance("run.friction", "N", 0.0, spread_n, "three runs at each pressure"),)
     problem = Problem(simulate, LIBRARY, scatter, CONSTANTS, bin_s=lambda _: BIN_S)
-    runs = [load(file, float(friction[0].mean())) for bar in PRESSURES_BAR for file in reruns(folder, bar)]
+    files = [file for bar in PRESSURES_BAR for file in reruns(folder, bar)]
+    # It lasts for longer than a bin, so that means over a bin have all of it.
+    noise_n = float(np.sqrt(PER_BIN) * np.mean([stroke_noise_n(file) for file in files]))
+    runs = [load(file, float(friction[0].mean()), noise_n) for file in files]
     return diagnose(runs, problem, jobs=1)
 
 

@@ -1,7 +1,7 @@
 """The paper's own gap: its tendon model with the constants as printed, against the means of its tensile table.
 
 Only the peak of each row is printed, with its standard error: nine numbers. The diagnosis works on runs, so each row is
-handed over as a run that holds its mean, with a noise that lasts throughout: it counts as one sample, not as many.
+handed over as a run that holds its mean, in one block of time: it counts as one sample, not as many.
 Forces are in standard errors of their own row, as these differ a hundredfold and a signal has one noise.
 """
 
@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
-from jammkle_gap.november.diagnosis import Diagnosis, diagnose
-from jammkle_gap.november.effect import Effect, EffectParameter, Library
-from jammkle_gap.november.recording import Recording, Signal
+from jammkle_gap import Constants, Effect, EffectParameter, Library, Problem, Recording, Signal, diagnose
 from jammkle_sim.fit.rows import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
 from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
 
@@ -25,14 +23,18 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_gap import Diagnosis
+
 ROWS = (NO_MEMBRANE_ROW, *TENSILE_ROWS)
 UNJAMMED = tuple(row for row in ROWS if row.vacuum_pa == 0.0)
 PRINTED = TENDON_SETS["as_printed"]
 SPECTRUM = TENDON_SETS["fitted"].relaxation_gains
 """Gains of the relaxation that is offered, up to a common factor: fitted to the drop test, not to these rows."""
 PA_PER_MPA, PA_PER_KPA = 1e6, 1e3
-SAMPLES, PULL_S = 24, 4.0
+SAMPLES, PULL_S, BIN_S = 17, 4.0, 0.5
 """What one row is handed over as: so many times its mean over the time of a pull."""
+STEP_PER_DEVIATION = 12.0**0.5
+"""Resolution whose error has a standard deviation of 1. No average removes it, unlike noise."""
 LIBRARY = Library(
     (
         Effect(
@@ -176,13 +178,14 @@ def load(row: TensileRow, least_share: float = 0.0) -> Recording:
     noise_n = max(row.standard_error_n, least_share * row.mean_n)
     time_s = np.linspace(0.0, PULL_S, SAMPLES)
     held = np.full(SAMPLES, row.mean_n / noise_n)
-    signal = Signal("peak_force", "noise of its row", time_s, held, noise=1.0, noise_time_s=SAMPLES * time_s[1])
-    return Recording(row.identifier, (signal,), Pull(row, noise_n), regime=regime(row))
+    signal = Signal("peak_force", "noise of its row", time_s, held, resolution=STEP_PER_DEVIATION)
+    return Recording(row.identifier, (signal,), Pull(row, noise_n))
 
 
 def run(rows: Sequence[TensileRow] = ROWS, library: Library = LIBRARY, least_share: float = 0.0) -> Diagnosis:
     """Diagnose rows of the table."""
-    return diagnose([load(row, least_share) for row in rows], simulate, library, jobs=1)
+    problem = Problem(simulate, library, bin_s=lambda _: BIN_S)
+    return diagnose([load(row, least_share) for row in rows], problem, constants=Constants(blocks=1), jobs=1)
 
 
 def fitted_values(found: Diagnosis) -> dict[str, float]:

@@ -74,7 +74,7 @@ class Constants:
     unknown_share: float = 0.5
     """Share of the gap that an effect outside the library would leave to be as probable as one that it has. Learned."""
     unknown_penalty: float = 2.0
-    """Nats that it costs to say none of them. Learned."""
+    """Nats that it costs to say none of them, with all of `discrepancy_freedom`; fewer in proportion. Learned."""
     credible: float = 0.95
     """Probability that the set holds."""
     class_distance: float = 0.05

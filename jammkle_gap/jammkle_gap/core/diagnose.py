@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.core.calibrate import calibrate, uncalibrated
-from jammkle_gap.core.compare import difference_of, residuals_of, settings_of
+from jammkle_gap.core.compare import beside, difference_of, residuals_of, settings_of
 from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
@@ -21,7 +21,7 @@ from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of,
 from jammkle_gap.core.simulate import Runner, Task
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -111,14 +111,17 @@ def evidence_of(
     residuals = residuals_of(settings, runner, {})
     difference = _difference(settings, residuals, dictionaries, problem, runner, uncalibrated(problem), constants)
     calibration = calibrate(settings, difference.scatter, problem, runner, constants)
+    machine: Mapping[str, float] = {}
     complete = all(setting.references for setting in settings)
-    if not complete:
+    if not any(setting.references for setting in settings):
+        residuals, difference, machine = _linearised(settings, residuals, difference, problem, runner, constants)
+    elif not complete:
         # Where references are missing, what is known of the machine is all there is.
         residuals = residuals_of(settings, runner, calibration.values) if calibration.values else residuals
         difference = _difference(settings, residuals, dictionaries, problem, runner, calibration, constants)
+        machine = calibration.values
     signatures = grid_signatures(problem, settings, dictionaries, difference)
     classes = classes_of(grids_of(problem), signatures, constants)
-    machine = {} if complete else calibration.values
     screening = screen(problem, settings, signatures, difference, machine, runner)
     if complete and calibration.after < calibration.before:
         again = residuals_of(settings, runner, calibration.values)
@@ -173,6 +176,39 @@ def _difference(
     contact = [laid(dictionary.contact, k) for k, dictionary in enumerate(dictionaries)]
     shared = _shared(settings, problem, runner, calibration)
     return difference_of(settings, residuals, nuisances, contact, shared, constants)
+
+
+def _linearised(
+    settings: Sequence[Setting],
+    residuals: Sequence[Residuals],
+    difference: Difference,
+    problem: Problem,
+    runner: Runner,
+    constants: Constants,
+) -> tuple[list[Residuals], Difference, Mapping[str, float]]:
+    """Take the machine's constants as linear about where the recordings themselves put them, without any reference.
+
+    They keep their priors: a place to linearise at is no knowledge (as in an iterated Kalman filter; Bell and Cathey
+    1993, IEEE Trans. Autom. Control 38:294). Residuals are those of the linear model at the nominal constants.
+
+    Returns:
+        Residuals, the difference whitened anew, and the constants at that place.
+
+    """
+    asked = [
+        replace(setting, references=setting.faulty, reference_features=setting.faulty_features) for setting in settings
+    ]
+    found = calibrate(asked, difference.scatter, problem, runner, constants)
+    if not found.values:
+        return list(residuals), difference, {}
+    shared = _shared(settings, problem, runner, replace(uncalibrated(problem), values=found.values))
+    place = np.array([found.deviations[each.name] for each in problem.constants])
+    moved = [
+        replace(each, faulty=each.faulty + columns @ place)
+        for each, columns in zip(residuals_of(settings, runner, found.values), shared, strict=True)
+    ]
+    none = [np.zeros(size) for size in difference.sizes]
+    return moved, beside(replace(difference, shared=tuple(shared)), moved, none), found.values
 
 
 def _shared(

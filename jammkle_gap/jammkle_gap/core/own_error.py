@@ -84,7 +84,8 @@ class OwnError:
 
         That of a t distribution for every signal and block with one degree of freedom, as the posterior has it for all
         of them together, and the prior of the scores of scatter and constants. None of them is taken to leave a share
-        of the square of the difference.
+        of the square of the difference. A candidate that explains many small blocks and leaves the large ones alone
+        must stand up to it in all blocks together as well.
         """
         left, priors = [], []
         for rest in (self._left(()) * np.sqrt(self._unknown), *(self._left(fit.features) for fit in fits)):
@@ -93,9 +94,20 @@ class OwnError:
             priors.append(float(scores @ scores))
         # As in the posterior, what the best leaves is the noise of all where it is less than expected.
         noise = np.minimum(np.min(left, axis=0), self._expected)
-        terms = [np.log1p((each - noise) / (self._scale * self._expected)).sum() for each in left]
+        terms = np.array(
+            [
+                (np.log1p((each - noise) / (self._scale * self._expected)).sum(), prior)
+                for each, prior in zip(left, priors, strict=True)
+            ]
+        )
+        whole = np.log1p([float((each - noise).sum() / (self._scale * self._expected.sum())) for each in left])
         # Over settings the error repeats itself.
-        return [-0.5 * (self._share * float(term) + prior) for term, prior in zip(terms, priors, strict=True)]
+        found = -0.5 * (self._share * terms[:, 0] + terms[:, 1])
+        together = -0.5 * (self._share * len(self._expected) * whole + terms[:, 1])
+        if len(found) > 1:
+            best = 1 + int(np.argmax(found[1:]))
+            found[0] = max(found[0], found[best] + together[0] - together[best])
+        return [float(each) for each in found]
 
     def _left(self, features: Features) -> NDArray[np.float64]:
         return self._raw - np.concatenate([features[k] for k in self._used]) if features else self._raw

@@ -76,7 +76,9 @@ def posterior_of(
         if any(scores.get((name,), -np.inf) >= scores[names] for name in names):
             del scores[names]
     unknown = constants.unknown_share * (length - noise)
-    scores[NONE_OF_THEM] = _score(unknown, scale, freedom) + own.get(NONE_OF_THEM, 0.0) - constants.unknown_penalty
+    scores[NONE_OF_THEM] = _score(unknown, scale, freedom) + own.get(NONE_OF_THEM, 0.0)
+    # The same share explained makes it as probable as none of them, however many degrees of freedom there are.
+    scores[NONE_OF_THEM] -= constants.unknown_penalty * freedom / constants.discrepancy_freedom
     highest = max(scores.values())
     weights = {names: float(np.exp(score - highest)) for names, score in scores.items()}
     total = sum(weights.values())

@@ -320,10 +320,10 @@ def reweighed(
     runner.runs += sum(runs for _, runs in answers)
     fits = [fit for fit, _ in answers if fit.features]
     unknown, *scores = error.scores(fits)
-    kept: dict[tuple[str, ...], Fit] = {}
+    kept: dict[frozenset[str], Fit] = {}
     own = {NONE_OF_THEM: unknown}
     for fit, score in sorted(zip(fits, scores, strict=True), key=lambda item: -item[1]):
-        if kept.setdefault(fit.names, fit) is fit:
+        if kept.setdefault(frozenset(fit.names), fit) is fit:
             own[fit.names] = score
     singles = tuple(fit for fit in kept.values() if len(fit.names) == 1)
     pairs = tuple(fit for fit in kept.values() if len(fit.names) > 1)
