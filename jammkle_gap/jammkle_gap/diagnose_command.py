@@ -14,7 +14,7 @@ from jammkle_gap.core.effects import BadEffectError
 from jammkle_gap.core.result import as_dict
 from jammkle_gap.corrected_file import corrected_file
 from jammkle_gap.diagnosing import diagnosis_of
-from jammkle_gap.inputs import asked_of, library_of, recordings_of
+from jammkle_gap.inputs import asked_of, in_settings, library_of, recordings_of
 from jammkle_gap.report import words
 from jammkle_gap.report.asked import Asked
 from jammkle_gap.report.page import page
@@ -76,6 +76,7 @@ def diagnose(request: DiagnoseRequest) -> int:
     recordings = recordings_of(request.bags, of_bags, stop, request.namespace, request.sensors)
     references = recordings_of(request.references, of_references, stop, request.namespace, request.sensors)
     _try_changes(library, recordings)
+    recordings, references = in_settings(recordings, references)
     problem = ankle_problem(library)
     with backend(request.jobs, request.scheduler) as jobs:
         diagnosis = diagnosis_of(recordings, references, problem, jobs, stop)

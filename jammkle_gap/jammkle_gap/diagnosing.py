@@ -7,7 +7,6 @@ import sys
 from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.experiments import experiments
-from jammkle_gap.ankle.setting import with_settings
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose as diagnose_recordings
 from jammkle_gap.core.effects import BadEffectError
@@ -48,8 +47,8 @@ def diagnosis_of(
     """Diagnose recordings, telling a first answer on the way; one that was stopped says so.
 
     Args:
-        recordings: Of the machine in question.
-        references: Of the same machine while healthy.
+        recordings: Of the machine in question, with their settings.
+        references: Of the same machine while healthy, in the same settings.
         problem: Simulator and effects on offer.
         jobs: Runs at a time; None: one per core.
         stop: True ends the search with what is known by then.
@@ -69,11 +68,10 @@ def diagnosis_of(
             furthest = max(furthest, begin + share * (end - begin))
             update(furthest, stage)
 
-        compared = with_settings([*recordings, *references])
         return diagnose_recordings(
-            compared[: len(recordings)],
+            recordings,
             problem,
-            references=compared[len(recordings) :],
+            references=references,
             experiments=experiments(),
             jobs=_ALL_CORES if jobs is None else jobs,
             progress=on_progress,

@@ -9,6 +9,7 @@ from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recordings
 from jammkle_gap.ankle.per_bag import BadRequestError, requests_for
 from jammkle_gap.ankle.sensor_sets import headline_set, selected
+from jammkle_gap.ankle.setting import difference, with_settings
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import BadEffectError, Library
 from jammkle_graph.command.errors import GraphError, InputError
@@ -123,6 +124,32 @@ def recordings_of(
         for bag, runs in found
         for each in runs
     ]
+
+
+def in_settings(
+    recordings: Sequence[Recording], references: Sequence[Recording]
+) -> tuple[list[Recording], list[Recording]]:
+    """Return recordings and references with their settings; those that are repeats of each other have the same.
+
+    A reference that is no repeat of a recording is left out, and noted.
+
+    Raises:
+        InputError: no reference is a repeat of a recording; the message says how they differ.
+
+    """
+    every = with_settings([*recordings, *references])
+    own, others = list(every[: len(recordings)]), every[len(recordings) :]
+    settings = {each.setting for each in own}
+    found = [each for each in others if each.setting in settings]
+    strange = {each.name: difference(own[0], each) for each in others if each.setting not in settings}
+    if others and not found:
+        told = "; ".join(f"{name}: {how}" for name, how in strange.items())
+        msg = f"no reference is a repeat of recording {own[0].name}: {told}"
+        msg += "; record references that do the same, or leave them out"
+        raise InputError(msg)
+    notes = tuple(f"reference {name} is no repeat of it, and left out: {how}" for name, how in strange.items())
+    own[0] = dataclasses.replace(own[0], notes=(*own[0].notes, *notes))
+    return own, found
 
 
 def _check_options(found: Sequence[tuple[Path, Sequence[Recording]]], requests: Sequence[BagRequest]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,9 @@ REFERENCES = 5
 """Landings of the healthy ankle that the recorded one is compared with."""
 _SEED = 1
 _RIG = "landing"
+_SETTING = "landing on a slope"
+"""Of the recorded landing and of the references. The controller's switching is its answer to the machine, and what the
+graph does when it stops is nobody's: each run is simulated at its own commands."""
 
 _SENTENCES = {
     Outcome.RIGHT: "The diagnosis was right.",
@@ -131,10 +135,13 @@ class Riddle:
             msg = f"the landing cannot be diagnosed: {error}"
             raise GraphError(msg) from error
         sensors = headline_set(recording)
-        references = [selected(each, sensors) for each in healthy_landings(asked_to_stop)]
+        recorded, *references = (
+            dataclasses.replace(selected(each, sensors), setting=_SETTING)
+            for each in (recording, *healthy_landings(asked_to_stop))
+        )
         with backend(None, None) as jobs:
             problem = ankle_problem()
-            diagnosis = diagnosis_of([selected(recording, sensors)], references, problem, jobs, asked_to_stop)
+            diagnosis = diagnosis_of([recorded], references, problem, jobs, asked_to_stop)
         if asked_to_stop():
             raise Interrupted
         found = outcome(self.secret, diagnosis)
