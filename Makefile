@@ -9,7 +9,7 @@ help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
 	@echo "make test   set up, run every test"
 	@echo "make bench  set up, measure speed; writes bench.json"
-	@echo "make blind  set up, check the diagnosis blind: the standard trial, some hours; goes on where it was stopped"
+	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
 	@echo "make lint   set up, ruff and mypy"
 	@echo "make format set up, format the code with ruff"
 	@echo "make readme set up, write the tables of README.md anew from the code"

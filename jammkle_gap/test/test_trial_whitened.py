@@ -7,7 +7,7 @@ from functools import cache, lru_cache
 import numpy as np
 import pytest
 
-from jammkle_gap.trial.whitened import HEALTHY, NEEDED, IdealDetector, detectable_size, gain_of, recording_of_real
+from jammkle_gap.trial.whitened import HEALTHY, NEEDED, IdealDetector, detectable_size, recording_of_real
 from jammkle_reality.faults import FaultSetting
 from jammkle_reality.machine import Machine
 from jammkle_reality.record import Plan, RealRun
@@ -29,13 +29,13 @@ def detector() -> IdealDetector:
 
 def size(gain: float, seeds: range) -> float:
     twins = [detector().difference(pulled(seed), pulled(seed, gain)) for seed in seeds]
-    return detectable_size(gain_of([twins], 2, 5))
+    return detectable_size([detector().gain(twins)], 2, 5)
 
 
 def test_the_gain_that_is_needed_is_that_of_two_normal_quantiles() -> None:
     """One false alarm in a hundred and one miss in a hundred: twice 2.326 standard deviations."""
     assert pytest.approx((2.0 * 2.3263479) ** 2) == NEEDED
-    assert detectable_size(4.0 * NEEDED) == pytest.approx(2.0)
+    assert detectable_size([NEEDED, 3.0 * NEEDED], 2, 2) == pytest.approx(2.0)
 
 
 def test_a_size_grows_with_the_fault_and_is_the_same_for_other_twins() -> None:
@@ -51,7 +51,7 @@ def test_what_differs_by_chance_has_no_size() -> None:
     differences = [detector().difference(pulled(20 + i), pulled(30 + i)) for i in range(3)]
     lengths = [float(each @ each) / each.size for each in differences]
     assert all(0.3 < each < 10.0 for each in lengths)
-    assert detectable_size(gain_of([differences], 2, 5)) < 0.2 * detectable_size(gain_of([[differences[0]] * 2], 2, 5))
+    assert detector().gain(differences) < 0.1 * detector().gain([differences[0]] * 2)
 
 
 def test_a_detector_sees_what_a_rig_measures_and_no_tendon() -> None:

@@ -126,6 +126,7 @@ def _all_free(
     begin, span = np.array(low), np.array(high) - np.array(low)
     simulated = Signatures(evidence.problem, evidence.settings, plain, evidence.machine)
     best, left, length = origin.copy(), plain.whitened.copy(), 1.0
+    straight = np.clip(origin + _step_within(origin, left, jacobian), 0.0, 1.0)
     current = jacobian.copy()
     for _ in range(_FREE_STEPS):
         step = length * _step_within(best, left, current)
@@ -139,6 +140,9 @@ def _all_free(
             best, left, length = shares, rest, 1.0
         else:
             length *= _SHORTER
+    if (best == origin).all():
+        # No run was better than none: what the derivatives say is all there is.
+        best = straight
     moved: dict[str, NDArray[np.float64]] = {}
     for i, name in enumerate(owner):
         moved[name] = moved.get(name, np.zeros(len(left))) + (best[i] - origin[i]) * jacobian[:, i]

@@ -20,9 +20,8 @@ from jammkle_gap.ankle.truth import inputs_of
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.effects import Effect, EffectParameter, Library
 from jammkle_gap.core.simulate import InfeasibleError, Problem
-from jammkle_gap.trial.ceiling_machine import CONSTANTS, DAY, PLANNED, built
+from jammkle_gap.trial.ceiling_machine import CONSTANTS, DAY, SETTABLE, built, with_planned
 from jammkle_gap.trial.whitened import signals_of
-from jammkle_reality import drop, landing, pressure, slip, tensile
 from jammkle_reality.faults import FaultSetting, eras
 from jammkle_reality.machine import STILL
 from jammkle_reality.options import BadPlanError
@@ -39,13 +38,6 @@ if TYPE_CHECKING:
 
 CEILING_CONSTANTS: Final = Constants(contact_runs=20, refined=5, refined_pairs=5, fit_evaluations=3)
 """Fewer fits than the diagnosis makes: the reality takes ten times as long as the simulator."""
-_SETTABLE: Final = {
-    "drop": drop.DEFAULTS,
-    "landing": landing.DEFAULTS,
-    "pressure": pressure.DEFAULTS,
-    "slip": slip.DEFAULTS,
-    "tensile": tensile.DEFAULTS,
-}
 _NAMED: Final = {fault.effect: fault for fault in FAULTS.values() if fault.effect is not None}
 """Faults by the name of the library's effect."""
 _KEPT = 256
@@ -61,7 +53,7 @@ class CeilingSimulator:
     def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
         """Run the plan of a recording again; see `core.simulate.Simulator`."""
         inputs = inputs_of(recording)
-        told = tuple((name, value) for name, value in inputs.options if name in _SETTABLE[inputs.rig])
+        told = tuple((name, value) for name, value in inputs.options if name in SETTABLE[inputs.rig])
         made = _run(inputs.rig, told, tuple(sorted(values.items())))
         return {
             signal.name: np.interp(signal.time_s, *made[signal.name])
@@ -102,10 +94,7 @@ def _run(rig: str, told: Values, values: Values) -> dict[str, tuple[NDArray[np.f
 
     """
     given = dict(values)
-    options = dict(told)
-    for key, (option, _) in PLANNED.items():
-        if option in _SETTABLE[rig] and key in given:
-            options[option] = float(options.get(option, _SETTABLE[rig][option])) + given[key]
+    options = with_planned(rig, dict(told), given)
     by_fault: dict[str, dict[str, float]] = {}
     for key, value in given.items():
         effect, _, parameter = key.partition(".")

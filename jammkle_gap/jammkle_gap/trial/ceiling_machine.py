@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Final
 
 from jammkle_gap.core.effects import Nuisance
 from jammkle_graph.names import CHANNELS, TENDONS
+from jammkle_reality import drop, landing, pressure, slip, tensile
 from jammkle_reality.machine import Machine
 from jammkle_reality.places import plus, times
 from jammkle_reality.specimen import RUNS, SPECIMENS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from jammkle_reality.record import Option
 
 _SOURCE = "the reality's own"
 _FACTORS: Final = {
@@ -70,6 +73,25 @@ DAY: Final = (
     *(Nuisance(name, "1", 0.0, sigma, _SOURCE) for name, (_, sigma) in PLANNED.items()),
 )
 """Scatter from run to run."""
+
+
+SETTABLE: Final[Mapping[str, Mapping[str, Option]]] = {
+    "drop": drop.DEFAULTS,
+    "landing": landing.DEFAULTS,
+    "pressure": pressure.DEFAULTS,
+    "slip": slip.DEFAULTS,
+    "tensile": tensile.DEFAULTS,
+}
+"""What can be set on each rig, and what it is otherwise."""
+
+
+def with_planned(rig: str, options: Mapping[str, Option], values: Mapping[str, float]) -> dict[str, Option]:
+    """Return the options of a plan as they are met on a day with deviations by name."""
+    met = dict(options)
+    for key, (option, _) in PLANNED.items():
+        if key in values and option in SETTABLE[rig]:
+            met[option] = float(met.get(option, SETTABLE[rig][option])) + values[key]
+    return met
 
 
 def built(values: Mapping[str, float]) -> Machine:
@@ -138,6 +160,6 @@ def built(values: Mapping[str, float]) -> Machine:
         clamp_m_per_n=max(more("day.clamp"), -plain.rig.clamp_m_per_n),
     )
     clock = plus(plain.sensors.clock, command_delay_s=more("machine.command"))
-    pressure = tuple(plus(each, offset=more(f"day.zero_{i}")) for i, each in enumerate(plain.sensors.pressure))
-    sensors = dataclasses.replace(plain.sensors, clock=clock, pressure=pressure)
+    zeroed = tuple(plus(each, offset=more(f"day.zero_{i}")) for i, each in enumerate(plain.sensors.pressure))
+    sensors = dataclasses.replace(plain.sensors, clock=clock, pressure=zeroed)
     return dataclasses.replace(plain, air=air, tendons=tendons, ankle=ankle, leg=leg, rig=rig, sensors=sensors)

@@ -12,7 +12,7 @@ from jammkle_gap.trial.key import Kind, Truth
 from jammkle_gap.trial.regimes import settings_of
 from jammkle_gap.trial.sizes import columns_of, scatter_of, share_for, size_of
 from jammkle_gap.trial.sources import Wrong
-from jammkle_gap.trial.whitened import HEALTHY, IdealDetector, detectable_size, gain_of
+from jammkle_gap.trial.whitened import HEALTHY, IdealDetector, detectable_size
 from jammkle_reality.record import Plan
 
 if TYPE_CHECKING:
@@ -156,11 +156,13 @@ class _Trial:
                 for setting in self._settings
             ]
         runs = [self.faulty(repeat, wrong) for repeat in range(twins)]
-        differences = [
-            [detector.difference(self._healthy_run(setting, i), run[setting]) for i, run in enumerate(runs)]
+        gains = [
+            detector.gain(
+                [detector.difference(self._healthy_run(setting, i), run[setting]) for i, run in enumerate(runs)]
+            )
             for setting, detector in enumerate(self._detectors)
         ]
-        return detectable_size(gain_of(differences, REPEATS, REFERENCES))
+        return detectable_size(gains, REPEATS, REFERENCES)
 
     def in_scatter(self, wrong: Sequence[Wrong]) -> float:
         """Return the size of what is wrong in the run-to-run scatter, over the first run of every setting."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -24,25 +25,27 @@ from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import Recording, Signal
 from jammkle_gap.core.features import features_of, layout_of, measured
 from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
+from jammkle_gap.trial.ceiling_machine import DAY, built, with_planned
 from jammkle_gap.trial.sizes import is_command
+from jammkle_reality.faults import Era
+from jammkle_reality.machine import STILL
+from jammkle_reality.record import Plan
+from jammkle_reality.run import RIGS
 from jammkle_sim.rigs.replay import CommandTrack
 from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_reality.record import RealRun
+    from jammkle_reality.record import Option, RealRun
 
 FALSE_ALARMS, POWER = 0.01, 0.99
 NEEDED: Final = float((stats.norm.isf(FALSE_ALARMS) + stats.norm.ppf(POWER)) ** 2)
 """Gain at which a difference of known direction is detected with POWER at FALSE_ALARMS."""
 HEALTHY: Final = 12
 """Healthy runs per setting that the covariance is taken from. Chosen: eleven degrees of freedom."""
-_LEADING: Final = 4
-"""Directions of scatter that are taken as they are; the rest is local in time and signal. Chosen: a third of them."""
-
 _COLUMNS: Final = (
     (re.compile(r"linear_acceleration_([xyz])_m_s2"), r"imu/specific_force_\1"),
     (re.compile(r"angular_velocity_([xyz])_rad_s"), r"imu/angular_velocity_\1"),
@@ -53,7 +56,7 @@ _COLUMNS: Final = (
 
 
 def recording_of_real(run: RealRun, setting: str) -> Recording:
-    """Return what a rig's sensors recorded of a run: features can be taken of it, but it cannot be simulated again."""
+    """Return what a rig's sensors recorded of a run: good for features, but it cannot be simulated again."""
     signals = tuple(each for each in signals_of(run) if set_of(each.name) is not SensorSet.INSTRUMENTED)
     nothing = CommandTrack(Timeline(np.zeros(1), np.zeros(1)), {})
     return Recording(run.plan.rig, signals, AnkleInputs(run.plan.rig, (), nothing), setting=setting)
@@ -87,7 +90,11 @@ def _signal(topic: str, column: str) -> str:
 
 
 class IdealDetector:
-    """Knows how healthy runs of one machine scatter in one setting."""
+    """Knows how healthy runs of one machine scatter in one setting.
+
+    The covariance is that of the diagnosis, with the reality's own causes of scatter as its columns: twelve runs are too
+    few to show all directions in which days differ.
+    """
 
     def __init__(self, healthy: Sequence[RealRun]) -> None:
         """Take the covariance.
@@ -101,24 +108,58 @@ class IdealDetector:
         self._layout = layout_of(runs, bin_s(runs[0]), self._registrar)
         features = np.array([self._features(run) for run in runs])
         deviations = features - features.mean(axis=0)
-        freedom = len(runs) - 1
-        nothing = np.zeros((self._layout.size, 0))
-        (first,) = fit_scatter([Repeats(self._layout, deviations, freedom, nothing)], Constants())
-        unit = np.sqrt(first.variance)
-        _, values, rows = np.linalg.svd(deviations / unit, full_matrices=False)
-        leading = rows[:_LEADING] * unit
-        rest = deviations - (deviations / unit) @ rows[:_LEADING].T @ leading
-        (scatter,) = fit_scatter([Repeats(self._layout, rest, freedom - _LEADING, nothing)], Constants())
-        columns = leading.T * values[:_LEADING] / np.sqrt(freedom)
-        self._whiten = Whitener(scatter.variance, np.hstack([columns, scatter.columns]))
+        plan = healthy[0].plan
+        days = [self._features(recording_of_real(run, "day")) for run in _days(plan.rig, tuple(plan.options.items()))]
+        columns = np.array([day - days[0] for day in days[1:]]).T
+        (scatter,) = fit_scatter([Repeats(self._layout, deviations, len(runs) - 1, columns)], Constants())
+        self._whiten = Whitener(scatter.variance, scatter.columns)
+        self._deviations = self._whiten(deviations)
 
     def difference(self, healthy: RealRun, faulty: RealRun) -> NDArray[np.float64]:
         """Return the whitened difference of twins, in units of one run's scatter, shape (features,)."""
         one, other = (recording_of_real(run, "twin") for run in (healthy, faulty))
         return self._whiten(self._features(other) - self._features(one))
 
+    def gain(self, twins: Sequence[NDArray[np.float64]]) -> float:
+        """Return the squared length of what twins have in common, in the variance of healthy runs along it, 1 at least.
+
+        Args:
+            twins: Whitened differences, two or more.
+
+        """
+        products = [one @ other for one, other in itertools.combinations(twins, 2)]
+        common = np.mean(twins, axis=0)
+        length = float(np.linalg.norm(common))
+        if length == 0.0:
+            return 0.0
+        along = self._deviations @ (common / length)
+        spread = float(along @ along) / (len(along) - 1)
+        return max(float(np.mean(products)), 0.0) / max(spread, 1.0)
+
     def _features(self, run: Recording) -> NDArray[np.float64]:
         return np.nan_to_num(features_of(self._layout, run, measured(run), self._registrar))
+
+
+@lru_cache(maxsize=16)
+def _days(rig: str, options: tuple[tuple[str, Option], ...]) -> tuple[RealRun, ...]:
+    """Return still runs of the machine as drawn: as told, then with each cause of scatter off by one deviation."""
+
+    def still(values: Mapping[str, float]) -> RealRun:
+        told = with_planned(rig, dict(options), values)
+        return RIGS[rig](Plan(rig, told), (Era(float("-inf"), built(values)),), STILL)
+
+    return tuple(still(values) for values in ({}, *({each.name: each.sigma} for each in DAY)))
+
+
+@lru_cache(maxsize=16)
+def _days(rig: str, options: tuple[tuple[str, Option], ...]) -> tuple[RealRun, ...]:
+    """Return still runs of the machine as drawn: as told, then with each cause of scatter off by one deviation."""
+
+    def still(values: Mapping[str, float]) -> RealRun:
+        told = with_planned(rig, dict(options), values)
+        return RIGS[rig](Plan(rig, told), (Era(float("-inf"), built(values)),), STILL)
+
+    return tuple(still(values) for values in ({}, *({each.name: each.sigma} for each in DAY)))
 
 
 def gain_of(differences: Sequence[Sequence[NDArray[np.float64]]], runs: int, references: int) -> float:
@@ -136,6 +177,13 @@ def gain_of(differences: Sequence[Sequence[NDArray[np.float64]]], runs: int, ref
     return max(total, 0.0) / (1.0 / runs + 1.0 / references)
 
 
-def detectable_size(gain: float) -> float:
-    """Return a size: 1 is what an ideal detector needs, and a gain is its square."""
-    return float(np.sqrt(gain / NEEDED))
+def detectable_size(gains: Sequence[float], runs: int, references: int) -> float:
+    """Return a size: 1 is what an ideal detector needs, and a gain is its square.
+
+    Args:
+        gains: Of one run, of every setting.
+        runs: To be diagnosed, per setting.
+        references: Per setting.
+
+    """
+    return float(np.sqrt(sum(gains) / (1.0 / runs + 1.0 / references) / NEEDED))
