@@ -66,7 +66,7 @@ class Constants:
     """Prior scale of the simulator's own error in a block without references, in the variance of scatter there. Chosen:
     as much as scatter, since nothing cancels it."""
     reweighings: int = 2
-    """Times that a candidate is fitted anew beside its own error. Chosen: a third moves nothing."""
+    """Times that a candidate is fitted anew beside its own error. Chosen: a third changes no verdict on real data."""
     pair_penalty: float = 2.0
     """Nats that a second effect costs: prior odds of a pair. Learned."""
     parameter_penalty: float = 0.5
