@@ -43,6 +43,8 @@ _COMPARED = (
     "pairs_exact",
 )
 _BY_CAUSE = ("detected_at_2", "top_1_from_2", "ranked_from_2", "top_2_from_2", "unknown_rejected")
+_NO_WORSE = ("top_1_at_2", "top_1_from_4")
+"""Figures in which no rig may be worse than the ranking by error on the same cases."""
 _BY_NAME = {aim.figure: aim for aim in (*AIMS, *OTHERS)} | {
     "ranked_from_2": Aim("ranked_from_2", "right name most probable, twice and above", "")
 }
@@ -130,11 +132,21 @@ def _line(aim: Aim, ways: Sequence[Way]) -> dict[str, Any]:
 
 
 def _rigs(first: Way, baselines: Sequence[Way]) -> list[dict[str, Any]]:
-    """Return a line per rig, and below it the ranking by error on the same cases."""
+    """Return a line per rig, and below it the ranking by error on the same cases, which should be no better."""
     lines = []
+    simple = baselines[0]
     for rig, found in first.rigs.items():
-        lines.append({"rig": rig, "who": "this diagnosis", "cells": _cells(found, BY_RIG)})
-        lines += [{"rig": "", "who": way.name, "cells": _cells(way.rigs.get(rig, {}), BY_RIG)} for way in baselines[:1]]
+        other = simple.rigs.get(rig, {})
+        tones = [
+            "bad-text"
+            if name in _NO_WORSE and name in found and name in other and found[name].value < other[name].value
+            else ""
+            for name in BY_RIG
+        ]
+        own = [{"text": text, "tone": tone} for text, tone in zip(_cells(found, BY_RIG), tones, strict=True)]
+        lines.append({"rig": rig, "who": "this diagnosis", "cells": own})
+        cells = [{"text": text, "tone": ""} for text in _cells(other, BY_RIG)]
+        lines.append({"rig": "", "who": simple.name, "cells": cells})
     return lines
 
 

@@ -92,8 +92,8 @@ def _signal(topic: str, column: str) -> str:
 class IdealDetector:
     """Knows how healthy runs of one machine scatter in one setting.
 
-    The covariance is that of the diagnosis, with the reality's own causes of scatter as its columns: twelve runs are too
-    few to show all directions in which days differ.
+    The covariance is that of the diagnosis, with the reality's own causes of scatter as its columns: twelve runs are
+    too few to show all directions in which days differ.
     """
 
     def __init__(self, healthy: Sequence[RealRun]) -> None:
