@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap.ankle.instruments import PRESSURE, quantity_of
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_graph import names
+from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
 if TYPE_CHECKING:
+    from jammkle_gap import Recording, Signal
     from jammkle_gap.ankle.bag import Bag
-    from jammkle_gap.november.recording import Recording, Signal
     from jammkle_sim.rigs.run import RigRun
 
 
@@ -34,10 +36,15 @@ def bag() -> Bag:
     return bag_of_run(run("pressure", cycles=1))
 
 
+def bias_of(signal: Signal) -> float:
+    """Return the standard deviation of a sensor's constant offset, in its unit: pressures have one."""
+    return SensorParameters().pressure_offset_pa if quantity_of(signal.name) == PRESSURE else 0.0
+
+
 def unbiased(signal: Signal, simulated: np.ndarray) -> np.ndarray:
     """Measured less simulated, less what the sensor may be off by throughout."""
     residual = signal.values - simulated
-    return residual - np.clip(residual.mean(), -3.0 * signal.bias, 3.0 * signal.bias)
+    return residual - np.clip(residual.mean(), -3.0 * bias_of(signal), 3.0 * bias_of(signal))
 
 
 def worst_gap(recording: Recording) -> float:
@@ -45,5 +52,6 @@ def worst_gap(recording: Recording) -> float:
     simulated = SIMULATOR(recording, {})
     assert set(simulated) == {signal.name for signal in recording.signals}
     return max(
-        float(np.sqrt(np.mean((unbiased(each, simulated[each.name]) / each.noise) ** 2))) for each in recording.signals
+        float(np.sqrt(np.mean((unbiased(each, simulated[each.name]) / each.deviation) ** 2)))
+        for each in recording.signals
     )

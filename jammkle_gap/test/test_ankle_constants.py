@@ -164,7 +164,7 @@ def test_an_entry_begins_small(entry: AnkleEffect) -> None:
 
             def size(share: float, key: str = entry.key(each), each: PriorParameter = each) -> float:
                 changed = SIMULATOR(recording, {key: each.null + share * each.deviation})  # noqa: B023
-                moved = [(changed[s.name] - nominal[s.name]) / s.noise for s in recording.signals]  # noqa: B023
+                moved = [(changed[s.name] - nominal[s.name]) / s.deviation for s in recording.signals]  # noqa: B023
                 return float(np.sqrt(np.mean(np.concatenate(moved) ** 2)))
 
             assert size(0.01) <= 0.05 * size(1.0) + 1e-3

@@ -89,7 +89,7 @@ def test_a_slip_test_follows_its_carriage(foot: str) -> None:
         before = (signal.time_s > 1.2) & (signal.time_s < 2.3)
         residual = (signal.values - simulated[name])[before]
         bins = residual[: len(residual) // 10 * 10].reshape(-1, 10).mean(axis=1)
-        assert np.sqrt(np.mean(bins**2)) < 2.0 * signal.noise, name
+        assert np.sqrt(np.mean(bins**2)) < 2.0 * signal.deviation, name
 
 
 def test_times_count_alike_however_early_a_recorder_was_switched_on() -> None:

@@ -30,6 +30,7 @@ from jammkle_gap.core.effects import BadEffectError
 from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig
+from recorded import bias_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -98,7 +99,7 @@ def moves(
 ) -> dict[str, float]:
     """Difference of two simulations per signal, root mean square in noise."""
     return {
-        signal.name: float(np.sqrt(np.mean(((one[signal.name] - two[signal.name]) / signal.noise) ** 2)))
+        signal.name: float(np.sqrt(np.mean(((one[signal.name] - two[signal.name]) / signal.deviation) ** 2)))
         for signal in recording.signals
     }
 
@@ -108,7 +109,7 @@ def gap(recording: Recording, values: Mapping[str, float]) -> float:
     simulated = SIMULATOR(recording, values)
     squares = []
     for signal in recording.signals:
-        noise = np.hypot(signal.noise, signal.bias)
+        noise = np.hypot(signal.deviation, bias_of(signal))
         squares.append(np.mean(((signal.values - simulated[signal.name]) / noise) ** 2))
     return float(np.sqrt(np.mean(squares)))
 
@@ -159,7 +160,7 @@ def test_an_effect_moves_what_it_should_and_nothing_else(effect: AnkleEffect) ->
     for signal in recording.signals:
         before = signal.time_s < first_s
         earlier = np.abs(simulated[signal.name][before] - nominal[signal.name][before])
-        assert earlier.max(initial=0.0) < ROUNDING * signal.noise
+        assert earlier.max(initial=0.0) < ROUNDING * signal.deviation
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)

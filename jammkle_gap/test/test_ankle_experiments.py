@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from jammkle_gap.ankle.experiments import experiments
-from jammkle_gap.report.quantities import noise_units
+from jammkle_gap.report.quantities import times
 
 if TYPE_CHECKING:
     from jammkle_gap.core.design import Experiment
@@ -19,9 +19,9 @@ def test_every_plan_can_be_run(experiment: Experiment) -> None:
     recording = experiment.plan()
     assert experiment.name.startswith(f"rig {recording.inputs.rig}")
     assert recording.signals
-    assert all(signal.noise > 0.0 for signal in recording.signals)
+    assert all(signal.deviation > 0.0 for signal in recording.signals)
 
 
 def test_small_gaps_have_no_digits_to_read() -> None:
     """What lies far below the noise is nothing; large gaps are whole numbers."""
-    assert [noise_units(gap) for gap in (1e-9, 1.234, 12.34, 123.4)] == ["0.00", "1.23", "12.3", "123"]
+    assert [times(gap) for gap in (1e-9, 1.234, 12.34, 123.4)] == ["0.00", "1.23", "12.3", "123"]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from jammkle_gap.november.verdict import Verdict
+from jammkle_gap import Verdict
 
 if TYPE_CHECKING:
     from types import ModuleType

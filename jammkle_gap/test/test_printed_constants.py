@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_gap.november.verdict import Verdict
+from jammkle_gap import Verdict
 from jammkle_sim.physics.constants import TENDON_SETS
 
 if TYPE_CHECKING:

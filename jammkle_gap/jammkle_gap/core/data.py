@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,11 @@ class Signal:
     neighbouring samples."""
     resolution: float = 0.0
     """Smallest step of the sensor, in `unit`; 0: fine enough not to matter. Averaging does not remove its error."""
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of one reading, in `unit`: noise and rounding; 0 where neither is known."""
+        return math.hypot(self.noise, self.resolution / math.sqrt(12.0))
 
     def __post_init__(self) -> None:
         """Check the shapes.
