@@ -130,7 +130,7 @@ def test_the_demo_leaves_a_table_and_a_picture(landing: dict[str, Any]) -> None:
 
 
 def test_the_demo_finds_what_it_was_not_told(landing: dict[str, Any]) -> None:
-    """The diagnosis has the effect in its credible set and closes the gap; the truth is told after the verdict alone."""
+    """The diagnosis has the effect in its credible set and closes the gap; the truth comes after the verdict alone."""
     assert landing["diagnosis_outcome"] in {"right", "among several"}
     named = {name for each in landing["diagnosis"]["set"] for name in (*each["names"], *each["equivalents"])}
     assert EFFECT in named
