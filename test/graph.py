@@ -154,9 +154,9 @@ class Up:
             self.process.send_signal(number)
         return self.wait()
 
-    def wait(self) -> int:
+    def wait(self, timeout_s: float = TIMEOUT_S) -> int:
         """Wait for its end and return the exit code."""
-        return self.process.wait(timeout=TIMEOUT_S)
+        return self.process.wait(timeout=timeout_s)
 
     def text(self) -> str:
         """All it has printed so far."""

@@ -26,12 +26,15 @@ from jammkle_graph.testing import own_domain
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+pytestmark = pytest.mark.timeout(900)
 FALL_HEIGHT_M = 0.05
 GRAVITY_M_S2 = 9.80665
 FREE_FALL_S = (2.0 * FALL_HEIGHT_M / GRAVITY_M_S2) ** 0.5
 RELEASE_S = 1.0
 EFFECT = "line_leak_achilles"
-"""What is wrong with the ankle that lands. Not a lost fibre: one landing does not tell it from a failed tendon."""
+"""What is wrong with the ankle that lands. Not a lost fibre: one landing hardly tells it from a failed tendon."""
+DEMO_TIMEOUT_S = 800.0
+"""The first demo on a machine simulates all signatures; on a busy one that takes minutes."""
 LOAD_CELL_PERIOD_S = 0.002
 LONGEST_DETECTION_S = 0.010
 """Five samples of the IMU at 500 Hz: beyond that the shock is half over."""
@@ -74,7 +77,7 @@ def landing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]
     with own_domain() as domain_id:
         output = ("-o", str(folder / "runs"), "--json", str(folder / "demo.json"))
         demo = Up(domain_id, folder, "demo", "--effect", EFFECT, *output)
-        code = demo.wait()
+        code = demo.wait(DEMO_TIMEOUT_S)
         assert code == 0, demo.text()
         result = json.loads((folder / "demo.json").read_text())
         (run,) = (folder / "runs").iterdir()
@@ -127,14 +130,16 @@ def test_the_demo_leaves_a_table_and_a_picture(landing: dict[str, Any]) -> None:
 
 
 def test_the_demo_finds_what_it_was_not_told(landing: dict[str, Any]) -> None:
-    """The diagnosis names the effect, closes the gap to the noise, and the truth is told after the verdict alone."""
-    assert landing["diagnosis_outcome"] == "right"
-    assert [effect["name"] for effect in landing["diagnosis"]["effects"]] == [EFFECT]
+    """The diagnosis has the effect in its credible set and closes the gap; the truth comes after the verdict alone."""
+    assert landing["diagnosis_outcome"] in {"right", "among several"}
+    named = {name for each in landing["diagnosis"]["set"] for name in (*each["names"], *each["equivalents"])}
+    assert EFFECT in named
     gap = landing["diagnosis"]["gap"]
-    assert gap["with_effect"] < 1.5 < gap["nominal"]
+    assert gap["corrected"] < 1.5 < gap["nominal"]
     before, _, after = landing["text"].partition("in truth: ")
-    assert "verdict: EFFECTS" in before
+    assert f"verdict: {landing['diagnosis']['verdict'].replace('_', ' ')}" in before
     assert EFFECT in after
+    assert "first answer, before any fit" in landing["text"]
 
 
 def test_the_bag_is_complete_and_opens_without_this_project(bag: dict[str, Any]) -> None:

@@ -112,7 +112,8 @@ def diagnosed(
 def test_a_leak_is_named_sized_and_placed(diagnosed: tuple[Path, dict[str, Any], str]) -> None:
     """The leak that was put in is in the answer, its size lies in the interval, and pneumatics is the subsystem."""
     _, found, _ = diagnosed
-    assert found["verdict"] == "EFFECTS"
+    assert found["verdict"] in {"EFFECTS", "AMBIGUOUS"}
+    assert all("line_leak_achilles" in each["names"] for each in found["set"])
     leak = next(effect for effect in found["effects"] if effect["name"] == "line_leak_achilles")
     size = leak["parameters"]["conductance_dm3_s_bar"]
     assert size["interval"][0] <= TRUE_LEAK <= size["interval"][1]
