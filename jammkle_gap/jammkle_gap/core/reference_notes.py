@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from jammkle_gap.core.compare import Setting
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.evidence import Evidence
@@ -60,12 +62,13 @@ def _divided(evidence: Evidence, constants: Constants) -> list[str]:
         # In the sensors' noise: scatter was fitted to these runs, and has taken their difference for its own.
         own = (each.references - each.references.mean(axis=0)) / setting.layout.floor
         scores = np.linalg.svd(own, full_matrices=False)[0][:, 0]
-        ratio, order, cut = _cut(scores)
+        ratio, cut = _cut(scores)
+        order = np.argsort(scores).tolist()
         drawn = np.random.default_rng(0).standard_normal((_DRAWS, count))
-        chance = float(np.mean([_cut(each)[0] >= ratio for each in drawn])) * len(tested)
+        chance = float((_cut(drawn)[0] >= ratio).mean()) * len(tested)
         if chance < constants.divided_rate:
-            names = ", ".join(sorted(setting.references[i].name for i in order[:cut]))
-            rest = ", ".join(sorted(setting.references[i].name for i in order[cut:]))
+            names = ", ".join(sorted(setting.references[i].name for i in order[: int(cut)]))
+            rest = ", ".join(sorted(setting.references[i].name for i in order[int(cut) :]))
             found.append(
                 f"the references of setting '{setting.name}' fall into two groups, {names} and {rest}: one of them may "
                 "be of another machine, or of a faulty one; their difference counts as scatter"
@@ -73,18 +76,21 @@ def _divided(evidence: Evidence, constants: Constants) -> list[str]:
     return found
 
 
-def _cut(scores: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, list[int], int]:
-    """Return the largest ratio of variance between two parts to that within, the order, and where it is cut."""
-    order = np.argsort(scores)
-    ordered = scores[order]
-    best, at = 0.0, 1
-    for cut in range(2, len(ordered) - 1):
-        parts = (ordered[:cut], ordered[cut:])
-        within = sum(float(np.square(part - part.mean()).sum()) for part in parts)
-        between = float(np.square(ordered - ordered.mean()).sum()) - within
-        if between > best * within:
-            best, at = between / max(within, 1e-30), cut
-    return best, order.tolist(), at
+def _cut(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the largest ratio of the variance between two parts to that within, and the size of the first part.
+
+    Args:
+        scores: Shape (..., runs); each part has two or more.
+
+    """
+    ordered = np.sort(scores - scores.mean(axis=-1, keepdims=True), axis=-1)
+    count = ordered.shape[-1]
+    first = np.arange(1, count)
+    sums = np.cumsum(ordered, axis=-1)[..., :-1]
+    between = np.square(sums) * (1.0 / first + 1.0 / (count - first))
+    within = np.square(ordered).sum(axis=-1, keepdims=True) - between
+    ratio = (between / np.maximum(within, 1e-30))[..., 1:-1]
+    return ratio.max(axis=-1), ratio.argmax(axis=-1) + 2
 
 
 def _foreign(evidence: Evidence, constants: Constants) -> str:
