@@ -48,7 +48,7 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
         values.get("rubbing.torque", 0.0) + values.get("run.rub", 0.0),
         mass,
         3.0 * values.get("servo.stiffness", 1.0) * (1.0 - values.get("weak.share", 0.0)),
-        0.07 + values.get("oil.drag", 0.0),
+        0.15 + values.get("oil.drag", 0.0),
     )
     return {"angle": angle}
 
@@ -68,7 +68,7 @@ LIBRARY = Library((
     effect("oil", "drag", "N m s", 0.2),
 ))  # fmt: skip
 SCATTER = (
-    Nuisance("start.angle", "rad", 0.0, 0.02, "assumed"),
+    Nuisance("start.angle", "rad", 0.0, 0.005, "assumed"),
     Nuisance("run.rub", "N m", 0.0, 0.005, "assumed", 0.0 - 0.02, 0.02),
 )
 CONSTANTS = (

@@ -82,14 +82,18 @@ def calibrate(
     blocks, bins_per_block = blocks_of([setting.layout for setting, _ in used], constants)
 
     def residuals(places: Sequence[NDArray[np.float64]], what: str) -> list[NDArray[np.float64]]:
-        """Return what each place leaves of the references; what the simulator does not give is 0."""
+        """Return what each place leaves of the references; what the simulator does not give is 0.
+
+        Where it cannot be run at all, it leaves far too much.
+        """
         tasks = [
             Task(setting.references[0], setting.layout, _values(problem.constants, place))
             for place in places
             for setting, _ in used
         ]
         made = iter(runner.features(tasks, what))
-        return [np.nan_to_num(target - np.concatenate([next(made) for _ in used])) for _ in places]
+        left = [target - np.concatenate([next(made) for _ in used]) for _ in places]
+        return [np.nan_to_num(each) if np.isfinite(each).any() else np.full(each.shape, np.inf) for each in left]
 
     count = len(problem.constants)
     place = np.zeros(count)
@@ -99,6 +103,7 @@ def calibrate(
     for _ in range(constants.calibration_steps):
         moved = [place + step for step in np.eye(count)]
         jacobian = np.array([current - each for each in residuals(moved, "calibrating")]).T
+        jacobian[~np.isfinite(jacobian)] = 0.0
         step = np.zeros(count)
         total = variance
         for _ in range(TURNS):

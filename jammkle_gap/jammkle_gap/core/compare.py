@@ -14,7 +14,7 @@ import numpy as np
 
 from jammkle_gap.core.features import features_of, layout_of, measured
 from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
-from jammkle_gap.core.simulate import Task
+from jammkle_gap.core.simulate import SimulatorError, Task
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -112,6 +112,9 @@ def residuals_of(settings: Sequence[Setting], runner: Runner, values: Mapping[st
         runner: Makes the runs.
         values: Constants of the machine, by name; those not named are nominal.
 
+    Raises:
+        SimulatorError: it gives nothing to compare with.
+
     """
     tasks = [
         Task(recording, setting.layout, values)
@@ -127,6 +130,11 @@ def residuals_of(settings: Sequence[Setting], runner: Runner, values: Mapping[st
             (setting.references, setting.reference_features),
         ):
             made = np.array([next(simulated) for _ in runs]).reshape(-1, setting.layout.size)
+            for run, row in zip(runs, made, strict=True):
+                if not np.isfinite(setting.layout.by_signal(row)).any():
+                    msg = f"without any effect the simulator cannot run recording '{run.name}', or gives none of its "
+                    msg += f"signals ({', '.join(setting.layout.signals)})"
+                    raise SimulatorError(msg)
             tables.append((np.nan_to_num(features - made), made))
         found.append(Residuals(tables[0][0], tables[1][0], tables[0][1].mean(axis=0)))
     return found

@@ -14,6 +14,7 @@ from jammkle_gap.core.detect import detect
 from jammkle_gap.core.equivalence import class_names
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
 from jammkle_gap.core.posterior import NONE_OF_THEM, posterior_of
+from jammkle_gap.core.reference_notes import reference_notes
 from jammkle_gap.core.result import (
     Candidate,
     Diagnosis,
@@ -107,7 +108,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         references_left=evidence.calibration.after,
         traces=_traces(evidence, best),
         next_experiment=following,
-        notes=_notes(evidence),
+        notes=_notes(evidence, constants),
         spent=Spent(0.0, runner.runs, runner.simulated_s),
         finished=candidates.finished,
     )
@@ -304,19 +305,8 @@ def _traces(evidence: Evidence, best: Fit | None) -> tuple[Trace, ...]:
     return tuple(found)
 
 
-def _notes(evidence: Evidence) -> tuple[str, ...]:
-    notes = []
-    for setting in evidence.settings:
-        count = len(setting.references)
-        if count == 0:
-            notes.append(
-                f"setting '{setting.name}' has no reference: what this machine is off anyway cannot be told from a "
-                "fault, beyond the priors of its constants"
-            )
-        elif count == 1:
-            notes.append(
-                f"setting '{setting.name}' has one reference: its scatter is taken from priors alone; record five"
-            )
+def _notes(evidence: Evidence, constants: Constants) -> tuple[str, ...]:
+    notes = list(reference_notes(evidence, constants))
     moved = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     if moved:
         told = ", ".join(f"{name} {x:+.1f}" for name, x in sorted(moved.items(), key=lambda item: -abs(item[1])))

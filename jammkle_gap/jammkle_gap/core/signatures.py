@@ -107,7 +107,8 @@ def dictionary_of(
 
     """
     layout = layout_of([recording], problem.bin_s(recording), problem.registrar)
-    kept = folder if problem.version else None
+    # A group that has no name could be anything.
+    kept = folder if problem.version and problem.group_of(recording) else None
     name = _digest(recording, layout, problem, constants)
     known = None if kept is None else _read(kept / f"{name}.npz", layout)
     if known is None:

@@ -103,7 +103,7 @@ class Problem:
     version: str = ""
     """What tells this simulator from others and from its other versions; empty: no dictionary is kept on disk."""
     group_of: Callable[[Recording], str] = lambda recording: recording.setting
-    """Text that is the same for recordings whose signatures are the same."""
+    """Text that is the same for recordings whose signatures are the same; empty: none is kept on disk."""
     conformity: Callable[[Recording], Sequence[float]] = lambda _: ()
     """Nonconformity of true causes on simulated machines like that of a recording; see `conformal`."""
 
