@@ -15,7 +15,7 @@ from jammkle_gap.ankle.loading import load_recording, recording_of
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
-from recorded import ACHILLES, SIMULATOR, bag, run, unbiased
+from recorded import ACHILLES, SIMULATOR, bag, bias_of, run, unbiased
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -123,7 +123,7 @@ def test_a_recording_may_begin_evacuated() -> None:
     late = recording_of(cut(bag_of_run(run("pressure", cycles=1, jam_time_s=1.5)), 0.7), "pressure")
     assert any("not vented at the start" in note for note in late.notes)
     simulated = SIMULATOR(late, {})[ACHILLES]
-    assert abs(simulated[0] - late.signal(ACHILLES).values[0]) < 3.0 * late.signal(ACHILLES).bias
+    assert abs(simulated[0] - late.signal(ACHILLES).values[0]) < 3.0 * bias_of(late.signal(ACHILLES))
 
 
 def test_joints_of_other_names_are_named() -> None:
