@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import lru_cache
 
 import numpy as np
@@ -10,9 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.ankle.events import falls_of_imu, falls_of_slide, jolt_s, onset_s, release_s, touch_down_s
+from jammkle_gap.ankle.events import (
+    falls_of_imu,
+    falls_of_slide,
+    jolt_s,
+    onset_s,
+    release_s,
+    touch_down_s,
+    touch_downs_s,
+)
 from jammkle_gap.ankle.loading import recording_of
-from jammkle_gap.ankle.registrar import SLIDE_ONSET, TOUCH_DOWN, AnkleRegistrar
+from jammkle_gap.ankle.registrar import BREAKAWAY, SLIDE_ONSET, TOUCH_DOWN, AnkleRegistrar
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.ankle.sensor_sets import SensorSet, selected
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
@@ -100,6 +109,23 @@ def test_flights_after_a_bounce_are_no_releases() -> None:
     assert len(falls_of_imu(samples.stamp_s, force)) == 1
 
 
+def test_every_touch_down_of_a_bouncing_leg_is_found() -> None:
+    """The times at which a rigid foot's force jumps, as its slide has it lowest."""
+    bag = bag_of_run(run("drop", foot="rigid_ankle"))
+    samples, joints = bag.topics["imu/data"], bag.topics["joint_states"]
+    force = np.column_stack([samples.columns[name] for name in FORCES])
+    found = touch_downs_s(samples.stamp_s, force)
+    height = joints.columns["carriage/position"]
+    lowest = (height[1:-1] < height[:-2]) & (height[1:-1] <= height[2:]) & (height[1:-1] < height.min() + 0.003)
+    bottoms_s = joints.stamp_s[1:-1][lowest & (joints.stamp_s[1:-1] < 1.2)]
+    assert len(bottoms_s) == 2
+    for touched_s, bottom_s in zip(found, bottoms_s, strict=False):
+        assert 0.0 < bottom_s - touched_s < 0.008
+    assert touch_down_s(samples.stamp_s, force) == found[0]
+    still = np.tile(force[0], (len(force), 1))
+    assert touch_downs_s(samples.stamp_s, still) == ()
+
+
 def test_a_hand_that_lowers_a_leg_is_no_release() -> None:
     """At a third of gravity, or for a moment only."""
     time_s = np.arange(0.0, 2.0, 0.001)
@@ -137,9 +163,15 @@ def test_a_slip_test_touches_and_slides(speed_m_s: float) -> None:
     jump = np.abs(np.diff(force.values))[force.time_s[1:] > touch_s + 0.3]
     after_s = force.time_s[1:][force.time_s[1:] > touch_s + 0.3]
     assert found[SLIDE_ONSET] == pytest.approx(after_s[int(np.argmax(jump > 10.0))], abs=0.02)
+    pitch = recording.signal("ankle_pitch/position")
+    fastest_s = pitch.time_s[int(np.argmax(np.gradient(pitch.values, pitch.time_s)))]
+    assert found[BREAKAWAY] == pytest.approx(fastest_s, abs=0.08)
+    assert found[BREAKAWAY] > found[SLIDE_ONSET]
     robot = selected(recording, SensorSet.ROBOT)
     by_angles = AnkleRegistrar().events(robot, {each.name: each.values for each in robot.signals})
     assert by_angles[TOUCH_DOWN] == pytest.approx(touch_s, abs=0.1)
+    assert by_angles[BREAKAWAY] == found[BREAKAWAY]
+    assert SLIDE_ONSET not in by_angles
 
 
 @pytest.mark.parametrize("case", range(len(DROPS)))
@@ -156,6 +188,20 @@ def test_measured_and_simulated_runs_meet_at_the_touch_down(case: int) -> None:
     assert moved_s == pytest.approx(later_s, abs=0.0006)
 
 
+def test_a_slow_imu_leaves_the_touch_down_to_a_faster_carriage() -> None:
+    """At 100 Hz a blow may lie between two samples."""
+    recording = recording_of(bag_of_run(run("drop", foot="rigid_ankle")))
+    thin = tuple(
+        dataclasses.replace(each, time_s=each.time_s[5::10], values=each.values[5::10])
+        if each.name.startswith("imu/")
+        else each
+        for each in recording.signals
+    )
+    slow = dataclasses.replace(recording, signals=thin)
+    values = {each.name: each.values for each in slow.signals}
+    assert AnkleRegistrar().events(slow, values)[TOUCH_DOWN] == pytest.approx(RELEASE_S + FALL_S, abs=0.002)
+
+
 @pytest.mark.parametrize("left", [("imu/",), ("imu/", "carriage/")])
 def test_without_an_imu_other_sensors_see_the_touch_down(left: tuple[str, ...]) -> None:
     """The carriage, or without it the ankle that begins to turn."""
@@ -169,6 +215,9 @@ def test_what_is_registered_at_which_event() -> None:
     registrar, drop = AnkleRegistrar(), recording_of(bag_of_run(run("drop", foot="unjammed")))
     assert registrar.event_of(drop, "imu/specific_force_z") == TOUCH_DOWN
     assert registrar.event_of(drop, "achilles/pressure") == ""
+    slip = recording_of(bag_of_run(run("slip", foot="jammed", speed_m_s=0.05)))
+    assert registrar.event_of(slip, "load_cell/force_z") == BREAKAWAY
+    assert registrar.event_of(slip, "imu/specific_force_z") == ""
     pull = recording_of(bag_of_run(run("tensile", vacuum_pa=50e3, speed_m_s=0.02)))
     assert registrar.event_of(pull, "load_cell/force_z") == ""
     assert registrar.events(pull, {each.name: each.values for each in pull.signals}) == {}

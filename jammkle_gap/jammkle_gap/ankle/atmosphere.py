@@ -10,9 +10,12 @@ import numpy as np
 from jammkle_gap.ankle.phases import pressure_signals
 from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from numpy.typing import NDArray
 
     from jammkle_gap.ankle.bag import Samples
     from jammkle_gap.ankle.inputs import AnkleInputs
@@ -25,6 +28,8 @@ _WEATHER_PA = 500.0
 """Distance from the standard atmosphere from which on the recording's own is taken. Assumed: three such scatters."""
 _VENTED_S = 0.5
 """Time after its solenoid let go at which a channel has vented. Assumed: five times its time constant."""
+_SOURCES = {"manifold": names.MANIFOLD_PRESSURE, **names.PRESSURES}
+"""Topics of the pressures by volume, in the order of the simulation."""
 _AT_START = 5
 """Readings that the pressure at the start is taken from."""
 _HIGHEST = 99.0
@@ -61,11 +66,19 @@ def begins_vented(topics: Mapping[str, Samples]) -> bool:
         topics: Of the whole bag, commands among them.
 
     """
+    begun = [(each, topics[topic.name]) for each, topic in _SOURCES.items() if topic.name in topics]
+    solenoids = {
+        channel: Timeline(topics[topic.name].log_s, topics[topic.name].columns["data"])
+        for channel, topic in names.SOLENOIDS.items()
+        if topic.name in topics
+    }
     weather = weather_pa(topics)
-    lowest_pa = (STANDARD_ATMOSPHERE_PA if weather is None else weather) - NOT_VENTED_PA
-    sources = (names.MANIFOLD_PRESSURE, *names.PRESSURES.values())
-    found = [topics[topic.name].columns["pressure"] for topic in sources if topic.name in topics]
-    return all(float(np.median(pressure_pa[:_AT_START])) >= lowest_pa for pressure_pa in found if len(pressure_pa))
+    ambient_pa = STANDARD_ATMOSPHERE_PA if weather is None else weather
+    return not any(
+        _is_evacuated(where, each.stamp_s, each.columns["pressure"], solenoids, ambient_pa)
+        for where, each in begun
+        if len(each.stamp_s)
+    )
 
 
 def with_air(
@@ -74,7 +87,7 @@ def with_air(
     """Return inputs with the atmosphere, and with the start pressures of a run that does not begin vented.
 
     Args:
-        inputs: Of the run.
+        inputs: Of the run, with its commands.
         weather: Pressure of the atmosphere, Pa, as measured; None: not known, or the bag describes its rig.
         signals: Of the run.
         ambient_pa: Pressure of the atmosphere that the rig is built with, Pa.
@@ -85,12 +98,42 @@ def with_air(
         ambient_pa = weather
         inputs = dataclasses.replace(inputs, ambient_pa=ambient_pa)
         notes.append(f"atmosphere taken from the vented pressures: {ambient_pa:.0f} Pa")
-    first = {
-        where: float(np.median(signals[name].values[:_AT_START])) for where, name in pressure_signals(signals).items()
-    }
-    evacuated = [where for where, value in first.items() if value < ambient_pa - NOT_VENTED_PA]
+    begun = {where: signals[name] for where, name in pressure_signals(signals).items()}
+    solenoids = inputs.commands.solenoids
+    evacuated = [
+        where for where, each in begun.items() if _is_evacuated(where, each.time_s, each.values, solenoids, ambient_pa)
+    ]
     if not evacuated:
         return inputs
     notes.append(f"not vented at the start, and begun from the pressures measured then: {', '.join(evacuated)}")
-    volumes = ("manifold", *names.CHANNELS)
-    return dataclasses.replace(inputs, start_pa=np.array([first.get(where, ambient_pa) for where in volumes]))
+    first_pa = {where: _first_pa(each.time_s, each.values, solenoids) for where, each in begun.items()}
+    start_pa = np.array([first_pa.get(where, ambient_pa) for where in _SOURCES])
+    return dataclasses.replace(inputs, start_pa=start_pa)
+
+
+def _is_evacuated(
+    where: str,
+    time_s: NDArray[np.float64],
+    pressure_pa: NDArray[np.float64],
+    solenoids: Mapping[str, Timeline],
+    ambient_pa: float,
+) -> bool:
+    """Tell whether a volume is evacuated as its readings begin: below what it reads later, or drawn by a solenoid.
+
+    A sensor that only reads low reads as low when its channel is vented.
+    """
+    first_pa = _first_pa(time_s, pressure_pa, solenoids)
+    if first_pa < float(np.percentile(pressure_pa, _HIGHEST)) - NOT_VENTED_PA:
+        return True
+    lines = [line for channel, line in solenoids.items() if where in {channel, "manifold"}]
+    is_drawn = any(line.at(float(time_s[0])) > 0.0 for line in lines)
+    return is_drawn and first_pa < ambient_pa - NOT_VENTED_PA
+
+
+def _first_pa(
+    time_s: NDArray[np.float64], pressure_pa: NDArray[np.float64], solenoids: Mapping[str, Timeline]
+) -> float:
+    """Return what a sensor reads as its readings begin, Pa: the median of a few, none after the first switching."""
+    switched_s = [float(line.time_s[line.time_s > time_s[0]].min(initial=np.inf)) for line in solenoids.values()]
+    count = int(np.searchsorted(time_s, min(switched_s, default=np.inf)))
+    return float(np.median(pressure_pa[: max(min(count, _AT_START), 1)]))

@@ -40,6 +40,8 @@ _SHORTEST_FALL_S = 0.03
 """Shortest fall that counts: 4.4 mm. Assumed: less is a knock."""
 FAST_S = 0.003
 """Time that specific forces are averaged over. Chosen: half the rise of an impact behind a filter of 225 Hz."""
+_SHORTEST_FLIGHT_S = 0.02
+"""Shortest flight after a bounce that counts: half a millimetre. Assumed: less is chatter of the contact."""
 _BEND_S = 0.03
 """Time that a slide's acceleration is taken over: 2e-5 m of noise at 500 Hz leave 0.15 m/s^2 of it."""
 _APART_M = 0.001
@@ -90,6 +92,27 @@ def release_s(time_s: Floats, specific_force_m_s2: Floats) -> float | None:
     """Return when a body was let go, s; None if it was not. See `falls_of_imu`."""
     falls = falls_of_imu(time_s, specific_force_m_s2)
     return falls[0].release_s if falls else None
+
+
+def touch_downs_s(time_s: Floats, specific_force_m_s2: Floats) -> tuple[float, ...]:
+    """Return when a body that was let go touched down, and again after each flight of a bounce, s; see `falls_of_imu`.
+
+    In flight it is as light as in its fall, and an impact ends it: levels and sharpness are those of the first.
+    """
+    falls = falls_of_imu(time_s, specific_force_m_s2)
+    if not falls or falls[0].touch_down_s is None:
+        return ()
+    weight = float(np.linalg.norm(np.median(specific_force_m_s2, axis=0)))
+    upward = specific_force_m_s2 @ np.median(specific_force_m_s2, axis=0) / weight
+    smooth = _averaged(time_s, upward[:, None], FAST_S)[:, 0]
+    light = weight - smooth > _LIGHT_M_S2
+    light[time_s <= falls[0].touch_down_s + FAST_S] = False
+    found = [falls[0].touch_down_s]
+    for _, last in _stretches(time_s, light, _SHORTEST_FLIGHT_S):
+        if last < len(time_s):
+            again_s = _first_crossing_s(time_s, upward - weight + _LIGHT_M_S2, max(last - 1, 0))
+            found += [] if again_s is None else [again_s]
+    return tuple(found)
 
 
 def falls_of_imu(time_s: Floats, specific_force_m_s2: Floats) -> tuple[Fall, ...]:
@@ -230,11 +253,11 @@ def _noise(time_s: Floats, values: Floats, over_s: float) -> float:
     return float(np.linalg.norm(scatter) / np.sqrt(count))
 
 
-def _stretches(time_s: Floats, falling: Flags) -> Iterator[tuple[int, int]]:
+def _stretches(time_s: Floats, falling: Flags, shortest_s: float = _SHORTEST_FALL_S) -> Iterator[tuple[int, int]]:
     """Give first reading and the one after the last of every stretch that is long enough for a fall."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], falling.astype(np.int8), [0]))))
     for first, last in edges.reshape(-1, 2).tolist():
-        if time_s[last - 1] - time_s[first] >= _SHORTEST_FALL_S:
+        if time_s[last - 1] - time_s[first] >= shortest_s:
             yield first, last
 
 

@@ -51,7 +51,9 @@ class AnkleInputs:
     exact: bool = True
     """Commands have the times at which they were taken, by the clock of the measurements; else those of a recorder."""
     known: frozenset[str] = frozenset()
-    """Options that bag or user have given; the others are the rig's defaults."""
+    """Options that bag, user or measurements have given; the others are the rig's defaults."""
+    measured: frozenset[str] = frozenset()
+    """Those that the recording shows."""
 
     @cached_property
     def key(self) -> str:

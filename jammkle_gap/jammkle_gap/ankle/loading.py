@@ -176,7 +176,7 @@ def _recording(name: str, bag: Bag, topics: Mapping[str, Samples], told: Told, s
     if not told.known:
         said.append(f"how rig '{told.rig}' was set is not known: its defaults are taken but for what is measured")
     if told.rig in FALLING_RIGS:
-        told = with_fall(told, span, topics, said)
+        told = with_fall(told, span, topics, lambda guess: _start_m(nominal_rig(_unmoved(guess))), said)
     elif "channel" in dict(told.options) and told.rig == "tensile":
         told = with_channel(told, span, topics, said)
     inputs = _unmoved(told)
@@ -210,7 +210,7 @@ def _recording(name: str, bag: Bag, topics: Mapping[str, Samples], told: Told, s
 def _unmoved(told: Told) -> AnkleInputs:
     """Return inputs of a rig that does what its programme says and is told nothing."""
     nothing = Timeline(np.zeros(1), np.zeros(1))
-    return AnkleInputs(told.rig, told.options, CommandTrack(nothing, {}), known=told.known)
+    return AnkleInputs(told.rig, told.options, CommandTrack(nothing, {}), known=told.known, measured=told.measured)
 
 
 def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], span: Span, built: Rig) -> AnkleInputs:

@@ -7,52 +7,106 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_gap.ankle.signals import CARRIAGE
 from jammkle_graph import names
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from jammkle_gap.ankle.bag import Samples
     from jammkle_gap.ankle.spans import Span
     from jammkle_gap.ankle.told import Told
 
 _HEIGHT, _PITCH, _CHANNEL = "drop_height_m", "pitch_deg", "channel"
-_FALL_M = 0.005
-"""Difference of a told drop height from what the time of the fall makes of it up to which it counts as right. Assumed:
-five times what 1 ms of touch-down is after 0.1 s of fall."""
-_FALL_SHARE = 0.1
-"""The same as a share: friction of the slide and air make a fall longer."""
-_PITCH_DEG = 3.0
-"""Difference of the hanging foot's pitch from the rig's default up to which that is taken. Assumed: what a builder sets
-by eye, and what a tendon's length makes of it."""
+_ANGLE = "ankle_pitch/position"
+_FALL_M, _FALL_SHARE = 0.005, 0.1
+"""Difference of a told drop height from the measured one up to which it counts as right. Assumed: what geometry and
+zero of a carriage leave open; as a share, what a person rounds to."""
+_ZERO_M = 0.025
+"""Difference of the heights by where the carriage hung and by how far it fell up to which its zero is taken to be the
+ground's. Assumed: a bent toe, a tilted floor or a foot that hangs askew touch down within; a carriage zeroed elsewhere
+is further off."""
+_PITCH_DEG = 8.0
+"""Difference of the hanging foot's pitch from the rig's default up to which that is taken. Assumed: twice what a
+builder's tolerances and a tendon of wrong length make of it; what a person sets otherwise is more."""
+_HELD_S, _STILL_S = 0.15, 0.01
+"""From how long before a release to how long before it the carriage is read as it hangs."""
 
 
-def with_fall(told: Told, span: Span, topics: Mapping[str, Samples], notes: list[str]) -> Told:
-    """Return the options of a rig that lets go, with drop height and pitch as the run shows them.
+def with_fall(
+    told: Told, span: Span, topics: Mapping[str, Samples], start_m: Callable[[Told], float], notes: list[str]
+) -> Told:
+    """Return the options of a rig that lets go, with pitch and drop height as the run shows them.
+
+    The height is that at which the carriage hung, above where the rig's foot touches: a fault of foot, floor or slide
+    does not change it. It is how far the carriage fell, if its zero is not the ground's, and how long, without one.
 
     Args:
-        told: What bag and user tell. A height that the user gives is kept; one that the bag gives, if the fall took as
-            long as it says.
+        told: What bag and user tell. What the user gives is kept; a height that the bag gives, if the carriage agrees.
         span: The run.
         topics: What was measured.
+        start_m: Tells where a rig's carriage hangs, m.
         notes: What the reader should know is added.
 
     """
-    options = dict(told.options)
-    if span.fall_s is not None and _HEIGHT not in told.firm:
-        fallen_m = 0.5 * STANDARD_GRAVITY_M_S2 * span.fall_s**2
-        off_m = abs(fallen_m - float(options[_HEIGHT]))
-        if _HEIGHT not in told.given or off_m > max(_FALL_M, _FALL_SHARE * float(options[_HEIGHT])):
-            notes.append(f"drop height by the time of the fall: {1e3 * fallen_m:.1f} mm in {span.fall_s:.4f} s")
-            told = told.with_option(_HEIGHT, fallen_m)
-    pitch_deg = _pitch_deg(span, topics)
-    if pitch_deg is None or _PITCH not in options or _PITCH in told.given:
+    told = _with_pitch(told, span, topics, notes)
+    if _HEIGHT in told.firm:
         return told
+    height_m = float(dict(told.options)[_HEIGHT])
+    by_carriage = _by_carriage(span, topics, start_m(told) - height_m)
+    if by_carriage is not None:
+        measured_m, how = by_carriage
+        is_right = abs(measured_m - height_m) <= max(_FALL_M, _FALL_SHARE * height_m)
+        if _HEIGHT in told.given and is_right:
+            return told
+        notes.append(f"drop height by {how}: {1e3 * measured_m:.1f} mm")
+        return told.with_measured(_HEIGHT, measured_m)
+    if _HEIGHT in told.given or span.fall_s is None:
+        return told
+    fallen_m = 0.5 * STANDARD_GRAVITY_M_S2 * span.fall_s**2
+    notes.append(f"drop height by the time of the fall: {1e3 * fallen_m:.1f} mm in {span.fall_s:.4f} s")
+    return told.with_measured(_HEIGHT, fallen_m)
+
+
+def _with_pitch(told: Told, span: Span, topics: Mapping[str, Samples], notes: list[str]) -> Told:
+    options, joints = dict(told.options), topics.get(names.JOINT_STATES.name)
+    if joints is None or _ANGLE not in joints.columns or _PITCH not in options or _PITCH in told.given:
+        return told
+    stamp_s, angle_rad = joints.readings(_ANGLE)
+    hanging = (stamp_s >= span.start_s) & (stamp_s < (span.start_s if span.release_s is None else span.release_s))
+    if not hanging.any():
+        return told
+    pitch_deg = math.degrees(float(np.median(angle_rad[hanging])))
     if abs(pitch_deg - float(options[_PITCH])) <= _PITCH_DEG:
         return told
     notes.append(f"pitch of the hanging foot as measured: {pitch_deg:.1f} degrees")
-    return told.with_option(_PITCH, pitch_deg)
+    return told.with_measured(_PITCH, pitch_deg)
+
+
+def _by_carriage(span: Span, topics: Mapping[str, Samples], touch_m: float) -> tuple[float, str] | None:
+    """Return the drop height, m, that the carriage shows, and how; None if there is none.
+
+    Args:
+        span: The run.
+        topics: What was measured.
+        touch_m: Where the rig's carriage is as its foot touches.
+
+    """
+    joints = topics.get(names.JOINT_STATES.name)
+    if joints is None or CARRIAGE not in joints.columns or span.release_s is None:
+        return None
+    stamp_s, carriage_m = joints.readings(CARRIAGE)
+    held = (stamp_s > span.release_s - _HELD_S) & (stamp_s < span.release_s - _STILL_S)
+    if not held.any():
+        return None
+    hung_m = float(np.median(carriage_m[held]))
+    if span.fall_s is None:
+        return max(hung_m - touch_m, 0.0), "where the carriage hung"
+    way_m = hung_m - float(np.interp(span.release_s + span.fall_s, stamp_s, carriage_m))
+    if abs(hung_m - touch_m - way_m) > _ZERO_M or hung_m < touch_m:
+        return max(way_m, 0.0), "the way of the carriage, whose zero is not that of the rig"
+    return hung_m - touch_m, "where the carriage hung"
 
 
 def with_channel(told: Told, span: Span, topics: Mapping[str, Samples], notes: list[str]) -> Told:
@@ -72,7 +126,7 @@ def with_channel(told: Told, span: Span, topics: Mapping[str, Samples], notes: l
         wired = {column.partition("/")[0] for column in instrumented.columns}
         own = [channel for channel, tendons in names.TENDONS_OF_CHANNEL.items() if wired & set(tendons)]
         if len(own) == 1:
-            return told.with_option(_CHANNEL, own[0])
+            return told.with_measured(_CHANNEL, own[0])
     drawn = [channel for channel in names.CHANNELS if _is_drawn(topics, channel, span)]
     if not drawn:
         return told
@@ -83,16 +137,7 @@ def with_channel(told: Told, span: Span, topics: Mapping[str, Samples], notes: l
             f"several channels are evacuated ({', '.join(drawn)}): the tendon is taken to hang on {chosen}, the deepest"
         )
         notes.append(note + "; name it with --set channel=")
-    return told.with_option(_CHANNEL, chosen)
-
-
-def _pitch_deg(span: Span, topics: Mapping[str, Samples]) -> float | None:
-    joints = topics.get(names.JOINT_STATES.name)
-    if joints is None or "ankle_pitch/position" not in joints.columns or span.release_s is None:
-        return None
-    stamp_s, angle_rad = joints.readings("ankle_pitch/position")
-    hanging = (stamp_s >= span.start_s) & (stamp_s < span.release_s)
-    return math.degrees(float(np.median(angle_rad[hanging]))) if hanging.any() else None
+    return told.with_measured(_CHANNEL, chosen)
 
 
 def _is_drawn(topics: Mapping[str, Samples], channel: str, span: Span) -> bool:

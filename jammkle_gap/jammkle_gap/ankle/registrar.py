@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.ankle.events import FAST_S, falls_of_imu, falls_of_slide, jolt_s, onset_s
-from jammkle_gap.ankle.instruments import PRESSURE, quantity_of
+from jammkle_gap.ankle.instruments import ACCELERATION, PRESSURE, RATE, quantity_of
 from jammkle_gap.ankle.phases import FALLING_RIGS
 from jammkle_gap.ankle.signals import CARRIAGE
 from jammkle_graph import names
@@ -21,8 +21,11 @@ if TYPE_CHECKING:
 
     Values = Mapping[str, NDArray[np.float64]]
 
-TOUCH_DOWN, SLIDE_ONSET = "touch_down", "slide_onset"
-"""Events: the foot meets the ground; it lands on its heel and begins to slide, or loses its grip."""
+TOUCH_DOWN, SLIDE_ONSET, BREAKAWAY = "touch_down", "slide_onset", "breakaway"
+"""Events: the foot meets the ground; its load jumps, as it lands on its heel and begins to slide; it slips away."""
+_COARSE_S = 0.0025
+"""Time between two samples of an IMU from which on a carriage that is sampled more often tells of a touch-down. Chosen:
+the carriage tells it to 1 ms, an IMU to a third of that time between samples, or to half of it."""
 _IMU = tuple(f"imu/specific_force_{axis}" for axis in "xyz")
 _CELL = tuple(f"load_cell/force_{axis}" for axis in "xyz")
 _ANGLES = tuple(f"{joint}/position" for joint in names.ANKLE_JOINTS)
@@ -34,9 +37,9 @@ class AnkleRegistrar:
     def events(self, recording: Recording, values: Values) -> dict[str, float]:
         """Return the times of events by name, s; those that did not happen are left out.
 
-        Touch-down of a drop or landing: by the IMU, else the carriage, else the ankle's angles. First contact and onset
-        of the slide on the slip rig: by the load cell, else the ankle's angles; the IMU is on the driven carriage and
-        feels neither. The tensile and the pressure rig have none.
+        Touch-down of a drop or landing: by the IMU, else the carriage, else the ankle's angles. On the slip rig first
+        contact and onset of the slide by the load cell, the contact without one by the ankle's angles, and by these the
+        breakaway; the IMU is on the driven carriage and feels none of it. The tensile and the pressure rig have none.
 
         Args:
             recording: Times of the samples, and which rig was run.
@@ -48,29 +51,43 @@ class AnkleRegistrar:
         if rig in FALLING_RIGS:
             found[TOUCH_DOWN] = _touch_down_s(recording, values)
         elif rig == "slip":
-            table = _table(recording, values, _CELL) or _table(recording, values, _ANGLES)
-            if table is not None:
-                found = {TOUCH_DOWN: onset_s(*table), SLIDE_ONSET: jolt_s(*table)}
+            cell, angles = _table(recording, values, _CELL), _table(recording, values, _ANGLES)
+            contact = cell or angles
+            found = {
+                TOUCH_DOWN: None if contact is None else onset_s(*contact),
+                SLIDE_ONSET: None if cell is None else jolt_s(*cell),
+                BREAKAWAY: None if angles is None else jolt_s(*angles),
+            }
         return {name: time_s for name, time_s in found.items() if time_s is not None}
 
     def event_of(self, recording: Recording, signal: str) -> str:
-        """Return the event that a signal is registered at: what moves at the touch-down, pressures at the commands."""
-        if quantity_of(signal) == PRESSURE or recording.inputs.rig not in {*FALLING_RIGS, "slip"}:
-            return ""
-        return TOUCH_DOWN
+        """Return the event that a signal is registered at: pressures at none, as they follow the commands.
+
+        What falls, at its touch-down. What is pushed down a slope, at the breakaway: friction scatters, and with it
+        when the grip is lost, while contact comes when the measured course of the carriage has it. Over repeats on the
+        reality the pitch then scatters by a third, the force by nine tenths of what it does by the clock. The IMU of
+        that rig follows the carriage.
+        """
+        rig, quantity = recording.inputs.rig, quantity_of(signal)
+        if rig in FALLING_RIGS and quantity != PRESSURE:
+            return TOUCH_DOWN
+        return BREAKAWAY if rig == "slip" and quantity not in {PRESSURE, ACCELERATION, RATE} else ""
 
 
 def _touch_down_s(recording: Recording, values: Values) -> float | None:
-    imu = _table(recording, values, _IMU)
-    if imu is not None:
+    imu, slide = _table(recording, values, _IMU), _table(recording, values, (CARRIAGE,))
+    if imu is not None and not (slide is not None and _between_s(imu[0]) > max(_COARSE_S, _between_s(slide[0]))):
         falls = falls_of_imu(*imu)
         return falls[0].touch_down_s if falls else None
-    slide = _table(recording, values, (CARRIAGE,))
     if slide is not None:
         falls = falls_of_slide(slide[0], slide[1][:, 0])
         return falls[0].touch_down_s if falls else None
     angles = _table(recording, values, _ANGLES)
     return None if angles is None else onset_s(*angles, over_s=FAST_S)
+
+
+def _between_s(time_s: NDArray[np.float64]) -> float:
+    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
 
 
 def _table(

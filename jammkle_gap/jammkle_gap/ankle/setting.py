@@ -32,14 +32,22 @@ COURSE_TOLERANCE = 0.05
 off is 2 % off its way back."""
 RANGE_TOLERANCE = 0.02
 """The same of the range itself: a pull of 20.4 mm is none of 20 mm. Assumed: what a speed by time makes of a way."""
-VACUUM_TOLERANCE_PA = 5e3
+VACUUM_TOLERANCE_PA = 8e3
 """What the held vacuum of repeats may differ by, Pa. Assumed: a regulator lets the manifold go 2 kPa deeper while a
-slow channel follows, and has a band."""
+slow channel follows, and one that is tuned badly overshoots by some more; set points are further apart."""
+HEIGHT_TOLERANCE_M = 0.005
+"""What drop heights of repeats may differ by, m. Assumed: eight times the scatter of a rig."""
+FALL_TOLERANCE_M = 0.015
+"""The same where only the time of the fall tells of them: a bent toe or a tilted floor make it another."""
+PITCH_TOLERANCE_DEG = 8.0
+"""What the measured pitch of the hanging foot may differ by, degrees. Assumed: twice what a tendon of wrong length
+makes of it."""
 _SCATTERS = 6.0
 """Difference of options up to which they scatter, in standard deviations of the rig's own scatter: the most that two
 repeats of `jammkle rig --repeats` differ by."""
-_MEASURED = {"drop_height_m": 0.005, "pitch_deg": 3.0, "channel": 0.0}
-"""Options that recordings show, and what those of repeats may differ by. Assumed: what the measurement leaves open."""
+_HEIGHT, _PITCH = "drop_height_m", "pitch_deg"
+_MEASURED = {_HEIGHT: HEIGHT_TOLERANCE_M, _PITCH: PITCH_TOLERANCE_DEG, "channel": 0.0}
+"""Options that recordings show, and what those of repeats may differ by."""
 _PROGRAMME = frozenset(
     {"speed_m_s", "extension_m", "descent_m", "cycles", "jam_time_s", "vent_time_s", "jam", "release_time_s", "seed"}
 )
@@ -48,12 +56,18 @@ _REGULATING = 0.95
 """Duty of the pump below which it holds its set point; at full duty it may not reach it."""
 _STILL_M = 2e-4
 """Range below which a driven carriage stands still. Assumed: ten times the noise of a slide."""
+_DRAWN = ("vented", "drawn")
 _COMPARED_S = 0.01
 """Time between two places of a course that are compared, s."""
 
 
 def with_settings(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Return recordings with their settings: the same text for those that are repeats of the first of their kind."""
+    """Return recordings with their settings: the same text for those that are repeats of the first of their kind.
+
+    What a person set once for all runs of a setting, and each recording shows a little otherwise, is then common to
+    them: the pitch of the hanging foot, and a drop height that the time of the fall alone tells of. A fault that moves
+    these stays visible.
+    """
     firsts: list[Recording] = []
     texts: list[str] = []
     found = []
@@ -66,7 +80,7 @@ def with_settings(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
             firsts.append(recording)
             texts.append(same[0])
         found.append(dataclasses.replace(recording, setting=same[0]))
-    return tuple(found)
+    return tuple(_set_in_common(each, [other for other in found if other.setting == each.setting]) for each in found)
 
 
 def difference(one: Recording, other: Recording) -> str:
@@ -90,7 +104,7 @@ def setting_text(recording: Recording) -> str:
     inputs = _inputs(recording)
     kind = rig_kind(inputs.rig)
     defaults: dict[str, Any] = dataclasses.asdict(kind.options())
-    hidden = _PROGRAMME | set(_scatter(inputs)) | {"vacuum_pa", "drop_height_m", "timestep_s", "parameter_set"}
+    hidden = _PROGRAMME | set(_scatter(inputs)) | {"vacuum_pa", _HEIGHT, "timestep_s", "parameter_set"}
     parts = [inputs.rig]
     for name, value in inputs.options:
         if name not in hidden and value != defaults[name]:
@@ -104,17 +118,17 @@ def setting_text(recording: Recording) -> str:
         speeds_m_s = np.abs(np.diff(inputs.course.at(time_s))) / _COMPARED_S
         fast_m_s = float(np.median(speeds_m_s[speeds_m_s > 0.5 * speeds_m_s.max()])) if range_m > _STILL_M else 0.0
         parts.append(f"{1e3 * range_m:.1f} mm at {1e3 * fast_m_s:.3g} mm/s")
-    if "drop_height_m" in defaults:
-        parts.append(f"{1e3 * float(dict(inputs.options)['drop_height_m']):.0f} mm")
+    if _HEIGHT in defaults:
+        parts.append(f"{1e3 * float(dict(inputs.options)[_HEIGHT]):.0f} mm")
     return ", ".join(parts)
 
 
 def held_vacuum(recording: Recording) -> tuple[float | None, bool]:
     """Return the vacuum that was held, Pa, and whether the pump regulated it: without, it may not have been reached.
 
-    It is the deepest of the channels that are drawn and the manifold, in the last third of the longest stretch in which
-    any is: one that leaks or is slow to follow holds the others back by no more than the regulator lets it. None where
-    nothing is drawn, or none of their pressures was measured.
+    It is the median of the channels that are drawn and the manifold, in the last third of the longest stretch in which
+    any is: one that leaks, is slow to follow or has a bad sensor does not count. None where nothing is drawn, or none
+    of their pressures was measured.
     """
     inputs = _inputs(recording)
     end_s = _length_s(recording)
@@ -139,7 +153,18 @@ def held_vacuum(recording: Recording) -> tuple[float | None, bool]:
     duty = inputs.commands.duty
     at = np.searchsorted(duty.time_s, np.linspace(from_s, finish_s, 50), side="right")
     told = np.concatenate(([0.0], duty.values))[at]
-    return max(levels_pa), bool(np.median(told) < _REGULATING)
+    return float(np.median(levels_pa)), bool(np.median(told) < _REGULATING)
+
+
+def _set_in_common(recording: Recording, repeats: Sequence[Recording]) -> Recording:
+    """Return a recording with the medians over its repeats of what was set once and measured in each."""
+    inputs = _inputs(recording)
+    by_imu = inputs.release_seen_by == names.IMU.name
+    common = {_PITCH, _HEIGHT} if by_imu else {_PITCH}
+    options = dict(inputs.options)
+    for name in common & inputs.measured:
+        options[name] = float(np.median([dict(_inputs(each).options)[name] for each in repeats]))
+    return dataclasses.replace(recording, inputs=dataclasses.replace(inputs, options=tuple(sorted(options.items()))))
 
 
 def _inputs(recording: Recording) -> AnkleInputs:
@@ -178,6 +203,8 @@ def _options_differ(first: AnkleInputs, second: AnkleInputs) -> str:
             continue
         if name in _MEASURED:
             tolerance = max(_MEASURED[name], _SCATTERS * scatter.get(name, 0.0))
+            if name == _HEIGHT and names.IMU.name in {first.release_seen_by, second.release_seen_by}:
+                tolerance = FALL_TOLERANCE_M
         elif (name in first.known) != (name in second.known):
             if name == "vacuum_pa":  # what was held is compared
                 continue
@@ -190,14 +217,14 @@ def _options_differ(first: AnkleInputs, second: AnkleInputs) -> str:
 
 
 def _switchings(line: Timeline | None, length_s: float) -> list[tuple[float, float]]:
-    """Return when a solenoid changes and to what, from the start to a time."""
+    """Return when a solenoid changes and to what, from a little before the start to a time."""
     if line is None:
         return []
     changes = line.changes()
     return [
         (time_s, value)
         for time_s, value in zip(changes.time_s.tolist(), changes.values.tolist(), strict=True)
-        if 0.0 <= time_s <= length_s
+        if -TIME_TOLERANCE_S <= time_s <= length_s
     ]
 
 
@@ -217,13 +244,20 @@ def _commands_differ(first: AnkleInputs, second: AnkleInputs, lengths_s: tuple[f
     for channel in names.CHANNELS:
         lines = [each.commands.solenoids.get(channel) for each in (first, second)]
         one, other = (_switchings(line, each_s) for line, each_s in zip(lines, lengths_s, strict=True))
-        # What comes just as the shorter recording ends may be missing there.
+        # What comes before the start may be longer ago in the other, and what comes as the shorter ends missing there.
+        while len(one) > len(other) and one[0][0] < 0.0:
+            one.pop(0)
+        while len(other) > len(one) and other[0][0] < 0.0:
+            other.pop(0)
         while len(one) > len(other) and abs(one[-1][0] - lengths_s[1]) < TIME_TOLERANCE_S:
             one.pop()
         while len(other) > len(one) and abs(other[-1][0] - lengths_s[0]) < TIME_TOLERANCE_S:
             other.pop()
         if len(one) != len(other):
             return f"{channel} switches {len(one)} times, not {len(other)}"
+        states = [0.0 if line is None else line.at(0.0) for line in lines]
+        if not one and states[0] != states[1]:
+            return f"{channel} is {_DRAWN[states[0] > 0.0]} from before the start on, not {_DRAWN[states[1] > 0.0]}"
         for (one_s, value), (other_s, wanted) in zip(one, other, strict=True):
             if value != wanted or abs(one_s - other_s) > TIME_TOLERANCE_S:
                 return f"{channel} switches at {one_s:.2f} s, not {other_s:.2f} s"
@@ -231,6 +265,9 @@ def _commands_differ(first: AnkleInputs, second: AnkleInputs, lengths_s: tuple[f
 
 
 def _start_differs(first: AnkleInputs, second: AnkleInputs) -> str:
+    lines = (*first.commands.solenoids.values(), *second.commands.solenoids.values())
+    if any((np.abs(line.changes().time_s) < TIME_TOLERANCE_S).any() for line in lines):
+        return ""  # one begins in the midst of what the other begins with
     if (first.start_pa is None) != (second.start_pa is None):
         return "one begins evacuated, the other vented"
     if first.start_pa is not None and second.start_pa is not None:
@@ -259,8 +296,12 @@ def _courses_differ(first: Course | None, second: Course | None, length_s: float
     range_m = max(ranges_m)
     if abs(ranges_m[0] - ranges_m[1]) > max(RANGE_TOLERANCE * range_m, _STILL_M):
         return f"the carriage goes {1e3 * ranges_m[0]:.1f} mm, not {1e3 * ranges_m[1]:.1f}"
-    # Where a clamp sits is scatter; how far it then goes is not.
-    apart_m = np.abs((one_m - one_m[0]) - (other_m - other_m[0]))
+    # Where a clamp sits is scatter, and so is when a drive moves off; how far it then goes is not.
+    one_m, other_m = one_m - one_m[0], other_m - other_m[0]
+    late = min(int(TIME_TOLERANCE_S / _COMPARED_S), len(time_s) // 2)
+    shifts = [np.abs(one_m[max(-k, 0) : len(one_m) - max(k, 0)] - other_m[max(k, 0) : len(other_m) - max(-k, 0)])
+              for k in range(-late, late + 1)]  # fmt: skip
+    apart_m = min(shifts, key=lambda each: float(each.max()))
     if apart_m.max() > max(COURSE_TOLERANCE * range_m, _STILL_M):
         at_s = float(time_s[int(np.argmax(apart_m))])
         return f"the carriage is {1e3 * apart_m.max():.1f} mm elsewhere at {at_s:.2f} s"

@@ -32,6 +32,8 @@ class Told:
     """Options that bag, user or measurements give; the others are the rig's defaults."""
     firm: frozenset[str] = frozenset()
     """Options that the user gave: no measurement overrules them."""
+    measured: frozenset[str] = frozenset()
+    """Options that the recording shows."""
 
     @property
     def options(self) -> Options:
@@ -48,9 +50,9 @@ class Told:
         """Options that are not merely defaults."""
         return frozenset(self.given) & {name for name, _ in self.options}
 
-    def with_option(self, name: str, value: Any) -> Told:
-        """Return the same with one more option known."""
-        return dataclasses.replace(self, given={**self.given, name: value})
+    def with_measured(self, name: str, value: Any) -> Told:
+        """Return the same with one more option known, by the recording."""
+        return dataclasses.replace(self, given={**self.given, name: value}, measured=self.measured | {name})
 
 
 def told_by(bag: Bag, rig: str | None, options: Mapping[str, Any]) -> Told:

@@ -23,6 +23,11 @@ class Timeline:
     values: NDArray[np.float64]
     """Shape (n,)."""
 
+    def at(self, time_s: float) -> float:
+        """Return the value at a time."""
+        place = int(np.searchsorted(self.time_s, time_s, side="right"))
+        return float(self.values[place - 1]) if place else 0.0
+
     def later(self, delay_s: float) -> Timeline:
         """Return the same, delayed."""
         return Timeline(self.time_s + delay_s, self.values)
