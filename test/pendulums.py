@@ -45,7 +45,7 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
     angle = swing(
         command,
         values.get("start.angle", 0.0),
-        values.get("rubbing.torque", 0.0) + values.get("run.rub", 0.0),
+        0.02 + values.get("rubbing.torque", 0.0) + values.get("run.rub", 0.0),
         mass,
         3.0 * values.get("servo.stiffness", 1.0) * (1.0 - values.get("weak.share", 0.0)),
         0.15 + values.get("oil.drag", 0.0),
@@ -69,7 +69,7 @@ LIBRARY = Library((
 ))  # fmt: skip
 SCATTER = (
     Nuisance("start.angle", "rad", 0.0, 0.005, "assumed"),
-    Nuisance("run.rub", "N m", 0.0, 0.005, "assumed", 0.0 - 0.02, 0.02),
+    Nuisance("run.rub", "N m", 0.0, 0.003, "assumed", -0.02, 0.02),
 )
 CONSTANTS = (
     Nuisance("arm.mass", "1", 1.0, 0.05, "assumed"),

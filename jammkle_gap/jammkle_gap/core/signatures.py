@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import tempfile
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -201,7 +202,7 @@ def _read(path: Path, layout: Layout) -> Dictionary | None:
             bins = int(stored["bins"])
             own = Layout(layout.signals, layout.units, layout.bin_s, bins, events, stored["floor"])
             return Dictionary(own, stored["nominal"], {}, stored["scatter"], stored["contact"])
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
 
 

@@ -1,0 +1,206 @@
+"""Detection, posterior, sets and equivalence classes, by algebra alone."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pendulums import LIBRARY, PROBLEM, TWIN, machine
+from scipy import stats
+
+from jammkle_gap import Constants, Library, Problem
+from jammkle_gap.core.compare import Difference, Residuals, beside, difference_of, settings_of
+from jammkle_gap.core.detect import detect
+from jammkle_gap.core.equivalence import class_names, classes_of
+from jammkle_gap.core.fit import Fit
+from jammkle_gap.core.grids import grid_of
+from jammkle_gap.core.own_error import OwnError
+from jammkle_gap.core.posterior import NONE_OF_THEM, credible_set, posterior_of
+
+CONSTANTS = Constants()
+RANDOM = np.random.default_rng(0)
+SHAPES = np.linalg.qr(RANDOM.normal(size=(250, 6)))[0].T
+"""Signatures of length 1, at right angles to each other."""
+SETTINGS = settings_of(machine(0).record(3), machine(0).record(5), PROBLEM)
+
+
+def whitened(random: np.random.Generator, gap: float = 0.0) -> Difference:
+    """Return the difference of healthy runs with white noise and some smooth scatter, and a gap along one signature."""
+    residuals = []
+    for setting in SETTINGS:
+        size = setting.layout.size
+        smooth = np.sin(np.arange(size) / 20.0)
+        runs = random.normal(size=(8, size)) + 2.0 * random.normal(size=(8, 1)) * smooth
+        runs *= setting.layout.floor
+        runs[:3] += gap * np.sqrt(setting.factor) * SHAPES[0, :size] * setting.layout.floor / np.sqrt(len(SETTINGS) / 2)
+        residuals.append(Residuals(runs[:3], runs[3:], np.zeros(size)))
+    columns = [
+        (np.sin(np.arange(setting.layout.size) / 20.0) * setting.layout.floor)[:, np.newaxis] for setting in SETTINGS
+    ]
+    none = [np.zeros((setting.layout.size, 0)) for setting in SETTINGS]
+    return difference_of(SETTINGS, residuals, columns, none, none, CONSTANTS)
+
+
+def fits(difference: Difference) -> list[Fit]:
+    """Return straight fits of six signatures."""
+    found = []
+    for i, shape in enumerate(SHAPES):
+        parts = [shape[: setting.layout.size] * setting.layout.floor for setting in SETTINGS]
+        direction = difference.whiten(parts)
+        share = float(direction @ difference.whitened / (direction @ direction))
+        signature = share * direction
+        left = float(np.square(difference.whitened - signature).sum())
+        jacobian = direction[:, np.newaxis]
+        found.append(Fit((f"e{i}",), {f"e{i}.p": share}, signature, left, jacobian, difference.whitened))
+    return found
+
+
+def test_false_alarms_are_as_rare_as_stated() -> None:
+    """Of 400 healthy machines no more than a binomial chance of one in a thousand allows."""
+    random = np.random.default_rng(21)
+    alarms = 0
+    for _ in range(400):
+        difference = whitened(random)
+        alarms += detect(difference, fits(difference), CONSTANTS).gap
+    assert alarms <= stats.binom.ppf(0.999, 400, CONSTANTS.false_alarm_rate)
+
+
+def test_power_grows_with_the_size_of_the_gap() -> None:
+    """From hardly ever to always."""
+    power = []
+    for gap in (1.0, 5.0, 9.0, 20.0):
+        random = np.random.default_rng(22)
+        cases = [whitened(random, gap) for _ in range(40)]
+        power.append(np.mean([detect(each, fits(each), CONSTANTS).gap for each in cases]))
+    assert power == sorted(power)
+    assert power[0] < 0.1
+    assert power[-1] > 0.95
+
+
+def test_a_gap_that_no_effect_explains_is_seen_altogether() -> None:
+    """Noise of twice the size everywhere, along no signature in particular."""
+    difference = whitened(np.random.default_rng(23))
+    doubled = replace(difference, whitened=2.0 * difference.whitened)
+    found = detect(doubled, fits(doubled), CONSTANTS)
+    assert found.gap
+    assert found.effect == ""
+    assert found.ratio == pytest.approx(4.0, rel=0.4)
+
+
+def left_by(*lefts: float, names: tuple[str, ...] = ("one", "two", "three"), features: int = 400) -> list[Fit]:
+    """Return candidates that leave so much."""
+    blank = np.zeros(features)
+    return [
+        Fit((name,), {f"{name}.p": 1.0}, blank, left, blank[:, np.newaxis], blank)
+        for name, left in zip(names, lefts, strict=False)
+    ]
+
+
+def posterior(length: float, fitted: list[Fit], classes: dict[str, str] | None = None):  # noqa: ANN201 - in a test
+    """Return the posterior of candidates in four hundred features."""
+    return posterior_of(length, 400, 1.0, 32.0, fitted, {}, classes or {}, CONSTANTS)
+
+
+def test_probabilities_add_to_one_and_follow_what_is_left() -> None:
+    """Less left is more probable; nothing is left out."""
+    found = posterior(5000.0, left_by(420.0, 460.0, 3000.0))
+    assert sum(found.probabilities.values()) == pytest.approx(1.0)
+    assert NONE_OF_THEM in found.probabilities
+    values = [found.probabilities[name,] for name in ("one", "two", "three")]
+    assert values == sorted(values, reverse=True)
+    assert found.best == ("one",)
+
+
+def test_equivalents_share_and_stand_for_each_other() -> None:
+    """Two that leave the same have the same probability; of a class the set names one."""
+    fitted = left_by(420.0, 420.0, 4000.0)
+    found = posterior(5000.0, fitted)
+    assert found.probabilities["one",] == pytest.approx(found.probabilities["two",])
+    assert set(found.credible) == {("one",), ("two",)}
+    as_class = posterior(5000.0, fitted, class_names([("one", "two")]))
+    assert as_class.credible == (("one",),)
+
+
+def test_none_of_them_wins_where_all_leave_most_of_the_gap() -> None:
+    """And not where one explains it."""
+    assert posterior(9000.0, left_by(8800.0, 8900.0, 8990.0)).best == NONE_OF_THEM
+    assert posterior(9000.0, left_by(500.0, 8900.0, 8990.0)).best == ("one",)
+
+
+def test_a_pair_has_to_be_worth_its_second_effect() -> None:
+    """One that explains more than either half is on offer; one whose second half is idle is not."""
+    single, other = left_by(900.0, 430.0, names=("one", "two"))
+    pair = replace(other, names=("one", "two"), values={"one.p": 1.0, "two.p": 1.0})
+    assert posterior(5000.0, [single, pair]).best == ("one", "two")
+    idle = replace(pair, left=899.0)
+    assert ("one", "two") not in posterior(5000.0, [single, idle]).probabilities
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.95, 0.999])
+def test_a_credible_set_is_the_smallest_that_holds_its_share(share: float) -> None:
+    """Without its last member it would not."""
+    for seed in range(20):
+        weights = np.sort(np.random.default_rng(seed).dirichlet(np.full(8, 0.4)))[::-1]
+        ranked = {(f"e{i}",): float(each) for i, each in enumerate(weights)}
+        found = credible_set(ranked, {}, share)
+        held = [ranked[names] for names in found]
+        assert sum(held) >= share - 1e-12
+        assert sum(held[:-1]) < share
+
+
+def test_classes_are_those_that_do_the_same_and_no_others() -> None:
+    """A twin of the load is found from simulated signatures; nothing else is taken for anything else."""
+    problem = Problem(PROBLEM.simulator, Library((*LIBRARY, TWIN)), PROBLEM.scatter)
+    run = machine(1).run("slow", {})
+    angles = problem.simulator(run, {})["angle"]
+    signatures = {}
+    for effect in problem.library:
+        key = effect.key(effect.parameters[0])
+        points = [problem.simulator(run, {key: float(point[0])})["angle"] for point in grid_of(effect).points]
+        signatures[effect.name] = (np.array(points) - angles) / 0.004
+    grids = {effect.name: grid_of(effect) for effect in problem.library}
+    assert classes_of(grids, signatures, CONSTANTS) == (("load", "twin"),)
+    alone = {name: each for name, each in signatures.items() if name != "twin"}
+    assert classes_of(grids, alone, CONSTANTS) == ()
+
+
+def test_the_simulators_own_error_leaves_scatter_and_constants_their_priors() -> None:
+    """A large error in one block does not make room for a nuisance of many times its prior."""
+    settings = settings_of(machine(2).record(1), (), PROBLEM)
+    sizes = [setting.layout.size for setting in settings]
+    floors = [setting.layout.floor for setting in settings]
+    columns = [10.0 * floor[:, np.newaxis] for floor in floors]
+    none = [np.zeros((size, 0)) for size in sizes]
+
+    def scores(height: float, error: float) -> list[float]:
+        """Return the log-likelihood of no effect, and of an offset that is explained in full."""
+        rows = [height * floor + error * floor * (np.arange(size) < size // 8) for size, floor in zip(sizes, floors)]
+        residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
+        difference = difference_of(settings, residuals, columns, none, none, CONSTANTS)
+        own = OwnError(settings, residuals, difference, CONSTANTS)
+        explained = tuple(height * floor for floor in floors)
+        blank = np.zeros(sum(sizes))
+        fit = Fit(("offset",), {"offset.p": height}, blank, 0.0, blank[:, np.newaxis], blank, explained)
+        nothing = Fit(("nothing",), {"nothing.p": 0.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(map(np.zeros, sizes)))
+        return own.scores([fit, nothing])[1:]
+
+    for error in (0.0, 300.0):
+        typical, beyond = (np.subtract(*scores(height, error)) for height in (10.0, 60.0))
+        assert abs(typical) < 3.0
+        assert beyond > 10.0
+
+
+def test_beside_no_error_the_difference_is_as_it_was() -> None:
+    """An own error of 0 changes nothing."""
+    difference = whitened(np.random.default_rng(5))
+    residuals = []
+    for setting, size in zip(SETTINGS, difference.sizes, strict=True):
+        runs = np.random.default_rng(size).normal(size=(8, size)) * setting.layout.floor
+        residuals.append(Residuals(runs[:3], runs[3:], runs[0]))
+    found = beside(difference, residuals, [np.zeros(size) for size in difference.sizes])
+    assert found.whitened == pytest.approx(difference.whiten([each.difference for each in residuals]))
+    wider = beside(difference, residuals, [np.full(size, 1.0) for size in difference.sizes])
+    pairs = itertools.pairwise([found.whitened @ found.whitened, wider.whitened @ wider.whitened])
+    assert all(later < earlier for earlier, later in pairs)

@@ -1,0 +1,110 @@
+"""Features: bins, registration at events, and noise that nobody declared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_gap import BadRecordingError, Recording, Signal
+from jammkle_gap.core.features import features_of, layout_of, measured
+from jammkle_gap.core.noise import noise_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+TIMES_S = 0.002 * np.arange(500)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Registers `force` at its peak; `tank` keeps to the clock."""
+
+    def events(self, recording: Recording, values: Mapping[str, NDArray[np.float64]]) -> Mapping[str, float]:
+        force = values["force"]
+        return {"peak": float(recording.signal("force").time_s[int(np.argmax(force))])} if force.max() > 0.5 else {}
+
+    def event_of(self, recording: Recording, signal: str) -> str:
+        del recording
+        return "peak" if signal == "force" else ""
+
+
+def landing(peak_s: float) -> Recording:
+    """Return a force with a bump, and a pressure that knows nothing of it."""
+    force = np.exp(-np.square((TIMES_S - peak_s) / 0.05))
+    return Recording("run", (Signal("force", "N", TIMES_S, force), Signal("tank", "Pa", TIMES_S, 1e5 * TIMES_S)))
+
+
+def test_a_run_that_lands_later_differs_by_the_event_alone() -> None:
+    """Signals are laid over each other; the time is a feature of its own."""
+    runs = [landing(0.4), landing(0.46)]
+    layout = layout_of(runs, 0.02, Peak())
+    early, late = (features_of(layout, run, measured(run), Peak()) for run in runs)
+    count = 2 * layout.bins
+    assert early[:count] == pytest.approx(late[:count], rel=1e-3, abs=1e-3)
+    assert late[count] - early[count] == pytest.approx(0.06)
+    unregistered = layout_of(runs, 0.02, None)
+    apart = [features_of(unregistered, run, measured(run), None) for run in runs]
+    assert np.abs(apart[0] - apart[1]).max() > 0.5
+
+
+def test_a_simulation_without_the_event_differs_by_the_whole_run() -> None:
+    """A foot that never lands is far from one that does."""
+    run = landing(0.4)
+    layout = layout_of([run], 0.02, Peak())
+    never = features_of(layout, run, {"force": np.zeros(500), "tank": 1e5 * TIMES_S}, Peak())
+    assert never[-1] - layout.event_s["peak"] == pytest.approx(layout.bins * layout.bin_s)
+
+
+def test_bins_are_means_and_those_without_samples_are_interpolated() -> None:
+    """A signal of 20 Hz in bins of 20 ms."""
+    time_s = 0.05 * np.arange(40)
+    run = Recording("slow", (Signal("level", "m", time_s, 2.0 * time_s),))
+    layout = layout_of([run], 0.02, None)
+    found = layout.by_signal(features_of(layout, run, measured(run), None))[0]
+    assert found == pytest.approx(2.0 * (layout.time_s - 0.01), abs=0.04)
+    assert np.isfinite(found).all()
+
+
+def test_a_signal_that_the_simulator_does_not_give_stays_open() -> None:
+    """It is not compared, rather than compared with 0."""
+    run = landing(0.4)
+    layout = layout_of([run], 0.02, None)
+    found = layout.by_signal(features_of(layout, run, {"tank": 1e5 * TIMES_S}, None))
+    assert np.isnan(found[0]).all()
+    assert np.isfinite(found[1]).all()
+
+
+def test_runs_that_hardly_overlap_or_share_no_signal_are_refused() -> None:
+    """The message says what to do."""
+    short = Recording("short", (Signal("force", "N", TIMES_S[:20], np.zeros(20)),))
+    with pytest.raises(BadRecordingError, match="record longer"):
+        layout_of([landing(0.4), short], 0.02, None)
+    other = Recording("other", (Signal("heat", "K", TIMES_S, np.zeros(500)),))
+    with pytest.raises(BadRecordingError, match="no signal in common"):
+        layout_of([landing(0.4), other], 0.02, None)
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.3])
+def test_white_noise_is_found_below_a_motion(noise: float) -> None:
+    """Within a fifth, though the motion is a hundred times larger and jumps twice."""
+    random = np.random.default_rng(1)
+    motion = np.sin(3.0 * TIMES_S) + (TIMES_S > 0.3) - 2.0 * (TIMES_S > 0.7)
+    found, _ = noise_of(Signal("angle", "rad", TIMES_S, motion + random.normal(0.0, noise, 500)))
+    assert found == pytest.approx(noise, rel=0.2)
+
+
+def test_steps_of_a_coarse_sensor_are_its_resolution() -> None:
+    """At rest a coarse sensor shows no noise, and is not exact for that."""
+    values = 0.25 * np.round(np.linspace(0.0, 3.0, 500) / 0.25)
+    assert noise_of(Signal("angle", "rad", TIMES_S, values))[1] == pytest.approx(0.25)
+
+
+def test_what_is_declared_counts() -> None:
+    """Nothing is estimated beside a data sheet."""
+    signal = Signal("angle", "rad", TIMES_S, np.random.default_rng(0).normal(size=500), noise=0.01)
+    assert noise_of(signal) == (0.01, 0.0)

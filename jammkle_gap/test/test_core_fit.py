@@ -1,0 +1,130 @@
+"""Profiles and fits: algebra against brute force, and parameters that come back."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_gap import Effect, EffectParameter
+from jammkle_gap.core.fit import refine
+from jammkle_gap.core.grids import grid_of
+from jammkle_gap.core.profiles import Profiles
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+SIZE = 60
+SHAPES = np.random.default_rng(2).normal(size=(4, SIZE))
+
+
+def effect(name: str, parameters: int, most: float = 1.0, least: float = 0.0) -> Effect:
+    """Return an effect with some parameters."""
+    numbers = tuple(EffectParameter(f"p{i}", "1", 0.0, least, most, "assumed") for i in range(parameters))
+    return Effect(name, "part", numbers, "Check it.")
+
+
+EFFECTS = (effect("one", 1), effect("two", 2, least=-1.0), effect("other", 1))
+
+
+def response(name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what parameters make of the features: no straight line."""
+    if name == "one":
+        return 9.0 * (np.exp(values[0]) - 1.0) * SHAPES[0]
+    if name == "two":
+        return 8.0 * values[0] * SHAPES[1] + 5.0 * values[1] * (1.0 + values[0] ** 2) * SHAPES[2]
+    return 7.0 * values[0] * (0.6 * SHAPES[0] + SHAPES[3])
+
+
+GRIDS = {each.name: grid_of(each) for each in EFFECTS}
+SIGNATURES = {name: np.array([response(name, point) for point in grid.points]) for name, grid in GRIDS.items()}
+
+
+@pytest.mark.parametrize("name", ["one", "two", "other"])
+def test_profiles_of_singles_agree_with_brute_force(name: str) -> None:
+    """The gain on the mesh is that of the interpolated signatures, place by place."""
+    difference = response("one", np.array([0.4])) + np.random.default_rng(1).normal(size=SIZE)
+    found = Profiles(GRIDS, SIGNATURES, difference).single(name)
+    mesh = GRIDS[name].weights @ SIGNATURES[name]
+    gains = difference @ difference - np.square(difference - mesh).sum(axis=1)
+    assert found.gain == pytest.approx(gains.max())
+    assert found.values[0] == pytest.approx(GRIDS[name].mesh[int(np.argmax(gains))])
+
+
+def test_profiles_of_pairs_agree_with_brute_force() -> None:
+    """Alternating over the two halves ends where trying every pair of places does, to within a few per cent."""
+    random = np.random.default_rng(5)
+    for _ in range(10):
+        difference = response("one", random.uniform(0.2, 0.9, 1)) + response("two", random.uniform(-0.9, 0.9, 2))
+        difference += random.normal(size=SIZE)
+        (found,) = Profiles({name: GRIDS[name] for name in ("one", "two")}, {
+            name: SIGNATURES[name] for name in ("one", "two")
+        }, difference).pairs(["one"], 1)  # fmt: skip
+        meshes = [GRIDS[name].weights @ SIGNATURES[name] for name in ("one", "two")]
+        left = min(float(np.square(difference - a - b).sum()) for a, b in product(*meshes))
+        best = float(difference @ difference) - left
+        assert 0.97 * best <= found.gain <= best * (1.0 + 1e-9)
+
+
+def test_the_mesh_holds_the_grid() -> None:
+    """At a point of the grid the interpolated signature is the simulated one."""
+    for name, grid in GRIDS.items():
+        for point, signature in zip(grid.points, SIGNATURES[name], strict=True):
+            at = int(np.argmin(np.abs(grid.mesh - point).sum(axis=1)))
+            assert grid.mesh[at] == pytest.approx(point)
+            assert grid.weights[at] @ SIGNATURES[name] == pytest.approx(signature)
+
+
+@pytest.mark.parametrize("truth", [(0.07,), (0.5,), (0.93,)])
+def test_gauss_newton_finds_one_parameter(truth: tuple[float, ...]) -> None:
+    """From the nearest place of the mesh, without noise, to a thousandth."""
+    target = response("one", np.array(truth))
+    assert fitted("one", target)["one.p0"] == pytest.approx(truth[0], rel=1e-3)
+
+
+def test_gauss_newton_finds_two_parameters() -> None:
+    """Of an effect whose parameters act on each other."""
+    found = fitted("two", response("two", np.array([0.37, -0.61])))
+    assert [found["two.p0"], found["two.p1"]] == pytest.approx([0.37, -0.61], rel=0.01)
+
+
+def fitted(name: str, target: NDArray[np.float64]) -> Mapping[str, float]:
+    """Return parameters from profile and fit, as the search does it."""
+    chosen = next(each for each in EFFECTS if each.name == name)
+    place = Profiles(GRIDS, SIGNATURES, target).single(name)
+    parameters = [(chosen.key(each), each) for each in chosen.parameters]
+    start = {key: float(value) for (key, _), value in zip(parameters, place.values[0], strict=True)}
+
+    def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
+        return response(name, np.array([values[key] for key, _ in parameters]))
+
+    return refine(target, (name,), parameters, start, signature, 6).values
+
+
+def test_an_effect_far_smaller_than_its_bounds_is_found() -> None:
+    """A leak of a ten-thousandth, where bounds reach to three tenths."""
+    time_s = np.arange(SIZE) * 2.0
+    leak = EffectParameter("rate", "1/s", 0.0, 0.0, 0.3, "assumed")
+
+    def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
+        return 7000.0 * (np.exp(-values["leak.rate"] * time_s) - 1.0)
+
+    found = refine(signature({"leak.rate": 1e-4}), ("leak",), [("leak.rate", leak)], {"leak.rate": 0.0}, signature, 6)
+    assert found.values["leak.rate"] == pytest.approx(1e-4, rel=0.01)
+
+
+def test_derivatives_are_those_of_the_signature() -> None:
+    """Intervals rest on them."""
+    found = refine(
+        response("other", np.array([0.4])),
+        ("other",),
+        [("other.p0", EFFECTS[2].parameters[0])],
+        {"other.p0": 0.3},
+        lambda values: response("other", np.array([values["other.p0"]])),
+        4,
+    )
+    assert found.jacobian[:, 0] == pytest.approx(7.0 * (0.6 * SHAPES[0] + SHAPES[3]), rel=1e-6)
