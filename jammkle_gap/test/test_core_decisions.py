@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pendulums import LIBRARY, PROBLEM, TWIN, machine
 from scipy import stats
 
 from jammkle_gap import Constants, Library, Problem
@@ -18,6 +17,7 @@ from jammkle_gap.core.fit import Fit
 from jammkle_gap.core.grids import grid_of
 from jammkle_gap.core.own_error import OwnError
 from jammkle_gap.core.posterior import NONE_OF_THEM, credible_set, posterior_of
+from pendulums import LIBRARY, PROBLEM, TWIN, machine
 
 CONSTANTS = Constants()
 RANDOM = np.random.default_rng(0)
@@ -183,7 +183,9 @@ def test_the_simulators_own_error_leaves_scatter_and_constants_their_priors() ->
         explained = tuple(height * floor for floor in floors)
         blank = np.zeros(sum(sizes))
         fit = Fit(("offset",), {"offset.p": height}, blank, 0.0, blank[:, np.newaxis], blank, explained)
-        nothing = Fit(("nothing",), {"nothing.p": 0.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(map(np.zeros, sizes)))
+        nothing = Fit(
+            ("nothing",), {"nothing.p": 0.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(map(np.zeros, sizes))
+        )
         return own.scores([fit, nothing])[1:]
 
     for error in (0.0, 300.0):

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from pendulums import CONSTANTS as PENDULUM_CONSTANTS
-from pendulums import LIBRARY, NOISE_RAD, PROBLEM, SCATTER, STEPS, TIMES_S, TWIN, effect, machine, simulate
 
 from jammkle_gap import (
     BadRecordingError,
@@ -24,6 +22,8 @@ from jammkle_gap import (
     as_dict,
     diagnose,
 )
+from pendulums import CONSTANTS as PENDULUM_CONSTANTS
+from pendulums import LIBRARY, NOISE_RAD, PROBLEM, SCATTER, STEPS, TIMES_S, TWIN, effect, machine, simulate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -370,7 +370,10 @@ def test_an_experiment_is_named_that_would_split_a_set() -> None:
     noise = made.random.normal(0.0, NOISE_RAD, (8, STEPS))
     blank = Recording("held", (), command, setting="held")
     runs = [
-        replace(blank, signals=(Signal("angle", "rad", TIMES_S, either(blank, {"one.share": share})["angle"] + row, NOISE_RAD),))
+        replace(
+            blank,
+            signals=(Signal("angle", "rad", TIMES_S, either(blank, {"one.share": share})["angle"] + row, NOISE_RAD),),
+        )
         for row, share in zip(noise, [0.2] * 3 + [0.0] * 5, strict=True)
     ]
     offered = [Experiment("rest", still), Experiment("swing", quick)]

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from pendulums import PROBLEM, machine
 
 from jammkle_gap import Constants
 from jammkle_gap.core.compare import difference_of, residuals_of, settings_of
 from jammkle_gap.core.features import Layout
 from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
 from jammkle_gap.core.simulate import Runner
+from pendulums import PROBLEM, machine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
