@@ -10,9 +10,10 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_gap.ankle.bag import Bag, Samples
+from jammkle_gap.ankle.bag import Bag, Samples, read_bag
 from jammkle_gap.ankle.loading import load_recording, recording_of
 from jammkle_gap.ankle.runs import bag_of_run
+from jammkle_gap.ankle.signals import signals_of
 from jammkle_gap.november.recording import BadRecordingError
 from jammkle_graph import names
 from recorded import ACHILLES, SIMULATOR, bag, run, unbiased
@@ -89,6 +90,30 @@ def test_a_bag_of_somebody_elses_recorder_is_enough(tmp_path: Path) -> None:
         load_recording(tmp_path / "bag")
     with pytest.raises(BadRecordingError, match="lf_ankle"):
         load_recording(tmp_path / "bag", "landing", namespace="/rf_ankle")
+
+
+@pytest.mark.parametrize("apart_s", [0.0, 0.0004])
+def test_joint_states_may_come_from_two_publishers(tmp_path: Path, apart_s: float) -> None:
+    """One knows the carriage, the other the ankle, at the same stamps or at others: nothing is lost or not a number."""
+    series = run("landing").topics[names.JOINT_STATES.name]
+    both = ForeignBag(tmp_path / "bag")
+    kind, types = names.JOINT_STATES.message_type, STORE.types
+    for time_s, row in zip(series.time_s, series.values, strict=True):
+        for late_s, joints in ((0.0, names.ANKLE_JOINTS), (apart_s, (names.CARRIAGE_JOINT,))):
+            position = np.array([row[series.columns.index(f"{joint}.position")] for joint in joints])
+            message = types[kind](
+                header=both.stamp(time_s + late_s), name=list(joints), position=position,
+                velocity=np.zeros(0), effort=np.zeros(0),
+            )  # fmt: skip
+            both.add(f"/{names.JOINT_STATES.name}", kind, time_s + late_s, message)
+    both.write()
+    joints = read_bag(tmp_path / "bag").topics[names.JOINT_STATES.name]
+    for name in ("ankle_pitch", "carriage"):
+        stamp_s, values = joints.readings(f"{name}/position")
+        assert np.array_equal(values, series.column(f"{name}.position"))
+        assert stamp_s - stamp_s[0] == pytest.approx(series.time_s - series.time_s[0], abs=1e-6)
+    signals = {each.name: each for each in signals_of("bag", {names.JOINT_STATES.name: joints}, 0.0, np.inf)}
+    assert set(signals) == {*(f"{joint}/position" for joint in names.ANKLE_JOINTS), "carriage/position"}
 
 
 def test_the_weather_is_taken_from_a_foreign_bag() -> None:
