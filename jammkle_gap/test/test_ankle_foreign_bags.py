@@ -125,8 +125,26 @@ def test_the_weather_is_taken_from_a_foreign_bag() -> None:
         else each
         for name, each in given.topics.items()
     }
-    recording = recording_of(Bag("mountain", mountain, None, None), "pressure", {"cycles": 1})
-    assert recording.inputs.ambient_pa == pytest.approx(93_325.0, abs=300.0)
+    for description in (None, given.description):
+        recording = recording_of(Bag("mountain", mountain, description, None), "pressure", {"cycles": 1})
+        assert recording.inputs.ambient_pa == pytest.approx(93_325.0, abs=300.0)
+        assert any("atmosphere taken from the vented pressures" in note for note in recording.notes)
+    assert recording_of(given).inputs.ambient_pa is None
+
+
+def test_the_weather_of_a_foreign_bag_is_that_of_its_vented_channels() -> None:
+    """To the noise of a mean, whatever one bad sensor says, and from channels that are not drawn alone."""
+    given = bag_of_run(run("pressure", cycles=1))
+    bad = given.topics[ACHILLES]
+    low = dataclasses.replace(bad, columns={"pressure": bad.columns["pressure"] - 4e3})
+    found = [
+        recording_of(Bag("here", {**given.topics, ACHILLES: each}, None, None), "pressure").inputs
+        for each in (bad, low)
+    ]
+    first_pa = [float(np.mean(given.topics[topic.name].columns["pressure"][:15])) for topic in names.PRESSURES.values()]
+    assert found[0].ambient_pa == pytest.approx(np.median(first_pa), abs=30.0)
+    assert found[1].ambient_pa == pytest.approx(found[0].ambient_pa, abs=500.0)
+    assert found[1].start_pa is None
 
 
 def cut(bag: Bag, from_s: float) -> Bag:
