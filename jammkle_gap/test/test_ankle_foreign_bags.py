@@ -10,9 +10,10 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_gap.ankle.bag import Bag, Samples
+from jammkle_gap.ankle.bag import Bag, Samples, read_bag
 from jammkle_gap.ankle.loading import load_recording, recording_of
 from jammkle_gap.ankle.runs import bag_of_run
+from jammkle_gap.ankle.signals import signals_of
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 from recorded import ACHILLES, SIMULATOR, bag, bias_of, run, unbiased
@@ -91,6 +92,30 @@ def test_a_bag_of_somebody_elses_recorder_is_enough(tmp_path: Path) -> None:
         load_recording(tmp_path / "bag", "landing", namespace="/rf_ankle")
 
 
+@pytest.mark.parametrize("apart_s", [0.0, 0.0004])
+def test_joint_states_may_come_from_two_publishers(tmp_path: Path, apart_s: float) -> None:
+    """One knows the carriage, the other the ankle, at the same stamps or at others: nothing is lost or not a number."""
+    series = run("landing").topics[names.JOINT_STATES.name]
+    both = ForeignBag(tmp_path / "bag")
+    kind, types = names.JOINT_STATES.message_type, STORE.types
+    for time_s, row in zip(series.time_s, series.values, strict=True):
+        for late_s, joints in ((0.0, names.ANKLE_JOINTS), (apart_s, (names.CARRIAGE_JOINT,))):
+            position = np.array([row[series.columns.index(f"{joint}.position")] for joint in joints])
+            message = types[kind](
+                header=both.stamp(time_s + late_s), name=list(joints), position=position,
+                velocity=np.zeros(0), effort=np.zeros(0),
+            )  # fmt: skip
+            both.add(f"/{names.JOINT_STATES.name}", kind, time_s + late_s, message)
+    both.write()
+    joints = read_bag(tmp_path / "bag").topics[names.JOINT_STATES.name]
+    for name in ("ankle_pitch", "carriage"):
+        stamp_s, values = joints.readings(f"{name}/position")
+        assert np.array_equal(values, series.column(f"{name}.position"))
+        assert stamp_s - stamp_s[0] == pytest.approx(series.time_s - series.time_s[0], abs=1e-6)
+    signals = {each.name: each for each in signals_of("bag", {names.JOINT_STATES.name: joints}, 0.0, np.inf)}
+    assert set(signals) == {*(f"{joint}/position" for joint in names.ANKLE_JOINTS), "carriage/position"}
+
+
 def test_the_weather_is_taken_from_a_foreign_bag() -> None:
     """Vented channels at another atmosphere are no gap where nobody says what it was."""
     given = bag()
@@ -100,8 +125,26 @@ def test_the_weather_is_taken_from_a_foreign_bag() -> None:
         else each
         for name, each in given.topics.items()
     }
-    recording = recording_of(Bag("mountain", mountain, None, None), "pressure", {"cycles": 1})
-    assert recording.inputs.ambient_pa == pytest.approx(93_325.0, abs=300.0)
+    for description in (None, given.description):
+        recording = recording_of(Bag("mountain", mountain, description, None), "pressure", {"cycles": 1})
+        assert recording.inputs.ambient_pa == pytest.approx(93_325.0, abs=300.0)
+        assert any("atmosphere taken from the vented pressures" in note for note in recording.notes)
+    assert recording_of(given).inputs.ambient_pa is None
+
+
+def test_the_weather_of_a_foreign_bag_is_that_of_its_vented_channels() -> None:
+    """To the noise of a mean, whatever one bad sensor says, and from channels that are not drawn alone."""
+    given = bag_of_run(run("pressure", cycles=1))
+    bad = given.topics[ACHILLES]
+    low = dataclasses.replace(bad, columns={"pressure": bad.columns["pressure"] - 4e3})
+    found = [
+        recording_of(Bag("here", {**given.topics, ACHILLES: each}, None, None), "pressure").inputs
+        for each in (bad, low)
+    ]
+    first_pa = [float(np.mean(given.topics[topic.name].columns["pressure"][:15])) for topic in names.PRESSURES.values()]
+    assert found[0].ambient_pa == pytest.approx(np.median(first_pa), abs=30.0)
+    assert found[1].ambient_pa == pytest.approx(found[0].ambient_pa, abs=500.0)
+    assert found[1].start_pa is None
 
 
 def cut(bag: Bag, from_s: float) -> Bag:

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 NOT_VENTED_PA = 3e3
 """Distance from the atmosphere from which on a channel counts as evacuated at the start. Assumed: twenty times the
 scatter of the sensors' offsets."""
-_WEATHER_PA = 500.0
-"""Distance from the standard atmosphere from which on the recording's own is taken. Assumed: three such scatters."""
+_ALTITUDE_PA = 2e3
+"""Distance from the standard atmosphere from which on a bag that describes its rig is not taken at its word. Assumed:
+no weather at sea level does more, 200 m of height do."""
 _VENTED_S = 0.5
 """Time after its solenoid let go at which a channel has vented. Assumed: five times its time constant."""
 _SOURCES = {"manifold": names.MANIFOLD_PRESSURE, **names.PRESSURES}
@@ -36,11 +37,12 @@ _HIGHEST = 99.0
 """Percentile of the pressure that a vented channel stands at: the readings' noise is above it."""
 
 
-def weather_pa(topics: Mapping[str, Samples]) -> float | None:
-    """Return the pressure of the atmosphere, Pa, told by the channels that stood vented for a while; None if none did.
+def weather_pa(topics: Mapping[str, Samples], *, described: bool = False) -> float | None:
+    """Return the pressure of the atmosphere, Pa, by the channels that stood vented for a while; None if none did.
 
     Args:
         topics: Of the whole bag, commands among them.
+        described: The bag says what its rig was built with: None, but far from there.
 
     """
     found = []
@@ -55,8 +57,10 @@ def weather_pa(topics: Mapping[str, Samples]) -> float | None:
                 at = np.searchsorted(solenoid.log_s, pressure.stamp_s - back_s, side="right")
                 vented &= ~drawing[at]
         if vented.any():
-            found.append(float(np.percentile(pressure.columns["pressure"][vented], _HIGHEST)))
-    return float(np.median(found)) if found else None
+            found.append(float(np.median(pressure.columns["pressure"][vented])))
+    weather = float(np.median(found)) if found else None
+    is_as_described = weather is None or abs(weather - STANDARD_ATMOSPHERE_PA) <= _ALTITUDE_PA
+    return None if described and is_as_described else weather
 
 
 def begins_vented(topics: Mapping[str, Samples]) -> bool:
@@ -88,16 +92,17 @@ def with_air(
 
     Args:
         inputs: Of the run, with its commands.
-        weather: Pressure of the atmosphere, Pa, as measured; None: not known, or the bag describes its rig.
+        weather: Pressure of the atmosphere that the run was made in, Pa; None: that which the rig is built with.
         signals: Of the run.
         ambient_pa: Pressure of the atmosphere that the rig is built with, Pa.
         notes: What the reader should know is added.
 
     """
-    if weather is not None and abs(weather - STANDARD_ATMOSPHERE_PA) > _WEATHER_PA:
+    if weather is not None:
+        inputs = dataclasses.replace(inputs, ambient_pa=weather)
+        if abs(weather - ambient_pa) > _ALTITUDE_PA:
+            notes.append(f"atmosphere taken from the vented pressures: {weather:.0f} Pa")
         ambient_pa = weather
-        inputs = dataclasses.replace(inputs, ambient_pa=ambient_pa)
-        notes.append(f"atmosphere taken from the vented pressures: {ambient_pa:.0f} Pa")
     begun = {where: signals[name] for where, name in pressure_signals(signals).items()}
     solenoids = inputs.commands.solenoids
     evacuated = [

@@ -187,7 +187,7 @@ def _recording(name: str, bag: Bag, topics: Mapping[str, Samples], told: Told, s
     built = nominal_rig(inputs)
     checks.check_rig(name, built, signals, assembled(built).joints, _start_m(built))
     inputs = _with_motion(inputs, topics, span, built)
-    weather = None if bag.description is not None else weather_pa(topics)
+    weather = weather_pa(topics, described=bag.description is not None)
     inputs = with_air(inputs, weather, signals, built.pneumatics.ambient_pa, said)
     if told.rig == "tensile" and inputs.course is not None and inputs.course.start_m > _STRETCHED_M:
         stretched = f"the tendon is stretched by {1e3 * inputs.course.start_m:.1f} mm as the recording begins"
