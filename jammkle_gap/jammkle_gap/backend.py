@@ -6,6 +6,7 @@ import contextlib
 import importlib
 import os
 import signal
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import joblib  # type: ignore[import-untyped]  # carries no types
@@ -36,6 +37,8 @@ def backend(jobs: int | None, scheduler: str | None) -> Iterator[int | None]:
         InputError: Dask is not installed, or the scheduler does not answer.
 
     """
+    # Whoever stops on the way knows that not everything was done.
+    warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed", UserWarning)
     if scheduler is None:
         with joblib.parallel_config("loky", initializer=_start_worker, initargs=(os.getpid(),)):
             yield jobs

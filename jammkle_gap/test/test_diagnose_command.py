@@ -8,6 +8,7 @@ import io
 import json
 import os
 import signal
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -28,7 +29,6 @@ from jammkle_sim.rigs.pressure import PressureOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
 
 SHORT = PressureOptions(cycles=2, jam_time_s=0.8, vent_time_s=0.4)
 TRUE_LEAK = 0.003
@@ -185,7 +185,7 @@ def test_a_slow_valve_is_named(healthy: list[str], tmp_path: Path, capsys: pytes
     late_s = 0.04 - SHORT.valve_dead_time_s
     assert sized["valve_dead_time"]["extra_s"]["value"] == pytest.approx(late_s, abs=0.006)
     said = capsys.readouterr().out
-    assert "The solenoids switch late" in said
+    assert "valve dead time" in said
     assert max(len(line.rstrip()) for line in said.splitlines() if str(tmp_path) not in line) <= 80
 
 
@@ -207,19 +207,26 @@ def write_foreign(source: Path, target: Path) -> None:
             writer.write(added[connection.topic], log_ns + later_ns + late_ns, content)
 
 
-def test_a_bag_of_another_recorder_is_diagnosed_with_its_rig_by_hand(
-    leaking: Path, healthy: list[str], tmp_path: Path
+def test_bags_of_another_recorder_are_diagnosed_with_their_rig_by_hand(
+    leaking: Path, healthy: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Standard types alone, no description: without --rig it is refused, with it and --set the leak is named."""
+    """Standard types alone, no description: without --rig they are refused, with it and --set the leak is named."""
     write_foreign(leaking, tmp_path / "foreign")
-    call = ["gap", "diagnose", str(tmp_path / "foreign"), *healthy, *few()]
-    call += ["-o", str(tmp_path / "out"), "--json", f"{tmp_path}/x.json"]
-    assert main(call) == 2
-    known = [f"--set=foreign:{name}={getattr(SHORT, name)}" for name in ("cycles", "jam_time_s", "vent_time_s")]
-    assert main([*call, "--rig", "foreign=pressure", *known]) == 0
+    references = []
+    for place in map(Path, healthy[1::2]):
+        write_foreign(place, tmp_path / place.name)
+        references += ["--reference", str(tmp_path / place.name)]
+    call = ["gap", "diagnose", str(tmp_path / "foreign"), *few(), "-o", str(tmp_path / "out")]
+    call += ["--json", f"{tmp_path}/x.json"]
+    assert main([*call, *references]) == 2
+    known = [f"--set={name}={getattr(SHORT, name)}" for name in ("cycles", "jam_time_s", "vent_time_s")]
+    assert main([*call, *references, "--rig", "pressure", *known]) == 0
     found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
     assert "line_leak_achilles" in found["set"][0]["names"]
     assert found["rigs"] == ["pressure"]
+    capsys.readouterr()
+    assert main([*call, *healthy, "--rig", "foreign=pressure", "--set", "foreign:cycles=2"]) == 2
+    assert "no reference is a repeat of recording foreign: healthy_21: " in capsys.readouterr().err
 
 
 def test_a_run_without_a_gap_has_none(healthy: list[str], tmp_path: Path) -> None:
