@@ -88,7 +88,8 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registra
     """
     first = recordings[0]
     common = set.intersection(*({signal.name for signal in each.signals} for each in recordings))
-    signals = [signal for signal in first.signals if signal.name in common]
+    # Bags list their topics as they came: by name, runs of one setting share a dictionary whatever came first.
+    signals = sorted((each for each in first.signals if each.name in common), key=lambda each: each.name)
     if not signals:
         names = ", ".join(each.name for each in recordings)
         msg = f"the recordings {names} have no signal in common; record the same topics in all runs of a setting"

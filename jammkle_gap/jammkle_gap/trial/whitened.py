@@ -151,21 +151,6 @@ def _days(rig: str, options: tuple[tuple[str, Option], ...]) -> tuple[RealRun, .
     return tuple(still(values) for values in ({}, *({each.name: each.sigma} for each in DAY)))
 
 
-def gain_of(differences: Sequence[Sequence[NDArray[np.float64]]], runs: int, references: int) -> float:
-    """Return the gain of the true effect in a comparison of so many runs with so many references per setting.
-
-    Args:
-        differences: Whitened, of each setting's twins, two or more.
-        runs: To be diagnosed, per setting.
-        references: Per setting.
-
-    """
-    total = 0.0
-    for twins in differences:
-        total += float(np.mean([one @ other for one, other in itertools.combinations(twins, 2)]))
-    return max(total, 0.0) / (1.0 / runs + 1.0 / references)
-
-
 def detectable_size(gains: Sequence[float], runs: int, references: int) -> float:
     """Return a size: 1 is what an ideal detector needs, and a gain is its square.
 
