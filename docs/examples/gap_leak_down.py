@@ -1,7 +1,8 @@
 """Real data: closed chambers that lose pressure. Do they leak, or does the gas that was let in only cool down?
 
 Measured by others: see data/README.md beside the recordings. Gross leaks are named; in tight chambers a small leak and
-a cooling gas fit alike, and the answer is one of the two.
+a cooling gas fit alike, and the answer is one of the two. No two chambers were recorded twice, so that scatter is what
+three runs of another one differ by.
 """
 
 from __future__ import annotations

@@ -162,11 +162,6 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
     return {"peak_force": np.full(SAMPLES, peak_n / pull.noise_n)}
 
 
-def regime(row: TensileRow) -> str:
-    """Return what was pulled, and at which vacuum."""
-    return f"{row.fibre.value} at {row.vacuum_pa / PA_PER_KPA:g} kPa of vacuum"
-
-
 def load(row: TensileRow, least_share: float = 0.0) -> Recording:
     """Hand a row over as a run that holds its mean, worth one sample.
 
@@ -193,12 +188,9 @@ def fitted_values(found: Diagnosis) -> dict[str, float]:
     return {f"{effect.name}.{each.name}": each.value for effect in found.effects for each in effect.parameters}
 
 
-def foretold_n(row: TensileRow, rows: Sequence[TensileRow], effects: Sequence[str]) -> float:
-    """Return the peak force of a row after a new fit to those of the other regimes, N.
-
-    By scipy, from what is printed: a check of what the diagnosis itself finds when it holds a row out.
-    """
-    others = [load(each) for each in rows if regime(each) != regime(row)]
+def predicted_n(row: TensileRow, rows: Sequence[TensileRow], effects: Sequence[str]) -> float:
+    """Return the peak force of a row after a fit by scipy to those of other tendons and vacuums, N."""
+    others = [load(each) for each in rows if (each.fibre, each.vacuum_pa) != (row.fibre, row.vacuum_pa)]
     keys = [effect.key(each) for effect in LIBRARY if effect.name in effects for each in effect.parameters]
     bounds = {effect.key(each): (each.minimum, each.maximum) for effect in LIBRARY for each in effect.parameters}
 
@@ -213,7 +205,7 @@ def foretold_n(row: TensileRow, rows: Sequence[TensileRow], effects: Sequence[st
 
 
 def tell(found: Diagnosis, rows: Sequence[TensileRow]) -> None:
-    """Print what was found, and each row: measured, printed, corrected, and foretold by the other regimes."""
+    """Print what was found, and each row: measured, printed, corrected, and predicted from the others."""
     print(found.verdict.value, *found.reasons, sep="\n")
     for effect in found.effects:
         for parameter in effect.parameters:
@@ -223,13 +215,15 @@ def tell(found: Diagnosis, rows: Sequence[TensileRow]) -> None:
         forces_n = [
             row.mean_n,
             *(peak_force_n(corrected(values), row.fibre, row.vacuum_pa) for values in ({}, fitted_values(found))),
-            foretold_n(row, rows, [effect.name for effect in found.effects]),
+            predicted_n(row, rows, [effect.name for effect in found.effects]),
         ]
         print(
-            "{}: measured {:.1f}, printed {:.1f}, corrected {:.1f}, foretold {:.1f} N".format(row.identifier, *forces_n)
+            "{}: measured {:.1f}, printed {:.1f}, corrected {:.1f}, predicted {:.1f} N".format(
+                row.identifier, *forces_n
+            )
         )
-    for names, nats in found.ranking[:5]:
-        print(f"{nats:8.1f} nats  {' + '.join(names) or 'no effect'}")
+    for names, probability in list(found.posterior.items())[:5]:
+        print(f"{probability:8.3f}  {' + '.join(names) or 'none of them'}")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Real data: a small servo swings a pendulum, and a model with dry and viscous friction does not follow.
 
 Measured by others: see data/README.md beside the recordings. No single missing effect explains much; friction that
-grows with load, together with a larger controller gain, explains most of what any pair does. Neither leaves the noise:
-the verdict is UNKNOWN, with the pair as lead. Motor and friction constants are not known and are fitted along with
-every candidate: else each effect would only mend what the constants were bent to hide.
+grows with load, together with a larger controller gain, is by far the most probable pair, though the gain alone is
+worth nothing. Motor and friction constants are known to the tolerances of a data sheet, and are nuisances:
+else each effect would only mend what they were bent to hide.
 """
 
 from __future__ import annotations

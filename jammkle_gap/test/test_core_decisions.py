@@ -58,13 +58,13 @@ def fits(difference: Difference) -> list[Fit]:
 
 
 def test_false_alarms_are_as_rare_as_stated() -> None:
-    """Of 400 healthy machines no more than a binomial chance of one in a thousand allows."""
+    """Of 300 healthy machines no more than a binomial chance of one in a thousand allows."""
     random = np.random.default_rng(21)
     alarms = 0
-    for _ in range(400):
+    for _ in range(300):
         difference = whitened(random)
         alarms += detect(difference, fits(difference), CONSTANTS).gap
-    assert alarms <= stats.binom.ppf(0.999, 400, CONSTANTS.false_alarm_rate)
+    assert alarms <= stats.binom.ppf(0.999, 300, CONSTANTS.false_alarm_rate)
 
 
 def test_power_grows_with_the_size_of_the_gap() -> None:
@@ -176,7 +176,10 @@ def test_the_simulators_own_error_leaves_scatter_and_constants_their_priors() ->
 
     def scores(height: float, error: float) -> list[float]:
         """Return the log-likelihood of no effect, and of an offset that is explained in full."""
-        rows = [height * floor + error * floor * (np.arange(size) < size // 8) for size, floor in zip(sizes, floors)]
+        rows = [
+            height * floor + error * floor * (np.arange(size) < size // 8)
+            for size, floor in zip(sizes, floors, strict=True)
+        ]
         residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
         difference = difference_of(settings, residuals, columns, none, none, CONSTANTS)
         own = OwnError(settings, residuals, difference, CONSTANTS)

@@ -1,4 +1,4 @@
-"""A diagnosis from end to end: settings, references, errors, the dictionary on disk, workers, and what is said of it."""
+"""A diagnosis from end to end: settings, references, errors, the dictionary on disk, workers, notes."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_the_cause_is_named_with_its_size() -> None:
     assert cause.parameters[0].value == pytest.approx(0.15, rel=0.1)
     assert found.gap.nominal > 2.0
     assert found.gap.closed > 0.9
-    assert [place.signal for place in found.where][0] == "angle"
+    assert found.where[0].signal == "angle"
     assert sum(place.share for place in found.where) == pytest.approx(1.0)
     assert {each.setting for each in found.held_out} == {"slow", "fast"}
     assert as_dict(found)["effects"][0]["name"] == "load"

@@ -56,7 +56,7 @@ def test_a_gross_leak_is_named(name: str) -> None:
 
 
 @present
-@pytest.mark.parametrize("name", ["Aluminium", "Formlabs", "Prusa", "Ultimaker_006", "Ultimaker_010"])
+@pytest.mark.parametrize("name", ["Aluminium", "Formlabs", "Ultimaker_006", "Ultimaker_010"])
 def test_in_a_tight_chamber_it_is_one_of_the_two(name: str) -> None:
     """A small leak and a cooling gas fit alike: both are in the set, and neither is named alone."""
     found = example("gap_leak_down").run(DATA / "leak_down", name)
@@ -65,24 +65,30 @@ def test_in_a_tight_chamber_it_is_one_of_the_two(name: str) -> None:
 
 
 @present
+def test_in_the_chamber_that_bends_most_it_is_no_leak_alone() -> None:
+    """A steady leak misses this chamber's curve by twice the reruns' scatter, cooling does not."""
+    found = example("gap_leak_down").run(DATA / "leak_down", "Prusa")
+    assert found.posterior["cooling",] > 10.0 * found.posterior["leak",]
+    assert found.verdict is not Verdict.NO_GAP
+
+
+@present
 def test_the_seal_rubs_more_under_pressure() -> None:
-    """Friction that grows with pressure beats every other single cause by far; reversals stay unexplained."""
+    """Friction that grows with pressure is in every candidate but none of them; reversals stay a doubt beside it."""
     found = example("gap_pressure_friction").run(DATA / "pressure_friction")
-    scores = dict(found.ranking)
-    singles = sorted((nats, names) for names, nats in scores.items() if len(names) == 1)
-    assert singles[-1][1] == ("pressure_friction",)
-    assert singles[-1][0] - singles[-2][0] > 100.0
-    assert [each.name for each in found.effects] == ["pressure_friction"]
-    assert found.verdict is Verdict.EFFECTS
-    assert found.effects[0].parameters[0].interval[0] > 0.0
+    assert "pressure_friction" in next(iter(found.posterior))
+    assert sum(share for names, share in found.posterior.items() if "pressure_friction" in names) > 0.8
+    (growth,) = next(each for each in found.effects if each.name == "pressure_friction").parameters
+    assert growth.interval[0] > 0.1
+    assert growth.interval[1] < 0.7
 
 
 @present
 def test_the_servo_needs_a_pair_that_no_single_hints_at() -> None:
     """Load-dependent friction with a larger gain is the best of all candidates; alone the gain is worth nothing."""
     found = example("gap_servo_friction").run(DATA / "servo_friction")
-    scores = dict(found.ranking)
-    assert found.ranking[0][0] == ("gain", "load_friction")
-    assert scores["gain",] < 3.0
-    assert found.verdict is Verdict.UNKNOWN
-    assert {each.name for each in found.effects} == {"gain", "load_friction"}
+    assert set(next(iter(found.posterior))) == {"gain", "load_friction"}
+    assert found.posterior["gain",] < 0.01
+    sizes = {each.name: each.parameters[0].value for each in found.effects}
+    assert 1.1 < sizes["gain"] < 1.5
+    assert 0.05 < sizes["load_friction"] < 0.3

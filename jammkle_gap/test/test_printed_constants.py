@@ -47,43 +47,37 @@ def test_every_correction_moves_a_row(example: ModuleType) -> None:
             assert max(far) > 1.0, effect.name
 
 
-def test_all_rows_lead_to_c1_and_no_further(example: ModuleType) -> None:
-    """C1 is the lead, about ten times the printed; much is left, and so nothing is named."""
+def test_all_rows_lead_to_a_larger_c1_with_less_friction(example: ModuleType) -> None:
+    """C1 is in every candidate that counts, some thirteen times the printed; beside it friction, by scale or onset."""
     found = example.run()
-    assert found.verdict is Verdict.UNKNOWN
-    assert [effect.name for effect in found.effects] == ["soft_c1"]
+    assert found.verdict is Verdict.AMBIGUOUS
+    assert sum(share for names, share in found.posterior.items() if "soft_c1" in names) > 0.95
+    assert {names for each in found.candidates for names in each.names} <= {*PAIR, "friction_onset"}
     assert 8.0 < example.fitted_values(found)["soft_c1.c1"] / example.NULL["soft_c1.c1"] < 15.0
-    assert 0.6 < found.gap.closed < 0.85
-    assert found.gap.with_effect > 20.0
-    assert PAIR in [names for names, _ in found.ranking[:5]]
-    assert "friction_scale" in found.ranking[0][0]
+    assert 0.7 < found.gap.closed < 0.95
+
+
+def test_more_noise_says_the_same(example: ModuleType) -> None:
+    """With at least 1.5 % of each mean as noise: the answer does not hang on the smallest standard errors."""
+    found = example.run(least_share=0.015)
+    assert sum(share for names, share in found.posterior.items() if "soft_c1" in names) > 0.95
+    assert found.verdict is Verdict.AMBIGUOUS
 
 
 def test_without_c1_on_offer_nothing_is_named(example: ModuleType) -> None:
-    """No other correction takes the place of C1."""
+    """No other correction takes the place of C1, though some mend several of the smaller rows."""
     found = example.run(library=example.LIBRARY.without("soft_c1"))
     assert found.verdict is Verdict.UNKNOWN
-    assert not found.effects
+    assert found.candidates[0].names == ()
 
 
-def test_with_more_noise_friction_comes_in(example: ModuleType) -> None:
-    """Larger C1 and less friction together: the row at -50 kPa was right by two faults. Still not all is explained."""
-    found = example.run(least_share=0.015)
-    assert found.verdict is Verdict.UNKNOWN
-    assert tuple(sorted(effect.name for effect in found.effects)) == PAIR
-    assert example.fitted_values(found)["friction_scale.scale"] < 0.7
-    assert 0.7 < found.gap.closed < 0.9
-
-
-def test_without_vacuum_two_constants_lead_and_a_number_from_one_row_is_not_named(example: ModuleType) -> None:
-    """C1 and C3 lead; E, which one row alone decides, is not named. Each row is foretold as after a fit of its own."""
+def test_without_vacuum_c1_is_what_hardness_says(example: ModuleType) -> None:
+    """0.13 MPa, with C3 beside it; E, which one row alone decides, is not named."""
     found = example.run(example.UNJAMMED)
-    names = [effect.name for effect in found.effects]
-    assert found.verdict is Verdict.UNKNOWN
-    assert sorted(names) == ["soft_c1", "soft_c3"]
+    names = {name for each in found.candidates for name in each.names}
+    assert names <= {"soft_c1", "soft_c3"}
     assert example.fitted_values(found)["soft_c1.c1"] == pytest.approx(0.13, rel=0.05)
-    assert found.gap.closed < 0.9
     rows = {row.identifier: row for row in example.UNJAMMED}
-    foretold_n = {name: example.foretold_n(row, example.UNJAMMED, names) for name, row in rows.items()}
-    assert foretold_n["a30_atm"] == pytest.approx(rows["a30_atm"].mean_n, rel=0.05)
-    assert foretold_n["a85_atm"] > 1.2 * rows["a85_atm"].mean_n
+    predicted_n = {name: example.predicted_n(row, example.UNJAMMED, sorted(names)) for name, row in rows.items()}
+    assert predicted_n["a30_atm"] == pytest.approx(rows["a30_atm"].mean_n, rel=0.05)
+    assert predicted_n["a85_atm"] > 1.2 * rows["a85_atm"].mean_n
