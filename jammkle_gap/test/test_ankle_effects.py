@@ -48,7 +48,7 @@ ONE_OF_EACH = list({effect.family: effect for effect in EFFECTS}.values())
 ALL = {PRESSURE, ANGLE, SLIDE, EXTENSION, TENSION, FORCE, ACCELERATION, RATE}
 MOVED = 0.05
 """Root mean square in noise from which on a signal counts as moved."""
-ROUNDING = 1e-3
+ROUNDING = 2e-3
 """Share of the noise that dividing the same air by another volume may make."""
 OWN = {
     "imu_offset": {ACCELERATION},

@@ -38,8 +38,13 @@ def truth_of(recording: Recording, rig: Rig) -> Truth:
     """
     pressure_pa = air_of(recording, rig)
     inputs = inputs_of(recording)
-    moved = motion_key(rig, inputs)
-    body_key = digest_of(_air_key(recording, rig), rig.tendon_laws.tobytes(), model_key(recording, rig), moved)
+    body_key = digest_of(
+        _air_key(recording, rig),
+        rig.tendon_laws.tobytes(),
+        _joint_key(rig),
+        model_key(recording, rig),
+        motion_key(rig, inputs),
+    )
 
     def run_bodies() -> Truth:
         bodies = replay.Bodies(moved_as_recorded(rig, inputs))
@@ -47,6 +52,10 @@ def truth_of(recording: Recording, rig: Rig) -> Truth:
 
     truth: Truth = _stages().get(f"body {body_key}", run_bodies)
     return truth
+
+
+def _joint_key(rig: Rig) -> bytes:
+    return b"" if rig.joint_law is None else rig.joint_law.tobytes()
 
 
 def digest_of(*parts: Any) -> str:

@@ -168,6 +168,8 @@ def exchange_air(law: Any, state: Any) -> None:
         vacuum_pa = ambient - manifold_pa
         flow_m3_s = law.pump_free_flow_m3_s * state.duty * (1.0 - vacuum_pa / law.pump_ultimate_vacuum_pa)
         pumped_kg = max(flow_m3_s, 0.0) * manifold_pa / law.specific_energy_j_kg * duration_s
+        if law.pump_filling != 0.0:
+            pumped_kg *= (ambient / manifold_pa) ** law.pump_filling
         state.mass_kg[0] -= pumped_kg
         state.pumped_kg += pumped_kg
         for i in range(VOLUMES):
@@ -273,8 +275,37 @@ def act(laws: Laws, states: States, body: Body) -> None:
 
 
 @compiled
+def rub_joint(law: Any, state: Any, body: Body) -> None:
+    """Advance the dry friction of the ankle's joint by a time step, and let it act.
+
+    An elastic-Coulomb element of a ball in its socket: it bends as the joint turns, about all axes together, until its
+    torque reaches what slides; that falls with the speed from breaking away to sliding (Stribeck). Below it nothing
+    drifts (Dupont et al., 2002). Its torque is that of the end of the step, so that it holds instead of chattering.
+
+    Args:
+        law: One record of JOINT_LAW.
+        state: One record of JOINT_STATE, changed in place.
+        body: MuJoCo's side.
+
+    """
+    speed_squared, bent_squared = 0.0, 0.0
+    for i in range(body.joint_index.shape[0]):
+        speed = body.speed[body.joint_index[i]]
+        state.deflection_rad[i] += law.step_s * speed
+        speed_squared += speed * speed
+        bent_squared += state.deflection_rad[i] * state.deflection_rad[i]
+    furthest_rad = law.presliding_rad * (1.0 + law.breakaway * math.exp(-speed_squared / law.stribeck_rad_s**2))
+    bent_rad = math.sqrt(bent_squared)
+    kept = furthest_rad / bent_rad if bent_rad > furthest_rad else 1.0
+    stiffness_n_m = law.friction_n_m / law.presliding_rad
+    for i in range(body.joint_index.shape[0]):
+        state.deflection_rad[i] *= kept
+        body.applied_n_m[body.joint_index[i]] = -stiffness_n_m * state.deflection_rad[i]
+
+
+@compiled
 def pull(laws: Laws, states: States, body: Body, pressure_pa: Any) -> None:
-    """Advance the tendons by one step, to the lengths that MuJoCo has now, at pressures of shape (VOLUMES,), Pa."""
+    """Advance tendons and joint by one step, to what MuJoCo has now, at pressures of shape (VOLUMES,), Pa."""
     for i in range(states.tendons.shape[0]):
         law = laws.tendons[i]
         state = states.tendons[i]
@@ -283,6 +314,8 @@ def pull(laws: Laws, states: States, body: Body, pressure_pa: Any) -> None:
         state.rate_m_s = body.rate_m_s[i]
         state.tension_n = tendon_tension_n(law, state, state.extension_m, vacuum_pa)
         body.pull_n[i] = state.tension_n
+    if laws.joint[0].friction_n_m > 0.0:
+        rub_joint(laws.joint[0], states.joint[0], body)
 
 
 @compiled
@@ -422,6 +455,8 @@ def driven_history(laws: Laws, states: States, body: Body, probe: Probe, tension
             states.tendons[i].extension_m = body.length_m[i] - laws.tendons[i].free_length_m
             states.tendons[i].tension_n = tension_n[step, i]
             body.pull_n[i] = tension_n[step, i]
+        if laws.joint[0].friction_n_m > 0.0:
+            rub_joint(laws.joint[0], states.joint[0], body)
         call_with_two_pointers(step_2, model, data)
         for i in range(IMU_AXES):
             states.imu[0].second[i] = body.raw_imu[i]

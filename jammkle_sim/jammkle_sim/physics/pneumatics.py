@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _GAS_CONSTANT_J_KG_K = 287.05
 """Specific gas constant of dry air (ISO 2533)."""
-_REFERENCE_DENSITY_KG_M3 = 1.185
+REFERENCE_DENSITY_KG_M3 = 1.185
 """Density of air at the reference state of ISO 6358-1 (20 degC, 100 kPa, 65 %)."""
 _CONDUCTANCE_UNIT = 1e-3 / 1e5
 """m^3/(s Pa) in one dm^3/(s bar), the unit of sonic conductance in data sheets."""
@@ -54,6 +54,9 @@ class PneumaticParameters:
     """Volume that the pump draws in at full duty without vacuum, l/min. Assumed; proportional to duty."""
     pump_ultimate_vacuum_pa: float = 80e3
     """Vacuum at which the pump stops drawing, at any duty, Pa. Assumed. Its valves let nothing back."""
+    pump_filling: float = 0.0
+    """Shape of the pump's curve. Assumed: 0, so that the volume that it draws in falls in proportion to the vacuum;
+    with 1 the mass does, as data sheets of diaphragm pumps draw it and a dead volume whose air expands makes it."""
     valve_dead_time_s: float = 0.010
     """Time from command to movement, both ways, s. Assumed; small solenoids have 5 to 20 ms."""
 
@@ -77,6 +80,7 @@ def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray
     record["linear_ratio"] = parameters.linear_ratio
     record["pump_free_flow_m3_s"] = free_flow_m3_s
     record["pump_ultimate_vacuum_pa"] = parameters.pump_ultimate_vacuum_pa
+    record["pump_filling"] = parameters.pump_filling
     record["valve_dead_time_s"] = parameters.valve_dead_time_s
     record["step_s"] = timestep_s
     record["substeps"] = stable_substeps(law)
@@ -85,7 +89,7 @@ def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray
 
 def conductance_kg_s_pa(conductance_dm3_s_bar: float) -> float:
     """Return a sonic conductance, dm^3/(s bar), as the mass flow per pressure that the law has, kg/(s Pa)."""
-    return conductance_dm3_s_bar * (_CONDUCTANCE_UNIT * _REFERENCE_DENSITY_KG_M3)
+    return conductance_dm3_s_bar * (_CONDUCTANCE_UNIT * REFERENCE_DENSITY_KG_M3)
 
 
 def stable_substeps(law: NDArray[Any]) -> int:

@@ -72,6 +72,7 @@ PNEUMATIC_LAW = np.dtype(
         ("linear_ratio", np.float64),
         ("pump_free_flow_m3_s", np.float64),
         ("pump_ultimate_vacuum_pa", np.float64),
+        ("pump_filling", np.float64),
         ("valve_dead_time_s", np.float64, VALVES),
         ("step_s", np.float64),
         ("substeps", np.int64),
@@ -113,6 +114,24 @@ IMU_STATE = np.dtype([("first", np.float64, IMU_AXES), ("second", np.float64, IM
 """The two poles of the filter; the second is the output."""
 
 
+JOINT_AXES = 3
+"""Axes of the ankle's joint."""
+
+JOINT_LAW = np.dtype(
+    [
+        ("friction_n_m", np.float64),
+        ("breakaway", np.float64),
+        ("stribeck_rad_s", np.float64),
+        ("presliding_rad", np.float64),
+        ("step_s", np.float64),
+    ],
+)
+"""Constants of the dry friction in the ankle's joint; none where its torque is 0."""
+
+JOINT_STATE = np.dtype([("deflection_rad", np.float64, JOINT_AXES)])
+"""How far the joint's surfaces are bent before they slide, per axis."""
+
+
 class Laws(NamedTuple):
     """Constants of everything that is advanced together."""
 
@@ -122,6 +141,8 @@ class Laws(NamedTuple):
     """Shape (n,) of TENDON_LAW."""
     imu: NDArray[Any]
     """Shape (1,) of IMU_LAW."""
+    joint: NDArray[Any]
+    """Shape (1,) of JOINT_LAW."""
 
 
 class States(NamedTuple):
@@ -133,6 +154,8 @@ class States(NamedTuple):
     """Shape (n,) of TENDON_STATE."""
     imu: NDArray[Any]
     """Shape (1,) of IMU_STATE."""
+    joint: NDArray[Any]
+    """Shape (1,) of JOINT_STATE."""
 
 
 class Body(NamedTuple):
@@ -148,6 +171,10 @@ class Body(NamedTuple):
     """Controls of the tendons' actuators, shape (n,)."""
     speed: NDArray[np.float64]
     """Joint speeds."""
+    applied_n_m: NDArray[np.float64]
+    """Forces and torques applied from outside, per joint speed."""
+    joint_index: NDArray[np.intp]
+    """Which of the speeds are those of the ankle's joint, shape (JOINT_AXES,); empty without one."""
     raw_imu: NDArray[np.float64]
     """Accelerometer and gyro, shape (6,)."""
 

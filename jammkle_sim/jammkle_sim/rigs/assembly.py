@@ -9,6 +9,7 @@ import numpy as np
 
 from jammkle_graph.names import ANKLE_JOINTS, CARRIAGE_JOINT
 from jammkle_sim.physics import records
+from jammkle_sim.physics.ankle import joint_law
 from jammkle_sim.physics.engine import address_of_function, mujoco
 from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
 from jammkle_sim.physics.sensors import imu_law
@@ -56,6 +57,7 @@ def laws_of(rig: Rig) -> records.Laws:
         pneumatic_law(rig.pneumatics, timestep_s) if rig.pneumatic_law is None else rig.pneumatic_law,
         rig.tendon_laws,
         imu_law(rig.sensors, timestep_s) if rig.imu_law is None else rig.imu_law,
+        joint_law(timestep_s) if rig.joint_law is None else rig.joint_law,
     )
 
 
@@ -72,7 +74,8 @@ def _start(laws: records.Laws, body: records.Body) -> records.States:
     tendons = np.zeros(len(laws.tendons), dtype=records.TENDON_STATE)
     for i, extension_m in enumerate(extensions_m.tolist()):
         tendons[i : i + 1] = relaxed_state(laws.tendons[i : i + 1], extension_m)
-    return records.States(vented_state(laws.pneumatics), tendons, imu_at_rest(laws.imu, body.raw_imu))
+    joint = np.zeros(1, dtype=records.JOINT_STATE)
+    return records.States(vented_state(laws.pneumatics), tendons, imu_at_rest(laws.imu, body.raw_imu), joint)
 
 
 def imu_at_rest(law: NDArray[Any], raw: NDArray[np.float64]) -> NDArray[Any]:
@@ -90,6 +93,8 @@ def imu_at_rest(law: NDArray[Any], raw: NDArray[np.float64]) -> NDArray[Any]:
 
 
 def _body(model: Any, data: Any) -> records.Body:
+    known = {model.joint(i).name for i in range(model.njnt)}
+    joints = [name for name in ANKLE_JOINTS if name in known]
     imu = int(model.sensor(ACCELEROMETER).adr[0])
     addresses = [
         address_of_function("mj_step1"),
@@ -103,6 +108,8 @@ def _body(model: Any, data: Any) -> records.Body:
         rate_m_s=data.ten_velocity,
         pull_n=data.ctrl,
         speed=data.qvel,
+        applied_n_m=data.qfrc_applied,
+        joint_index=np.array([model.joint(name).dofadr[0] for name in joints], dtype=np.intp),
         raw_imu=data.sensordata[imu : imu + records.IMU_AXES],
     )
 

@@ -58,6 +58,8 @@ class Rig:
     """PNEUMATIC_LAW, shape (1,), where it differs from what `pneumatics` makes."""
     imu_law: NDArray[Any] | None = None
     """IMU_LAW, shape (1,), where it differs from what `sensors` makes."""
+    joint_law: NDArray[Any] | None = None
+    """JOINT_LAW, shape (1,), where the ankle's joint has dry friction."""
     wiring: Wiring = dataclasses.field(default_factory=Wiring)
     """What lies between commands and valves, and between sensors and topics."""
     effects: Mapping[str, float] = dataclasses.field(default_factory=dict)

@@ -4,6 +4,7 @@ from jammkle_gap.ankle.changes.air import (
     dead_time,
     kink,
     leak,
+    lengthen_hose,
     offset_pressure,
     trap_volume,
     wear_pump,
@@ -16,6 +17,8 @@ from jammkle_gap.ankle.changes.body import (
     soften_floor,
 )
 from jammkle_gap.ankle.changes.constants import (
+    damp_contact,
+    fill_pump,
     move_later,
     scale_bandwidth,
     scale_contact_time,
@@ -68,6 +71,7 @@ from jammkle_gap.ankle.changes.tendon import (
 __all__ = [
     "add_payload",
     "change_weather",
+    "damp_contact",
     "dead_time",
     "delay_commands",
     "delay_imu",
@@ -76,9 +80,11 @@ __all__ = [
     "delay_pressures",
     "delay_sensors",
     "fail",
+    "fill_pump",
     "hasten_commands",
     "kink",
     "leak",
+    "lengthen_hose",
     "lose_fibres",
     "lose_play",
     "misalign_imu",

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_graph.names import CHANNELS
-from jammkle_sim.physics.pneumatics import conductance_kg_s_pa, stable_substeps
+from jammkle_sim.physics import hose
+from jammkle_sim.physics.pneumatics import REFERENCE_DENSITY_KG_M3, conductance_kg_s_pa, stable_substeps
 from jammkle_sim.rigs.assembly import laws_of
 
 if TYPE_CHECKING:
@@ -55,6 +56,18 @@ def kink(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
 
     def change(law: Any) -> None:
         law["valve_kg_s_pa"][CHANNELS.index(place)] *= values["conductance_scale"]
+
+    return with_air(rig, change)
+
+
+def lengthen_hose(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Put `length_m` more hose between one channel's valve and its tendons: more air, less flow, and later."""
+    length_m, i, density_kg_m3 = values["length_m"], CHANNELS.index(place), REFERENCE_DENSITY_KG_M3
+
+    def change(law: Any) -> None:
+        law["volume_m3"][i + 1] += hose.held_m3(length_m)
+        law["valve_kg_s_pa"][i] = density_kg_m3 * hose.behind(law["valve_kg_s_pa"][i] / density_kg_m3, length_m)
+        law["valve_dead_time_s"][i] += hose.travel_s(length_m)
 
     return with_air(rig, change)
 

@@ -7,7 +7,10 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from jammkle_graph.names import ANKLE_JOINTS
+from jammkle_sim.physics.ankle import joint_law
+from jammkle_sim.physics.contact import Softening, soften
 from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.rigs.assembly import laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,13 +34,21 @@ def add_payload(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
 
 def rub_joint(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
-    """Add Coulomb friction `coulomb_n_m` and damping `viscous_n_m_s` to each axis of the ankle."""
+    """Add dry friction `coulomb_n_m`, which takes `breakaway` more to set it moving, and damping `viscous_n_m_s`.
+
+    Friction that a joint has already adds up; its breaking away is the mean of both by their torques.
+    """
     model = copy.copy(rig.model)
     for name in present(model, ANKLE_JOINTS):
         at = int(model.joint(name).dofadr[0])
-        model.dof_frictionloss[at] += values["coulomb_n_m"]
-        model.dof_damping[at] += values.get("viscous_n_m_s", 0.0)
-    return dataclasses.replace(rig, model=model)
+        model.dof_damping[at] = max(model.dof_damping[at] + values.get("viscous_n_m_s", 0.0), 0.0)
+    before = laws_of(rig).joint[0]
+    more_n_m, friction_n_m = values["coulomb_n_m"], values["coulomb_n_m"] + float(before["friction_n_m"])
+    if friction_n_m <= 0.0:
+        return dataclasses.replace(rig, model=model)
+    held_n_m = float(before["friction_n_m"] * before["breakaway"]) + more_n_m * values.get("breakaway", 0.0)
+    law = joint_law(float(model.opt.timestep), friction_n_m, held_n_m / friction_n_m)
+    return dataclasses.replace(rig, model=model, joint_law=law)
 
 
 def rub_floor(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -48,9 +59,9 @@ def rub_floor(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
 
 def soften_floor(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
-    """Lengthen the time constant of every contact by `extra_s`."""
+    """Let floor or sole give by `give_m_n` more under each corner of the foot, and come back within `loss_s`."""
     model = copy.copy(rig.model)
-    model.geom_solref[:, 0] += values["extra_s"]
+    soften(model, Softening(values["give_m_n"], values["loss_s"]))
     return dataclasses.replace(rig, model=model)
 
 

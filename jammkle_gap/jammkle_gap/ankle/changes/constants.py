@@ -14,6 +14,7 @@ from jammkle_gap.ankle.changes.body import present
 from jammkle_gap.ankle.changes.sensing import delay_sensors
 from jammkle_gap.ankle.changes.tendon import branch_times_s, with_tendons
 from jammkle_graph.names import ANKLE_JOINTS
+from jammkle_sim.physics.contact import Softening, soften
 from jammkle_sim.rigs.assembly import laws_of
 from jammkle_sim.rigs.driven import is_driven
 
@@ -35,6 +36,15 @@ def scale_volume(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     return with_air(rig, change)
 
 
+def fill_pump(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Raise the exponent of the pump's filling by `extra`: 1 makes its mass flow fall in proportion to the vacuum."""
+
+    def change(law: Any) -> None:
+        law["pump_filling"] += values["extra"]
+
+    return with_air(rig, change)
+
+
 def widen_orifices(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Raise the critical pressure ratio of every orifice by `extra`."""
 
@@ -52,10 +62,19 @@ def scale_damping(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     return dataclasses.replace(rig, model=model)
 
 
+def damp_contact(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Scale the damping of every contact by `scale`."""
+    model = copy.copy(rig.model)
+    soften(model, Softening(damping=values["scale"]))
+    return dataclasses.replace(rig, model=model)
+
+
 def scale_contact_time(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Scale the time constant of every contact by `scale`."""
     model = copy.copy(rig.model)
-    model.geom_solref[:, 0] *= values["scale"]
+    standard = model.geom_solref[:, 0] > 0.0
+    model.geom_solref[standard, 0] *= values["scale"]
+    model.geom_solref[~standard] /= [values["scale"] ** 2, values["scale"]]
     return dataclasses.replace(rig, model=model)
 
 
