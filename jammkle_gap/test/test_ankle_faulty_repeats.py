@@ -19,7 +19,7 @@ from jammkle_reality.specimen import machine
 from jammkle_reality.table import FAULTS
 
 if TYPE_CHECKING:
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap.core.data import Recording
     from jammkle_reality.record import Track
 
 PLANS = {
