@@ -8,7 +8,7 @@ iteratively reweighted least squares, and hangs together over the block, so it c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,6 +100,10 @@ def calibrate(
     (nominal,) = residuals([place], "")
     current = nominal
     covariance = np.eye(count)
+    left = float((np.square(nominal) / variance).mean())
+    if left <= 1.0:
+        # Within healthy scatter the machine is as drawn: what would move is noise, which contact makes large again.
+        return replace(uncalibrated(problem), before=left, after=left)
     for _ in range(constants.calibration_steps):
         moved = [place + step for step in np.eye(count)]
         jacobian = np.array([current - each for each in residuals(moved, "calibrating")]).T
@@ -120,9 +124,9 @@ def calibrate(
             step = step / 2.0
         else:
             break
-    left = [float((np.square(each) / variance).mean()) for each in (nominal, current)]
+    after = float((np.square(current) / variance).mean())
     deviations = {each.name: float(x) for each, x in zip(problem.constants, place, strict=True)}
-    return Calibration(_values(problem.constants, place), deviations, covariance, left[0], left[1])
+    return Calibration(_values(problem.constants, place), deviations, covariance, left, after)
 
 
 def blocks_of(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

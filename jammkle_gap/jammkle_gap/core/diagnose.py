@@ -123,8 +123,7 @@ def evidence_of(
     signatures = grid_signatures(problem, settings, dictionaries, difference)
     classes = classes_of(grids_of(problem), signatures, constants)
     screening = screen(problem, settings, signatures, difference, machine, runner)
-    if complete and calibration.before > 1.0 and calibration.after < calibration.before:
-        # Within healthy scatter the machine is as drawn: what moved is noise, which contact makes large again.
+    if complete and calibration.after < calibration.before:
         again = residuals_of(settings, runner, calibration.values)
         other = replace(difference, whitened=difference.whiten([each.difference for each in again]))
         calibrated = screen(problem, settings, signatures, other, calibration.values, runner)
