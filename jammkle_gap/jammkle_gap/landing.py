@@ -7,6 +7,8 @@ import random
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recording
@@ -137,7 +139,7 @@ class Riddle:
         sensors = headline_set(recording)
         recorded, *references = (
             dataclasses.replace(selected(each, sensors), setting=_SETTING)
-            for each in (recording, *healthy_landings(asked_to_stop))
+            for each in (until_vented(recording), *healthy_landings(asked_to_stop))
         )
         with backend(None, None) as jobs:
             problem = ankle_problem()
@@ -146,6 +148,22 @@ class Riddle:
             raise Interrupted
         found = outcome(self.secret, diagnosis)
         return Ending(diagnosis, found, self.secret.text(problem.library))
+
+
+def until_vented(recording: Recording) -> Recording:
+    """Return a landing up to where its first channel is vented again: the demo's end, which references do not have."""
+    vented_s = [
+        float(line.time_s[i])
+        for line in recording.inputs.commands.solenoids.values()
+        for i in np.flatnonzero(np.diff(line.values) < 0.0) + 1
+    ]
+    end_s = min(vented_s, default=np.inf)
+    signals = []
+    for each in recording.signals:
+        kept = each.time_s < end_s
+        if kept.any():
+            signals.append(dataclasses.replace(each, time_s=each.time_s[kept], values=each.values[kept]))
+    return dataclasses.replace(recording, signals=tuple(signals))
 
 
 def healthy_landings(asked_to_stop: Callable[[], bool]) -> list[Recording]:
