@@ -17,7 +17,7 @@ from jammkle_gap.core.result import as_dict
 from jammkle_gap.core.signatures import cache_folder, dictionary_of
 from jammkle_gap.core.simulate import Runner
 from jammkle_gap.diagnosing import failures_told
-from jammkle_gap.inputs import asked_of, library_of, recordings_of
+from jammkle_gap.inputs import asked_of, in_settings, library_of, recordings_of
 from jammkle_gap.trial import files
 from jammkle_gap.trial.baselines import baselines
 from jammkle_gap.trial.ceiling import CEILING_CONSTANTS, ceiling_problem
@@ -84,7 +84,7 @@ class _Case:
 
     def said(self, way: Way, jobs: int) -> dict[str, Any]:
         """Return the answer to one way of asking."""
-        runs, references = self._recordings(way)
+        runs, references = in_settings(*self._recordings(way))
         if way.references is not None:
             references = first_of_each(references, way.references)
         runs, references = ([_seen(run, way.sensors) for run in group] for group in (runs, references))
