@@ -9,6 +9,8 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,16 +18,13 @@ import psutil
 from joblib.externals.loky import get_reusable_executor  # type: ignore[import-untyped]  # carries no types
 from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_gap import Constants, ankle_library, ankle_problem, diagnose
 from jammkle_gap.ankle.corrected import Correction
-from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.runs import recording_of_run
-from jammkle_gap.ankle.simulator import AnkleSimulator
-from jammkle_gap.ankle.subsystems import subsystem_simulators
-from jammkle_gap.november.diagnosis import diagnose
-from jammkle_gap.november.references import without_references
-from jammkle_gap.november.residual import Layout, lay_out
-from jammkle_gap.november.runs import Runs, duration_s
-from jammkle_gap.november.sensitivity import space_of
+from jammkle_gap.ankle.setting import with_settings
+from jammkle_gap.core.diagnose import evidence_of
+from jammkle_gap.core.search import Signatures
+from jammkle_gap.core.simulate import Runner
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
 if TYPE_CHECKING:
@@ -35,14 +34,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self
 
-    from jammkle_gap.november.diagnosis import Diagnosis
-    from jammkle_gap.november.effect import Effect
-    from jammkle_gap.november.recording import Recording
+    from jammkle_gap import Diagnosis, Effect, Recording
 
 LIBRARY = ankle_library()
-SIMULATOR = AnkleSimulator(LIBRARY)
+PROBLEM = ankle_problem(LIBRARY)
 TRUTH = {"line_leak_manifold.conductance_dm3_s_bar": 0.003}
-"""In what the recordings were made of; the diagnosis is not told."""
+"""In the machine in question; the references are healthy."""
+REFERENCES = 2
+"""Of each recording."""
 CYCLES = (2, 4, 8)
 """Of the pressure rig, for recordings of about 3, 6 and 12 s."""
 SAMPLED = 8
@@ -51,7 +50,7 @@ MOST_EVALUATIONS = 20
 """Of scipy's fits, beside finite differences."""
 _INWARDS = 0.02
 _TOLERANCE = 1e-4
-"""Of scipy's fits: the one that the diagnosis asks of its own last fits."""
+"""Of scipy's fits: the one that the diagnosis asks of its own."""
 _EVERY_S = 0.1
 
 
@@ -69,10 +68,14 @@ class GapDiagnosis:
     """What a diagnosis costs. Simulated seconds are of recorded time, summed over runs."""
 
     recorded_s: float
-    """All four recordings together."""
+    """All four recordings together, without their references."""
     verdict: str
     effects: list[str]
     wall_s: float
+    """With no signatures on disk."""
+    warm_wall_s: float
+    """With those that the first diagnosis left."""
+    warm_simulated_s: float
     peak_mib: float
     """Memory of a process that does nothing else and of its workers together, sampled ten times a second; pages that
     they share count once (PSS, where the system tells it, else for each). Resident memory, summed, is about a tenth
@@ -82,9 +85,9 @@ class GapDiagnosis:
     singles: int
     """Effects that move something in these recordings."""
     pairs_fitted: int
-    """Pairs fitted in full."""
+    """Pairs fitted with the simulator, at most."""
     pairs_weighed: int
-    """All pairs of those singles: each is weighed by the derivatives, without a run."""
+    """All pairs of those singles: the promising are profiled on their grids, without a run."""
     scipy_single_simulated_s: float
     """Mean over a seeded sample of the singles."""
     scipy_pair_simulated_s: float
@@ -136,119 +139,153 @@ def _memory(process: psutil.Process) -> int:
         return 0
 
 
-def _recorded(rig: str, seed: int, **options: float) -> Recording:
-    chosen = RIGS[rig].options(seed=seed, **options)
-    run = run_rig(rig, chosen, lambda _: None, lambda: False, Correction(LIBRARY, TRUTH))
+def duration_s(recording: Recording) -> float:
+    """Return how long a recording is, s."""
+    return recording.duration_s
+
+
+def _recorded(rig: str, seed: int, *, faulty: bool, **options: float) -> Recording:
+    chosen = RIGS[rig].options(**{"seed": seed, **options})
+    run = run_rig(rig, chosen, lambda _: None, lambda: False, Correction(LIBRARY, TRUTH if faulty else {}))
     return recording_of_run(run, f"{rig}_{seed}")
 
 
-def mixed() -> list[Recording]:
-    """Return four recordings of about 10 s from three rigs."""
-    return [
-        _recorded("pressure", 1, cycles=6),
-        _recorded("pressure", 2, cycles=6, vacuum_pa=30e3),
-        _recorded("tensile", 3, vacuum_pa=50e3),
-        _recorded("landing", 4, release_time_s=7.4),
+@dataclass(frozen=True)
+class _Asked:
+    """What is to be diagnosed."""
+
+    recordings: tuple[Recording, ...]
+    references: tuple[Recording, ...]
+
+
+def _asked(plans: Sequence[tuple[str, dict[str, float]]]) -> _Asked:
+    """Record each plan once on the machine in question, and some times on the healthy one."""
+    faulty = [_recorded(rig, i, faulty=True, **options) for i, (rig, options) in enumerate(plans, 1)]
+    healthy = [
+        _recorded(rig, 100 * (1 + again) + i, faulty=False, **options)
+        for i, (rig, options) in enumerate(plans, 1)
+        for again in range(REFERENCES)
     ]
+    named = with_settings([*faulty, *healthy])
+    return _Asked(named[: len(faulty)], named[len(faulty) :])
 
 
-def _pressures(cycles: int) -> list[Recording]:
-    return [_recorded("pressure", seed, cycles=cycles, vacuum_pa=20e3 + 10e3 * seed) for seed in range(1, 5)]
+def mixed() -> _Asked:
+    """Return four recordings of about 10 s from three rigs."""
+    return _asked(
+        [
+            ("pressure", {"cycles": 6}),
+            ("pressure", {"cycles": 6, "vacuum_pa": 30e3}),
+            ("tensile", {"vacuum_pa": 50e3}),
+            ("landing", {"release_time_s": 7.4}),
+        ]
+    )
 
 
-def _diagnosed(recordings: Sequence[Recording]) -> Diagnosis:
-    return diagnose(recordings, SIMULATOR, LIBRARY, subsystems=subsystem_simulators(LIBRARY))
+def _pressures(cycles: int) -> _Asked:
+    return _asked([("pressure", {"cycles": cycles, "vacuum_pa": 20e3 + 10e3 * i}) for i in range(1, 5)])
+
+
+def _diagnosed(asked: _Asked, folder: Path) -> Diagnosis:
+    return diagnose(asked.recordings, PROBLEM, references=asked.references, folder=folder)
 
 
 class _Scipy:
-    """Fits candidates one by one, each from its null values, with scipy's own finite differences."""
+    """Fits candidates one by one, each from its null values, with scipy's own finite differences.
 
-    def __init__(self, recordings: Sequence[Recording]) -> None:
-        self._recordings = recordings
-        self._once_s = sum(map(duration_s, recordings))
-        nominal = Runs(SIMULATOR, recordings, jobs=1).nominal()
-        baseline = without_references(recordings, nominal)
-        noise = {name: source.noise for name, source in baseline.noise.items()}
-        hanging = {name: source.factor for name, source in baseline.noise.items()}
-        self._layout: Layout = lay_out(recordings, nominal, noise, factors=hanging)
+    To the same whitened difference that the diagnosis explains: the comparison is of the search alone.
+    """
+
+    def __init__(self, asked: _Asked, folder: Path) -> None:
+        runner = Runner(PROBLEM)
+        evidence = evidence_of(asked.recordings, asked.references, PROBLEM, runner, Constants(), folder)
+        self._difference = evidence.difference
+        self._signatures = lambda: Signatures(PROBLEM, evidence.settings, evidence.difference, evidence.machine)
+        self.live = [effect for effect in LIBRARY if effect.name not in evidence.candidates.silent]
 
     def simulated_s(self, effects: Sequence[Effect]) -> float:
         """Fit these effects together; return what that took."""
-        space, runs = space_of(effects), 0
+        parameters = [(effect.key(each), each) for effect in effects for each in effect.parameters]
+        low = np.array([each.minimum for _, each in parameters])
+        span = np.array([each.maximum - each.minimum for _, each in parameters])
+        null = np.array([each.null for _, each in parameters])
+        signatures = self._signatures()
 
         def residual(point: NDArray[np.float64]) -> NDArray[np.float64]:
-            nonlocal runs
-            runs += 1
-            values = space.values(point)
-            return self._layout.residual(Runs(SIMULATOR, self._recordings, jobs=1).evaluate([values])[0])
+            values = dict(zip([key for key, _ in parameters], (low + point * span).tolist(), strict=True))
+            return self._difference.whitened - signatures(values)
 
         least_squares(
             residual,
-            np.clip(space.null, _INWARDS, 1.0 - _INWARDS),
+            np.clip((null - low) / span, _INWARDS, 1.0 - _INWARDS),
             bounds=(0.0, 1.0),
             diff_step=_INWARDS,
             x_scale=1.0,
-            loss="soft_l1",
             ftol=_TOLERANCE,
             xtol=_TOLERANCE,
             max_nfev=MOST_EVALUATIONS,
         )
-        return runs * self._once_s
+        return signatures.made.simulated_s
 
 
 def _growth() -> list[Growth]:
     found = []
     for cycles in CYCLES:
-        recordings = _pressures(cycles)
-        begin_s = time.perf_counter()
-        spent = _diagnosed(recordings).spent
-        wall_s = time.perf_counter() - begin_s
-        found.append(Growth(sum(map(duration_s, recordings)), wall_s, spent.simulated_s))
+        asked = _pressures(cycles)
+        with TemporaryDirectory() as folder:
+            begin_s = time.perf_counter()
+            spent = _diagnosed(asked, Path(folder)).spent
+            wall_s = time.perf_counter() - begin_s
+        found.append(Growth(sum(map(duration_s, asked.recordings)), wall_s, spent.simulated_s))
     return found
 
 
 @dataclass(frozen=True)
 class _Whole:
-    """One whole diagnosis."""
+    """One whole diagnosis, cold and warm."""
 
-    recordings: list[Recording]
-    diagnosis: Diagnosis
-    wall_s: float
+    asked: _Asked
+    cold: Diagnosis
+    warm: Diagnosis
     peak_mib: float
 
 
-def _whole() -> _Whole:
-    recordings = mixed()
+def _whole(folder: Path) -> _Whole:
+    asked = mixed()
     with _Peak() as peak:
-        begin_s = time.perf_counter()
-        diagnosis = _diagnosed(recordings)
-        wall_s = time.perf_counter() - begin_s
+        cold = _diagnosed(asked, folder)
+        warm = _diagnosed(asked, folder)
     # The process would wait for its idle workers, which stay for five minutes.
     get_reusable_executor().shutdown(wait=True)
-    return _Whole(recordings, diagnosis, wall_s, peak.mib)
+    return _Whole(asked, cold, warm, peak.mib)
 
 
 def measure_diagnosis() -> GapDiagnosis:
     """Diagnose four recordings, fit the same candidates by scipy, and diagnose shorter and longer ones."""
     load_before = psutil.getloadavg()[0]
-    # In a process of its own, as memory that others have used would count.
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as own:
-        whole = own.submit(_whole).result()
-    found, spent = whole.diagnosis, whole.diagnosis.spent
-    live = [effect for effect in LIBRARY if effect.name not in found.dropped]
+    with TemporaryDirectory() as kept:
+        folder = Path(kept)
+        # In a process of its own, as memory that others have used would count.
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as own:
+            whole = own.submit(_whole, folder).result()
+        scipy = _Scipy(whole.asked, folder)
+    found, spent = whole.cold, whole.cold.spent
+    live = scipy.live
     pairs = list(combinations(live, 2))
-    fitted = sum(len(names) == 2 for names, _ in found.ranking)
-    scipy, drawn = _Scipy(whole.recordings), random.Random(0)  # noqa: S311 - no secret
+    fitted = sum(len(names) > 1 for names in found.posterior)
+    drawn = random.Random(0)  # noqa: S311 - no secret
     single_s = float(np.mean([scipy.simulated_s([each]) for each in drawn.sample(live, min(SAMPLED, len(live)))]))
     pair_s = float(np.mean([scipy.simulated_s(each) for each in drawn.sample(pairs, min(SAMPLED, len(pairs)))]))
     growth = _growth()
     slope = np.polyfit(np.log([each.recorded_s for each in growth]), np.log([each.wall_s for each in growth]), 1)[0]
     singles_s = len(live) * single_s
     return GapDiagnosis(
-        recorded_s=sum(map(duration_s, whole.recordings)),
+        recorded_s=sum(map(duration_s, whole.asked.recordings)),
         verdict=found.verdict.value,
         effects=[effect.name for effect in found.effects],
-        wall_s=whole.wall_s,
+        wall_s=spent.wall_s,
+        warm_wall_s=whole.warm.spent.wall_s,
+        warm_simulated_s=whole.warm.spent.simulated_s,
         peak_mib=whole.peak_mib,
         runs=spent.runs,
         simulated_s=spent.simulated_s,

@@ -104,14 +104,15 @@ def _add_diagnosis(table: Table, found: GapDiagnosis) -> None:
     """Lay out what a diagnosis of the gap costs."""
     table.add_row(
         f"gap diagnosis of four recordings, {found.recorded_s:.0f} s together",
-        f"{found.wall_s:.0f} s, {found.peak_mib:,.0f} MiB with workers",
-        f"{found.runs:,} runs, {found.simulated_s:,.0f} simulated s; load before {found.load_before:.1f}",
+        f"{found.wall_s:.0f} s, {found.warm_wall_s:.0f} s with signatures, {found.peak_mib:,.0f} MiB with workers",
+        f"{found.runs:,} runs, {found.simulated_s:,.0f} simulated s, {found.warm_simulated_s:,.0f} with signatures; "
+        f"load before {found.load_before:.1f}",
         f"{found.verdict}: {', '.join(found.effects) or 'nothing'}",
     )
     table.add_row(
         f"simulated seconds: scipy on {found.singles} singles and {found.pairs_weighed} pairs",
         f"{found.scipy_single_simulated_s:,.0f} s a single, {found.scipy_pair_simulated_s:,.0f} s a pair",
-        f"from {found.scipy_sampled} of each; the diagnosis weighs all pairs and fits {found.pairs_fitted} in full",
+        f"from {found.scipy_sampled} of each; the diagnosis profiles pairs and fits {found.pairs_fitted}",
         f"{found.ratio_weighed:.1f} with all pairs; {found.ratio_fitted:.1f} with those fitted",
     )
     table.add_row(
