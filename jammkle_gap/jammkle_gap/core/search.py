@@ -12,7 +12,7 @@ from jammkle_gap.core.fit import Fit, refine
 from jammkle_gap.core.posterior import NONE_OF_THEM
 from jammkle_gap.core.profiles import Profiles
 from jammkle_gap.core.signatures import grids_of
-from jammkle_gap.core.simulate import StoppedError, Task, run_task
+from jammkle_gap.core.simulate import Made, StoppedError, Task, run_task
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -70,7 +70,7 @@ class Signatures:
         self._machine = dict(machine)
         self._known: dict[tuple[int, tuple[tuple[str, float], ...]], NDArray[np.float64]] = {}
         self._sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
-        self.runs = 0
+        self.made = Made(0, 0.0)
 
     def __call__(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the whitened signature of parameters by key; far off where they are infeasible."""
@@ -102,7 +102,7 @@ class Signatures:
             setting = self._settings[k]
             task = Task(setting.faulty[0], setting.layout, {**self._machine, **values})
             self._known[place] = run_task(self._problem.simulator, self._problem.registrar, task)
-            self.runs += 1
+            self.made = Made(self.made.runs + 1, self.made.simulated_s + setting.faulty[0].duration_s)
         return self._known[place]
 
 
@@ -248,7 +248,7 @@ def search(
         answers = runner.map(fit_place, arguments, "fitting")
     except StoppedError as stopped:
         answers, finished = list(stopped.done), False
-    runner.runs += sum(runs for _, runs in answers)
+    runner.count(made for _, made in answers)
     fits = sorted((fit for fit, _ in answers), key=lambda fit: fit.left)
     singles = tuple(fit for fit in fits if len(fit.names) == 1)
     pairs = tuple(fit for fit in fits if len(fit.names) > 1)
@@ -263,7 +263,7 @@ def fit_place(
     machine: Mapping[str, float],
     place: Place,
     constants: Constants,
-) -> tuple[Fit, int]:
+) -> tuple[Fit, Made]:
     """Return a candidate fitted from a place on the mesh, and the runs that it took."""
     signatures = Signatures(problem, settings, difference, machine)
     parameters = problem.library.parameters(place.names)
@@ -271,7 +271,7 @@ def fit_place(
     if len(parameters) == 1:
         start = _better_start(problem, place, difference, signatures, start)
     fit = refine(difference.whitened, place.names, parameters, start, signatures, constants.fit_evaluations)
-    return replace(fit, features=tuple(signatures.parts(fit.values) or ())), signatures.runs
+    return replace(fit, features=tuple(signatures.parts(fit.values) or ())), signatures.made
 
 
 def _better_start(
@@ -304,7 +304,7 @@ def fit_beside(
     machine: Mapping[str, float],
     fit: Fit,
     constants: Constants,
-) -> tuple[Fit, int]:
+) -> tuple[Fit, Made]:
     """Return a candidate fitted anew beside the simulator's own error that it leaves, and the runs that it took."""
     signatures = Signatures(problem, settings, error.beside(fit.features), machine)
     parameters = problem.library.parameters(fit.names)
@@ -312,7 +312,7 @@ def fit_beside(
         signatures.difference = difference = error.beside(fit.features)
         fit = refine(difference.whitened, fit.names, parameters, fit.values, signatures, constants.fit_evaluations)
         fit = replace(fit, features=tuple(signatures.parts(fit.values) or ()))
-    return fit, signatures.runs
+    return fit, signatures.made
 
 
 def reweighed(
@@ -342,7 +342,7 @@ def reweighed(
     work = [fit for each in candidates for fit in (*each.singles, *each.pairs) if fit.features]
     arguments = [(problem, settings, error, dict(machine), fit, constants) for fit in work]
     answers = runner.map(fit_beside, arguments, "weighing the simulator's own error")
-    runner.runs += sum(runs for _, runs in answers)
+    runner.count(made for _, made in answers)
     fits = [fit for fit, _ in answers if fit.features]
     unknown, *scores = error.scores(fits)
     kept: dict[frozenset[str], Fit] = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import cloudpickle  # type: ignore[import-untyped]  # carries no types
 import numpy as np
@@ -117,6 +117,13 @@ class Task:
     values: Mapping[str, float]
 
 
+class Made(NamedTuple):
+    """Runs that were made elsewhere."""
+
+    runs: int
+    simulated_s: float
+
+
 class Runner:
     """Makes runs, several at a time, and counts them. Joblib's backend is the user's choice (`parallel_config`)."""
 
@@ -139,6 +146,12 @@ class Runner:
         self.runs = 0
         """Made so far."""
         self.simulated_s = 0.0
+
+    def count(self, made: Iterable[Made]) -> None:
+        """Add runs that were made in other processes."""
+        for each in made:
+            self.runs += each.runs
+            self.simulated_s += each.simulated_s
 
     def features(self, tasks: Sequence[Task], what: str = "") -> list[NDArray[np.float64]]:
         """Return the features of every task, in order; NaN throughout where it is infeasible.
