@@ -11,7 +11,7 @@ from scipy import stats
 
 from jammkle_gap import Constants, Library, Problem
 from jammkle_gap.core.compare import Difference, Residuals, beside, difference_of, settings_of
-from jammkle_gap.core.detect import detect
+from jammkle_gap.core.detect import detect, probability_of_gap
 from jammkle_gap.core.equivalence import class_names, classes_of
 from jammkle_gap.core.fit import Fit
 from jammkle_gap.core.grids import grid_of
@@ -209,3 +209,14 @@ def test_beside_no_error_the_difference_is_as_it_was() -> None:
     wider = beside(difference, residuals, [np.full(size, 1.0) for size in difference.sizes])
     pairs = itertools.pairwise([found.whitened @ found.whitened, wider.whitened @ wider.whitened])
     assert all(later < earlier for earlier, later in pairs)
+
+
+def test_the_probability_of_a_gap_falls_with_the_p_value() -> None:
+    """Even odds turn where gaps and healthy machines give a p-value as often: below it a gap is likelier."""
+    p_values = np.logspace(-12, 0, 40)
+    found = [probability_of_gap(float(each), CONSTANTS) for each in p_values]
+    assert (np.diff(found) < 0.0).all()
+    even = CONSTANTS.gap_shape ** (1.0 / (1.0 - CONSTANTS.gap_shape))
+    assert probability_of_gap(even, CONSTANTS) == pytest.approx(0.5)
+    assert found[0] > 0.999
+    assert found[-1] < 0.1

@@ -94,7 +94,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         ),
         posterior=posterior.probabilities,
         conformal=p_values(difference, candidates.singles, known),
-        gap_probability=1.0 - detection.p_value,
+        gap_probability=detection.probability,
         p_value=detection.p_value,
         false_alarm_rate=constants.false_alarm_rate,
         where=places_of(evidence.settings, difference, evidence.problem.registrar, constants.blocks),

@@ -45,6 +45,8 @@ class Constants:
     # Detection.
     false_alarm_rate: float = 0.01
     """Of the test for a gap, per diagnosis."""
+    gap_shape: float = 0.1
+    """Exponent of the distribution of p-values where there is a gap. Chosen: half lie below 0.001, ln 2 / ln 1000."""
     tested_effects: int = 40
     """Effects that the smallest p-value is counted for, at least: those that are not fitted were looked at as well."""
     direction_prior_freedom: float = 4.0

@@ -26,6 +26,8 @@ class Detection:
     """Probability of a difference at least as long in a healthy machine."""
     gap: bool
     """Whether it is below the stated rate of false alarms."""
+    probability: float
+    """Of a gap, with even odds beforehand."""
     ratio: float
     """Squared length of the difference per feature, in what healthy runs leave; 1: no gap."""
     effect: str
@@ -65,7 +67,32 @@ def detect(difference: Difference, singles: Sequence[Fit], constants: Constants)
     unexplained = _altogether(difference, ratio, constants)
     p_value = min(1.0, 2.0 * min(explained, unexplained))
     gap = p_value < constants.false_alarm_rate
-    return Detection(p_value, gap, ratio, effect if explained <= unexplained else "", explained, unexplained)
+    return Detection(
+        p_value,
+        gap,
+        probability_of_gap(p_value, constants),
+        ratio,
+        effect if explained <= unexplained else "",
+        explained,
+        unexplained,
+    )
+
+
+def probability_of_gap(p_value: float, constants: Constants) -> float:
+    """Return the probability of a gap with even odds beforehand.
+
+    p-values of healthy machines are uniform; those of gaps are taken to follow a Beta(a, 1) distribution, whose density
+    is a p^(a - 1) (Sellke, Bayarri and Berger 2001, Am. Stat. 55:62).
+
+    Args:
+        p_value: Of the test.
+        constants: With the exponent a.
+
+    """
+    shape = constants.gap_shape
+    # The logarithm: p may be as small as a float can be.
+    evidence = np.log(shape) + (shape - 1.0) * np.log(max(p_value, 1e-300))
+    return float(1.0 / (1.0 + np.exp(-evidence)))
 
 
 def spread_along(difference: Difference, signature: NDArray[np.float64], constants: Constants) -> float:
