@@ -1,4 +1,4 @@
-"""Recordings that cannot be used, told by what is in them; each error says what to record instead."""
+"""Recordings that cannot be used, recognised by what is in them; each error says what to record instead."""
 
 from __future__ import annotations
 

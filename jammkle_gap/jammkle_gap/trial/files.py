@@ -44,7 +44,7 @@ class CaseNote:
     bags: tuple[str, ...]
     """To be diagnosed; paths relative to the case's folder."""
     references: tuple[str, ...] = ()
-    """Of the same machine in good order."""
+    """Of the same machine while healthy."""
     rig: str | None = None
     """What was recorded, where the bags do not tell."""
     options: Mapping[str, Any] = field(default_factory=dict)

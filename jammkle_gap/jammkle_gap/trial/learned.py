@@ -59,7 +59,7 @@ def learned(evidence: Evidence, dictionaries: Sequence[Dictionary]) -> dict[str,
 
 
 def _features(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return direction and length apart: an effect is told by the one, a gap by the other."""
+    """Return direction and length apart: an effect shows in the one, a gap by the other."""
     length = np.linalg.norm(table, axis=1, keepdims=True)
     return np.hstack([table / length, np.log(length)])
 

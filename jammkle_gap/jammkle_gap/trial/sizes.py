@@ -37,7 +37,7 @@ _TOLERANCE = 0.05
 _STEPS = 12
 """Most runs of a search."""
 _NOTHING = 1e-9
-"""Size that counts as none where its logarithm is taken."""
+"""Least size that a logarithm is taken of."""
 _SMALLEST = 1e-4
 """Smallest share of a fault's range that is tried."""
 
@@ -63,7 +63,7 @@ def scatter_of(runs: Sequence[Columns]) -> dict[str, float]:
     """Return the standard deviation from run to run of every column, root mean square over time.
 
     Args:
-        runs: Repeats of one setting on one machine in good order, at least two.
+        runs: Repeats of one setting on one healthy machine, at least two.
 
     """
     found = {}
