@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
+from jammkle_gap.ankle.alike import difference
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recordings
 from jammkle_gap.ankle.per_bag import BadRequestError, requests_for
 from jammkle_gap.ankle.sensor_sets import headline_set, selected
-from jammkle_gap.ankle.setting import difference, with_settings
+from jammkle_gap.ankle.setting import with_settings
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import BadEffectError, Library
 from jammkle_graph.command.errors import GraphError, InputError

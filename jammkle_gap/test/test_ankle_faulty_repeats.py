@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from jammkle_gap.ankle.alike import difference
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.loading import recordings_of
-from jammkle_gap.ankle.setting import difference
 from jammkle_graph import names
 from jammkle_reality.faults import FaultSetting
 from jammkle_reality.record import Plan

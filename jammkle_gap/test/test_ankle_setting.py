@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_gap.ankle.alike import difference, held_vacuum
 from jammkle_gap.ankle.bag import Bag
 from jammkle_gap.ankle.loading import recording_of
 from jammkle_gap.ankle.runs import bag_of_run
-from jammkle_gap.ankle.setting import difference, held_vacuum, with_settings
+from jammkle_gap.ankle.setting import with_settings
 from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 from jammkle_sim.rigs.driven import Course

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
-from jammkle_gap.ankle.signals import CARRIAGE, COMMANDS
+from jammkle_gap.ankle.signals import CARRIAGE
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from jammkle_gap.ankle.bag import Bag, Samples
     from jammkle_gap.ankle.told import Told
     from jammkle_gap.core.data import Signal
     from jammkle_sim.rigs.replay import CommandTrack
@@ -23,12 +22,6 @@ if TYPE_CHECKING:
 
 SHORTEST_S = 1.0
 """Shortest recording that is taken. Assumed: less holds nothing to test a fit on."""
-_LARGEST_OFFSET_S = 0.5
-"""Largest difference between log time and header time. Assumed: no transport takes longer."""
-_LARGEST_DRIFT = 0.03
-"""Largest relative drift between the two; beyond it one of the clocks does not count seconds."""
-_DRIFT_FLOOR_S = 0.05
-"""Drift that is never minded, s."""
 _LARGEST_ANGLE_RAD = 2.0
 """Largest angle of an ankle; the joint meets its limit at 1.2 rad."""
 _LOWEST_PA, _HIGHEST_PA = 15e3, 130e3
@@ -37,8 +30,6 @@ _LARGEST_START_M = 0.05
 """Largest distance between the slide's start and that of the rig."""
 _LARGEST_PULL_M = 0.2
 """Largest way of a crosshead. Assumed: three times the extension at which a tendon breaks."""
-_REORDERED_S = 0.1
-"""How far neighbours may be out of order in the bag and are put back. Assumed: no queue of a recorder holds longer."""
 _FALLS_PA = 3e3
 """Fall of a pressure that only a command can make. Assumed: twenty times the scatter of the sensors' offsets."""
 _HEARD_S = 0.05
@@ -49,41 +40,6 @@ second, and a command may be lost within."""
 _UNITS_PA = {"kPa": 1e3, "mbar or hPa": 1e2, "bar": 1e5, "psi": 6894.76}
 _VENTED_PA = (6e4, 1.1e5)
 """Lowest and highest atmosphere that a vented channel may have."""
-_STEPS_BACK = 0.01
-"""Share of samples that may be further out of order, or double."""
-
-
-def check_commands(bag: Bag) -> None:
-    """Refuse a bag without commands.
-
-    Raises:
-        BadRecordingError: pump or all solenoids are missing.
-
-    """
-    solenoids = [topic.name for topic in names.SOLENOIDS.values()]
-    missing = [] if names.PUMP_DUTY.name in bag.topics else [names.PUMP_DUTY.name]
-    missing += [] if any(name in bag.topics for name in solenoids) else ["any of " + ", ".join(solenoids)]
-    if missing:
-        msg = f"bag {bag.name} holds no commands: {' nor '.join(missing)}"
-        msg += "; record them too, from before the first one is given"
-        raise BadRecordingError(msg)
-
-
-def check_command_values(bag: str, topic: str, samples: Samples) -> None:
-    """Refuse commands that are no share from 0 to 1, such as a duty in percent.
-
-    Raises:
-        BadRecordingError: as said.
-
-    """
-    values = samples.columns["data"]
-    wrong = ~((values >= 0.0) & (values <= 1.0))
-    if wrong.any():
-        msg = (
-            f"{topic} in bag {bag} is {values[int(np.argmax(wrong))]:g} at {int(wrong.sum())} of {len(values)} samples"
-        )
-        msg += "; record the command as applied, a number from 0 to 1"
-        raise BadRecordingError(msg)
 
 
 def check_commands_from_start(bag: str, signals: Mapping[str, Signal], commands: CommandTrack) -> None:
@@ -110,28 +66,6 @@ def check_commands_from_start(bag: str, signals: Mapping[str, Signal], commands:
 
 class TooShortError(BadRecordingError):
     """A run is too short to hold anything out."""
-
-
-def checked_topics(bag: Bag) -> dict[str, Samples]:
-    """Return the topics of a bag, samples in order.
-
-    Raises:
-        BadRecordingError: a command or a clock that cannot be right, or commands alone.
-
-    """
-    topics: dict[str, Samples] = {}
-    for topic, samples in bag.topics.items():
-        if topic in COMMANDS:
-            check_command_values(bag.name, topic, samples)
-            topics[topic] = samples
-            continue
-        topics[topic] = in_order(bag.name, topic, samples)
-        check_clocks(bag.name, topic, samples)
-    if not set(topics) - set(COMMANDS):
-        msg = f"bag {bag.name} holds commands alone"
-        msg += f"; record pressures, {names.JOINT_STATES.name} and {names.IMU.name} too"
-        raise BadRecordingError(msg)
-    return topics
 
 
 def check_signals(bag: str, signals: Mapping[str, Signal], solenoids: Mapping[str, Timeline]) -> None:
@@ -205,49 +139,6 @@ def check_pauses(bag: str, signals: Iterable[Signal]) -> None:
         msg = f"bag {bag} holds nothing between {time_s[at]:.3f} and {time_s[at + 1]:.3f} s"
         msg += f", at most {_LONGEST_PAUSE_S:g} s; record without a pause, or give the parts as recordings of their own"
         raise BadRecordingError(msg)
-
-
-def check_clocks(bag: str, topic: str, samples: Samples) -> None:
-    """Refuse stamps of another clock than the recorder's, as commands have none but that.
-
-    Raises:
-        BadRecordingError: they are far apart, or drift apart.
-
-    """
-    behind_s = samples.log_s - samples.stamp_s
-    apart_s = float(np.median(behind_s))
-    if abs(apart_s) > _LARGEST_OFFSET_S:
-        msg = f"clocks disagree in bag {bag}: {topic} is logged {apart_s:.3g} s after its header's stamp"
-        msg += f", at most {_LARGEST_OFFSET_S:g} s; record with one clock (or with /clock)"
-        raise BadRecordingError(msg)
-    tenth = max(len(behind_s) // 10, 1)
-    drift_s = float(np.median(behind_s[-tenth:]) - np.median(behind_s[:tenth]))
-    limit_s = max(_DRIFT_FLOOR_S, _LARGEST_DRIFT * float(np.ptp(samples.log_s)))
-    if abs(drift_s) > limit_s:
-        msg = f"clocks drift apart in bag {bag}: {topic}'s log time and header time part by {drift_s:.3g} s"
-        msg += f", at most {limit_s:.2g} s; synchronise the clocks and record again"
-        raise BadRecordingError(msg)
-
-
-def in_order(bag: str, topic: str, samples: Samples) -> Samples:
-    """Return the samples by rising stamps. A recorder with several threads may write neighbours in another order.
-
-    Raises:
-        BadRecordingError: more than a few are far out of order, or double.
-
-    """
-    late = samples.stamp_s < np.maximum.accumulate(samples.stamp_s) - _REORDERED_S
-    order = np.flatnonzero(~late)[np.argsort(samples.stamp_s[~late], kind="stable")]
-    kept = order[np.concatenate(([True], np.diff(samples.stamp_s[order]) > 0.0))]
-    lost = 1.0 - len(kept) / len(samples.stamp_s)
-    if not samples.stamp_s.any():
-        msg = f"{topic} in bag {bag} carries no time in its headers; record it with header.stamp set"
-        raise BadRecordingError(msg)
-    if lost > _STEPS_BACK:
-        msg = f"stamps of {topic} in bag {bag} run backwards or stand still at {100.0 * lost:.0f} % of its samples"
-        msg += "; record one publisher with a steady clock, without a reset of the simulation"
-        raise BadRecordingError(msg)
-    return samples.chosen(kept)
 
 
 def check_numbers(bag: str, signals: Iterable[Signal]) -> None:

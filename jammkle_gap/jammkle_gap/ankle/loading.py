@@ -16,6 +16,7 @@ from jammkle_gap.ankle import checks
 from jammkle_gap.ankle.acknowledged import is_exact, with_acknowledgements
 from jammkle_gap.ankle.atmosphere import begins_vented, weather_pa, with_air
 from jammkle_gap.ankle.bag import read_bag
+from jammkle_gap.ankle.bag_checks import check_commands, checked_topics
 from jammkle_gap.ankle.course import course_of
 from jammkle_gap.ankle.inputs import AnkleInputs, nominal_rig
 from jammkle_gap.ankle.instruments import RESOLUTION, declared_noise, quantity_of
@@ -122,8 +123,8 @@ def recordings_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] |
     """
     bag = with_acknowledgements(_on_one_clock(bag))
     told = told_by(bag, rig, options or {})
-    checks.check_commands(bag)
-    topics = checks.checked_topics(bag)
+    check_commands(bag)
+    topics = checked_topics(bag)
     first_s = whole_span(topics).start_s
     whole = {each.name: each for each in signals_of(bag.name, topics, first_s, np.inf)}
     checks.check_commands_from_start(bag.name, whole, commands_of(topics, first_s))

@@ -1,9 +1,4 @@
-"""Which runs are repeats: those whose machine was made to do the same, as far as their bags show.
-
-What counts is what was done: the rig and its known options, when solenoids switched, the vacuum that was held, how a
-carriage was driven, how far it fell. The pump's duty does not: it is the regulator's answer to the machine. Options
-that nobody knows make no two runs equal; they only do not tell them apart.
-"""
+"""Which runs are repeats: those whose machine was made to do the same."""
 
 from __future__ import annotations
 
@@ -13,52 +8,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_gap.ankle.alike import (
+    COMPARED_S,
+    HEIGHT,
+    PITCH,
+    PROGRAMME,
+    STILL_M,
+    difference,
+    held_vacuum,
+    length_s,
+    scatter_of,
+    short,
+)
+from jammkle_gap.ankle.truth import inputs_of
 from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.catalogue import rig_kind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.core.data import Recording
-    from jammkle_sim.rigs.driven import Course
-    from jammkle_sim.rigs.timeline import Timeline
-
-TIME_TOLERANCE_S = 0.25
-"""What switchings, releases and turns of repeats may differ by, s. Assumed: the jitter of a person at a switch."""
-COURSE_TOLERANCE = 0.05
-"""What the courses of repeats may differ by at any time, as a share of their range. Assumed: a drive whose speed is 1 %
-off is 2 % off its way back."""
-RANGE_TOLERANCE = 0.02
-"""The same of the range itself: a pull of 20.4 mm is none of 20 mm. Assumed: what a speed by time makes of a way."""
-VACUUM_TOLERANCE_PA = 8e3
-"""What the held vacuum of repeats may differ by, Pa. Assumed: a regulator lets the manifold go 2 kPa deeper while a
-slow channel follows, and one that is tuned badly overshoots by some more; set points are further apart."""
-HEIGHT_TOLERANCE_M = 0.005
-"""What drop heights of repeats may differ by, m. Assumed: eight times the scatter of a rig."""
-FALL_TOLERANCE_M = 0.015
-"""The same where only the time of the fall tells of them: a bent toe or a tilted floor make it another."""
-PITCH_TOLERANCE_DEG = 8.0
-"""What the measured pitch of the hanging foot may differ by, degrees. Assumed: twice what a tendon of wrong length
-makes of it."""
-_SCATTERS = 6.0
-"""Difference of options up to which they scatter, in standard deviations of the rig's own scatter: the most that two
-repeats of `jammkle rig --repeats` differ by."""
-_HEIGHT, _PITCH = "drop_height_m", "pitch_deg"
-_MEASURED = {_HEIGHT: HEIGHT_TOLERANCE_M, _PITCH: PITCH_TOLERANCE_DEG, "channel": 0.0}
-"""Options that recordings show, and what those of repeats may differ by."""
-_PROGRAMME = frozenset(
-    {"speed_m_s", "extension_m", "descent_m", "cycles", "jam_time_s", "vent_time_s", "jam", "release_time_s", "seed"}
-)
-"""Options that only say what a rig does by itself: what was done instead is in the recording."""
-_REGULATING = 0.95
-"""Duty of the pump below which it holds its set point; at full duty it may not reach it."""
-_STILL_M = 2e-4
-"""Range below which a driven carriage stands still. Assumed: ten times the noise of a slide."""
-_DRAWN = ("vented", "drawn")
-_COMPARED_S = 0.01
-"""Time between two places of a course that are compared, s."""
 
 
 def with_settings(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
@@ -83,234 +52,36 @@ def with_settings(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     return tuple(_set_in_common(each, [other for other in found if other.setting == each.setting]) for each in found)
 
 
-def difference(one: Recording, other: Recording) -> str:
-    """Say what two runs differ in, first found; empty if they are repeats."""
-    first, second = _inputs(one), _inputs(other)
-    if first.rig != second.rig:
-        return f"rig {first.rig}, not {second.rig}"
-    lengths_s = _length_s(one), _length_s(other)
-    return (
-        _options_differ(first, second)
-        or _commands_differ(first, second, lengths_s)
-        or _start_differs(first, second)
-        or _vacuum_differs(one, other)
-        or _courses_differ(first.course, second.course, min(lengths_s))
-        or _releases_differ(first, second)
-    )
-
-
 def setting_text(recording: Recording) -> str:
     """Return a short text of what a machine was made to do."""
-    inputs = _inputs(recording)
+    inputs = inputs_of(recording)
     kind = rig_kind(inputs.rig)
     defaults: dict[str, Any] = dataclasses.asdict(kind.options())
-    hidden = _PROGRAMME | set(_scatter(inputs)) | {"vacuum_pa", _HEIGHT, "timestep_s", "parameter_set"}
+    hidden = PROGRAMME | set(scatter_of(inputs)) | {"vacuum_pa", HEIGHT, "timestep_s", "parameter_set"}
     parts = [inputs.rig]
     for name, value in inputs.options:
         if name not in hidden and value != defaults[name]:
             is_word = isinstance(value, str) and value not in {"yes", "no"}
-            parts.append(str(value) if is_word else f"{name} {_short(value)}")
+            parts.append(str(value) if is_word else f"{name} {short(value)}")
     held_pa, _ = held_vacuum(recording)
     parts.append("not jammed" if held_pa is None else f"{1e-3 * held_pa:.0f} kPa")
     if inputs.course is not None:
-        time_s = np.arange(0.0, _length_s(recording), _COMPARED_S)
+        time_s = np.arange(0.0, length_s(recording), COMPARED_S)
         range_m = float(np.ptp(inputs.course.position_m))
-        speeds_m_s = np.abs(np.diff(inputs.course.at(time_s))) / _COMPARED_S
-        fast_m_s = float(np.median(speeds_m_s[speeds_m_s > 0.5 * speeds_m_s.max()])) if range_m > _STILL_M else 0.0
+        speeds_m_s = np.abs(np.diff(inputs.course.at(time_s))) / COMPARED_S
+        fast_m_s = float(np.median(speeds_m_s[speeds_m_s > 0.5 * speeds_m_s.max()])) if range_m > STILL_M else 0.0
         parts.append(f"{1e3 * range_m:.1f} mm at {1e3 * fast_m_s:.3g} mm/s")
-    if _HEIGHT in defaults:
-        parts.append(f"{1e3 * float(dict(inputs.options)[_HEIGHT]):.0f} mm")
+    if HEIGHT in defaults:
+        parts.append(f"{1e3 * float(dict(inputs.options)[HEIGHT]):.0f} mm")
     return ", ".join(parts)
-
-
-def held_vacuum(recording: Recording) -> tuple[float | None, bool]:
-    """Return the vacuum that was held, Pa, and whether the pump regulated it: without, it may not have been reached.
-
-    It is the median of the channels that are drawn and the manifold, in the last third of the longest stretch in which
-    any is: one that leaks, is slow to follow or has a bad sensor does not count. None where nothing is drawn, or none
-    of their pressures was measured.
-    """
-    inputs = _inputs(recording)
-    end_s = _length_s(recording)
-    best: tuple[float, float, list[str]] = (0.0, 0.0, [])
-    for channel, line in inputs.commands.solenoids.items():
-        for begin_s, finish_s in _drawn(line, end_s):
-            if finish_s - begin_s > best[1] - best[0] + _COMPARED_S:
-                best = (begin_s, finish_s, [channel])
-            elif abs(begin_s - best[0]) + abs(finish_s - best[1]) < _COMPARED_S:
-                best[2].append(channel)
-    begin_s, finish_s, channels = best
-    from_s = finish_s - (finish_s - begin_s) / 3.0
-    ambient_pa = STANDARD_ATMOSPHERE_PA if inputs.ambient_pa is None else inputs.ambient_pa
-    drawn = {names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[channel].name for channel in channels)}
-    levels_pa = []
-    for signal in recording.signals:
-        if channels and signal.name in drawn:
-            late = signal.values[(signal.time_s >= from_s) & (signal.time_s <= finish_s)]
-            levels_pa += [ambient_pa - float(np.median(late))] if len(late) else []
-    if not levels_pa:
-        return None, False
-    duty = inputs.commands.duty
-    at = np.searchsorted(duty.time_s, np.linspace(from_s, finish_s, 50), side="right")
-    told = np.concatenate(([0.0], duty.values))[at]
-    return float(np.median(levels_pa)), bool(np.median(told) < _REGULATING)
 
 
 def _set_in_common(recording: Recording, repeats: Sequence[Recording]) -> Recording:
     """Return a recording with the medians over its repeats of what was set once and measured in each."""
-    inputs = _inputs(recording)
+    inputs = inputs_of(recording)
     by_imu = inputs.release_seen_by == names.IMU.name
-    common = {_PITCH, _HEIGHT} if by_imu else {_PITCH}
+    common = {PITCH, HEIGHT} if by_imu else {PITCH}
     options = dict(inputs.options)
     for name in common & inputs.measured:
-        options[name] = float(np.median([dict(_inputs(each).options)[name] for each in repeats]))
+        options[name] = float(np.median([dict(inputs_of(each).options)[name] for each in repeats]))
     return dataclasses.replace(recording, inputs=dataclasses.replace(inputs, options=tuple(sorted(options.items()))))
-
-
-def _inputs(recording: Recording) -> AnkleInputs:
-    inputs: AnkleInputs = recording.inputs
-    return inputs
-
-
-def _length_s(recording: Recording) -> float:
-    return max(float(signal.time_s[-1]) for signal in recording.signals)
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _scatter(inputs: AnkleInputs) -> dict[str, float]:
-    """Return the standard deviation over repeats of the options that a rig cannot set exactly."""
-    kind = rig_kind(inputs.rig)
-    options = kind.options(**dict(inputs.options))
-    found: dict[str, float] = {}
-    for numbers in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
-        changed = kind.scatter(options, numbers)
-        for name, value in inputs.options:
-            apart = getattr(changed, name)
-            if apart != value:
-                found[name] = max(found.get(name, 0.0), abs(apart - value))
-    return found
-
-
-def _options_differ(first: AnkleInputs, second: AnkleInputs) -> str:
-    scatter = _scatter(first)
-    others = dict(second.options)
-    for name, value in first.options:
-        other = others[name]
-        if name in _PROGRAMME or (name == "channel" and first.rig != "tensile"):
-            continue
-        if name in _MEASURED:
-            tolerance = max(_MEASURED[name], _SCATTERS * scatter.get(name, 0.0))
-            if name == _HEIGHT and names.IMU.name in {first.release_seen_by, second.release_seen_by}:
-                tolerance = FALL_TOLERANCE_M
-        elif (name in first.known) != (name in second.known):
-            if name == "vacuum_pa":  # what was held is compared
-                continue
-            return f"{name} is known of one alone"
-        else:
-            tolerance = _SCATTERS * scatter.get(name, 0.0)
-        if value != other and (isinstance(value, str) or abs(value - other) > tolerance):
-            return f"{name} {_short(value)}, not {_short(other)}"
-    return ""
-
-
-def _switchings(line: Timeline | None, length_s: float) -> list[tuple[float, float]]:
-    """Return when a solenoid changes and to what, from a little before the start to a time."""
-    if line is None:
-        return []
-    changes = line.changes()
-    return [
-        (time_s, value)
-        for time_s, value in zip(changes.time_s.tolist(), changes.values.tolist(), strict=True)
-        if -TIME_TOLERANCE_S <= time_s <= length_s
-    ]
-
-
-def _drawn(line: Timeline, end_s: float) -> list[tuple[float, float]]:
-    """Return begin and end of every stretch in which a solenoid draws, within the run."""
-    changes = line.changes()
-    ends_s = np.append(changes.time_s, np.inf)[1:]
-    rows = zip(changes.time_s.tolist(), ends_s.tolist(), changes.values.tolist(), strict=True)
-    return [
-        (max(begin_s, 0.0), min(finish_s, end_s))
-        for begin_s, finish_s, value in rows
-        if value > 0.0 and finish_s > 0.0 and begin_s < end_s
-    ]
-
-
-def _commands_differ(first: AnkleInputs, second: AnkleInputs, lengths_s: tuple[float, float]) -> str:
-    for channel in names.CHANNELS:
-        lines = [each.commands.solenoids.get(channel) for each in (first, second)]
-        one, other = (_switchings(line, each_s) for line, each_s in zip(lines, lengths_s, strict=True))
-        # What comes before the start may be longer ago in the other, and what comes as the shorter ends missing there.
-        while len(one) > len(other) and one[0][0] < 0.0:
-            one.pop(0)
-        while len(other) > len(one) and other[0][0] < 0.0:
-            other.pop(0)
-        while len(one) > len(other) and abs(one[-1][0] - lengths_s[1]) < TIME_TOLERANCE_S:
-            one.pop()
-        while len(other) > len(one) and abs(other[-1][0] - lengths_s[0]) < TIME_TOLERANCE_S:
-            other.pop()
-        if len(one) != len(other):
-            return f"{channel} switches {len(one)} times, not {len(other)}"
-        states = [0.0 if line is None else line.at(0.0) for line in lines]
-        if not one and states[0] != states[1]:
-            return f"{channel} is {_DRAWN[states[0] > 0.0]} from before the start on, not {_DRAWN[states[1] > 0.0]}"
-        for (one_s, value), (other_s, wanted) in zip(one, other, strict=True):
-            if value != wanted or abs(one_s - other_s) > TIME_TOLERANCE_S:
-                return f"{channel} switches at {one_s:.2f} s, not {other_s:.2f} s"
-    return ""
-
-
-def _start_differs(first: AnkleInputs, second: AnkleInputs) -> str:
-    lines = (*first.commands.solenoids.values(), *second.commands.solenoids.values())
-    if any((np.abs(line.changes().time_s) < TIME_TOLERANCE_S).any() for line in lines):
-        return ""  # one begins in the midst of what the other begins with
-    if (first.start_pa is None) != (second.start_pa is None):
-        return "one begins evacuated, the other vented"
-    if first.start_pa is not None and second.start_pa is not None:
-        apart_pa = float(np.abs(first.start_pa - second.start_pa).max())
-        if apart_pa > VACUUM_TOLERANCE_PA:
-            return f"pressures at the start differ by {1e-3 * apart_pa:.1f} kPa"
-    return ""
-
-
-def _vacuum_differs(one: Recording, other: Recording) -> str:
-    (first_pa, first_holds), (second_pa, second_holds) = held_vacuum(one), held_vacuum(other)
-    if first_pa is None or second_pa is None:
-        return ""  # no channel is drawn in either, or its pressure was not measured
-    alike = (not second_holds or first_pa - second_pa <= VACUUM_TOLERANCE_PA) and (
-        not first_holds or second_pa - first_pa <= VACUUM_TOLERANCE_PA
-    )
-    return "" if alike else f"{1e-3 * first_pa:.1f} kPa held, not {1e-3 * second_pa:.1f}"
-
-
-def _courses_differ(first: Course | None, second: Course | None, length_s: float) -> str:
-    if first is None or second is None:
-        return "" if first is second else "the carriage was driven in one alone"
-    time_s = np.arange(0.0, length_s, _COMPARED_S)
-    one_m, other_m = first.at(time_s), second.at(time_s)
-    ranges_m = [float(np.ptp(each.position_m)) for each in (first, second)]
-    range_m = max(ranges_m)
-    if abs(ranges_m[0] - ranges_m[1]) > max(RANGE_TOLERANCE * range_m, _STILL_M):
-        return f"the carriage goes {1e3 * ranges_m[0]:.1f} mm, not {1e3 * ranges_m[1]:.1f}"
-    # Where a clamp sits is scatter, and so is when a drive moves off; how far it then goes is not.
-    one_m, other_m = one_m - one_m[0], other_m - other_m[0]
-    late = min(int(TIME_TOLERANCE_S / _COMPARED_S), len(time_s) // 2)
-    shifts = [np.abs(one_m[max(-k, 0) : len(one_m) - max(k, 0)] - other_m[max(k, 0) : len(other_m) - max(-k, 0)])
-              for k in range(-late, late + 1)]  # fmt: skip
-    apart_m = min(shifts, key=lambda each: float(each.max()))
-    if apart_m.max() > max(COURSE_TOLERANCE * range_m, _STILL_M):
-        at_s = float(time_s[int(np.argmax(apart_m))])
-        return f"the carriage is {1e3 * apart_m.max():.1f} mm elsewhere at {at_s:.2f} s"
-    return ""
-
-
-def _releases_differ(first: AnkleInputs, second: AnkleInputs) -> str:
-    if first.release_s is None or second.release_s is None:
-        return ""
-    if abs(first.release_s - second.release_s) <= TIME_TOLERANCE_S:
-        return ""
-    return f"released at {first.release_s:.2f} s, not {second.release_s:.2f} s"
