@@ -31,7 +31,9 @@ _STAGES = {
     "calibrating": (0.62, 0.7),
     "constants of the machine": (0.7, 0.74),
     "screening": (0.74, 0.8),
-    "fitting": (0.8, 0.97),
+    "fitting": (0.8, 0.87),
+    "fitting pairs": (0.87, 0.94),
+    "weighing the simulator's own error": (0.94, 0.97),
     "planning the next run": (0.97, 1.0),
 }
 """From which share of a diagnosis to which each of its stages goes. Measured, on a machine that knows no signatures."""

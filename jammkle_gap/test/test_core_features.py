@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jammkle_gap import BadRecordingError, Recording, Signal
-from jammkle_gap.core.features import features_of, layout_of, measured
+from jammkle_gap.core.features import features_of, layout_of, measured, registered_s
 from jammkle_gap.core.noise import noise_of
 
 if TYPE_CHECKING:
@@ -28,9 +28,9 @@ class Peak:
         force = values["force"]
         return {"peak": float(recording.signal("force").time_s[int(np.argmax(force))])} if force.max() > 0.5 else {}
 
-    def event_of(self, recording: Recording, signal: str) -> str:
+    def events_of(self, recording: Recording, signal: str) -> tuple[str, ...]:
         del recording
-        return "peak" if signal == "force" else ""
+        return ("peak",) if signal == "force" else ()
 
 
 def landing(peak_s: float) -> Recording:
@@ -52,12 +52,23 @@ def test_a_run_that_lands_later_differs_by_the_event_alone() -> None:
     assert np.abs(apart[0] - apart[1]).max() > 0.5
 
 
-def test_a_simulation_without_the_event_differs_by_the_whole_run() -> None:
-    """A foot that never lands is far from one that does."""
+def test_a_simulation_without_the_event_says_nothing_of_its_time() -> None:
+    """A foot that never lands shows so in its force; a time that it does not have is no number."""
     run = landing(0.4)
     layout = layout_of([run], 0.02, Peak())
     never = features_of(layout, run, {"force": np.zeros(500), "tank": 1e5 * TIMES_S}, Peak())
-    assert never[-1] - layout.event_s["peak"] == pytest.approx(layout.bins * layout.bin_s)
+    assert np.isnan(never[-1])
+    assert np.isfinite(never[:-1]).all()
+
+
+def test_time_is_stretched_between_events_and_shifted_outside() -> None:
+    """Two events on two clocks; one that comes in the wrong order, or that a run lacks, is passed over."""
+    own_s, common_s = {"touch": 1.0, "slip": 2.0}, {"touch": 1.5, "slip": 3.5}
+    times_s = np.array([0.0, 1.0, 1.5, 2.0, 2.4])
+    assert registered_s(times_s, ("touch", "slip"), own_s, common_s) == pytest.approx([0.5, 1.5, 2.5, 3.5, 3.9])
+    assert registered_s(times_s, ("slip", "touch"), own_s, common_s) == pytest.approx(times_s + 1.5)
+    assert registered_s(times_s, ("touch", "slip"), {"touch": 1.0}, common_s) == pytest.approx(times_s + 0.5)
+    assert registered_s(times_s, (), own_s, common_s) is times_s
 
 
 def test_bins_are_means_and_those_without_samples_are_interpolated() -> None:

@@ -70,6 +70,24 @@ def test_profiles_of_pairs_agree_with_brute_force() -> None:
         assert 0.97 * best <= found.gain <= best * (1.0 + 1e-9)
 
 
+def test_a_second_effect_is_found_beside_a_fitted_one() -> None:
+    """Where the grids have the first effect wrong, what it leaves once fitted still shows the second."""
+    target = response("one", np.array([0.4])) + response("two", np.array([0.5, 0.3]))
+    wrong = {**SIGNATURES, "one": 3.0 * np.ones_like(SIGNATURES["one"])}
+    chosen = EFFECTS[0]
+    parameters = [(chosen.key(chosen.parameters[0]), chosen.parameters[0])]
+
+    def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
+        return response("one", np.array([values["one.p0"]]))
+
+    fit = refine(target, ("one",), parameters, {"one.p0": 0.2}, signature, 6)
+    first, *others = Profiles(GRIDS, wrong, target).seconds(fit)
+    assert first.names == ("one", "two")
+    assert first.values[0] == pytest.approx([fit.values["one.p0"]])
+    assert np.sign(first.values[1]) == pytest.approx([1.0, 1.0])
+    assert first.gain > max(other.gain for other in others)
+
+
 def test_the_mesh_holds_the_grid() -> None:
     """At a point of the grid the interpolated signature is the simulated one."""
     for name, grid in GRIDS.items():

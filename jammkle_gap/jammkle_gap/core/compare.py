@@ -39,6 +39,8 @@ class Setting:
     faulty_features: NDArray[np.float64] = field(repr=False)
     """Measured, shape (runs, n)."""
     reference_features: NDArray[np.float64] = field(repr=False)
+    readings: tuple[Mapping[str, NDArray[np.float64]], ...] = field(default=(), repr=False)
+    """What healthy sensors would have read in the first faulty run, by signal, at its times; see `readings`."""
 
     @property
     def freedom(self) -> int:
@@ -69,13 +71,13 @@ def settings_of(
     found = []
     for name, (faulty, healthy) in groups.items():
         layout = layout_of([*faulty, *healthy], problem.bin_s(faulty[0]), problem.registrar)
-        tables = [
+        first, second = (
             np.array([features_of(layout, each, measured(each), problem.registrar) for each in runs]).reshape(
                 -1, layout.size
             )
             for runs in (faulty, healthy)
-        ]
-        found.append(Setting(name, layout, tuple(faulty), tuple(healthy), *tables))
+        )
+        found.append(Setting(name, layout, tuple(faulty), tuple(healthy), first, second))
     return tuple(found)
 
 

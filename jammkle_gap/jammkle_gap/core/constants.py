@@ -38,7 +38,9 @@ class Constants:
     refined: int = 8
     """Single effects that are fitted with the simulator."""
     refined_pairs: int = 8
-    """Pairs that are."""
+    """Pairs that are: half of them by the grids alone, half from a fitted single effect on."""
+    paired: int = 4
+    """Fitted single effects that every other is looked for beside. Chosen: half of those fitted."""
     fit_evaluations: int = 4
     """Gauss-Newton steps of a fit."""
 

@@ -16,6 +16,7 @@ from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.equivalence import classes_of
 from jammkle_gap.core.evidence import Evidence
 from jammkle_gap.core.own_error import OwnError
+from jammkle_gap.core.readings import with_readings
 from jammkle_gap.core.search import grid_signatures, reweighed, screen, search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
 from jammkle_gap.core.simulate import Runner, Task
@@ -109,6 +110,7 @@ def evidence_of(
         for setting in settings
     ]
     residuals = residuals_of(settings, runner, {})
+    settings = with_readings(settings, problem, runner)
     difference = _difference(settings, residuals, dictionaries, problem, runner, uncalibrated(problem), constants)
     calibration = calibrate(settings, difference.scatter, problem, runner, constants)
     machine: Mapping[str, float] = {}

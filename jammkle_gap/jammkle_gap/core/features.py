@@ -1,8 +1,10 @@
 """Features: means over bins of time, registered at the events of a run.
 
 Raw samples have correlated noise and jitter in time; means over bins have neither to a degree that matters. In a run
-with contact, a touch-down that comes 2 ms later moves every peak. So signals that follow an event are shifted until the
-event falls together in all runs, measured or simulated, and the time of the event is a feature of its own.
+with contact, a touch-down that comes 2 ms later moves every peak. So signals that follow events are laid over each
+other there, in all runs, measured or simulated: time is stretched linearly from one event to the next and shifted
+outside (landmark registration: Ramsay and Silverman, Functional Data Analysis, 2nd ed., sec. 7.3). The time of each
+event is a feature of its own.
 """
 
 from __future__ import annotations
@@ -40,8 +42,8 @@ class Registrar(Protocol):
 
         """
 
-    def event_of(self, recording: Recording, signal: str) -> str:
-        """Return the event that a signal is registered at; empty: the clock of the recording."""
+    def events_of(self, recording: Recording, signal: str) -> tuple[str, ...]:
+        """Return the events that a signal is registered at, as they follow each other; none: the recording's clock."""
 
 
 @dataclass(frozen=True)
@@ -100,9 +102,9 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registra
     end_s = np.inf
     for each, events in zip(recordings, found, strict=True):
         for signal in signals:
-            event = "" if registrar is None else registrar.event_of(each, signal.name)
-            shift_s = event_s[event] - events[event] if event in event_s else 0.0
-            end_s = min(end_s, float(each.signal(signal.name).time_s[-1]) + shift_s)
+            asked = () if registrar is None else registrar.events_of(each, signal.name)
+            last_s = each.signal(signal.name).time_s[-1:]
+            end_s = min(end_s, float(registered_s(last_s, asked, events, event_s)[0]))
     bins = int(end_s / bin_s)
     if bins < FEWEST_BINS:
         names = ", ".join(each.name for each in recordings)
@@ -137,7 +139,7 @@ def features_of(
     Args:
         layout: Of its setting.
         recording: Times of the samples.
-        values: By signal, at the recording's times. A signal that a simulator does not give stays NaN.
+        values: By signal, at the recording's times. What a simulator does not give, a signal or an event, stays NaN.
         registrar: As the layout was made with.
 
     Returns:
@@ -150,13 +152,39 @@ def features_of(
     for i, name in enumerate(layout.signals):
         if name not in values:
             continue
-        event = "" if registrar is None else registrar.event_of(recording, name)
-        shift_s = layout.event_s[event] - events[event] if event in layout.event_s and event in events else 0.0
-        table[i] = _binned(recording.signal(name).time_s + shift_s, np.asarray(values[name]), layout)
-    for i, (name, time_s) in enumerate(layout.event_s.items()):
-        # A run without the event differs by as much as there is time for it.
-        features[len(layout.signals) * layout.bins + i] = events.get(name, time_s + layout.bins * layout.bin_s)
+        asked = () if registrar is None else registrar.events_of(recording, name)
+        time_s = registered_s(recording.signal(name).time_s, asked, events, layout.event_s)
+        table[i] = _binned(time_s, np.asarray(values[name]), layout)
+    for i, name in enumerate(layout.event_s):
+        features[len(layout.signals) * layout.bins + i] = events.get(name, np.nan)
     return features
+
+
+def registered_s(
+    time_s: NDArray[np.float64], asked: Sequence[str], own_s: Mapping[str, float], common_s: Mapping[str, float]
+) -> NDArray[np.float64]:
+    """Return times of one run on the clock on which events fall together, shape (n,), s.
+
+    Args:
+        time_s: Rising, shape (n,), s.
+        asked: Events that are laid over each other; those that either clock lacks are passed over, and so is one that
+            does not follow the one before it on both.
+        own_s: Times of events in the run, s.
+        common_s: Where they are put, s.
+
+    """
+    own: list[float] = []
+    common: list[float] = []
+    for name in asked:
+        there = name in own_s and name in common_s
+        if there and (not own or (own_s[name] > own[-1] and common_s[name] > common[-1])):
+            own.append(own_s[name])
+            common.append(common_s[name])
+    if not own:
+        return time_s
+    before, after = np.minimum(time_s - own[0], 0.0), np.maximum(time_s - own[-1], 0.0)
+    registered: NDArray[np.float64] = np.interp(time_s, own, common) + before + after
+    return registered
 
 
 def _binned(time_s: NDArray[np.float64], values: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:

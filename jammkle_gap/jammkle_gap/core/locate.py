@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.core.features import registered_s
 from jammkle_gap.core.result import Closing, Place, SignalGap
 
 if TYPE_CHECKING:
@@ -84,17 +85,15 @@ def places_of(
 def _phases(setting: Setting, signal: str, registrar: Registrar | None) -> dict[str, NDArray[np.bool_]]:
     """Return which bins of a signal lie in which phase of the first faulty run."""
     run, layout = setting.faulty[0], setting.layout
-    event = registrar.event_of(run, signal) if registrar is not None else ""
-    shift_s = 0.0
-    if event in layout.event_s:
-        first = len(layout.signals) * layout.bins + list(layout.event_s).index(event)
-        shift_s = layout.event_s[event] - float(setting.faulty_features[0, first])
+    asked = registrar.events_of(run, signal) if registrar is not None else ()
+    count = len(layout.signals) * layout.bins
+    own_s = dict(zip(layout.event_s, setting.faulty_features[0, count:].tolist(), strict=True))
+    time_s = registered_s(layout.time_s, asked, layout.event_s, own_s)
     left = np.ones(layout.bins, dtype=bool)
     found: dict[str, NDArray[np.bool_]] = {}
     for phase in run.phases:
         if phase.signals and signal not in phase.signals:
             continue
-        time_s = layout.time_s - shift_s
         inside = (time_s >= phase.start_s) & (time_s < phase.end_s) & left
         found[phase.name] = found.get(phase.name, np.zeros(layout.bins, dtype=bool)) | inside
         left &= ~inside

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import orth  # type: ignore[import-untyped]  # carries no types
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.grids import Grid
 
 _ALTERNATIONS = 3
@@ -26,7 +28,7 @@ class Place:
     values: tuple[NDArray[np.float64], ...]
     """Parameters of each effect, in its order."""
     gain: float
-    """By how much it shortens the squared difference."""
+    """By how much it shortens the squared difference; of `seconds`, less its whole length."""
 
 
 class Profiles:
@@ -48,7 +50,7 @@ class Profiles:
         """
         self._grids = {name: grids[name] for name in signatures}
         width = (0, difference.size)
-        stacked = np.vstack([np.zeros(width), *(signatures[name] for name in self._grids)])
+        stacked = self._stacked = np.vstack([np.zeros(width), *(signatures[name] for name in self._grids)])
         ends = np.cumsum([len(signatures[name]) for name in self._grids])
         self._slices = {
             name: slice(int(end) - len(signatures[name]), int(end)) for name, end in zip(self._grids, ends, strict=True)
@@ -86,6 +88,32 @@ class Profiles:
                     continue
                 found.append(self._pair(one, other))
         return sorted(found, key=lambda place: -place.gain)[:most]
+
+    def seconds(self, fit: Fit) -> list[Place]:
+        """Return every other effect at its best place beside a fitted one, best first.
+
+        What the first leaves is explained by the grids; its own parameters follow along its Jacobian.
+
+        Args:
+            fit: Of one effect, with the simulator.
+
+        """
+        first = np.array(list(fit.values.values()))
+        basis = orth(fit.jacobian)
+        left = fit.whitened - fit.signature
+        left = left - basis @ (basis.T @ left)
+        found = []
+        for name, grid in self._grids.items():
+            if name in fit.names:
+                continue
+            rows = self._stacked[self._slices[name]]
+            along = rows @ basis
+            gram = self._gram[self._slices[name], self._slices[name]] - along @ along.T
+            quadratic = np.einsum("ij,jk,ik->i", grid.weights, gram, grid.weights, optimize=True)
+            gains = 2.0 * grid.weights @ (rows @ left) - quadratic
+            best = int(np.argmax(gains))
+            found.append(Place((*fit.names, name), (first, grid.mesh[best]), float(gains[best]) - fit.left))
+        return sorted(found, key=lambda place: -place.gain)
 
     def _pair(self, one: str, other: str) -> Place:
         empty = np.zeros(len(self._overlap))

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.features import features_of, measured
+from jammkle_gap.core.detect import detect
 from jammkle_gap.core.fit import Fit, refine
 from jammkle_gap.core.posterior import NONE_OF_THEM
 from jammkle_gap.core.profiles import Profiles
+from jammkle_gap.core.readings import sensed_difference
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.core.simulate import Made, StoppedError, Task, run_task
 
@@ -104,31 +105,6 @@ class Signatures:
             self._known[place] = run_task(self._problem.simulator, self._problem.registrar, task)
             self.made = Made(self.made.runs + 1, self.made.simulated_s + setting.faulty[0].duration_s)
         return self._known[place]
-
-
-def sensed_difference(problem: Problem, setting: Setting, values: Mapping[str, float]) -> NDArray[np.float64]:
-    """Return what sensors would make of the references, or of the faulty runs where there are none, shape (n,).
-
-    Args:
-        problem: With sensing.
-        setting: Whose runs.
-        values: Parameters of effects of sensors by key.
-
-    """
-    assert problem.sensing is not None  # noqa: S101 - only effects that it knows come here
-    runs = setting.references or setting.faulty
-    found = []
-    for run in runs[:_SENSED_RUNS]:
-        before = measured(run)
-        after = problem.sensing(run, before, values)
-        both = [features_of(setting.layout, run, each, problem.registrar) for each in (after, before)]
-        found.append(both[0] - both[1])
-    mean: NDArray[np.float64] = np.mean(found, axis=0)
-    return mean
-
-
-_SENSED_RUNS = 2
-"""References that sensors' effects are applied to. Chosen: their own scatter is far below an effect."""
 
 
 def grid_signatures(
@@ -239,21 +215,42 @@ def search(
     """
     places = screening.places
     silent = tuple(effect.name for effect in problem.library if effect.name not in places)
-    first = screening.order[: constants.refined]
-    work = [places[name] for name in first]
-    work += screening.profiles.pairs(first, constants.refined_pairs)
-    arguments = [(problem, settings, difference, dict(machine), place, constants) for place in work]
-    finished = True
-    try:
-        answers = runner.map(fit_place, arguments, "fitting")
-    except StoppedError as stopped:
-        answers, finished = list(stopped.done), False
-    runner.count(made for _, made in answers)
-    fits = sorted((fit for fit, _ in answers), key=lambda fit: fit.left)
-    singles = tuple(fit for fit in fits if len(fit.names) == 1)
-    pairs = tuple(fit for fit in fits if len(fit.names) > 1)
     profiled = {name: place.gain for name, place in places.items()}
-    return Candidates(singles, pairs, profiled, silent, finished)
+
+    def fitted(work: Sequence[Place], what: str) -> tuple[list[Fit], bool]:
+        arguments = [(problem, settings, difference, dict(machine), place, constants) for place in work]
+        finished = True
+        try:
+            answers = runner.map(fit_place, arguments, what)
+        except StoppedError as stopped:
+            answers, finished = list(stopped.done), False
+        runner.count(made for _, made in answers)
+        return sorted((fit for fit, _ in answers), key=lambda fit: fit.left), finished
+
+    first = screening.order[: constants.refined]
+    singles, finished = fitted([places[name] for name in first], "fitting")
+    pairs: list[Fit] = []
+    # Where there is no gap a pair has nothing to explain.
+    if finished and detect(difference, singles, constants).gap:
+        pairs, finished = fitted(_promising_pairs(screening.profiles, first, singles, constants), "fitting pairs")
+    return Candidates(tuple(singles), tuple(pairs), profiled, silent, finished)
+
+
+def _promising_pairs(
+    profiles: Profiles, first: Sequence[str], singles: Sequence[Fit], constants: Constants
+) -> list[Place]:
+    """Return pairs to be fitted: from fitted single effects on, and by the grids alone, where both are unknown."""
+    beside = [place for fit in singles[: constants.paired] for place in profiles.seconds(fit)]
+    beside.sort(key=lambda place: -place.gain)
+    found: dict[frozenset[str], Place] = {}
+    for most, places in (
+        (constants.refined_pairs // 2, beside),
+        (constants.refined_pairs, profiles.pairs(first, constants.refined_pairs)),
+    ):
+        for place in places:
+            if len(found) < most:
+                found.setdefault(frozenset(place.names), place)
+    return list(found.values())
 
 
 def fit_place(

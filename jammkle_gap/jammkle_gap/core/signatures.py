@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_gap.core.features import Layout, layout_of
+from jammkle_gap.core.features import Layout, layout_of, registered_s
 from jammkle_gap.core.grids import Grid, grid_of
 from jammkle_gap.core.simulate import Task
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.effects import Effect
     from jammkle_gap.core.simulate import Problem, Runner
 
-_FORMAT = 2
+_FORMAT = 3
 """Of the files."""
 
 
@@ -73,11 +73,9 @@ class Dictionary:
         for i, name in enumerate(layout.signals):
             if name not in own.signals:
                 continue
-            event = problem.registrar.event_of(run, name) if problem.registrar is not None else ""
-            shift_s = (
-                layout.event_s[event] - own.event_s[event] if event in layout.event_s and event in own.event_s else 0.0
-            )
-            at = np.clip((layout.time_s - shift_s) / own.bin_s - 0.5, 0.0, own.bins - 1.0)
+            asked = problem.registrar.events_of(run, name) if problem.registrar is not None else ()
+            own_s = registered_s(layout.time_s, asked, layout.event_s, own.event_s)
+            at = np.clip(own_s / own.bin_s - 0.5, 0.0, own.bins - 1.0)
             low = np.floor(at).astype(int)
             high = np.minimum(low + 1, own.bins - 1)
             row = table[..., own.signals.index(name), :]
@@ -188,7 +186,7 @@ def _contact(
 
 
 def _digest(recording: Recording, layout: Layout, problem: Problem, constants: Constants) -> str:
-    parts = [_FORMAT, problem.version, problem.group_of(recording), layout.signals, layout.bin_s]
+    parts = [_FORMAT, problem.version, problem.group_of(recording), layout.signals, layout.bin_s, list(layout.event_s)]
     parts += [[each.name, each.null, each.sigma] for each in problem.scatter]
     parts += [constants.contact_runs, constants.contact_columns]
     return hashlib.blake2b(json.dumps(parts).encode(), digest_size=16).hexdigest()

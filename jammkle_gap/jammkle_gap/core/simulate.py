@@ -205,14 +205,30 @@ def run_task(simulator: Simulator, registrar: Registrar | None, task: Task) -> N
 
     """
     try:
-        values = simulator(task.recording, task.values)
+        values = simulated(simulator, task.recording, task.values)
     except InfeasibleError:
         return np.full(task.layout.size, np.nan)
-    except Exception as error:  # whatever a user's simulator may raise
-        given = ", ".join(f"{name}={value:g}" for name, value in task.values.items()) or "no effect"
-        msg = f"the simulator failed on recording '{task.recording.name}' with {given}: {type(error).__name__}: {error}"
-        raise SimulatorError(msg) from error
     return features_of(task.layout, task.recording, values, registrar)
+
+
+def simulated(
+    simulator: Simulator, recording: Recording, values: Mapping[str, float]
+) -> Mapping[str, NDArray[np.float64]]:
+    """Return what a simulator says of a recording, by signal.
+
+    Raises:
+        InfeasibleError: it cannot be run with these values.
+        SimulatorError: the simulator failed.
+
+    """
+    try:
+        return simulator(recording, values)
+    except InfeasibleError:
+        raise
+    except Exception as error:  # whatever a user's simulator may raise
+        given = ", ".join(f"{name}={value:g}" for name, value in values.items()) or "no effect"
+        msg = f"the simulator failed on recording '{recording.name}' with {given}: {type(error).__name__}: {error}"
+        raise SimulatorError(msg) from error
 
 
 def _sendable(problem: Problem) -> bool:

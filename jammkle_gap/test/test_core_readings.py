@@ -1,0 +1,81 @@
+"""Effects of sensors act on what a healthy sensor would have read in the faulty run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_gap import Library, Problem, Recording, Signal
+from jammkle_gap.core.compare import settings_of
+from jammkle_gap.core.readings import sensed_difference, with_readings
+from jammkle_gap.core.simulate import Runner
+from pendulums import effect
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+TIMES_S = 0.01 * np.arange(200)
+WRONG = 0.3 * np.cos(2.0 * np.pi * TIMES_S)
+"""What the simulator has wrong anyway."""
+HEALTHY, ANSWER = np.sin(3.0 * TIMES_S), np.sin(3.0 * TIMES_S + 0.8)
+"""What a regulator does on a healthy machine, and how it answers a late sensor."""
+
+
+class Late:
+    """A sensor that reads late."""
+
+    effects = frozenset({"late"})
+
+    def __call__(
+        self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
+    ) -> dict[str, NDArray[np.float64]]:
+        del recording
+        return {name: np.interp(TIMES_S - values["late.by"], TIMES_S, each) for name, each in measured.items()}
+
+
+def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+    """Follow the command; a signal that it does not know is left out."""
+    del values
+    return {"level": 2.0 * recording.inputs}
+
+
+def run(name: str, command: NDArray[np.float64], late_s: float = 0.0) -> Recording:
+    """Return a run of a machine that the simulator has a little wrong."""
+    level = np.interp(TIMES_S - late_s, TIMES_S, 2.0 * command + WRONG)
+    signals = (Signal("level", "m", TIMES_S, level, 0.01), Signal("other", "m", TIMES_S, WRONG, 0.01))
+    return Recording(name, signals, command, setting="same")
+
+
+PROBLEM = Problem(simulate, Library((effect("late", "by", "s", 0.2),)), sensing=Late())
+RUNNER = Runner(PROBLEM, 1)
+
+
+def test_a_regulators_answer_is_no_part_of_a_late_sensor() -> None:
+    """Readings are the reference's, moved by what the simulator says of the other commands."""
+    settings = settings_of([run("faulty", ANSWER, 0.05)], [run("healthy", HEALTHY)], PROBLEM)
+    (setting,) = with_readings(settings, PROBLEM, RUNNER)
+    assert setting.readings[0]["level"] == pytest.approx(2.0 * ANSWER + WRONG)
+    assert setting.readings[0]["other"] == pytest.approx(WRONG)
+    expected = 2.0 * (np.interp(TIMES_S - 0.05, TIMES_S, ANSWER) - ANSWER)
+    expected += np.interp(TIMES_S - 0.05, TIMES_S, WRONG) - WRONG
+    found = setting.layout.by_signal(sensed_difference(PROBLEM, setting, {"late.by": 0.05}))[0]
+    assert found == pytest.approx(expected.reshape(-1, 2).mean(axis=1)[: len(found)])
+
+
+def test_without_references_the_faulty_readings_stand_in() -> None:
+    """There is nothing better to act on."""
+    faulty = run("faulty", ANSWER, 0.05)
+    (setting,) = with_readings(settings_of([faulty], [], PROBLEM), PROBLEM, RUNNER)
+    assert setting.readings[0]["level"] is faulty.signal("level").values
+
+
+def test_a_problem_without_sensing_needs_no_readings() -> None:
+    """Nothing is simulated for it."""
+    problem = Problem(simulate, PROBLEM.library)
+    runner = Runner(problem, 1)
+    assert with_readings(settings_of([run("one", ANSWER)], [], problem), problem, runner)[0].readings == ()
+    assert runner.runs == 0
