@@ -332,6 +332,10 @@ def test_effects_of_sensors_act_on_what_was_measured() -> None:
     class Encoder:
         effects = frozenset({"encoder"})
 
+        def knows(self, effect: str, signal: str) -> bool:
+            del effect, signal
+            return True
+
         def __call__(
             self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
         ) -> dict[str, NDArray[np.float64]]:

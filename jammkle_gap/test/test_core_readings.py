@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_gap import Library, Problem, Recording, Signal
-from jammkle_gap.core.compare import settings_of
+from jammkle_gap import Constants, Library, Problem, Recording, Signal
+from jammkle_gap.core.compare import difference_of, residuals_of, settings_of
 from jammkle_gap.core.readings import sensed_difference, with_readings
+from jammkle_gap.core.response import Signatures
 from jammkle_gap.core.simulate import Runner
 from pendulums import effect
 
@@ -29,6 +30,10 @@ class Late:
     """A sensor that reads late."""
 
     effects = frozenset({"late"})
+
+    def knows(self, effect: str, signal: str) -> bool:
+        del effect, signal
+        return True
 
     def __call__(
         self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
@@ -80,3 +85,48 @@ def test_a_problem_without_sensing_needs_no_readings() -> None:
     runner = Runner(problem, 1)
     assert with_readings(settings_of([run("one", ANSWER)], [], problem), problem, runner)[0].readings == ()
     assert runner.runs == 0
+
+
+class LateCommand:
+    """A command that arrives late: the level follows it alone, the other signal is the simulator's."""
+
+    effects = frozenset({"late"})
+
+    def knows(self, effect: str, signal: str) -> bool:
+        del effect
+        return signal == "level"
+
+    def __call__(
+        self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
+    ) -> dict[str, NDArray[np.float64]]:
+        del recording
+        return {**measured, "level": np.interp(TIMES_S - values["late.by"], TIMES_S, measured["level"])}
+
+
+def test_an_effect_that_sensing_knows_in_part_is_simulated_for_the_rest() -> None:
+    """The level moves as measured, beside a simulated effect on it; the other signal as simulated, with both."""
+
+    def both(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        command = np.interp(TIMES_S - values.get("late.by", 0.0), TIMES_S, recording.inputs)
+        gain = 1.0 + values.get("gain.by", 0.0)
+        return {"level": 2.0 * gain * command, "other": gain * command}
+
+    library = Library((effect("late", "by", "s", 0.2), effect("gain", "by", "1", 0.5)))
+    problem = Problem(both, library, sensing=LateCommand())
+    settings = settings_of([run("faulty", ANSWER, 0.05)], [run("healthy", HEALTHY)], problem)
+    runner = Runner(problem, 1)
+    settings = with_readings(settings, problem, runner)
+    none = [np.zeros((each.layout.size, 0)) for each in settings]
+    difference = difference_of(settings, residuals_of(settings, runner, {}), none, none, none, Constants())
+    values = {"late.by": 0.05, "gain.by": 0.1}
+    (found,) = Signatures(problem, settings, difference, {}).parts(values) or ()
+    level, other = settings[0].layout.by_signal(found)
+    late = np.interp(TIMES_S - 0.05, TIMES_S, ANSWER)
+    shifted = np.interp(TIMES_S - 0.05, TIMES_S, 2.0 * ANSWER + WRONG) - 2.0 * ANSWER - WRONG
+
+    def binned(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        bins: NDArray[np.float64] = values.reshape(-1, 2).mean(axis=1)[: len(level)]
+        return bins
+
+    assert level == pytest.approx(binned(shifted + 0.2 * ANSWER), abs=0.02)
+    assert other == pytest.approx(binned(1.1 * late - ANSWER), abs=0.02)

@@ -23,7 +23,7 @@ from jammkle_gap.ankle.corrected import Correction
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.setting import with_settings
 from jammkle_gap.core.diagnose import evidence_of
-from jammkle_gap.core.search import Signatures
+from jammkle_gap.core.response import Signatures
 from jammkle_gap.core.simulate import Runner
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 

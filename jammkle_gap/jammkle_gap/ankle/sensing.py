@@ -1,4 +1,4 @@
-"""Effects of sensors and clocks, applied to what was measured: exact, however wrong the simulator is."""
+"""Effects of sensors, clocks and late commands, applied to what was measured: exact, however wrong the simulator is."""
 
 from __future__ import annotations
 
@@ -29,6 +29,9 @@ _CHANGES = frozenset({
     "offset_imu", "offset_pressure", "saturate_imu", "scale_load_cell", "skew_clock",
 })  # fmt: skip
 """Changes of the package that touch sensors alone."""
+_DELAYS_OF_COMMANDS = frozenset({"delay_commands"})
+"""Changes that pressures answer as they answer a late sensor: air does the same, later. Assumed: that bodies move it by
+their motion is left out, as it is little."""
 _VOLUMES = (names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[channel].name for channel in names.CHANNELS))
 _IMU = {ACCELERATION: ("specific_force", slice(0, 3)), RATE: ("angular_velocity", slice(3, 6))}
 
@@ -41,12 +44,23 @@ class AnkleSensing:
 
     @cached_property
     def effects(self) -> frozenset[str]:
-        """Names of the effects that touch sensors alone."""
+        """Names of the effects that touch sensors alone, and of delays of all commands."""
+        return self._by_change(_CHANGES | _DELAYS_OF_COMMANDS)
+
+    @cached_property
+    def _delays_of_commands(self) -> frozenset[str]:
+        return self._by_change(_DELAYS_OF_COMMANDS)
+
+    def _by_change(self, changes: frozenset[str]) -> frozenset[str]:
         return frozenset(
             effect.name
             for effect in self.library
-            if isinstance(effect, AnkleEffect) and not effect.file and effect.function in _CHANGES
+            if isinstance(effect, AnkleEffect) and not effect.file and effect.function in changes
         )
+
+    def knows(self, effect: str, signal: str) -> bool:
+        """Return whether it says what an effect makes of a signal; see `core.simulate.Sensing`."""
+        return effect not in self._delays_of_commands or quantity_of(signal) == PRESSURE
 
     def __call__(
         self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
@@ -80,7 +94,7 @@ def _delays_s(before: Rig, after: Rig) -> dict[str, float]:
     imu_s = new.imu_delay_s - old.imu_delay_s
     return {
         "": new.joint_delay_s - old.joint_delay_s,
-        PRESSURE: new.pressure_delay_s - old.pressure_delay_s,
+        PRESSURE: new.pressure_delay_s - old.pressure_delay_s + new.command_delay_s - old.command_delay_s,
         ACCELERATION: imu_s,
         RATE: imu_s,
         FORCE: new.load_cell_delay_s - old.load_cell_delay_s,

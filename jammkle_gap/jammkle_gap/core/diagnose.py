@@ -17,7 +17,9 @@ from jammkle_gap.core.equivalence import classes_of
 from jammkle_gap.core.evidence import Evidence
 from jammkle_gap.core.own_error import OwnError
 from jammkle_gap.core.readings import with_readings
-from jammkle_gap.core.search import grid_signatures, reweighed, screen, search
+from jammkle_gap.core.response import grid_signatures
+from jammkle_gap.core.screen import screen
+from jammkle_gap.core.search import reweighed, search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
 from jammkle_gap.core.simulate import Runner, Task
 

@@ -15,12 +15,13 @@ from jammkle_gap.core.features import features_of, measured
 from jammkle_gap.core.simulate import Made, simulated
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_gap.core.compare import Setting
     from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.features import Layout
     from jammkle_gap.core.simulate import Problem, Runner
 
 _REFERENCES = 2
@@ -89,16 +90,39 @@ def _healthy(
     return readings
 
 
-def sensed_difference(problem: Problem, setting: Setting, values: Mapping[str, float]) -> NDArray[np.float64]:
-    """Return what effects of sensors change in the features of a setting, shape (n,).
+def known_features(problem: Problem, layout: Layout, effects: Iterable[str]) -> NDArray[np.bool_]:
+    """Return which features sensing says for any of some effects, and the simulator does not, shape (n,).
 
     Args:
-        problem: With sensing.
-        setting: With readings.
-        values: Parameters of effects of sensors by key.
+        problem: With or without sensing.
+        layout: Of the features. Events are sensing's where all signals are.
+        effects: By name.
 
     """
-    assert problem.sensing is not None  # noqa: S101 - only effects that it knows come here
+    known = np.zeros(layout.size, dtype=bool)
+    for effect in effects:
+        if problem.sensing is None or effect not in problem.sensing.effects:
+            continue
+        signals = np.array([problem.sensing.knows(effect, name) for name in layout.signals])
+        known[: layout.bins * len(signals)] |= np.repeat(signals, layout.bins)
+        known[layout.bins * len(signals) :] |= signals.all()
+    return known
+
+
+def sensed_difference(problem: Problem, setting: Setting, values: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return what sensing's effects change in the features of a setting that it knows, shape (n,).
+
+    Args:
+        problem: With or without sensing.
+        setting: With readings.
+        values: Parameters by key; those of other effects are passed over.
+
+    """
+    if problem.sensing is None:
+        return np.zeros(setting.layout.size)
+    values = {key: value for key, value in values.items() if key.partition(".")[0] in problem.sensing.effects}
+    if not values:
+        return np.zeros(setting.layout.size)
     found = []
     for before in setting.readings:
         run = setting.faulty[0]

@@ -21,6 +21,7 @@ import numpy as np
 
 from jammkle_gap.core.features import Layout, layout_of, registered_s
 from jammkle_gap.core.grids import Grid, grid_of
+from jammkle_gap.core.readings import known_features
 from jammkle_gap.core.simulate import Task
 
 if TYPE_CHECKING:
@@ -114,8 +115,7 @@ def dictionary_of(
         known = _scattered(recording, layout, problem, runner, constants)
         if kept is not None:
             _write(kept / f"{name}.npz", known)
-    sensed = problem.sensing.effects if problem.sensing is not None else frozenset()
-    asked = [effect for effect in problem.library if effect.name not in sensed]
+    asked = [effect for effect in problem.library if not known_features(problem, layout, (effect.name,)).all()]
     tables = {each.name: None if kept is None else _read_table(_table_file(kept, name, each)) for each in asked}
     missing = [each for each in asked if tables[each.name] is None]
     for each, table in zip(missing, _simulated(recording, known.layout, missing, runner), strict=True):

@@ -67,11 +67,17 @@ class Simulator(Protocol):
 
 
 class Sensing(Protocol):
-    """Effects of sensors and clocks, which act on what was measured: exact, however wrong the simulator is."""
+    """Effects of sensors and clocks, which act on what was measured: exact, however wrong the simulator is.
+
+    So do delays of commands, for signals that follow these alone. The simulator says what they make of the others.
+    """
 
     @property
     def effects(self) -> frozenset[str]:
         """Names of the effects that it knows."""
+
+    def knows(self, effect: str, signal: str) -> bool:
+        """Return whether it says what one of its effects makes of a signal; if not, the simulator does."""
 
     def __call__(
         self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]

@@ -18,8 +18,9 @@ from scipy.optimize import lsq_linear  # type: ignore[import-untyped]  # carries
 
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.profiles import Profiles
+from jammkle_gap.core.response import Signatures, grid_signatures
 from jammkle_gap.core.scatter import Whitener
-from jammkle_gap.core.search import Signatures, fit_place, grid_signatures
+from jammkle_gap.core.search import fit_place
 from jammkle_gap.core.signatures import grids_of
 
 if TYPE_CHECKING:

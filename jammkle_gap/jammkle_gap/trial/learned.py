@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sklearn.ensemble import RandomForestClassifier  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.search import grid_signatures
+from jammkle_gap.core.response import grid_signatures
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.trial.answers import NO_GAP
 
