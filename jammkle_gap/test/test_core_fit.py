@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_gap import Effect, EffectParameter
+from jammkle_gap import Constants, Effect, EffectParameter
 from jammkle_gap.core.fit import refine
 from jammkle_gap.core.grids import grid_of
 from jammkle_gap.core.profiles import Profiles
@@ -80,7 +80,7 @@ def test_a_second_effect_is_found_beside_a_fitted_one() -> None:
     def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
         return response("one", np.array([values["one.p0"]]))
 
-    fit = refine(target, ("one",), parameters, {"one.p0": 0.2}, signature, 6)
+    fit = refine(target, ("one",), parameters, {"one.p0": 0.2}, signature, Constants())
     first, *others = Profiles(GRIDS, wrong, target).seconds(fit)
     assert first.names == ("one", "two")
     assert first.values[0] == pytest.approx([fit.values["one.p0"]])
@@ -120,7 +120,7 @@ def fitted(name: str, target: NDArray[np.float64]) -> Mapping[str, float]:
     def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
         return response(name, np.array([values[key] for key, _ in parameters]))
 
-    return refine(target, (name,), parameters, start, signature, 6).values
+    return refine(target, (name,), parameters, start, signature, Constants()).values
 
 
 def test_an_effect_far_smaller_than_its_bounds_is_found() -> None:
@@ -131,7 +131,9 @@ def test_an_effect_far_smaller_than_its_bounds_is_found() -> None:
     def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
         return 7000.0 * (np.exp(-values["leak.rate"] * time_s) - 1.0)
 
-    found = refine(signature({"leak.rate": 1e-4}), ("leak",), [("leak.rate", leak)], {"leak.rate": 0.0}, signature, 6)
+    found = refine(
+        signature({"leak.rate": 1e-4}), ("leak",), [("leak.rate", leak)], {"leak.rate": 0.0}, signature, Constants()
+    )
     assert found.values["leak.rate"] == pytest.approx(1e-4, rel=0.01)
 
 
@@ -143,6 +145,6 @@ def test_derivatives_are_those_of_the_signature() -> None:
         [("other.p0", EFFECTS[2].parameters[0])],
         {"other.p0": 0.3},
         lambda values: response("other", np.array([values["other.p0"]])),
-        4,
+        Constants(),
     )
     assert found.jacobian[:, 0] == pytest.approx(7.0 * (0.6 * SHAPES[0] + SHAPES[3]), rel=1e-6)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.effects import EffectParameter
 
     Signature = Callable[[Mapping[str, float]], NDArray[np.float64]]
@@ -52,7 +53,7 @@ def refine(
     parameters: Sequence[tuple[str, EffectParameter]],
     start: Mapping[str, float],
     signature: Signature,
-    evaluations: int,
+    constants: Constants,
 ) -> Fit:
     """Fit parameters with the simulator: Gauss-Newton in a trust region within their bounds (scipy's `trf`).
 
@@ -62,7 +63,7 @@ def refine(
         parameters: Their parameters by key.
         start: Where to begin, by key.
         signature: Simulates and whitens.
-        evaluations: Steps at most.
+        constants: Steps at most, and when it ends.
 
     """
     low = np.array([each.minimum for _, each in parameters])
@@ -103,9 +104,9 @@ def refine(
         begin,
         jac=jacobian_at,
         bounds=(0.0, 1.0),
-        max_nfev=evaluations,
-        xtol=1e-4,
-        ftol=1e-4,
+        max_nfev=constants.fit_evaluations,
+        xtol=constants.fit_tolerance,
+        ftol=constants.fit_tolerance,
     )
     best = min(known.items(), key=lambda item: float(np.square(difference - item[1]).sum()))
     shares = np.frombuffer(best[0])

@@ -121,7 +121,7 @@ def fit_place(
     start = dict(zip([key for key, _ in parameters], np.concatenate(place.values).tolist(), strict=True))
     if len(parameters) == 1:
         start = _better_start(problem, place, difference, signatures, start)
-    fit = refine(difference.whitened, place.names, parameters, start, signatures, constants.fit_evaluations)
+    fit = refine(difference.whitened, place.names, parameters, start, signatures, constants)
     return replace(fit, features=tuple(signatures.parts(fit.values) or ())), signatures.made
 
 
@@ -161,7 +161,7 @@ def fit_beside(
     parameters = problem.library.parameters(fit.names)
     for _ in range(constants.reweighings):
         signatures.difference = difference = error.beside(fit.features)
-        fit = refine(difference.whitened, fit.names, parameters, fit.values, signatures, constants.fit_evaluations)
+        fit = refine(difference.whitened, fit.names, parameters, fit.values, signatures, constants)
         fit = replace(fit, features=tuple(signatures.parts(fit.values) or ()))
     return fit, signatures.made
 
