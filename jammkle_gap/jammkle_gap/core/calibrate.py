@@ -59,21 +59,29 @@ def uncalibrated(problem: Problem) -> Calibration:
 def calibrate(
     settings: Sequence[Setting],
     scatter: Sequence[Scatter],
+    slopes: Sequence[NDArray[np.float64]],
     problem: Problem,
     runner: Runner,
     constants: Constants,
 ) -> Calibration:
     """Fit the constants to the references of all settings.
 
+    The first step takes the slopes of the nominal machine, which the dictionary has, and those that follow the slopes
+    where it came to. Within scatter it ends: what would move then is noise.
+
     Args:
         settings: Those with references are used.
         scatter: Of one run of each setting.
+        slopes: Differences of the nominal machine for one standard deviation of each constant, shape (n, constants),
+            per setting.
         problem: Simulator and constants.
         runner: Makes the runs.
         constants: Of the model.
 
     """
-    used = [(setting, each) for setting, each in zip(settings, scatter, strict=True) if setting.references]
+    every = zip(settings, scatter, slopes, strict=True)
+    referenced = [(setting, own, slope) for setting, own, slope in every if setting.references]
+    used = [(setting, own) for setting, own, _ in referenced]
     if not used or not problem.constants:
         return uncalibrated(problem)
     target = np.concatenate([setting.reference_features.mean(axis=0) for setting, _ in used])
@@ -104,10 +112,12 @@ def calibrate(
     if left <= 1.0:
         # Within healthy scatter the machine is as drawn: what would move is noise, which contact makes large again.
         return replace(uncalibrated(problem), before=left, after=left)
-    for _ in range(constants.calibration_steps):
-        moved = [place + step for step in np.eye(count)]
-        jacobian = np.array([current - each for each in residuals(moved, "calibrating")]).T
-        jacobian[~np.isfinite(jacobian)] = 0.0
+    jacobian = np.concatenate([slope for _, _, slope in referenced])
+    for turn in range(constants.calibration_steps):
+        if turn > 0:
+            moved = [place + step for step in np.eye(count)]
+            jacobian = np.array([current - each for each in residuals(moved, "calibrating")]).T
+            jacobian[~np.isfinite(jacobian)] = 0.0
         step = np.zeros(count)
         total = variance
         for _ in range(TURNS):
@@ -123,6 +133,8 @@ def calibrate(
                 break
             step = step / 2.0
         else:
+            break
+        if float((np.square(current) / variance).mean()) <= 1.0:
             break
     after = float((np.square(current) / variance).mean())
     deviations = {each.name: float(x) for each, x in zip(problem.constants, place, strict=True)}

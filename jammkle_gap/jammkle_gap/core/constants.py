@@ -33,6 +33,9 @@ class Constants:
     # Calibration.
     calibration_steps: int = 3
     """Gauss-Newton steps. Chosen: a fourth takes off less than a tenth of what is left, on development landings."""
+    calibrated: float = 1.0
+    """What references leave of the calibrated machine per feature, in their scatter's variance, up to which it is taken
+    for the machine: it then is as near as another run. Beyond it, the nominal one is tried as well."""
 
     # Search.
     refined: int = 8

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.screen import Screening
     from jammkle_gap.core.search import Provisional
     from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Progress, Stop
@@ -111,14 +112,20 @@ def evidence_of(
         dictionary_of((setting.references or setting.faulty)[0], problem, runner, constants, folder)
         for setting in settings
     ]
-    residuals = residuals_of(settings, runner, {})
+    nominal = residuals_of(settings, runner, {})
+    residuals: Sequence[Residuals] = nominal
     settings = with_readings(settings, problem, runner)
     difference = _difference(settings, residuals, dictionaries, problem, runner, uncalibrated(problem), constants)
-    calibration = calibrate(settings, difference.scatter, problem, runner, constants)
+    slopes = [
+        _laid(each.constants, each, setting, problem) for each, setting in zip(dictionaries, settings, strict=True)
+    ]
+    calibration = calibrate(settings, difference.scatter, slopes, problem, runner, constants)
     machine: Mapping[str, float] = {}
     complete = all(setting.references for setting in settings)
     if not any(setting.references for setting in settings):
-        residuals, difference, machine = _linearised(settings, residuals, difference, problem, runner, constants)
+        residuals, difference, machine = _linearised(
+            settings, residuals, difference, slopes, problem, runner, constants
+        )
     elif not complete:
         # Where references are missing, what is known of the machine is all there is.
         residuals = residuals_of(settings, runner, calibration.values) if calibration.values else residuals
@@ -126,14 +133,12 @@ def evidence_of(
         machine = calibration.values
     signatures = grid_signatures(problem, settings, dictionaries, difference)
     classes = classes_of(grids_of(problem), signatures, constants)
-    screening = screen(problem, settings, signatures, difference, machine, runner)
     if complete and calibration.after < calibration.before:
-        again = residuals_of(settings, runner, calibration.values)
-        other = replace(difference, whitened=difference.whiten([each.difference for each in again]))
-        calibrated = screen(problem, settings, signatures, other, calibration.values, runner)
-        # Two machines are on offer, as drawn and as calibrated: the one counts in which an effect explains more.
-        if calibrated.left < screening.left:
-            residuals, difference, screening, machine = again, other, calibrated, calibration.values
+        residuals, difference, machine, screening = _better_machine(
+            settings, signatures, residuals, difference, calibration, problem, runner, constants
+        )
+    else:
+        screening = screen(problem, settings, signatures, difference, machine, runner)
     if provisional is not None:
         length = max(float(difference.whitened @ difference.whitened), 1.0)
         shares = {name: min(max(gain / length, 0.0), 1.0) for name, gain in screening.gains.items()}
@@ -152,6 +157,7 @@ def evidence_of(
     return Evidence(
         problem,
         settings,
+        tuple(nominal),
         tuple(residuals),
         calibration,
         machine,
@@ -163,6 +169,42 @@ def evidence_of(
     )
 
 
+def _better_machine(
+    settings: Sequence[Setting],
+    signatures: Mapping[str, NDArray[np.float64]],
+    residuals: Sequence[Residuals],
+    difference: Difference,
+    calibration: Calibration,
+    problem: Problem,
+    runner: Runner,
+    constants: Constants,
+) -> tuple[Sequence[Residuals], Difference, Mapping[str, float], Screening]:
+    """Return residuals, difference, constants and screening of the calibrated machine, or of the nominal one.
+
+    Calibrated to within scatter it is the machine. Of two that are both wrong that counts in which an effect explains
+    more.
+
+    Args:
+        settings: Runs, all with references.
+        signatures: Whitened, of every effect's grid points.
+        residuals: Of the nominal machine.
+        difference: Of the nominal machine.
+        calibration: What to compare with.
+        problem: Simulator and library.
+        runner: Makes the runs.
+        constants: Of the model.
+
+    """
+    again = residuals_of(settings, runner, calibration.values)
+    other = replace(difference, whitened=difference.whiten([each.difference for each in again]))
+    screening = screen(problem, settings, signatures, other, calibration.values, runner)
+    if calibration.after > constants.calibrated:
+        nominal = screen(problem, settings, signatures, difference, {}, runner)
+        if nominal.left < screening.left:
+            return residuals, difference, {}, nominal
+    return again, other, calibration.values, screening
+
+
 def _difference(
     settings: Sequence[Setting],
     residuals: Sequence[Residuals],
@@ -172,20 +214,23 @@ def _difference(
     calibration: Calibration,
     constants: Constants,
 ) -> Difference:
-    def laid(rows: NDArray[np.float64], k: int) -> NDArray[np.float64]:
-        columns = dictionaries[k].laid(settings[k].layout, rows, problem, settings[k].faulty[0])
-        return np.ascontiguousarray(columns.T)
-
-    nuisances = [laid(dictionary.scatter, k) for k, dictionary in enumerate(dictionaries)]
-    contact = [laid(dictionary.contact, k) for k, dictionary in enumerate(dictionaries)]
+    pairs = list(zip(dictionaries, settings, strict=True))
+    nuisances = [_laid(dictionary.scatter, dictionary, setting, problem) for dictionary, setting in pairs]
+    contact = [_laid(dictionary.contact, dictionary, setting, problem) for dictionary, setting in pairs]
     shared = _shared(settings, problem, runner, calibration)
     return difference_of(settings, residuals, nuisances, contact, shared, constants)
+
+
+def _laid(rows: NDArray[np.float64], dictionary: Dictionary, setting: Setting, problem: Problem) -> NDArray[np.float64]:
+    """Return differences of a dictionary as columns in the features of a setting, shape (n, differences)."""
+    return np.ascontiguousarray(dictionary.laid(setting.layout, rows, problem, setting.faulty[0]).T)
 
 
 def _linearised(
     settings: Sequence[Setting],
     residuals: Sequence[Residuals],
     difference: Difference,
+    slopes: Sequence[NDArray[np.float64]],
     problem: Problem,
     runner: Runner,
     constants: Constants,
@@ -202,7 +247,7 @@ def _linearised(
     asked = [
         replace(setting, references=setting.faulty, reference_features=setting.faulty_features) for setting in settings
     ]
-    found = calibrate(asked, difference.scatter, problem, runner, constants)
+    found = calibrate(asked, difference.scatter, slopes, problem, runner, constants)
     if not found.values:
         return list(residuals), difference, {}
     shared = _shared(settings, problem, runner, replace(uncalibrated(problem), values=found.values))

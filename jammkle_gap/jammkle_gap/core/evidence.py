@@ -20,7 +20,10 @@ class Evidence:
 
     problem: Problem
     settings: tuple[Setting, ...]
+    nominal: tuple[Residuals, ...]
+    """Of the machine as drawn."""
     residuals: tuple[Residuals, ...]
+    """Of the machine that signatures were simulated with."""
     calibration: Calibration
     machine: Mapping[str, float]
     """Constants that signatures were simulated with: calibrated, or none where the nominal machine explains more."""

@@ -97,7 +97,7 @@ def _foreign(evidence: Evidence, constants: Constants) -> str:
     """Return a note where the simulator agrees with the recordings in question far better than with the references."""
     left = {"faulty": 0.0, "references": 0.0}
     size = 0
-    for setting, each, scatter in zip(evidence.settings, evidence.residuals, evidence.difference.scatter, strict=True):
+    for setting, each, scatter in zip(evidence.settings, evidence.nominal, evidence.difference.scatter, strict=True):
         if not setting.references:
             continue
         variance = scatter.variance + np.square(scatter.columns).sum(axis=1)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.effects import Effect
     from jammkle_gap.core.simulate import Problem, Runner
 
-_FORMAT = 3
+_FORMAT = 4
 """Of the files."""
 
 
@@ -51,6 +51,8 @@ class Dictionary:
     """Differences for one standard deviation of each nuisance, shape (nuisances, n)."""
     contact: NDArray[np.float64]
     """What scattered runs differ by that is not linear in the nuisances, as columns, shape (columns, n)."""
+    constants: NDArray[np.float64]
+    """Differences for one standard deviation of each constant of the machine, shape (constants, n)."""
 
     def laid(
         self, layout: Layout, differences: NDArray[np.float64], problem: Problem, run: Recording
@@ -136,9 +138,10 @@ def cache_folder() -> Path:
 def _scattered(
     recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants
 ) -> Dictionary:
-    """Return a dictionary without effects: the nominal run, nuisances, and scattered runs."""
+    """Return a dictionary without effects: the nominal run, nuisances, constants of the machine, and scattered runs."""
     tasks = [Task(recording, layout, {})]
-    tasks += [Task(recording, layout, {each.name: each.null + each.sigma}) for each in problem.scatter]
+    singles = (*problem.scatter, *problem.constants)
+    tasks += [Task(recording, layout, {each.name: each.null + each.sigma}) for each in singles]
     draws = np.random.default_rng(0).standard_normal((constants.contact_runs, len(problem.scatter)))
     for draw in draws.tolist():
         values = {each.name: each.null + each.sigma * x for each, x in zip(problem.scatter, draw, strict=True)}
@@ -147,9 +150,9 @@ def _scattered(
     # A signal that the simulator does not give is NaN throughout, and not compared.
     nominal = features[0]
     differences = np.nan_to_num(features[1:] - nominal)
-    scatter = differences[: len(problem.scatter)]
-    contact = _contact(differences[len(problem.scatter) :], draws, scatter, layout, constants)
-    return Dictionary(layout, nominal, {}, scatter, contact)
+    scatter, machine, drawn = np.split(differences, [len(problem.scatter), len(singles)])
+    contact = _contact(drawn, draws, scatter, layout, constants)
+    return Dictionary(layout, nominal, {}, scatter, contact, machine)
 
 
 def _simulated(
@@ -187,7 +190,7 @@ def _contact(
 
 def _digest(recording: Recording, layout: Layout, problem: Problem, constants: Constants) -> str:
     parts = [_FORMAT, problem.version, problem.group_of(recording), layout.signals, layout.bin_s, list(layout.event_s)]
-    parts += [[each.name, each.null, each.sigma] for each in problem.scatter]
+    parts += [[each.name, each.null, each.sigma] for each in (*problem.scatter, *problem.constants)]
     parts += [constants.contact_runs, constants.contact_columns]
     return hashlib.blake2b(json.dumps(parts).encode(), digest_size=16).hexdigest()
 
@@ -199,7 +202,7 @@ def _read(path: Path, layout: Layout) -> Dictionary | None:
             events = dict(zip(layout.event_s, stored["event_s"].tolist(), strict=True))
             bins = int(stored["bins"])
             own = Layout(layout.signals, layout.units, layout.bin_s, bins, events, stored["floor"])
-            return Dictionary(own, stored["nominal"], {}, stored["scatter"], stored["contact"])
+            return Dictionary(own, stored["nominal"], {}, stored["scatter"], stored["contact"], stored["constants"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
 
@@ -217,6 +220,7 @@ def _write(path: Path, dictionary: Dictionary) -> None:
                 "nominal": dictionary.nominal,
                 "scatter": dictionary.scatter,
                 "contact": dictionary.contact,
+                "constants": dictionary.constants,
             }
             np.savez(file, **arrays)
         Path(file.name).replace(path)
