@@ -33,9 +33,6 @@ class Constants:
     # Calibration.
     calibration_steps: int = 3
     """Gauss-Newton steps. Chosen: a fourth takes off less than a tenth of what is left, on development landings."""
-    calibrated: float = 1.0
-    """What references leave of the calibrated machine per feature, in their scatter's variance, up to which it is taken
-    for the machine: it then is as near as another run. Beyond it, the nominal one is tried as well."""
 
     # Search.
     refined: int = 8
@@ -43,7 +40,8 @@ class Constants:
     refined_pairs: int = 8
     """Pairs that are: half of them by the grids alone, half from a fitted single effect on."""
     paired: int = 4
-    """Fitted single effects that every other is looked for beside. Chosen: half of those fitted."""
+    """Fitted single effects that every other is looked for beside, and whose fit goes on where much is left. Chosen:
+    half of those fitted."""
     fit_evaluations: int = 8
     """Gauss-Newton steps of a fit. Chosen: a kinked line of 19 floors is left at 7 per feature, by four steps at 24."""
     fit_tolerance: float = 1e-3
