@@ -11,6 +11,7 @@ from scipy import stats
 
 from jammkle_gap import Constants, Library, Problem
 from jammkle_gap.core.compare import Difference, Residuals, beside, difference_of, settings_of
+from jammkle_gap.core.conformal import nonconformity, p_values
 from jammkle_gap.core.detect import detect, probability_of_gap
 from jammkle_gap.core.equivalence import class_names, classes_of
 from jammkle_gap.core.fit import Fit
@@ -101,6 +102,42 @@ def left_by(*lefts: float, names: tuple[str, ...] = ("one", "two", "three"), fea
 def posterior(length: float, fitted: list[Fit], classes: dict[str, str] | None = None):  # noqa: ANN201 - in a test
     """Return the posterior of candidates in four hundred features."""
     return posterior_of(length, 400, 1.0, 32.0, fitted, {}, classes or {}, CONSTANTS)
+
+
+def test_conformal_p_values_of_true_causes_are_uniform() -> None:
+    """Effects that the library has slightly wrong: as many lie below a level as it says, whatever their scale."""
+    random = np.random.default_rng(4)
+
+    def left(share: float) -> tuple[Difference, Fit]:
+        difference = whitened(random, 40.0)
+        noise = difference.healthy * difference.whitened.size
+        beyond = float(difference.whitened @ difference.whitened) - noise
+        return difference, replace(fits(difference)[0], left=noise + share * beyond)
+
+    shares = random.gamma(2.0, 0.05, 400)
+    known = [nonconformity(*left(share), CONSTANTS) for share in shares[:200]]
+    found = []
+    for share in shares[200:]:
+        difference, fit = left(share)
+        found.append(p_values(difference, [fit], known, CONSTANTS)["e0"])
+    assert stats.kstest(found, "uniform").pvalue > 0.01
+    difference, fit = left(0.99)
+    assert p_values(difference, [fit], known, CONSTANTS)["e0"] == pytest.approx(1 / 201)
+    assert p_values(difference, [fit], [*known, np.inf], CONSTANTS)["e0"] == pytest.approx(2 / 202)
+    assert p_values(difference, [fit], [], CONSTANTS) == {}
+
+
+def test_the_larger_a_gap_the_more_a_second_effect_must_explain() -> None:
+    """What one leaves of a small gap another must explain; a five hundredth of a huge one is the simulator's error."""
+
+    def pair_over_single(length: float) -> float:
+        (single,) = left_by(1000.0)
+        pair = replace(single, names=("one", "two"), values={"one.p": 1.0, "two.p": 1.0}, left=600.0)
+        found = posterior(length, [single, pair]).probabilities
+        return found.get(("one", "two"), 0.0) / found["one",]
+
+    assert pair_over_single(3000.0) > 1.0
+    assert pair_over_single(3e5) == 0.0
 
 
 def test_probabilities_add_to_one_and_follow_what_is_left() -> None:
@@ -213,8 +250,8 @@ def test_beside_no_error_the_difference_is_as_it_was() -> None:
 
 def test_the_probability_of_a_gap_falls_with_the_p_value() -> None:
     """Even odds turn where gaps and healthy machines give a p-value as often: below it a gap is likelier."""
-    p_values = np.logspace(-12, 0, 40)
-    found = [probability_of_gap(float(each), CONSTANTS) for each in p_values]
+    chances = np.logspace(-12, 0, 40)
+    found = [probability_of_gap(float(each), CONSTANTS) for each in chances]
     assert (np.diff(found) < 0.0).all()
     even = CONSTANTS.gap_shape ** (1.0 / (1.0 - CONSTANTS.gap_shape))
     assert probability_of_gap(even, CONSTANTS) == pytest.approx(0.5)

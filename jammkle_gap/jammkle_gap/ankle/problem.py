@@ -7,6 +7,7 @@ from functools import lru_cache
 from importlib import metadata, resources
 from typing import TYPE_CHECKING
 
+from jammkle_gap.ankle.conformity import known_nonconformity
 from jammkle_gap.ankle.effects import ankle_library, machine_constants, run_scatter
 from jammkle_gap.ankle.priors import PriorParameter
 from jammkle_gap.ankle.registrar import AnkleRegistrar
@@ -41,6 +42,7 @@ def ankle_problem(library: Library | None = None) -> Problem:
         bin_s=bin_s,
         version=version(),
         group_of=group_of,
+        conformity=known_nonconformity,
     )
 
 

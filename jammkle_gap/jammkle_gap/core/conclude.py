@@ -83,7 +83,8 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         chosen = [fits[names] for names in named]
         following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
-    known = evidence.problem.conformity(evidence.settings[0].faulty[0])
+    # Without references the simulator's own error does not cancel: what was known with them is no measure.
+    known = evidence.problem.conformity(evidence.settings[0].faulty[0]) if referenced.all() else ()
     left = _left(evidence, best)
     return Diagnosis(
         verdict=verdict,
@@ -93,7 +94,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
             for names in credible
         ),
         posterior=posterior.probabilities,
-        conformal=p_values(difference, candidates.singles, known),
+        conformal=p_values(difference, candidates.singles, known, constants),
         gap_probability=detection.probability,
         p_value=detection.p_value,
         false_alarm_rate=constants.false_alarm_rate,

@@ -66,10 +66,12 @@ class Constants:
 
     # Posterior. Those said to be learned maximise the probability of the truth over 112 cases of the reality with
     # development seed 11: five rigs, single effects, pairs, and causes outside the library.
-    discrepancy_freedom: float = 24.0
+    discrepancy_freedom: float = 16.0
     """Degrees of freedom of the simulator's own error; fewer where signals and blocks of time together are. Learned."""
     discrepancy_share: float = 0.3
     """Prior scale of what the true effect leaves per feature, in what healthy runs leave. Learned."""
+    discrepancy_of_gap: float = 0.05
+    """The same in the gap's own square: a large effect is off by more than a small one. Learned."""
     own_error_share: float = 1.0
     """Prior scale of the simulator's own error in a block without references, in the variance of scatter there. Chosen:
     as much as scatter, since nothing cancels it."""

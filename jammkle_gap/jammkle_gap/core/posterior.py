@@ -3,7 +3,8 @@
 The library's effect is not the machine's: what the true one leaves beyond healthy scatter is the simulator's own error,
 of unknown size. With an inverse-gamma prior on its variance the likelihood of a candidate is that of a multivariate t
 distribution of what it leaves (Gelman et al., Bayesian Data Analysis, 3rd ed., sec. 3.6), in the degrees of freedom
-that such an error really has: it hangs together over time, so they are far fewer than the features.
+that such an error really has: it hangs together over time, so they are far fewer than the features. The larger a gap,
+the larger is that error: its prior scale is a share of healthy scatter and one of the gap.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def posterior_of(
     least = min((fit.left for fit in fits), default=length)
     # A fit may leave less than healthy runs do, by chance or by flexibility: then that is the measure of all.
     noise = min(healthy * features, least)
-    scale = constants.discrepancy_share * features * healthy
+    scale = error_scale(length, noise, constants)
     scores: dict[Names, float] = {}
     for fit in fits:
         score = _score(fit.left - noise, scale, freedom) - constants.pair_penalty * (len(fit.names) - 1)
@@ -84,6 +85,18 @@ def posterior_of(
     total = sum(weights.values())
     ranked = dict(sorted(((names, weight / total) for names, weight in weights.items()), key=lambda item: -item[1]))
     return Posterior(ranked, credible_set(ranked, classes, constants.credible))
+
+
+def error_scale(length: float, noise: float, constants: Constants) -> float:
+    """Return the prior scale of the simulator's own error, in squared whitened features.
+
+    Args:
+        length: Squared length of the difference.
+        noise: What healthy runs leave of it.
+        constants: Its share of either.
+
+    """
+    return constants.discrepancy_share * noise + constants.discrepancy_of_gap * max(length - noise, 0.0)
 
 
 def credible_set(ranked: Mapping[Names, float], classes: Mapping[str, str], share: float) -> tuple[Names, ...]:

@@ -175,7 +175,7 @@ class Diagnosis:
     posterior: Mapping[tuple[str, ...], float]
     """Probability of every candidate, and of none of them, (), given a gap; largest first."""
     conformal: Mapping[str, float]
-    """p-value of each single effect as the cause by what true causes left on simulated machines; see `conformal`."""
+    """p-value of each single effect as the cause by what true causes left on known machines; see `conformal`."""
     gap_probability: float
     """That there is a gap."""
     p_value: float

@@ -111,7 +111,7 @@ class Problem:
     group_of: Callable[[Recording], str] = lambda recording: recording.setting
     """Text that is the same for recordings whose signatures are the same; empty: none is kept on disk."""
     conformity: Callable[[Recording], Sequence[float]] = lambda _: ()
-    """Nonconformity of true causes on simulated machines like that of a recording; see `conformal`."""
+    """Nonconformity of true causes on machines like that of a recording; see `conformal`."""
 
 
 @dataclass(frozen=True)
