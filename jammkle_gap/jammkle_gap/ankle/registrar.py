@@ -41,9 +41,9 @@ class AnkleRegistrar:
         """Return the times of events by name, s; those that did not happen are left out.
 
         Touch-down of a drop or landing: by the IMU, else the carriage, else the ankle's angles; the end of a drop's
-        first bounce by the IMU alone. On the slip rig first contact and onset of the slide by the load cell, the contact
-        without one by the ankle's angles, and by these the breakaway; the IMU is on the driven carriage and feels none
-        of it. The tensile and the pressure rig have none.
+        first bounce by the IMU alone. On the slip rig first contact and onset of the slide by the load cell, without
+        one the contact by the ankle's angles, and by these the breakaway; the IMU is on the driven carriage and feels
+        none of it. The tensile and the pressure rig have none.
 
         Args:
             recording: Times of the samples, and which rig was run.
@@ -72,9 +72,9 @@ class AnkleRegistrar:
         simulator then leaves half of the acceleration's residual, 1.1 for 2.3 m/s^2. A landing hardly bounces, and the
         simulator's may not: with it a payload leaves 9.1 per feature, without it 6.7.
 
-        What is pushed down a slope, at contact and breakaway: friction scatters, and with it when the grip is lost. Over
-        repeats on the reality the pitch then scatters by 4 to 6 mrad, where registered at the breakaway alone it does by
-        9 to 14. The IMU of that rig follows the carriage.
+        What is pushed down a slope, at contact and breakaway: friction scatters, and with it when the grip is lost.
+        Over repeats on the reality the pitch then scatters by 4 to 6 mrad, registered at the breakaway alone by 9 to
+        14. The IMU of that rig follows the carriage.
         """
         rig, quantity = recording.inputs.rig, quantity_of(signal)
         if rig in FALLING_RIGS and quantity != PRESSURE:
