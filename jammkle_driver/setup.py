@@ -19,5 +19,8 @@ setup(
     maintainer_email="maintainers@jammkle.example",
     description="Pump and solenoids of a jammable ankle as topics and services.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["driver = jammkle_driver.__main__:main"]},
+    entry_points={
+        "console_scripts": ["driver = jammkle_driver.__main__:main"],
+        "jammkle.hardware": ["sim = jammkle_driver.simulated_hardware:SimulatedHardware"],
+    },
 )

@@ -11,15 +11,16 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_driver.conversions import pressure_sample, seconds, wishes
+from jammkle_driver.conversions import seconds, wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.link import LinkGuard
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.hardware_choice import HardwareContext, check_hardware, make_hardware
 from jammkle_driver.health import health_lines
 from jammkle_driver.outputs import Outputs
 from jammkle_driver.parameters import DriverParameters
-from jammkle_driver.simulated_hardware import SimulatedHardware
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.names import (
@@ -42,9 +43,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from lifecycle_msgs.srv import ChangeState
-    from sensor_msgs.msg import FluidPressure
 
-    from jammkle_driver.core.hardware import Hardware
+    from jammkle_driver.core.hardware import Hardware, PressureSample
     from jammkle_graph.diagnostics import Health
     from jammkle_graph.names import Service
 
@@ -71,11 +71,13 @@ class DriverNode(LifecycleNode):
         super().__init__(DRIVER_NODE, **node_options)
         self._refuse_bad_transitions()
         self._values = declare(self, DriverParameters)
+        check_hardware(self._values.hardware)
         on_change(self, DriverParameters, self._take_parameters)
         self._driver = Driver(CHANNELS, self._values.settings())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
+        self._link_guard = LinkGuard()
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
         self._faults: tuple[str, ...] = ()
@@ -93,7 +95,10 @@ class DriverNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs = Outputs(self)
-        self._hardware = SimulatedHardware(self, self._on_pressure)
+        self._link_guard = LinkGuard()
+        self._hardware = make_hardware(
+            HardwareContext(self, self._on_sample, lambda: self._values.ambient_pressure_pa, self._values)
+        )
         self._create_subscriptions()
         self._create_services()
         for period_s, callback in ((TICK_PERIOD_S, self._on_tick), (STATE_PERIOD_S, self._repeat_state)):
@@ -175,7 +180,7 @@ class DriverNode(LifecycleNode):
             (Unjam, UNJAM, lambda request: self._driver.unjam(request.channels, UNJAM.name)),
             (Trigger, JAM_ALL, lambda _request: self._driver.jam((), 0.0, JAM_ALL.name)),
             (Trigger, UNJAM_ALL, lambda _request: self._driver.unjam((), UNJAM_ALL.name)),
-            (Trigger, CLEAR_FAULT, lambda _request: self._driver.clear_fault(self._now())),
+            (Trigger, CLEAR_FAULT, lambda _request: self._clear_fault()),
         ]
         answers += [(SetBool, service, partial(self._switch, channel)) for channel, service in CHANNEL_JAMS.items()]
         for kind, service, answer in answers:
@@ -198,9 +203,8 @@ class DriverNode(LifecycleNode):
         self._settle()
         return response
 
-    def _on_pressure(self, place: str, message: FluidPressure) -> None:
-        now = self._now()
-        self._driver.measure(pressure_sample(place, message, self._values.ambient_pressure_pa, now.graph_s), now)
+    def _on_sample(self, sample: PressureSample) -> None:
+        self._driver.measure(sample, self._now())
         self._settle()
 
     def _on_jam_command(self, message: JamCommand) -> None:
@@ -220,7 +224,23 @@ class DriverNode(LifecycleNode):
         self._driver.emergency_stop(stop=message.data, now=self._now())
         self._settle()
 
+    def _clear_fault(self) -> str:
+        cleared = self._driver.clear_fault(self._now())
+        self._link_guard.clear()
+        if self._hardware is not None:
+            self._hardware.acknowledge()
+        return cleared
+
+    def _look_at_link(self, hardware: Hardware) -> None:
+        verdict = self._link_guard.look(hardware.link, jammed=self._driver.jammed)
+        if verdict.fault:
+            self._driver.fail(verdict.fault)
+        if verdict.acknowledge:
+            hardware.acknowledge()
+
     def _on_tick(self) -> None:
+        if self._hardware is not None:
+            self._look_at_link(self._hardware)
         self._driver.tick(self._now())
         if self._outputs is not None and self._hardware is not None:
             self._hardware.apply(self._driver.command)
@@ -253,7 +273,8 @@ class DriverNode(LifecycleNode):
 
     def _health(self) -> tuple[Health, ...]:
         _identifier, label = self._state_machine.current_state
-        return health_lines(self._driver.status, label, self._refused_command)
+        link = None if self._hardware is None else self._hardware.link
+        return health_lines(self._driver.status, label, self._refused_command, link)
 
     def _now(self) -> Instant:
         return Instant(seconds(self._steady.now()), seconds(self.get_clock().now()))

@@ -22,7 +22,22 @@ class DriverParameters:
     """
 
     autostart: bool = parameter(default=True, description="Configure and activate the node by itself at start")
-    hardware: str = parameter("sim", "What is driven; sim: the topics of the simulation", choices=("sim",))
+    hardware: str = parameter(
+        "sim",
+        "What is driven; sim: the topics of the simulation; modbus: a board; or a name that an installed package "
+        "brings along (entry point of jammkle.hardware)",
+    )
+    port: str = parameter(
+        "",
+        "Where the board is: a serial device, best its /dev/serial/by-id name or the udev rule's /dev/jammkle_board, "
+        "or tcp://HOST[:PORT]",
+    )
+    board_file: str = parameter("", "YAML file that says how the board is wired; empty: config/board.yaml")
+    safe_state: str = parameter(
+        "vent",
+        "What jammed tendons do when their commands fall silent; vent: soften; hold: stay connected, pump off",
+        choices=("vent", "hold"),
+    )
     ambient_pressure_pa: float = parameter(
         STANDARD_ATMOSPHERE_PA,
         "Pressure of the atmosphere, from which vacuum is counted",

@@ -240,6 +240,17 @@ class Driver:
             self._regulated_at_s = sample.stamp_s
             self._regulate(since_s if math.isfinite(since_s) else 0.0)
 
+    @property
+    def jammed(self) -> bool:
+        """Whether a channel is asked to jam."""
+        return any(channel.set_point_pa > 0.0 for channel in self._channels.values())
+
+    def fail(self, reason: str) -> None:
+        """Put every channel into FAULT: what drives them has failed."""
+        for channel in self._channels.values():
+            channel.fail(reason)
+        self._regulate(0.0)
+
     def tick(self, now: Instant) -> None:
         """Look at the clocks: vent, fail or stop what has gone silent. To be called several times a second."""
         for name, channel in self._channels.items():

@@ -1,0 +1,47 @@
+"""What the state of the link means for the driver, and how hardware is found by name."""
+
+from __future__ import annotations
+
+import pytest
+
+from jammkle_driver.core.hardware import LinkState, LinkStatus, SafeCause
+from jammkle_driver.core.link import LinkGuard
+from jammkle_driver.hardware_choice import check_hardware
+from jammkle_graph.parameters import ParameterError
+
+HEALTHY = LinkStatus(LinkState.CONNECTED)
+LATCHED = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.HOST_SILENT}))
+LOST = LinkStatus(LinkState.LOST, "no such file")
+
+
+def test_a_board_that_latched_while_idle_is_acknowledged_at_once() -> None:
+    """A board that was just plugged in asks nobody for permission: nothing could go on jamming by itself."""
+    guard = LinkGuard()
+    assert guard.look(LATCHED, jammed=False).acknowledge
+    assert not guard.look(HEALTHY, jammed=False).acknowledge
+
+
+@pytest.mark.parametrize("broken", [LATCHED, LOST])
+def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> None:
+    """After a fault the latched board stays as it is, also over an unplug, until it is cleared."""
+    guard = LinkGuard()
+    assert "~/clear_fault" in guard.look(broken, jammed=True).fault
+    for link in (broken, LOST, LATCHED, LATCHED):
+        assert not guard.look(link, jammed=False).acknowledge
+    guard.clear()
+    assert guard.look(LATCHED, jammed=False).acknowledge
+
+
+def test_a_link_that_is_well_asks_for_nothing() -> None:
+    """Nothing is failed and nothing acknowledged where nothing is wrong."""
+    for jammed in (True, False):
+        verdict = LinkGuard().look(HEALTHY, jammed=jammed)
+        assert not verdict.fault
+        assert not verdict.acknowledge
+
+
+def test_hardware_that_nobody_brings_along_is_refused() -> None:
+    """The error names what there is."""
+    check_hardware("sim")
+    with pytest.raises(ParameterError, match=r"serial.*sim"):
+        check_hardware("serial")
