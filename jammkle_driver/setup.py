@@ -8,6 +8,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
+    package_data={NAME: ["board/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -21,6 +22,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": ["driver = jammkle_driver.__main__:main"],
-        "jammkle.hardware": ["sim = jammkle_driver.simulated_hardware:SimulatedHardware"],
+        "jammkle.hardware": [
+            "sim = jammkle_driver.simulated_hardware:SimulatedHardware",
+            "modbus = jammkle_driver.board_hardware:BoardHardware",
+        ],
     },
 )

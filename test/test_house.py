@@ -34,6 +34,7 @@ PURE = (
     "jammkle_graph.bags.writing",
     "jammkle_graph.command",
     "jammkle_graph.parameters",
+    "jammkle_driver.board",
     "jammkle_driver.core",
     "jammkle_controller.core",
     "jammkle_sim.physics",

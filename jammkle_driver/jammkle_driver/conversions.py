@@ -8,18 +8,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool, Float32
 
 from jammkle_driver.core.hardware import PressureSample
 from jammkle_driver.core.requests import Wish
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_msgs.msg import ChannelJamState, JamCommand, JamState
+from jammkle_msgs.msg import ActuatorStates, ChannelJamState, JamCommand, JamState
 
 if TYPE_CHECKING:
     import rclpy.time
     from builtin_interfaces.msg import Time
-    from sensor_msgs.msg import FluidPressure
 
+    from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.core.status import DriverStatus
 
 
@@ -47,6 +48,22 @@ def pressure_sample(place: str, message: FluidPressure, ambient_pa: float, recei
     """Return the reading in `message`; one without a stamp gets `received_s`, the graph's time of arrival, s."""
     stamp_s = stamp_seconds(message.header.stamp) or received_s
     return PressureSample(place, vacuum_from_pressure(message.fluid_pressure, ambient_pa), stamp_s)
+
+
+def pressure_message(absolute_pa: float, stamp: Time) -> FluidPressure:
+    """Return the message for one pressure, absolute, Pa; its variance is not known."""
+    message = FluidPressure(fluid_pressure=absolute_pa)
+    message.header.stamp = stamp
+    return message
+
+
+def actuator_states_message(taken: ActuatorCommand, stamp: Time) -> ActuatorStates:
+    """Return what the hardware has taken as a message."""
+    message = ActuatorStates(
+        pump_duty=taken.pump_duty, channels=list(taken.solenoids), energised=list(taken.solenoids.values())
+    )
+    message.header.stamp = stamp
+    return message
 
 
 def wishes(message: JamCommand) -> tuple[Wish, ...]:
