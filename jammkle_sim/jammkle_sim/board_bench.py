@@ -26,6 +26,7 @@ from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import TracebackType
 
 _PERIOD_S = 0.002
@@ -76,27 +77,20 @@ class BoardBench:
         self.edges: list[Edge] = []
         self.override_uv: dict[int, int] = {}
         """Voltage at analogue pins whose sensor is not asked, uV, by pin: a broken wire, a stuck sensor."""
-        self._port = port
         self._folder = tempfile.TemporaryDirectory(prefix="jammkle_board")
         self._stop = threading.Event()
         path = Path(self._folder.name, "pins")
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as server:
             server.bind(str(path))
             server.listen(1)
-            server.settimeout(_START_TIMEOUT_S)
             options = ["-l", str(port), "-p", str(path), "-b", str(baud)]
             options += [] if store is None else ["-s", str(store)]
             self.process = subprocess.Popen([*command, *options])  # noqa: S603 - the project's own firmware
+            self._await(lambda: bool(select.select([server], [], [], _PERIOD_S)[0]), "connected to no pins")
             self._pins, _ = server.accept()
         self._thread = threading.Thread(target=self._run, name="plant", daemon=True)
         self._thread.start()
-        deadline_s = time.monotonic() + _START_TIMEOUT_S
-        while not port.exists():
-            if time.monotonic() > deadline_s or self.process.poll() is not None:
-                self.close()
-                msg = f"the firmware made no serial device {port}"
-                raise TimeoutError(msg)
-            time.sleep(_PERIOD_S)
+        self._await(port.exists, f"made no serial device {port}")
 
     @property
     def released(self) -> bool:
@@ -126,6 +120,16 @@ class BoardBench:
     ) -> None:
         """Close."""
         self.close()
+
+    def _await(self, holds: Callable[[], bool], failed: str) -> None:
+        deadline_s = time.monotonic() + _START_TIMEOUT_S
+        while not holds():
+            if time.monotonic() > deadline_s or self.process.poll() is not None:
+                self.process.kill()
+                self.process.wait()
+                msg = f"the firmware {self.process.args!r} {failed}"
+                raise TimeoutError(msg)
+            time.sleep(_PERIOD_S)
 
     def _run(self) -> None:
         last_s = time.monotonic()

@@ -232,7 +232,7 @@ uint8_t map_write_coils(uint16_t address, uint16_t count, const uint8_t *packed)
     memcpy(wanted, board.holding, sizeof wanted);
     for (uint16_t i = 0; i < count; i++) {
         uint16_t bit = (uint16_t)(1u << (address + i));
-        if ((packed[i / 8] >> (i % 8)) & 1u)
+        if (packed[i / 8] & (1u << (i % 8)))
             wanted[HOLDING_OUTPUTS] |= bit;
         else
             wanted[HOLDING_OUTPUTS] &= (uint16_t)~bit;
