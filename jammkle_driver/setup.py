@@ -24,6 +24,7 @@ setup(
         "console_scripts": ["driver = jammkle_driver.__main__:main"],
         "jammkle.hardware": [
             "sim = jammkle_driver.simulated_hardware:SimulatedHardware",
+            "fake = jammkle_driver.fake_hardware:FakeHardware",
             "modbus = jammkle_driver.board_hardware:BoardHardware",
         ],
     },

@@ -14,7 +14,7 @@ from std_msgs.msg import Bool, Float32
 from jammkle_driver.core.hardware import PressureSample
 from jammkle_driver.core.requests import Wish
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_msgs.msg import ActuatorStates, ChannelJamState, JamCommand, JamState
+from jammkle_msgs.msg import ActuatorStates, ChannelJamState, Fault, JamCommand, JamState
 
 if TYPE_CHECKING:
     import rclpy.time
@@ -81,7 +81,7 @@ def duty_message(duty: float) -> Float32:
     return Float32(data=duty)
 
 
-def jam_state_message(status: DriverStatus, stamp: Time) -> JamState:
+def jam_state_message(status: DriverStatus, stamp: Time, refused_command: str = "") -> JamState:
     """Return what is known of the channels as a message; what is not measured is NaN."""
     message = JamState()
     message.header.stamp = stamp
@@ -94,9 +94,15 @@ def jam_state_message(status: DriverStatus, stamp: Time) -> JamState:
             commanded_vacuum_pa=channel.commanded_vacuum_pa,
             measured_vacuum_pa=_or_nan(channel.measured_vacuum_pa),
             reason=channel.reason,
+            fault=channel.fault.value,
         )
         for channel in status.channels
     ]
+    trouble = status.trouble
+    message.fault = Fault(reason=trouble.reason.value, text=trouble.text, action=trouble.action)
+    if status.limits is not None:
+        message.min_vacuum_pa, message.max_vacuum_pa = status.limits.minimum_pa, status.limits.maximum_pa
+    message.refused_command = refused_command
     return message
 
 

@@ -8,25 +8,28 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from jammkle_driver.conversions import seconds, wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.link import LinkGuard
-from jammkle_driver.core.requests import RequestError
+from jammkle_driver.core.hardware import REFERENCE_PA
+from jammkle_driver.core.link import LinkGuard, NoiseMeter
+from jammkle_driver.core.requests import RequestError, check_carried_out
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.hardware_choice import HardwareContext, check_hardware, make_hardware
-from jammkle_driver.health import health_lines
+from jammkle_driver.health import ankle_lines, health_lines
 from jammkle_driver.outputs import Outputs
-from jammkle_driver.parameters import DriverParameters
+from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.names import (
     CHANNEL_JAMS,
     CHANNELS,
     CLEAR_FAULT,
+    CLOCK,
     DRIVER_NODE,
     EMERGENCY_STOP,
     JAM,
@@ -36,11 +39,12 @@ from jammkle_graph.names import (
     UNJAM_ALL,
 )
 from jammkle_graph.qos import live_qos, subscriber_qos
+from jammkle_graph.roll_call import RollCall
 from jammkle_msgs.msg import JamCommand
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from lifecycle_msgs.srv import ChangeState
 
@@ -48,8 +52,8 @@ if TYPE_CHECKING:
     from jammkle_graph.diagnostics import Health
     from jammkle_graph.names import Service
 
-TICK_PERIOD_S = 0.05
-"""Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""
+CLOCK_TIMEOUT_S = 1.5
+"""Silence of /clock after which its maker is gone, s: a paused simulation repeats it every 0.5 s."""
 
 STATE_PERIOD_S = 1.0
 """jam_state is repeated this often on the steady clock, s."""
@@ -78,6 +82,9 @@ class DriverNode(LifecycleNode):
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
         self._link_guard = LinkGuard()
+        self._noise = NoiseMeter()
+        self._clock_heard_s = 0.0
+        self._roll_call = RollCall(self)
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
         self._faults: tuple[str, ...] = ()
@@ -91,13 +98,14 @@ class DriverNode(LifecycleNode):
     def shut_down(self) -> None:
         """Release everything, see to it that this gets out, and close; possible in every lifecycle state."""
         self._close()
+        self._diagnostics.farewell()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs = Outputs(self)
         self._link_guard = LinkGuard()
         self._hardware = make_hardware(
-            HardwareContext(self, self._on_sample, lambda: self._values.ambient_pressure_pa, self._values)
+            HardwareContext(self, self._on_sample, lambda: REFERENCE_PA, self._values)
         )
         self._create_subscriptions()
         self._create_services()
@@ -157,7 +165,7 @@ class DriverNode(LifecycleNode):
             return
         self._hardware.apply(self._driver.command)
         self._outputs.repeat_command(self._driver.command)
-        self._outputs.repeat_state(self._driver.status)
+        self._outputs.repeat_state(self._driver.status, self._refused_command)
         self._outputs.deliver()
         for close in (*self._closers, self._hardware.close, self._outputs.close):
             close()
@@ -170,16 +178,17 @@ class DriverNode(LifecycleNode):
             (JamCommand, JAM_COMMAND, self._on_jam_command, subscriber_qos(JAM_COMMAND)),
             (Bool, EMERGENCY_STOP, self._on_emergency_stop, subscriber_qos(EMERGENCY_STOP)),
             (Bool, EMERGENCY_STOP, self._on_emergency_stop, live_qos()),
+            (ClockMessage, CLOCK, self._on_clock, subscriber_qos(CLOCK)),
         ):
-            subscription = self.create_subscription(kind, topic.name, callback, qos)
+            subscription = self.create_subscription(kind, topic.name, callback, qos, raw=topic is CLOCK)
             self._closers.append(partial(self.destroy_subscription, subscription))
 
     def _create_services(self) -> None:
         answers: list[tuple[type, Service, Callable[[Any], str]]] = [
             (Jam, JAM, lambda request: self._driver.jam(request.channels, request.vacuum_pa, JAM.name)),
-            (Unjam, UNJAM, lambda request: self._driver.unjam(request.channels, UNJAM.name)),
+            (Unjam, UNJAM, lambda request: self._unjam(request.channels, UNJAM.name)),
             (Trigger, JAM_ALL, lambda _request: self._driver.jam((), 0.0, JAM_ALL.name)),
-            (Trigger, UNJAM_ALL, lambda _request: self._driver.unjam((), UNJAM_ALL.name)),
+            (Trigger, UNJAM_ALL, lambda _request: self._unjam((), UNJAM_ALL.name)),
             (Trigger, CLEAR_FAULT, lambda _request: self._clear_fault()),
         ]
         answers += [(SetBool, service, partial(self._switch, channel)) for channel, service in CHANNEL_JAMS.items()]
@@ -191,7 +200,7 @@ class DriverNode(LifecycleNode):
         asked_by = CHANNEL_JAMS[channel].name
         if request.data:
             return self._driver.jam((channel,), 0.0, asked_by)
-        return self._driver.unjam((channel,), asked_by)
+        return self._unjam((channel,), asked_by)
 
     def _serve(self, answer: Callable[[Any], str], request: Any, response: Any) -> Any:
         try:
@@ -202,6 +211,15 @@ class DriverNode(LifecycleNode):
             response.success = False
         self._settle()
         return response
+
+    def _unjam(self, channels: Sequence[str], asked_by: str) -> str:
+        answer = self._driver.unjam(channels, asked_by)
+        link = None if self._hardware is None else self._hardware.link
+        check_carried_out(self._driver.status, channels, link)
+        return answer
+
+    def _on_clock(self, _raw: bytes) -> None:
+        self._clock_heard_s = seconds(self._steady.now())
 
     def _on_sample(self, sample: PressureSample) -> None:
         self._driver.measure(sample, self._now())
@@ -234,14 +252,16 @@ class DriverNode(LifecycleNode):
     def _look_at_link(self, hardware: Hardware) -> None:
         verdict = self._link_guard.look(hardware.link, jammed=self._driver.jammed)
         if verdict.fault:
-            self._driver.fail(verdict.fault)
+            self._driver.fail(verdict.fault, verdict.reason)
+        if verdict.let_go:
+            self._driver.was_let_go(verdict.let_go)
         if verdict.acknowledge:
             hardware.acknowledge()
 
     def _on_tick(self) -> None:
+        self._driver.tick(self._now())
         if self._hardware is not None:
             self._look_at_link(self._hardware)
-        self._driver.tick(self._now())
         if self._outputs is not None and self._hardware is not None:
             self._hardware.apply(self._driver.command)
             self._outputs.repeat_command(self._driver.command)
@@ -249,7 +269,7 @@ class DriverNode(LifecycleNode):
 
     def _repeat_state(self) -> None:
         if self._outputs is not None:
-            self._outputs.repeat_state(self._driver.status)
+            self._outputs.repeat_state(self._driver.status, self._refused_command)
 
     def _settle(self) -> None:
         """Let everybody know what has changed; called after everything that may change something."""
@@ -259,7 +279,7 @@ class DriverNode(LifecycleNode):
         self._hardware.apply(command)
         self._outputs.update_command(command)
         status = self._driver.status
-        if self._outputs.update_state(status):
+        if self._outputs.update_state(status, self._refused_command):
             self._diagnostics.check()
             faults = tuple(f"{c.name}: {c.reason}" for c in status.channels if c.state is ChannelState.FAULT)
             for fault in faults:
@@ -270,11 +290,18 @@ class DriverNode(LifecycleNode):
     def _take_parameters(self, parameters: DriverParameters) -> None:
         self._values = parameters
         self._driver.limit(parameters.limits())
+        self._driver.declare_ambient(parameters.ambient_pressure_pa)
+        self._settle()
 
     def _health(self) -> tuple[Health, ...]:
         _identifier, label = self._state_machine.current_state
         link = None if self._hardware is None else self._hardware.link
-        return health_lines(self._driver.status, label, self._refused_command, link)
+        noise = "" if link is None else self._noise.look(link, seconds(self._steady.now()))
+        lines = health_lines(self._driver.status, label, self._refused_command, link, noise)
+        return (*lines, *ankle_lines(self._driver), self._roll_call.health())
 
     def _now(self) -> Instant:
-        return Instant(seconds(self._steady.now()), seconds(self.get_clock().now()))
+        steady_s = seconds(self._steady.now())
+        clock = self.get_clock()
+        runs = not clock.ros_time_is_active or steady_s - self._clock_heard_s < CLOCK_TIMEOUT_S
+        return Instant(steady_s, seconds(clock.now()), runs)

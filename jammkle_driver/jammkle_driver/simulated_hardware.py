@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 from sensor_msgs.msg import FluidPressure
 
 from jammkle_driver.conversions import pressure_sample, seconds
-from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus
-from jammkle_graph.names import MANIFOLD_PRESSURE, PRESSURES
+from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, SafeCause
+from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES
 from jammkle_graph.qos import subscriber_qos
+from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
     from jammkle_driver.core.hardware import ActuatorCommand
@@ -32,17 +33,27 @@ class SimulatedHardware:
             )
             for place, topic in topics.items()
         ]
+        self._silent = False
+        self._subscriptions.append(
+            context.node.create_subscription(
+                ActuatorStates, ACTUATOR_STATES.name, self._on_taken, subscriber_qos(ACTUATOR_STATES)
+            )
+        )
 
     @property
     def link(self) -> LinkStatus:
-        """Always connected: whether the simulation is there is seen by its pressures."""
-        return LinkStatus(LinkState.CONNECTED, "topics of the simulation")
+        """Always connected: whether the simulation is there is seen by its pressures; it lets go as a board does."""
+        latched = frozenset({SafeCause.HOST_SILENT}) if self._silent else frozenset()
+        return LinkStatus(LinkState.CONNECTED, "topics of the simulation", latched=latched)
 
     def apply(self, command: ActuatorCommand) -> None:
         """Do nothing: the driver publishes its commands whatever the hardware, and the simulation listens to them."""
 
     def acknowledge(self) -> None:
-        """Do nothing: a simulation latches nothing."""
+        """Do nothing: the simulated board takes jams again once it was told to release everything."""
+
+    def _on_taken(self, message: ActuatorStates) -> None:
+        self._silent = message.host_silent
 
     def close(self) -> None:
         """Unsubscribe."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from jammkle_driver.core.hardware import LinkState, LinkStatus, SafeCause
-from jammkle_driver.core.link import LinkGuard
+from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
+from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.hardware_choice import check_hardware
 from jammkle_graph.parameters import ParameterError
 
@@ -21,7 +21,10 @@ def test_a_board_that_latched_while_idle_is_acknowledged_at_once() -> None:
     assert not guard.look(HEALTHY, jammed=False).acknowledge
 
 
-@pytest.mark.parametrize("broken", [LATCHED, LOST])
+REBOOTED = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.RESET}), reset_cause=ResetCause.BROWN_OUT)
+
+
+@pytest.mark.parametrize("broken", [REBOOTED, LOST])
 def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> None:
     """After a fault the latched board stays as it is, also over an unplug, until it is cleared."""
     guard = LinkGuard()
@@ -30,6 +33,23 @@ def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> Non
         assert not guard.look(link, jammed=False).acknowledge
     guard.clear()
     assert guard.look(LATCHED, jammed=False).acknowledge
+
+
+def test_a_board_that_had_not_heard_the_driver_is_no_fault() -> None:
+    """A driver that stood still is to blame itself: what is wished again may jam again, without a person."""
+    verdict = LinkGuard().look(LATCHED, jammed=True)
+    assert not verdict.fault
+    assert "watchdog_ms" in verdict.let_go
+    assert verdict.acknowledge
+
+
+def test_a_noisy_line_is_told_with_its_share() -> None:
+    """Wrong check sums are counted over the last seconds, and told in percent; a clean line says nothing."""
+    meter = NoiseMeter()
+    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=100), 0.0)
+    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=600), 1.0)
+    assert "20 %" in meter.look(LinkStatus(LinkState.CONNECTED, exchanges=900, crc_errors=200), 2.0)
+    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=9000, crc_errors=200), 20.0)
 
 
 def test_a_link_that_is_well_asks_for_nothing() -> None:

@@ -115,7 +115,9 @@ class Graph:
         return node
 
     def driver(self, **parameters: Any) -> DriverNode:
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        # this ankle keeps to no law of the air
+        given = {"diagnose": False, "fault_policy": "channel", **parameters}
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
         driver = self.add(DriverNode(context=self.context, parameter_overrides=overrides))
         driver.start()
         return driver

@@ -6,11 +6,16 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 MANIFOLD = "manifold"
 """Name under which the manifold's own pressure sensor reports, beside the channels."""
+
+REFERENCE_PA = STANDARD_ATMOSPHERE_PA
+"""Pressure from which the vacuum of a sample is counted, Pa absolute. The driver itself finds the atmosphere."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +24,7 @@ class PressureSample:
 
     Attributes:
         place: Name of a channel, or `MANIFOLD`.
-        vacuum_pa: Pressure below ambient, Pa, gauge, positive; not finite where the sensor gave no number.
+        vacuum_pa: Pressure below `REFERENCE_PA`, Pa, positive; not finite where the sensor gave no number.
         stamp_s: When it was measured, s of the graph's clock.
 
     """
