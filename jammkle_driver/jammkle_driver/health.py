@@ -118,14 +118,18 @@ def _pace_line(driver: Driver) -> Health:
         "longest standstill (s)": f"{own.longest_s:.2f}",
     }
     if own.overloaded:
-        return Health("executor", Level.WARN, f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still", values)
+        return Health(
+            "executor", Level.WARN, f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still", values
+        )
     return Health("executor", Level.OK, "", values)
 
 
 def _driver_line(status: DriverStatus, lifecycle_state: str) -> Health:
     if status.stop_reason:
         held = "; solenoids kept, pump off" if status.held else ""
-        return Health("driver", Level.ERROR, f"emergency stop: {status.stop_reason}; release it, then ~/clear_fault{held}")
+        return Health(
+            "driver", Level.ERROR, f"emergency stop: {status.stop_reason}; release it, then ~/clear_fault{held}"
+        )
     return Health("driver", Level.OK if status.active else Level.WARN, lifecycle_state)
 
 

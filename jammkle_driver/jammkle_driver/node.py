@@ -104,9 +104,7 @@ class DriverNode(LifecycleNode):
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs = Outputs(self)
         self._link_guard = LinkGuard()
-        self._hardware = make_hardware(
-            HardwareContext(self, self._on_sample, lambda: REFERENCE_PA, self._values)
-        )
+        self._hardware = make_hardware(HardwareContext(self, self._on_sample, lambda: REFERENCE_PA, self._values))
         self._create_subscriptions()
         self._create_services()
         for period_s, callback in ((TICK_PERIOD_S, self._on_tick), (STATE_PERIOD_S, self._repeat_state)):

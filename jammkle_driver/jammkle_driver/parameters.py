@@ -15,7 +15,6 @@ from jammkle_graph.constants import HELD_VACUUM_PA, STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_graph.parameters import ParameterError, parameter
 
-
 TICK_PERIOD_S = 0.05
 """Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""
 
@@ -106,7 +105,11 @@ class DriverParameters:
         700.0, "How far the vacuum may fall before a resting pump works again", "Pa", 100.0, 5e3
     )
     pump_rated_duty: float = parameter(
-        0.6, "Mean duty that the pump bears for ever; 1: no limit. Assumed, as for small diaphragm pumps", "1", 0.05, 1.0
+        0.6,
+        "Mean duty that the pump bears for ever; 1: no limit. Assumed, as for small diaphragm pumps",
+        "1",
+        0.05,
+        1.0,
     )
     pump_thermal_time_s: float = parameter(60.0, "Time constant in which the pump warms up. Assumed", "s", 1.0, 3600.0)
     manifold_volume_m3: float = parameter(15e-6, "Manifold and the hose to the pump", "m^3", 1e-7, 1e-2)

@@ -12,9 +12,10 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.bank import FilterBank, Spread, Step
+from jammkle_driver.core.bank import FilterBank
 from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_driver.core.prediction import Step
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,7 +83,7 @@ class Diagnosis:
         self._channels = tuple(channels)
         self._places = (MANIFOLD, *self._channels)
         self._settings = settings
-        self._bank = FilterBank(settings.air, Spread(), ambient_pa)
+        self._bank = FilterBank(settings.air, ambient_pa)
         self.clear(ambient_pa)
 
     @property
@@ -205,7 +206,9 @@ class Diagnosis:
         before = [command for since_s, command in self._commands if since_s < stamp_s - SWITCHING_S]
         window = [*before[-1:], *earlier]
         switching = tuple(len({command.solenoids[name] for command in window}) > 1 for name in self._channels)
-        late = [command.pump_duty for since_s, command in self._commands if stamp_s - DUTY_DOUBT_S <= since_s <= stamp_s]
+        late = [
+            command.pump_duty for since_s, command in self._commands if stamp_s - DUTY_DOUBT_S <= since_s <= stamp_s
+        ]
         first = [command.pump_duty for since_s, command in self._commands if since_s < stamp_s - DUTY_DOUBT_S]
         duties = [*first[-1:], *late] or [acting.pump_duty]
         return Step(

@@ -164,7 +164,9 @@ class Driver:
                 raise RequestError(msg)
             if not self._ankle.able(name):
                 failed = self._ankle.faulty[0].status
-                msg = f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
+                msg = (
+                    f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
+                )
                 raise RequestError(msg)
             if status.state is ChannelState.UNKNOWN:
                 msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
@@ -321,7 +323,7 @@ class Driver:
         ankle = self._ankle
         faulty = ankle.faulty
         if faulty:
-            acts = ("kept as they were, pump off" if ankle.held else "vented")
+            acts = "kept as they were, pump off" if ankle.held else "vented"
             others = "every channel" if self._settings.ankle.fault_policy is FaultPolicy.ANKLE else faulty[0].name
             return Trouble(faulty[0].fault, faulty[0].status.reason, f"{others} {acts} until ~/clear_fault")
         let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]

@@ -51,7 +51,9 @@ class LeakMeter:
         self._products: dict[str, float] = {}
         self._rates: dict[str, LeakRate] = {}
 
-    def read(self, channel: str, pressure_pa: float, elapsed_s: float, connected: frozenset[str], ambient_pa: float) -> None:
+    def read(
+        self, channel: str, pressure_pa: float, elapsed_s: float, connected: frozenset[str], ambient_pa: float
+    ) -> None:
         """Take a reading of a rest.
 
         Args:

@@ -41,7 +41,9 @@ def read_script(text: str) -> tuple[ScriptedFault, ...]:
         ScriptError: a line cannot be understood.
 
     """
-    lines = [(number, line.split("#")[0].split()) for number, line in enumerate(text.replace(";", "\n").splitlines(), 1)]
+    lines = [
+        (number, line.split("#")[0].split()) for number, line in enumerate(text.replace(";", "\n").splitlines(), 1)
+    ]
     return tuple(sorted((_line(number, words) for number, words in lines if words), key=lambda each: each.time_s))
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause
-from jammkle_driver.fake.bench import SAMPLE_S, FaultBench
+from jammkle_driver.fake.bench import FaultBench
 from jammkle_driver.fake.plant import FakeFault
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.names import CHANNELS
@@ -160,7 +160,13 @@ def _alarms_of_one(seed: int) -> list[str]:
 
 
 def _place(reason: Reason, draw: random.Random) -> str:
-    if reason in {Reason.LEAK, Reason.SENSOR_STUCK, Reason.SENSOR_DRIFTING, Reason.SENSOR_OUT_OF_RANGE, Reason.SENSOR_DEAD}:
+    if reason in {
+        Reason.LEAK,
+        Reason.SENSOR_STUCK,
+        Reason.SENSOR_DRIFTING,
+        Reason.SENSOR_OUT_OF_RANGE,
+        Reason.SENSOR_DEAD,
+    }:
         return draw.choice((MANIFOLD, *CHANNELS))
     if reason in PLACED and reason not in {Reason.PUMP_DEAD, Reason.PUMP_WEAK}:
         return draw.choice(CHANNELS)
