@@ -23,6 +23,12 @@ if TYPE_CHECKING:
 MISSED_AFTER_S = 2.5 * PERIOD_S
 """Silence of a node after which it is missed, s: two reports that did not come."""
 
+ROLL_CALL_LINE = ": nodes"
+"""End of the name of the line that tells whom a node hears."""
+
+SILENT_FOR = ", silent for (s)"
+"""End of each key of that line; before it stands the node's name."""
+
 MEANING = {
     DRIVER_NODE: "nobody drives pump and solenoids; the board lets go 0.2 s after its last word, and the ankle is soft",
     CONTROLLER_NODE: "nobody decides on jamming; the driver lets go of what jam_command jammed after command_timeout_s",
@@ -49,18 +55,18 @@ class RollCall:
         """Return one line: who is there, and who is missed."""
         now_s = self._now_s()
         # Who stood still itself has heard nobody, and has nobody to blame for it.
-        stood_s = now_s - self._looked_s - MISSED_AFTER_S
-        if stood_s > 0.0:
-            self._heard_s = {name: heard_s + stood_s + MISSED_AFTER_S for name, heard_s in self._heard_s.items()}
+        since_s = now_s - self._looked_s
+        if since_s > 1.5 * PERIOD_S:
+            self._heard_s = {name: heard_s + since_s for name, heard_s in self._heard_s.items()}
         self._looked_s = now_s
         silent = {name: now_s - heard_s for name, heard_s in sorted(self._heard_s.items())}
         missed = {name: silence_s for name, silence_s in silent.items() if silence_s > MISSED_AFTER_S}
-        values = {f"{name}, silent for (s)": f"{silence_s:.1f}" for name, silence_s in silent.items()}
+        values = {f"{name}{SILENT_FOR}": f"{silence_s:.1f}" for name, silence_s in silent.items()}
         if not missed:
-            return Health("nodes", Level.OK, f"all there: {', '.join(sorted([self._own, *silent]))}", values)
+            return Health(ROLL_CALL_LINE.removeprefix(": "), Level.OK, f"all there: {', '.join(sorted([self._own, *silent]))}", values)
         texts = [f"{name} is dead or hangs: {MEANING.get(name, 'not one of ours')}" for name in missed]
         level = Level.WARN if set(missed) <= {GAP_MONITOR_NODE} else Level.ERROR
-        return Health("nodes", level, "; ".join(texts), values)
+        return Health(ROLL_CALL_LINE.removeprefix(": "), level, "; ".join(texts), values)
 
     def _take(self, array: DiagnosticArray) -> None:
         for status in array.status:

@@ -18,6 +18,9 @@ AGREE_PA = 1.5e3
 DOUBT_PA = 2.5e3
 """How far the parameter may be from what is read before it is doubted, Pa: weather and half a storey are less."""
 
+_FIRST_LOOK_S = 0.2
+"""How long a channel is looked at before it is believed for the first time, s."""
+
 _FOLLOW_S = 1.0
 """Time in which the estimate follows what is read, s."""
 
@@ -48,7 +51,8 @@ class Atmosphere:
 
     def __init__(self, channels: Sequence[str], declared_pa: float) -> None:
         """Believe the parameter until channels have been vented for a while."""
-        self._vented_s = dict.fromkeys(channels, 0.0)
+        # Nothing was ever drawn from channels of a driver that has just begun: they need not vent first.
+        self._vented_s = dict.fromkeys(channels, VENTED_FOR_S - _FIRST_LOOK_S)
         self._readings_pa: dict[str, float] = {}
         self._declared_pa = declared_pa
         self._pressure_pa = declared_pa

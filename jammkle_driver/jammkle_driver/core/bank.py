@@ -31,6 +31,14 @@ _GRACE_S = 0.3
 _DEBT = -20.0
 """Least score in that time, nats: what was lost while valves moved can be gained back."""
 
+_ALLOWANCE = 0.02
+"""What a hypothesis must gain with every set of readings to count, nats: Page's reference value, half the square of a
+shift by a fifth of a deviation. Without it, an ankle at rest for minutes lets the slightly sharper one win."""
+
+_STILL_PA = 500.0
+"""How far a sensor that is taken as stuck must be from what its own filter makes of the pressure, Pa: that a reading
+stands still where nothing changes says nothing."""
+
 _UNKNOWN_PA = 1e4
 """Deviation of a pressure that no sensor has told yet, Pa."""
 
@@ -118,7 +126,7 @@ class FilterBank:
             self._begin(readings_pa, step.ambient_pa)
         self._predictor.advance(self._state, self._covariance, step)
         likelihood = self._weigh(step.readings_pa)
-        gain = likelihood - likelihood[0]
+        gain = likelihood - likelihood[0] - _ALLOWANCE
         # While a valve may or may not have moved yet, what predicts sharply is not the likelier for it: then
         # hypotheses may lose, but not gain, and a little later they are not begun anew yet.
         if any(step.switching):
@@ -127,7 +135,15 @@ class FilterBank:
             return
         self._grace_s -= step.duration_s
         self._scores = np.maximum(self._scores + gain, _DEBT if self._grace_s > 0.0 else 0.0)
+        self._scores = np.where(self._nothing_changes(), np.minimum(self._scores, 0.0), self._scores)
+        self._scores[0] = 0.0
         self._begin_again(self._tables.begins_again & (self._scores == 0.0), readings_pa)
+
+    def _nothing_changes(self) -> Array:
+        """Hypotheses of a stuck sensor whose pressure is still what that reads."""
+        layout, stuck = self._layout, self._tables.stuck
+        seen_pa = self._state[:, layout.pressures] + self._state[:, layout.offsets]
+        return (stuck & (np.abs(seen_pa - self._held_pa) < _STILL_PA)).any(axis=1)
 
     def _begin(self, readings_pa: Array, ambient_pa: float) -> None:
         volumes = self._layout.volumes

@@ -63,6 +63,8 @@ class FaultBench:
         self.noisy = False
         self.noise_text = ""
         self.streams = False
+        self.rests = 0.0
+        """Share of the actions after which nothing is asked for a quarter of a minute or so."""
         self.steady_s = 0.0
         self._applied: ActuatorCommand = released(CHANNELS)
         self._samples = 0
@@ -120,7 +122,7 @@ class FaultBench:
         """Jam and vent at random: mostly all channels, now and then one or two."""
         if self.plant.time_s < self._next_s:
             return
-        self._next_s += 0.3 + self.draw.expovariate(1.0 / 0.9)
+        self._next_s += 0.3 + self.draw.expovariate(1.0 / (15.0 if self.draw.random() < self.rests else 0.9))
         several = list(CHANNELS) if self.draw.random() < 0.7 else self.draw.sample(CHANNELS, self.draw.choice([1, 2]))  # noqa: PLR2004 - a share
         jam = self.draw.random() < (0.3 if self._jammed_last else 0.8)
         vacuum_pa = self.draw.uniform(15e3, 65e3)

@@ -126,6 +126,7 @@ def inject(seed: int, reason: Reason) -> Outcome:
 def alarms(seed: int, duration_s: float) -> list[str]:
     """Jam and vent a healthy ankle for a while; return every fault that was told."""
     bench = FaultBench(DriverParameters().settings(), seed)
+    bench.rests = 0.1
     said: list[str] = []
     while bench.plant.time_s < duration_s:
         bench.wander()
