@@ -188,6 +188,7 @@ class Ankle:
             channel.measure(vacuum_pa, elapsed_s)
             if channel.state is ChannelState.FAULT and not was_faulty:
                 self._spread(channel.fault)
+                self.regulate(0.0)
         if self._settings.diagnose:
             self._diagnose(place, pressure_pa, stamp_s, now)
         # Samples of one moment come one by one; the pump is set once per moment.

@@ -129,6 +129,7 @@ class Driver:
         self._stop_silence.feed(now)
         for channel in self._ankle.channels.values():
             channel.enable()
+        self._ankle.regulate(0.0)
 
     def deactivate(self) -> None:
         """Release everything and refuse requests; faults stay until cleared."""
