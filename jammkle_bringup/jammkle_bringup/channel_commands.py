@@ -25,8 +25,8 @@ _MAX_VACUUM = "max_vacuum_pa"
 _PA_PER_KPA = 1e3
 _HEALTH_S = 1.3  # every node reports once a second
 _LATEST_S = 6.0
-"""How long a node is waited for that others have heard, s: some are discovered only with the next announcement, which the
-DDS of ROS 2 (Fast DDS) sends every 3 s."""
+"""How long a node is waited for that others have heard, s: some are discovered only with the next announcement, which
+the DDS of ROS 2 (Fast DDS) sends every 3 s."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from jammkle_driver.core.requests import RequestError, check_carried_out
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.hardware_choice import HardwareContext, check_hardware, make_hardware
 from jammkle_driver.health import ankle_lines, health_lines
+from jammkle_driver.lifecycle import refuse_bad_transitions
 from jammkle_driver.outputs import Outputs
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_graph.declare import declare, on_change
@@ -45,8 +46,6 @@ from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
-    from lifecycle_msgs.srv import ChangeState
 
     from jammkle_driver.core.hardware import Hardware, PressureSample
     from jammkle_graph.diagnostics import Health
@@ -73,7 +72,7 @@ class DriverNode(LifecycleNode):
 
         """
         super().__init__(DRIVER_NODE, **node_options)
-        self._refuse_bad_transitions()
+        refuse_bad_transitions(self)
         self._values = declare(self, DriverParameters)
         check_hardware(self._values.hardware)
         on_change(self, DriverParameters, self._take_parameters)
@@ -140,21 +139,6 @@ class DriverNode(LifecycleNode):
         self.get_logger().error("a lifecycle transition failed; the driver is unconfigured again")
         self._close()
         return TransitionCallbackReturn.SUCCESS
-
-    def _refuse_bad_transitions(self) -> None:
-        # rclpy lets a transition that is not allowed now escape from the executor, which would end the driver:
-        # anybody who activates twice would drop the leg.
-        change_state = self._service_change_state.callback
-
-        def answer(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
-            try:
-                return change_state(request, response)
-            except RuntimeError as error:
-                self.get_logger().warning(f"transition {request.transition.id} refused: {error}")
-                response.success = False
-                return response
-
-        self._service_change_state.callback = answer
 
     def _close(self) -> None:
         self._driver.reset()

@@ -43,8 +43,8 @@ class DriverParameters:
     board_file: str = parameter("", "YAML file that says how the board is wired; empty: config/board.yaml")
     fake_faults: str = parameter(
         "",
-        "For hardware fake: what fails when, one line each (or separated by ;) of TIME_S FAULT [PLACE [SIZE]], or a file "
-        "of such lines",
+        "For hardware fake: what fails when, one line each (or separated by ;) of TIME_S FAULT [PLACE [SIZE]], or a "
+        "file of such lines",
     )
     safe_state: str = parameter(
         "vent",
@@ -54,8 +54,8 @@ class DriverParameters:
     )
     fault_policy: str = parameter(
         "ankle",
-        "What a fault of one channel means for the others; ankle: all go to the safe state, as an ankle that is stiff on "
-        "one side turns the foot; channel: the others go on",
+        "What a fault of one channel means for the others; ankle: all go to the safe state, as an ankle that is stiff "
+        "on one side turns the foot; channel: the others go on",
         choices=("ankle", "channel"),
     )
     diagnose: bool = parameter(

@@ -63,7 +63,12 @@ class RollCall:
         missed = {name: silence_s for name, silence_s in silent.items() if silence_s > MISSED_AFTER_S}
         values = {f"{name}{SILENT_FOR}": f"{silence_s:.1f}" for name, silence_s in silent.items()}
         if not missed:
-            return Health(ROLL_CALL_LINE.removeprefix(": "), Level.OK, f"all there: {', '.join(sorted([self._own, *silent]))}", values)
+            return Health(
+                ROLL_CALL_LINE.removeprefix(": "),
+                Level.OK,
+                f"all there: {', '.join(sorted([self._own, *silent]))}",
+                values,
+            )
         texts = [f"{name} is dead or hangs: {MEANING.get(name, 'not one of ours')}" for name in missed]
         level = Level.WARN if set(missed) <= {GAP_MONITOR_NODE} else Level.ERROR
         return Health(ROLL_CALL_LINE.removeprefix(": "), level, "; ".join(texts), values)

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.simulation import Simulation
 
 WATCHDOG_S = 0.2
-"""Silence of the driver after which the simulated board lets go, s of the machine's steady clock: the firmware's default
-of watchdog_ms."""
+"""Silence of the driver after which the simulated board lets go, s of the machine's steady clock: the firmware's
+default of watchdog_ms."""
 
 _LOOKS = 4
 """How often silence is looked for in that time. One look counts for no more than two such periods, so that a simulation
@@ -62,7 +62,7 @@ class Commands:
 
     @property
     def let_go(self) -> bool:
-        """Whether the simulated board has let go as it had not heard the driver; until everything is told to release."""
+        """Whether the simulated board has let go as it did not hear the driver; until it is told to release all."""
         return self._let_go
 
     def apply(self) -> None:

@@ -1,7 +1,7 @@
 """The air between pump and tendons: one mass balance per volume, with orifices after ISO 6358 and a linear pump curve.
 
 The law that faults are judged by, and that the fake plant runs. Isothermal: `V dp/dt` is the sum of the flows, each in
-Pa m^3/s (power of air at the temperature of all of it). Written for arrays, so that many hypotheses are advanced at once.
+Pa m^3/s (power of air at the temperature of all of it). Written for arrays: many hypotheses are advanced at once.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 VENTED_FOR_S = 0.7
-"""After how long at the vent a channel is at the atmosphere, s: the vent time of 0.15 s, and a factor for a narrow line."""
+"""After how long at the vent a channel is at the atmosphere, s: 0.15 s to vent, and a factor for a narrow line."""
 
 AGREE_PA = 1.5e3
 """How far two vented channels may be apart and still agree, Pa: four standard deviations of two sensors' offsets."""

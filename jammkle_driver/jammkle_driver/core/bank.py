@@ -1,9 +1,9 @@
 """One Kalman filter per hypothesis of what has failed, on one law of the air, and how much better each explains.
 
 Multiple-model estimation (Magill 1965, "Optimal adaptive estimation of sampled stochastic processes"): each hypothesis
-is an extended Kalman filter on the mass balance of `core.air`, and gains or loses by the likelihood of the pressures that
-come next. What it has gained over the healthy one since it was last no better than that is Page's cumulative sum (Page
-1954, "Continuous inspection schemes"), so that a fault may begin at any time.
+is an extended Kalman filter on the mass balance of `core.air`, and gains or loses by the likelihood of the pressures
+that come next. What it has gained over the healthy one since it was last no better than that is Page's cumulative sum
+(Page 1954, "Continuous inspection schemes"), so that a fault may begin at any time.
 """
 
 from __future__ import annotations
@@ -143,7 +143,8 @@ class FilterBank:
         """Hypotheses of a stuck sensor whose pressure is still what that reads."""
         layout, stuck = self._layout, self._tables.stuck
         seen_pa = self._state[:, layout.pressures] + self._state[:, layout.offsets]
-        return (stuck & (np.abs(seen_pa - self._held_pa) < _STILL_PA)).any(axis=1)
+        still: Array = (stuck & (np.abs(seen_pa - self._held_pa) < _STILL_PA)).any(axis=1)
+        return still
 
     def _begin(self, readings_pa: Array, ambient_pa: float) -> None:
         volumes = self._layout.volumes

@@ -249,6 +249,7 @@ class Channel:
         elif self._state is ChannelState.VENTING and not self._held and self._in_state_s > settings.vent_timeout_s:
             self.fail(
                 f"still at {self._vacuum_pa:.0f} Pa, wanted {self._set_point_pa:.0f} Pa, after venting for "
-                f"{settings.vent_timeout_s:g} s (vent_timeout_s): {REMEDIES[Reason.NOT_VENTED]}, then call ~/clear_fault",
+                f"{settings.vent_timeout_s:g} s (vent_timeout_s): {REMEDIES[Reason.NOT_VENTED]}, "
+                "then call ~/clear_fault",
                 Reason.NOT_VENTED,
             )

@@ -1,8 +1,8 @@
 """What has failed, from what was commanded and what the pressure sensors read: one verdict, with its numbers.
 
-Readings of one moment are put together and handed to the filters of `core.bank`; a fault is told once the hypothesis of it
-has gained `THRESHOLD` over the healthy ankle and leads all others. A sensor that falls silent or reads what no pressure
-can be is told without a model.
+Readings of one moment are put together and handed to the filters of `core.bank`; a fault is told once the hypothesis
+of it has gained `THRESHOLD` over the healthy ankle and leads all others. A sensor that reads what no pressure can be is
+told without a model.
 """
 
 from __future__ import annotations
@@ -57,6 +57,12 @@ _DRIFT_PA = 1200.0
 _LATE_SETS = 5
 """Sets of readings after which one that is missing a place is taken without it."""
 
+_LONGEST_GAP_S = 0.1
+"""Time between two sets of readings beyond which the filters begin anew, s: half the shortest jam fits in between."""
+
+_PACE_WINDOW_S = 0.5
+"""Over how long the pace of the graph's clock is measured, s."""
+
 _FASTEST = 1.5
 """Simulated seconds per second beyond which commands and readings are too far apart to be compared."""
 
@@ -108,6 +114,7 @@ class Diagnosis:
         self._pending: dict[float, dict[str, float]] = {}
         self._last_s = -math.inf
         self._pace = (0.0, 0.0)
+        self._fast = False
         self._silent_sets = dict.fromkeys(self._places, 0)
         self._leading_s = 0.0
         self._strange = dict.fromkeys(self._places, 0)
@@ -168,7 +175,7 @@ class Diagnosis:
         self._last_s = stamp_s
         for place in self._places:
             self._silent_sets[place] = 0 if place in readings else self._silent_sets[place] + 1
-        if not duration_s < 0.1 or self._outruns(stamp_s, steady_s):  # also the first one
+        if not duration_s < _LONGEST_GAP_S or self._outruns(stamp_s, steady_s):  # also the first one
             self._bank.reset(ambient_pa)
             duration_s = 0.0 if math.isinf(duration_s) else 0.01
         if duration_s <= 0.0 or not self._commands:
@@ -180,37 +187,18 @@ class Diagnosis:
         """Whether the graph's clock runs so fast that nobody knows which reading belongs to which command."""
         since_graph_s, since_steady_s = self._pace
         graph_s, passed_s = stamp_s - since_graph_s, steady_s - since_steady_s
-        if graph_s < 0.5 and passed_s < 0.5 and since_steady_s > 0.0:
+        if max(graph_s, passed_s) < _PACE_WINDOW_S and since_steady_s > 0.0:
             return self._fast
         self._pace = (stamp_s, steady_s)
         self._fast = since_steady_s > 0.0 and graph_s > _FASTEST * passed_s + 0.2
         return self._fast
 
-    _fast = False
-
     def _step(self, stamp_s: float, duration_s: float, readings: dict[str, float], ambient_pa: float) -> Step:
-        dead_s = self._settings.air.valve_dead_time_s
-        acting = self._commands[0][1]
-        recent = []
-        duties = []
-        for since_s, command in self._commands:
-            if since_s <= stamp_s - dead_s - 0.5 * duration_s:
-                acting = command
-                recent = [command]
-                duties = [command.pump_duty]
-            elif since_s <= stamp_s:
-                recent.append(command)
-                duties.append(command.pump_duty)
-        # what acted a little earlier counts as well
-        earlier = [command for since_s, command in self._commands if stamp_s - SWITCHING_S <= since_s <= stamp_s]
-        before = [command for since_s, command in self._commands if since_s < stamp_s - SWITCHING_S]
-        window = [*before[-1:], *earlier]
-        switching = tuple(len({command.solenoids[name] for command in window}) > 1 for name in self._channels)
-        late = [
-            command.pump_duty for since_s, command in self._commands if stamp_s - DUTY_DOUBT_S <= since_s <= stamp_s
-        ]
-        first = [command.pump_duty for since_s, command in self._commands if since_s < stamp_s - DUTY_DOUBT_S]
-        duties = [*first[-1:], *late] or [acting.pump_duty]
+        acts_s = stamp_s - self._settings.air.valve_dead_time_s - 0.5 * duration_s
+        acting = ([command for since_s, command in self._commands if since_s <= acts_s] or [self._commands[0][1]])[-1]
+        lately = self._since(stamp_s - SWITCHING_S, stamp_s)
+        switching = tuple(len({command.solenoids[name] for command in lately}) > 1 for name in self._channels)
+        duties = [command.pump_duty for command in self._since(stamp_s - DUTY_DOUBT_S, stamp_s)]
         return Step(
             duration_s=duration_s,
             readings_pa=tuple(readings.get(place, math.nan) for place in self._places),
@@ -220,6 +208,12 @@ class Diagnosis:
             duty_doubt=max(duties) - min(duties),
             ambient_pa=ambient_pa,
         )
+
+    def _since(self, begin_s: float, end_s: float) -> list[ActuatorCommand]:
+        """Return the command that stood at `begin_s`, and those that came until `end_s`; the first one if none had."""
+        before = [command for since_s, command in self._commands if since_s < begin_s]
+        within = [command for since_s, command in self._commands if begin_s <= since_s <= end_s]
+        return [*before[-1:], *within] or [self._commands[0][1]]
 
     def _judge(self, duration_s: float) -> Finding | None:
         bank = self._bank

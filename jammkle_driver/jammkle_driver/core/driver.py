@@ -284,8 +284,9 @@ class Driver:
         stood_s = self._overload.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has heard nothing, and nobody is to blame for that.
-            for watch in (*self._silences.values(), self._stop_silence, self._stream):
-                watch.excuse(stood_s)
+            for silence in (*self._silences.values(), self._stop_silence):
+                silence.excuse(stood_s)
+            self._stream.excuse(stood_s)
             self._ankle.stood_still()
         self._look_at_sensors(now)
         for name in self._stream.fall_silent(now):
@@ -337,7 +338,8 @@ class Driver:
             return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone")
         own = self.own_pace
         if own.overloaded:
-            text = f"the driver's work comes {own.late_s:.3f} s late; it stood still {own.stalls} times, at most {own.longest_s:.2f} s"
+            stalls = f"it stood still {own.stalls} times, at most {own.longest_s:.2f} s"
+            text = f"the driver's work comes {own.late_s:.3f} s late; {stalls}"
             return Trouble(Reason.EXECUTOR_OVERLOADED, text, "none: the board lets go where that lasts")
         return Trouble()
 

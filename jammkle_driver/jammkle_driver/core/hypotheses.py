@@ -23,8 +23,8 @@ HEALTHY_OFFSET_PA = (-1000.0, 1000.0)
 HEALTHY_PUMP = (0.55, 2.0)
 HEALTHY_LINE = (0.4, 2.5)
 HEALTHY_LEAK = (0.0, 0.03)
-"""Shares of what was declared that still count as built so: a pump at half of its flow and a line at a third jam an ankle
-in twice the time. A healthy leak takes less than a tenth of the pump's flow at 50 kPa."""
+"""Shares of what was declared that still count as built so: a pump at half of its flow or a line at a third jams an
+ankle in twice the time. A healthy leak takes less than a tenth of the pump's flow at 50 kPa."""
 
 WEAK_PUMP = (0.08, 0.45)
 DEAD_PUMP = (0.0, 0.05)

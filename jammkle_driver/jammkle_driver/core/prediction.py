@@ -164,4 +164,5 @@ class Predictor:
         variance[:, -1] += (step.duty_doubt * state[:, tables.layout.pump] * balance.pumped) ** 2
         # A pump that draws nothing must not seem likely by predicting sharply.
         variance[:, -1] = np.maximum(variance[:, -1], variance[0, -1])
-        return variance * (2.0 * spread.flow_time_s * step.duration_s)
+        doubt: Array = variance * (2.0 * spread.flow_time_s * step.duration_s)
+        return doubt

@@ -154,7 +154,8 @@ def check_carried_out(status: DriverStatus, channels: Sequence[str], link: LinkS
 
     """
     if link is not None and link.state is not LinkState.CONNECTED:
-        msg = f"released, but the board does not hear it ({link.detail}): its own watchdog lets go; cut its supply to be sure"
+        way_out = "its own watchdog lets go; cut its supply to be sure"
+        msg = f"released, but the board does not hear it ({link.detail}): {way_out}"
         raise RequestError(msg)
     for channel in status.channels:
         if channels and channel.name not in channels:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from pathlib import Path  # noqa: TC003 - Typer reads annotations while it runs
 from typing import Annotated
 
 import typer

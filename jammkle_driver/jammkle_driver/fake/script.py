@@ -52,7 +52,8 @@ def _line(number: int, words: list[str]) -> ScriptedFault:
     places = (MANIFOLD, *CHANNELS)
     word = words[1] if len(words) > 1 else ""
     if word not in {HEAL, *known}:
-        msg = f"line {number} of the script of faults has '{word}'; it must be {_WORDS} with one of: {HEAL}, {', '.join(known)}"
+        choices = ", ".join((HEAL, *known))
+        msg = f"line {number} of the script of faults has '{word}'; it must be {_WORDS} with one of: {choices}"
         raise ScriptError(msg)
     place = words[2] if len(words) > 2 else MANIFOLD  # noqa: PLR2004 - the third word
     if place not in places:

@@ -1,4 +1,4 @@
-"""Half an hour of jamming with a random fault every few seconds, and malformed requests by the thousand: always safe?"""
+"""Half an hour of jamming with a random fault every few seconds, and malformed requests by the thousand."""
 
 from __future__ import annotations
 
@@ -131,7 +131,8 @@ def pester(count: int, seed: int) -> tuple[int, list[str]]:
         if not 0.0 <= command.pump_duty <= 1.0:
             unsafe.append(f"request {number}: duty {command.pump_duty}")
         if not at_rest and (not status.active or status.stop_reason or driver.ankle.faulty or not wanted):
-            unsafe.append(f"request {number}: {command} although {status.trouble.text or status.stop_reason or 'nothing is wanted'}")
+            why = status.trouble.text or status.stop_reason or "nothing is wanted"
+            unsafe.append(f"request {number}: {command} although {why}")
     return refused, unsafe
 
 

@@ -202,9 +202,9 @@ def tables(outcomes: Sequence[Outcome], false_alarms: Sequence[str], hours: floa
     """Return the confusion matrix and the delays as Markdown."""
     right = sum(each.right for each in outcomes)
     share = 100.0 * right / len(outcomes)
+    of_all = f"{len(outcomes)} injections, {right} with the right reason at the right place: **{share:.1f} %**."
     lines = [
-        f"{len(outcomes)} injections, {right} with the right reason at the right place: **{share:.1f} %**. "
-        f"False alarms in {hours:g} h of healthy jamming: **{len(false_alarms)}**.",
+        f"{of_all} False alarms in {hours:g} h of healthy jamming: **{len(false_alarms)}**.",
         "",
         "| injected | n | right | told, where wrong | delay, median, s | delay, longest, s |",
         "|---|---:|---:|---|---:|---:|",
