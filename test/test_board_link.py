@@ -136,7 +136,7 @@ def test_the_link_waits_for_a_board_that_is_not_there_yet(command: list[str], tm
 
 
 def test_a_board_that_stands_still_is_lost_and_comes_back(bench: BoardBench, host: Host) -> None:
-    """A board that answers nothing, although its device is there, is lost after five requests."""
+    """A board that answers nothing, although its device is there, is lost after three requests."""
     host.jam(bench)
     os.kill(bench.process.pid, signal.SIGSTOP)
     try:

@@ -25,7 +25,7 @@ lets the board's own watchdog run out."""
 
 _FIRST_PAUSE_S = 0.1
 _LONGEST_PAUSE_S = 1.0
-_LOST_AFTER = 5
+_LOST_AFTER = 3
 """Requests in a row without a good reply after which the board counts as lost; one alone is noise on the line."""
 
 _CLOSE_TIMEOUT_S = 1.0
@@ -101,6 +101,9 @@ class BoardLink:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._talk())
+        except BaseException as error:
+            self._lost(f"the link has ended: {error!r}; a defect of the driver, start it anew")
+            raise
         finally:
             self._line.close()
             self._loop.run_until_complete(asyncio.sleep(0.0))
@@ -124,7 +127,9 @@ class BoardLink:
         """Connect and exchange for as long as it lasts; return why it ended."""
         try:
             await self._line.open()
-            self._connected(await self._dialogue.open())
+            said = await self._dialogue.open()
+            self._take(await self._dialogue.exchange(None))  # what it has latched is known before it counts as there
+            self._connected(said)
             await self._cycles()
         except (LineError, RefusedError) as error:
             return str(error)
