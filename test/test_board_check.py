@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 import yaml
-from boards import board_command
 
+from boards import board_command
 from graph import COMMAND
 from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
 from jammkle_driver.board.walk import WalkOptions, walk

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 import serial
-from boards import AVR, board_command, build
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymodbus.client import ModbusSerialClient
 from pymodbus.exceptions import ModbusIOException
 from pymodbus.framer.rtu import FramerRTU
 
+from boards import AVR, board_command, build
 from jammkle_driver.core.registers import register_list
 from jammkle_sim.board_bench import BoardBench
 

@@ -11,10 +11,10 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
-from boards import AVR, JAMMED, RELEASED, Host, board_command
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from boards import AVR, JAMMED, RELEASED, Host, board_command
 from jammkle_driver.board.line import check_port, silence_s
 from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring, WiringError, load_wiring
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause

@@ -17,7 +17,7 @@ from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.link import LinkGuard
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.hardware_choice import HardwareContext, check_hardware, make_hardware
+from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
 from jammkle_driver.health import health_lines
 from jammkle_driver.outputs import Outputs
 from jammkle_driver.parameters import DriverParameters
@@ -71,7 +71,7 @@ class DriverNode(LifecycleNode):
         super().__init__(DRIVER_NODE, **node_options)
         self._refuse_bad_transitions()
         self._values = declare(self, DriverParameters)
-        check_hardware(self._values.hardware)
+        check_parameters(self._values)
         on_change(self, DriverParameters, self._take_parameters)
         self._driver = Driver(CHANNELS, self._values.settings())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -204,6 +204,8 @@ class DriverNode(LifecycleNode):
         return response
 
     def _on_sample(self, sample: PressureSample) -> None:
+        if self._hardware is not None:
+            self._look_at_link(self._hardware)  # first: with the first sample a wish that waits may jam
         self._driver.measure(sample, self._now())
         self._settle()
 
