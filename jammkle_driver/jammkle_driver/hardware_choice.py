@@ -4,8 +4,8 @@ A package brings hardware of its own with an entry point of the group `jammkle.h
 
     entry_points={"jammkle.hardware": ["our_lab = our_package.our_module:make"]}
 
-`make` takes a `HardwareContext` and returns a `jammkle_driver.core.hardware.Hardware`. If it has an attribute `check`, that
-is called with the driver's parameters at start, and raises `ParameterError` where they cannot be used.
+`make` takes a `HardwareContext` and returns a `jammkle_driver.core.hardware.Hardware`. If it has an attribute `check`,
+that is called with the driver's parameters at start, and raises `ParameterError` where they cannot be used.
 """
 
 from __future__ import annotations
