@@ -22,6 +22,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": ["driver = jammkle_driver.__main__:main"],
+        "jammkle.commands": ["hardware = jammkle_driver.check_command:app"],
         "jammkle.hardware": [
             "sim = jammkle_driver.simulated_hardware:SimulatedHardware",
             "fake = jammkle_driver.fake_hardware:FakeHardware",

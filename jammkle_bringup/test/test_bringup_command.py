@@ -83,7 +83,7 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("status --json {folder}", ("--json", "is a folder")),
         ("up --robot frog", ("frog", "ankle")),
         ("up --robot leg", ("leg", "ankle")),
-        ("up --hardware serial", ("serial", "sim")),
+        ("up --hardware serial", ("serial", "modbus", "sim")),
         ("up --hardware modbus --speed 2", ("--speed", "sim")),
         ("up --port /dev/ttyUSB0", ("--port", "modbus")),
         ("up --speed -1", ("-1", "0 to 100")),

@@ -27,8 +27,10 @@ from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
     from jammkle_driver.board.dialogue import Exchange
+    from jammkle_driver.board.wiring import Wiring
     from jammkle_driver.core.hardware import ActuatorCommand, LinkStatus
     from jammkle_driver.hardware_choice import HardwareContext
+    from jammkle_driver.parameters import DriverParameters
 
 
 class BoardHardware:
@@ -45,15 +47,7 @@ class BoardHardware:
 
         """
         parameters = context.parameters
-        try:
-            check_port(parameters.port)
-            self._wiring = load_wiring(Path(parameters.board_file) if parameters.board_file else None)
-        except WiringError as error:
-            msg = f"parameter 'board_file': {error}"
-            raise ParameterError(msg) from error
-        except ValueError as error:
-            msg = f"parameter 'port': {error}"
-            raise ParameterError(msg) from error
+        self._wiring = self.check(parameters)
         self._context = context
         node = context.node
         topics = {**PRESSURES, MANIFOLD: MANIFOLD_PRESSURE}
@@ -64,6 +58,24 @@ class BoardHardware:
         self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
         self._came: deque[Exchange] = deque(maxlen=10)
         self._link = BoardLink(parameters.port, self._wiring, parameters.safe_state, self._hand_over)
+
+    @staticmethod
+    def check(parameters: DriverParameters) -> Wiring:
+        """Return how the board is wired.
+
+        Raises:
+            ParameterError: `port` or `board_file` cannot be used.
+
+        """
+        try:
+            check_port(parameters.port)
+            return load_wiring(Path(parameters.board_file) if parameters.board_file else None)
+        except WiringError as error:
+            msg = f"parameter 'board_file': {error}"
+            raise ParameterError(msg) from error
+        except ValueError as error:
+            msg = f"parameter 'port': {error}"
+            raise ParameterError(msg) from error
 
     @property
     def link(self) -> LinkStatus:

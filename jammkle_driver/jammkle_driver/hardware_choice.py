@@ -4,7 +4,8 @@ A package brings hardware of its own with an entry point of the group `jammkle.h
 
     entry_points={"jammkle.hardware": ["our_lab = our_package.our_module:make"]}
 
-`make` takes a `HardwareContext` and returns a `jammkle_driver.core.hardware.Hardware`.
+`make` takes a `HardwareContext` and returns a `jammkle_driver.core.hardware.Hardware`. If it has an attribute `check`,
+that is called with the driver's parameters at start, and raises `ParameterError` where they cannot be used.
 """
 
 from __future__ import annotations
@@ -54,6 +55,19 @@ def check_hardware(name: str) -> None:
     if name not in known:
         msg = f"parameter 'hardware' is '{name}'; it must be one of {', '.join(known)} (entry points of {HARDWARE})"
         raise ParameterError(msg)
+
+
+def check_parameters(parameters: DriverParameters) -> None:
+    """Refuse parameters that the hardware cannot use, before anything is started.
+
+    Raises:
+        ParameterError: the hardware is unknown, or does not take them.
+
+    """
+    check_hardware(parameters.hardware)
+    check = getattr(entries(HARDWARE)[parameters.hardware].load(), "check", None)
+    if check is not None:
+        check(parameters)
 
 
 def make_hardware(context: HardwareContext) -> Hardware:

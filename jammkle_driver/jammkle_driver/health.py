@@ -135,7 +135,9 @@ def _driver_line(status: DriverStatus, lifecycle_state: str) -> Health:
 
 def _link_line(link: LinkStatus, noise: str) -> Health:
     level, message = _LINK_LEVELS[link.state], f"{link.state.value}: {link.detail}"
-    if link.latched:
+    if link.state is not LinkState.CONNECTED:
+        pass  # what the board said before is old
+    elif link.latched:
         level = Level.ERROR
         message = f"safe state latched: {', '.join(sorted(cause.value for cause in link.latched))}"
     elif noise:

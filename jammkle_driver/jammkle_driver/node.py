@@ -19,7 +19,7 @@ from jammkle_driver.core.hardware import REFERENCE_PA
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.requests import RequestError, check_carried_out
 from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.hardware_choice import HardwareContext, check_hardware, make_hardware
+from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
 from jammkle_driver.health import ankle_lines, health_lines
 from jammkle_driver.lifecycle import refuse_bad_transitions
 from jammkle_driver.outputs import Outputs
@@ -74,7 +74,7 @@ class DriverNode(LifecycleNode):
         super().__init__(DRIVER_NODE, **node_options)
         refuse_bad_transitions(self)
         self._values = declare(self, DriverParameters)
-        check_hardware(self._values.hardware)
+        check_parameters(self._values)
         on_change(self, DriverParameters, self._take_parameters)
         self._driver = Driver(CHANNELS, self._values.settings())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -204,6 +204,8 @@ class DriverNode(LifecycleNode):
         self._clock_heard_s = seconds(self._steady.now())
 
     def _on_sample(self, sample: PressureSample) -> None:
+        if self._hardware is not None:
+            self._look_at_link(self._hardware)  # first: with the first sample a wish that waits may jam
         self._driver.measure(sample, self._now())
         self._settle()
 

@@ -77,6 +77,7 @@ class BoardBench:
         self.edges: list[Edge] = []
         self.override_uv: dict[int, int] = {}
         """Voltage at analogue pins whose sensor is not asked, uV, by pin: a broken wire, a stuck sensor."""
+        self.plant.advance(_PERIOD_S)  # compiles what it needs
         self._folder = tempfile.TemporaryDirectory(prefix="jammkle_board")
         self._stop = threading.Event()
         path = Path(self._folder.name, "pins")
@@ -88,6 +89,7 @@ class BoardBench:
             self.process = subprocess.Popen([*command, *options])  # noqa: S603 - the project's own firmware
             self._await(lambda: bool(select.select([server], [], [], _PERIOD_S)[0]), "connected to no pins")
             self._pins, _ = server.accept()
+        self._tell_pins()  # before the first request can ask for them
         self._thread = threading.Thread(target=self._run, name="plant", daemon=True)
         self._thread.start()
         self._await(port.exists, f"made no serial device {port}")
@@ -147,12 +149,15 @@ class BoardBench:
                     *lines, pending = (pending + came).split(b"\n")
                     for line in lines:
                         self._take(line.decode())
-                pins = self.plant.pins_uv()
-                for pin, voltage_uv in self.override_uv.items():
-                    pins[pin] = voltage_uv
-                self.tell(f"adc {' '.join(map(str, pins))}")
+                self._tell_pins()
         except OSError:  # the firmware has ended
             return
+
+    def _tell_pins(self) -> None:
+        pins = self.plant.pins_uv()
+        for pin, voltage_uv in tuple(self.override_uv.items()):
+            pins[pin] = voltage_uv
+        self.tell(f"adc {' '.join(map(str, pins))}")
 
     def _take(self, line: str) -> None:
         _, solenoids, duty, at_us = line.split()

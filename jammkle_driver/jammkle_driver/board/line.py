@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from jammkle_driver.board.wiring import Wiring
 
 TCP_PORT = 502
+_READ_HOLDING, _READ_INPUT, _WRITE_REGISTER, _WRITE_COILS, _WRITE_REGISTERS, _READ_WRITE = 3, 4, 6, 15, 16, 23
+_CODE_BITS = 0x7F
+"""An exception has the function's code with the bit above these set."""
 _FAST_BAUD = 19200
 _FAST_SILENCE_S = 1.75e-3
 _SILENCE_CHARACTERS = 3.5
@@ -140,40 +144,53 @@ class Line:
 
     async def read(self, table: str, first: int, count: int) -> Sequence[int]:
         """Return `count` registers of the table `input` or `holding`."""
-        function = self._client.read_input_registers if table == "input" else self._client.read_holding_registers
-        return await self._ask(f"reading {count} registers from {first}", function, first, count=count)
+        call = self._client.read_input_registers if table == "input" else self._client.read_holding_registers
+        code = _READ_INPUT if table == "input" else _READ_HOLDING
+        return await self._ask(
+            f"reading {count} registers from {first}", code, count, partial(call, first, count=count)
+        )
 
     async def write(self, first: int, numbers: Sequence[int]) -> None:
         """Write holding registers."""
-        await self._ask(f"writing registers from {first}", self._client.write_registers, first, list(numbers))
+        call = partial(self._client.write_registers, first, list(numbers))
+        await self._ask(f"writing registers from {first}", _WRITE_REGISTERS, 0, call)
 
     async def write_register(self, address: int, number: int) -> None:
         """Write one holding register."""
-        await self._ask(f"writing register {address}", self._client.write_register, address, number)
+        call = partial(self._client.write_register, address, number)
+        await self._ask(f"writing register {address}", _WRITE_REGISTER, 0, call)
 
     async def write_coils(self, first: int, bits: Sequence[bool]) -> None:
         """Write coils that follow each other."""
-        await self._ask(f"writing coils from {first}", self._client.write_coils, first, list(bits))
+        call = partial(self._client.write_coils, first, list(bits))
+        await self._ask(f"writing coils from {first}", _WRITE_COILS, 0, call)
 
     async def write_and_read(self, first: int, numbers: Sequence[int], read_first: int, count: int) -> Sequence[int]:
         """Write holding registers and read others, in one request (function 23)."""
-        return await self._ask(
-            f"writing registers from {first} and reading {count} from {read_first}",
+        call = partial(
             self._client.readwrite_registers,
             read_address=read_first,
             read_count=count,
             write_address=first,
             values=list(numbers),
         )
+        what = f"writing registers from {first} and reading {count} from {read_first}"
+        return await self._ask(what, _READ_WRITE, count, call)
 
-    async def _ask(self, what: str, function: Any, *arguments: Any, **named: Any) -> Sequence[int]:
+    async def _ask(self, what: str, code: int, count: int, call: partial[Any]) -> Sequence[int]:
+        """Send one request and return the registers of its reply.
+
+        A frame carries no number, so that a reply that comes late would pass for that to the next request. After a
+        request without a reply the line is left alone for as long as was waited for it.
+        """
         loop = asyncio.get_running_loop()
         left_s = self._free_s - loop.time()
         if left_s > 0.0:
             await asyncio.sleep(left_s)
         self._came_in = 0
+        pause_s = self._silence_s
         try:
-            reply = await function(*arguments, device_id=self._wiring.unit, **named)
+            reply = await call(device_id=self._wiring.unit)
         except (ModbusException, OSError) as error:
             if not self.is_open:
                 msg = f"{self._port} is gone"
@@ -182,15 +199,21 @@ class Line:
                 msg = f"{what}: the reply's check sum is wrong"
             else:
                 self.timeouts += 1
+                pause_s = self._wiring.reply_timeout_s
                 msg = f"no reply within {self._wiring.reply_timeout_s:g} s"
             raise LineError(msg) from error
         finally:
-            self._free_s = loop.time() + self._silence_s
+            self._free_s = loop.time() + pause_s
+        registers: Sequence[int] = getattr(reply, "registers", ())
+        if reply.function_code & _CODE_BITS != code or (count and not reply.isError() and len(registers) != count):
+            self.damaged += 1
+            self._free_s = loop.time() + self._wiring.reply_timeout_s
+            msg = f"{what}: the reply is one to another request"
+            raise LineError(msg)
         self.answered += 1
         if reply.isError():
             self.refusals += 1
             raise RefusedError(what, int(reply.exception_code))
-        registers: Sequence[int] = getattr(reply, "registers", ())
         return registers
 
     def _trace(self, sending: bool, data: bytes) -> bytes:  # noqa: FBT001 - as the library calls it

@@ -6,7 +6,7 @@ import asyncio
 import threading
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jammkle_driver.board.dialogue import Exchange, dialogue
 from jammkle_driver.board.line import Line, LineError, RefusedError
@@ -25,7 +25,7 @@ lets the board's own watchdog run out."""
 
 _FIRST_PAUSE_S = 0.1
 _LONGEST_PAUSE_S = 1.0
-_LOST_AFTER = 5
+_LOST_AFTER = 3
 """Requests in a row without a good reply after which the board counts as lost; one alone is noise on the line."""
 
 _CLOSE_TIMEOUT_S = 1.0
@@ -64,6 +64,7 @@ class BoardLink:
         self._cycled_s: float | None = None
         self._cycle_s: float | None = None
         self._status = LinkStatus(LinkState.SEARCHING, f"looking for a board at {port}")
+        self._lock = threading.Lock()
         self._loop = asyncio.new_event_loop()
         self._wake = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="board link", daemon=True)
@@ -83,8 +84,14 @@ class BoardLink:
             self._nudge()
 
     def acknowledge(self) -> None:
-        """Acknowledge what the board has latched, with the next cycle."""
-        self._acknowledges = True
+        """Acknowledge what the board has latched, before the next command goes out.
+
+        From now on it counts as not latched, so that a jam that is asked for at once is not taken for one that the
+        board refuses. What the board latches anew, or does not let be acknowledged, the next exchange tells.
+        """
+        with self._lock:
+            self._acknowledges = True
+            self._status = replace(self._status, latched=frozenset())
         self._nudge()
 
     def close(self) -> None:
@@ -92,6 +99,12 @@ class BoardLink:
         self._stops = True
         self._nudge()
         self._thread.join(_CLOSE_TIMEOUT_S)
+
+    def _tell(self, **changes: Any) -> None:
+        with self._lock:
+            if self._acknowledges and "latched" in changes:
+                changes["latched"] = frozenset()  # read before the acknowledgement went out
+            self._status = replace(self._status, **changes)
 
     def _nudge(self) -> None:
         if not self._loop.is_closed():
@@ -101,6 +114,9 @@ class BoardLink:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._talk())
+        except BaseException as error:
+            self._lost(f"the link has ended: {error!r}; a defect of the driver, start it anew")
+            raise
         finally:
             self._line.close()
             self._loop.run_until_complete(asyncio.sleep(0.0))
@@ -124,7 +140,9 @@ class BoardLink:
         """Connect and exchange for as long as it lasts; return why it ended."""
         try:
             await self._line.open()
-            self._connected(await self._dialogue.open())
+            said = await self._dialogue.open()
+            self._take(await self._dialogue.exchange(None))  # what it has latched is known before it counts as there
+            self._connected(said)
             await self._cycles()
         except (LineError, RefusedError) as error:
             return str(error)
@@ -183,11 +201,12 @@ class BoardLink:
     def _connected(self, said: str) -> None:
         self._failed_in_a_row = 0
         self._board_crc_errors = None
-        self._status = replace(self._status, state=LinkState.CONNECTED, detail=said, connects=self._status.connects + 1)
+        self._acknowledges = False  # of what was latched before; what is latched now nobody has seen yet
+        self._tell(state=LinkState.CONNECTED, detail=said, connects=self._status.connects + 1)
 
     def _lost(self, why: str) -> None:
         found = self._status.connects > 0
-        self._status = replace(self._status, state=LinkState.LOST if found else LinkState.SEARCHING, detail=why)
+        self._tell(state=LinkState.LOST if found else LinkState.SEARCHING, detail=why)
         self._cycled_s = self._cycle_s = None
         self._count()
 
@@ -206,8 +225,7 @@ class BoardLink:
         if self._board_crc_errors is not None and not started:
             at_board = (exchange.crc_errors - self._board_crc_errors) % _COUNTER_SIZE
         self._board_crc_errors = exchange.crc_errors
-        self._status = replace(
-            self._status,
+        self._tell(
             starts=self._status.starts + started,
             reset_cause=exchange.reset_cause,
             latched=exchange.latched,
@@ -226,8 +244,7 @@ class BoardLink:
 
     def _count(self, at_board: int = 0) -> None:
         self._crc_at_board += at_board
-        self._status = replace(
-            self._status,
+        self._tell(
             exchanges=self._line.answered,
             crc_errors=self._line.damaged + self._crc_at_board,
             timeouts=self._line.timeouts,
