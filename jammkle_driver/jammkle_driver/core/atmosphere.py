@@ -79,7 +79,9 @@ class Atmosphere:
         self._vented_s[channel] = self._vented_s[channel] + elapsed_s if vented else 0.0
         self._readings_pa[channel] = pressure_pa
         still = [self._readings_pa[name] for name, since_s in self._vented_s.items() if since_s >= VENTED_FOR_S]
-        centre_pa = median(still) if still else pressure_pa
+        if len(still) < min(2, len(self._vented_s)):
+            return
+        centre_pa = median(still)
         agreed = [reading for reading in still if abs(reading - centre_pa) <= AGREE_PA]
         if len(agreed) < min(2, len(self._vented_s)):
             return

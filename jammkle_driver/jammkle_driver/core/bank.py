@@ -39,6 +39,17 @@ _STILL_PA = 500.0
 """How far a sensor that is taken as stuck must be from what its own filter makes of the pressure, Pa: that a reading
 stands still where nothing changes says nothing."""
 
+_LIVELY = 0.1
+"""Share of readings that repeat the one before, below which a sensor is lively: its noise shows. A converter so coarse
+that a healthy reading repeats itself tells nothing by repeating."""
+
+_CALM_DOWN, _LIVEN_UP = 0.0001, 0.02
+"""Weights of a reading that repeats, and of one that does not, in that share. Slow to calm down: for ten seconds a
+lively sensor that repeats itself is news."""
+
+_REPEAT_NATS = 3.0
+"""What a stuck sensor gains by a repeated reading of a lively one, nats: ln(20), as fewer than one in ten repeat."""
+
 _UNKNOWN_PA = 1e4
 """Deviation of a pressure that no sensor has told yet, Pa."""
 
@@ -101,6 +112,8 @@ class FilterBank:
         self._scores = np.zeros(models)
         self._held_pa = np.full((models, volumes), ambient_pa)
         self._held_variance = np.full((models, volumes), self._spread.noise_pa**2)
+        self._last_pa = np.full(volumes, np.nan)
+        self._repeated = np.ones(volumes)
         self._fresh = True
         self._grace_s = 0.0
 
@@ -125,7 +138,7 @@ class FilterBank:
         if self._fresh:
             self._begin(readings_pa, step.ambient_pa)
         self._predictor.advance(self._state, self._covariance, step)
-        likelihood = self._weigh(step.readings_pa)
+        likelihood = self._weigh(step.readings_pa) + self._repeats(readings_pa)
         gain = likelihood - likelihood[0] - _ALLOWANCE
         # While a valve may or may not have moved yet, what predicts sharply is not the likelier for it: then
         # hypotheses may lose, but not gain, and a little later they are not begun anew yet.
@@ -138,6 +151,17 @@ class FilterBank:
         self._scores = np.where(self._nothing_changes(), np.minimum(self._scores, 0.0), self._scores)
         self._scores[0] = 0.0
         self._begin_again(self._tables.begins_again & (self._scores == 0.0), readings_pa)
+
+    def _repeats(self, readings_pa: Array) -> Array:
+        """Return what stuck sensors gain, nats, where readings repeat that never did."""
+        heard = np.isfinite(readings_pa)
+        same = heard & (readings_pa == self._last_pa)
+        news = same & (self._repeated < _LIVELY)
+        weight = np.where(same, _CALM_DOWN, _LIVEN_UP)
+        self._repeated = np.where(heard, self._repeated + weight * (same - self._repeated), self._repeated)
+        self._last_pa = np.where(heard, readings_pa, self._last_pa)
+        gain: Array = _REPEAT_NATS * (self._tables.stuck & news).any(axis=1)
+        return gain
 
     def _nothing_changes(self) -> Array:
         """Hypotheses of a stuck sensor whose pressure is still what that reads."""

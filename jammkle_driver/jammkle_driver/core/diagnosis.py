@@ -33,8 +33,8 @@ ankles whose parts are off by 10 to 20 % came to 35 in hours of jamming."""
 LEAD = 15.0
 """How far the best hypothesis must lead any other to be told at once, nats: odds of three million to one."""
 
-STEADY_S = 0.15
-"""How long a hypothesis must lead, s: three of the time constants in which a channel fills."""
+STEADY_S = 0.25
+"""How long a hypothesis must lead, s: five of the time constants in which a channel fills."""
 
 PATIENCE_S = 1.0
 """How long two hypotheses are waited for to separate; then the better one is told, s."""

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 SAMPLE_S = 0.01
 _SAMPLES_PER_TICK = 5
-_TELEGRAMS_PER_SAMPLE = 1
 
 
 def built(declared: AirSettings, draw: random.Random) -> AirSettings:
@@ -68,12 +67,14 @@ class FaultBench:
         self.steady_s = 0.0
         self._applied: ActuatorCommand = released(CHANNELS)
         self._samples = 0
-        self._wish_pa = 0.0
+        self.wish_pa = 0.0
         self._next_s = 1.5
         self._jammed_last = False
-        self.driver.activate(self._now())
+        self.driver.activate(self.now)
 
-    def _now(self) -> Instant:
+    @property
+    def now(self) -> Instant:
+        """The moment, on both clocks."""
         return Instant(self.steady_s, self.plant.time_s)
 
     def stand_still(self, duration_s: float) -> None:
@@ -88,7 +89,7 @@ class FaultBench:
         """Let 10 ms pass: samples, every fifth time a tick, and the command that follows."""
         self.plant.advance(SAMPLE_S)
         self.steady_s += SAMPLE_S
-        now = self._now()
+        now = self.now
         connected = self.link.state is LinkState.CONNECTED
         if connected:
             errors = int(self.noisy and self.draw.random() < 0.1)  # noqa: PLR2004 - a tenth of the telegrams is lost
@@ -107,7 +108,7 @@ class FaultBench:
 
     def _tick(self, now: Instant) -> None:
         if self.streams:
-            self._ask(lambda: self.driver.follow([Wish(name, self._wish_pa) for name in CHANNELS], now, "jam_command"))
+            self._ask(lambda: self.driver.follow([Wish(name, self.wish_pa) for name in CHANNELS], now, "jam_command"))
         self.driver.tick(now)
         verdict = self.guard.look(self.link, jammed=self.driver.jammed)
         if verdict.fault:
@@ -128,7 +129,7 @@ class FaultBench:
         vacuum_pa = self.draw.uniform(15e3, 65e3)
         self._jammed_last = jam
         if self.streams:
-            self._wish_pa = vacuum_pa if jam else 0.0
+            self.wish_pa = vacuum_pa if jam else 0.0
         elif jam:
             self._ask(lambda: self.driver.jam(several, vacuum_pa, "test"))
         else:

@@ -87,12 +87,11 @@ def _recover(bench: FaultBench) -> list[str]:
     """Repair everything, clear, and jam all; return what did not come back."""
     bench.plant.heal()
     bench.link = LinkStatus(LinkState.CONNECTED)
-    now = Instant(bench.steady_s, bench.plant.time_s)
     bench.driver.unjam((), "soak")
     for _ in range(round(_SETTLE_S / 0.01)):
         bench.step()
     bench.guard.clear()
-    bench.driver.clear_fault(now)
+    bench.driver.clear_fault(bench.now)
     for _ in range(round(_SETTLE_S / 0.01)):
         bench.step()
     try:

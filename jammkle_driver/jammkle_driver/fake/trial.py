@@ -134,7 +134,7 @@ def alarms(seed: int, duration_s: float) -> list[str]:
         told, where = bench.told()
         if told is not Reason.NONE:
             said.append(f"seed {seed}, {bench.plant.time_s:.2f} s: {told.name} {where}")
-            bench.driver.clear_fault(bench._now())  # noqa: SLF001 - the bench's own clocks
+            bench.driver.clear_fault(bench.now)
     return said
 
 
