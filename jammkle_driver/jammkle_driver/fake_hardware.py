@@ -107,8 +107,11 @@ class FakeHardware:
 
     def _advance(self) -> None:
         now_s = seconds(self._steady.now())
-        self._plant.advance(min(max(now_s - self._last_s, 0.0), _WATCHDOG_S))
-        self._last_s = now_s
+        # What was not a whole step is left for the next time; a process that stood still stops the plant, too.
+        self._last_s = max(self._last_s, now_s - _WATCHDOG_S)
+        before_s = self._plant.time_s
+        self._plant.advance(now_s - self._last_s)
+        self._last_s += self._plant.time_s - before_s
         while self._script and self._script[0].time_s <= self._plant.time_s:
             entry = self._script.pop(0)
             if entry.fault is None:

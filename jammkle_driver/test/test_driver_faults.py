@@ -1,4 +1,4 @@
-"""Faults are found, told apart and acted on, on a plant whose parts are off by their tolerances; the healthy are left alone."""
+"""Faults are found, told apart and acted on, on plants whose parts are off by their tolerances; the healthy go on."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def jammed_bench(**parameters: Any) -> FaultBench:
     return bench
 
 
-@pytest.mark.parametrize(("seed", "reason"), list(enumerate((*PLACED, *ELSEWHERE))), ids=lambda value: str(value))
+@pytest.mark.parametrize(("seed", "reason"), list(enumerate((*PLACED, *ELSEWHERE))), ids=str)
 def test_a_fault_is_told_with_its_reason_and_place(seed: int, reason: Reason) -> None:
     """Each kind of fault, put into a random ankle at a random place, is named; docs/faults.md has 500 of them."""
     outcome = inject(seed, reason)

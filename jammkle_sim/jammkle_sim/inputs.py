@@ -34,8 +34,23 @@ which stood still itself, and has heard nobody, does not blame the driver."""
 class Commands:
     """Subscriptions of the simulated hardware, and its acknowledgement."""
 
-    def __init__(self, node: Node, simulation: Simulation, on_refused_change: Callable[[], None]) -> None:
-        """Subscribe on `node`; `on_refused_change` is called when `refused` becomes something else."""
+    def __init__(
+        self,
+        node: Node,
+        simulation: Simulation,
+        on_refused_change: Callable[[], None],
+        runs: Callable[[], bool],
+    ) -> None:
+        """Subscribe on `node`.
+
+        Args:
+            node: The sim node.
+            simulation: What obeys.
+            on_refused_change: Called when `refused` or `let_go` becomes something else.
+            runs: Tells whether simulated time runs; while it stands, so does the simulated board, and its watchdog.
+
+        """
+        self._runs = runs
         self._simulation = simulation
         self._on_refused_change = on_refused_change
         self._refused = ""
@@ -90,8 +105,9 @@ class Commands:
 
     def _look(self) -> None:
         now_s = time.monotonic()
-        self._silent_s += min(now_s - self._looked_s, 2.0 * WATCHDOG_S / _LOOKS)
+        passed_s = min(now_s - self._looked_s, 2.0 * WATCHDOG_S / _LOOKS)
         self._looked_s = now_s
+        self._silent_s += passed_s if self._runs() else 0.0
         if self._silent_s > WATCHDOG_S and not self._let_go and (self._duty > 0.0 or any(self._energised.values())):
             self._set_let_go(let_go=True)
             self._obey(0.0, dict.fromkeys(names.CHANNELS, False))

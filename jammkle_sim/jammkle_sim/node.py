@@ -79,7 +79,9 @@ class SimNode(Node):
             self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
         )
         self._roll_call = RollCall(self)
-        self._commands = Commands(self, self._simulation, self._diagnostics.check)
+        self._commands = Commands(
+            self, self._simulation, self._diagnostics.check, lambda: self._engine.control.state is RunState.RUNNING
+        )
         self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
         self._rigs = RigAction(self, self._engine, self._show, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)

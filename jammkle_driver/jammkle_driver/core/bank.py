@@ -114,8 +114,15 @@ class FilterBank:
         self._held_variance = np.full((models, volumes), self._spread.noise_pa**2)
         self._last_pa = np.full(volumes, np.nan)
         self._repeated = np.ones(volumes)
+        self._bridging = False
         self._fresh = True
         self._grace_s = 0.0
+
+    def bridge(self) -> None:
+        """Forget where the pressures are, and nothing else: readings of a while are missing."""
+        index = self._every[: self._layout.volumes]
+        self._covariance[:, index, index] += _UNKNOWN_PA**2
+        self._bridging = True
 
     def estimate(self, model: int = 0) -> Estimate:
         """Return what a hypothesis makes of the ankle; the first is the healthy one."""
@@ -139,6 +146,9 @@ class FilterBank:
             self._begin(readings_pa, step.ambient_pa)
         self._predictor.advance(self._state, self._covariance, step)
         likelihood = self._weigh(step.readings_pa) + self._repeats(readings_pa)
+        if self._bridging:
+            self._bridging = False
+            return
         gain = likelihood - likelihood[0] - _ALLOWANCE
         # While a valve may or may not have moved yet, what predicts sharply is not the likelier for it: then
         # hypotheses may lose, but not gain, and a little later they are not begun anew yet.

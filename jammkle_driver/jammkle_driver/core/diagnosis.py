@@ -57,8 +57,11 @@ _DRIFT_PA = 1200.0
 _LATE_SETS = 5
 """Sets of readings after which one that is missing a place is taken without it."""
 
-_LONGEST_GAP_S = 0.1
-"""Time between two sets of readings beyond which the filters begin anew, s: half the shortest jam fits in between."""
+_LONGEST_STEP_S = 0.1
+"""Time between two sets of readings beyond which the law says nothing of the pressures, s: a channel fills in it."""
+
+_LONGEST_GAP_S = 2.0
+"""Time without readings beyond which the filters begin anew, s."""
 
 _PACE_WINDOW_S = 0.5
 """Over how long the pace of the graph's clock is measured, s."""
@@ -177,7 +180,10 @@ class Diagnosis:
             self._silent_sets[place] = 0 if place in readings else self._silent_sets[place] + 1
         if not duration_s < _LONGEST_GAP_S or self._outruns(stamp_s, steady_s):  # also the first one
             self._bank.reset(ambient_pa)
-            duration_s = 0.0 if math.isinf(duration_s) else 0.01
+            return None
+        if duration_s > _LONGEST_STEP_S:
+            self._bank.bridge()
+            duration_s = _LONGEST_STEP_S
         if duration_s <= 0.0 or not self._commands:
             return None
         self._bank.advance(self._step(stamp_s, duration_s, readings, ambient_pa))
