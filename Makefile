@@ -5,12 +5,14 @@ BIN := .venv/bin
 
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help demo test bench blind firmware lint format readme lock set-up clean
+.PHONY: help demo test bench blind faults soak firmware lint format readme lock set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
 	@echo "make test   set up, run every test"
 	@echo "make bench  set up, measure speed; writes bench.json"
+	@echo "make faults set up, inject 500 random faults and jam a healthy ankle for an hour; writes docs/faults.md, 10 minutes"
+	@echo "make soak   set up, jam for half a simulated hour with random faults, pester with 100,000 malformed requests"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make lint   set up, ruff and mypy"
@@ -30,6 +32,12 @@ test: set-up
 
 bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
+
+faults: set-up
+	@$(BIN)/python -m jammkle_driver.fake faults --page docs/faults.md
+
+soak: set-up
+	@$(BIN)/python -m jammkle_driver.fake soak
 
 blind: set-up
 	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json \
