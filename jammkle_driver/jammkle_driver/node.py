@@ -17,7 +17,8 @@ from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import REFERENCE_PA
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
-from jammkle_driver.core.requests import RequestError, check_carried_out
+from jammkle_driver.core.releases import check_carried_out
+from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
 from jammkle_driver.health import ankle_lines, health_lines

@@ -16,7 +16,8 @@ from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, released
 from jammkle_driver.core.overload import OverloadWatch
 from jammkle_driver.core.regulator import PumpLoad
-from jammkle_driver.core.requests import RequestError, check_carried_out
+from jammkle_driver.core.releases import check_carried_out
+from jammkle_driver.core.requests import RequestError
 from jammkle_driver.fake.bench import FaultBench
 from jammkle_driver.fake.plant import FakeFault
 from jammkle_driver.fake.script import ScriptError, read_script
