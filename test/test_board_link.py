@@ -16,7 +16,16 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from boards import AVR, JAMMED, RELEASED, Host, board_command
 from jammkle_driver.board.line import check_port, silence_s
-from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring, WiringError, load_wiring
+from jammkle_driver.board.wiring import (
+    Firmware,
+    Pump,
+    Sensor,
+    Solenoid,
+    Wiring,
+    WiringError,
+    load_wiring,
+    standard_board_file,
+)
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause
 from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_sim.board_bench import BoardBench
@@ -281,6 +290,13 @@ def test_a_bad_board_file_is_refused_with_one_line(tmp_path: Path, old: str, new
     with pytest.raises(WiringError, match=f"(?s)board.yaml.*{words}") as caught:
         load_wiring(path)
     assert "\n" not in str(caught.value)
+
+
+def test_the_example_of_a_bought_board_is_good() -> None:
+    """What the package ships to start from can be read."""
+    wiring = load_wiring(standard_board_file().with_name("board_bought.yaml"))
+    assert wiring.firmware is Firmware.OTHER
+    assert math.isnan(wiring.sensors[PERONEAL_LEFT].pascals(0))
 
 
 def test_a_board_file_that_is_not_there_is_refused(tmp_path: Path) -> None:

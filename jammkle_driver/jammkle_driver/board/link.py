@@ -131,7 +131,7 @@ class BoardLink:
                 return
             if self._status.connects > connects:
                 pause_s = _FIRST_PAUSE_S
-            self._line.close()
+            self._line.let_go()
             self._lost(f"{why}; trying again every {pause_s:g} s")
             await self._pause(pause_s)
             pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
@@ -139,7 +139,8 @@ class BoardLink:
     async def _talk_once(self) -> str:
         """Connect and exchange for as long as it lasts; return why it ended."""
         try:
-            await self._line.open()
+            if not self._line.is_open:
+                await self._line.open()
             said = await self._dialogue.open()
             self._take(await self._dialogue.exchange(None))  # what it has latched is known before it counts as there
             self._connected(said)
@@ -178,8 +179,8 @@ class BoardLink:
         fresh = self._stops or time.monotonic() - self._applied_s < HOST_SILENCE_S
         try:
             if self._acknowledges:
-                self._acknowledges = False
                 await self._acknowledge()
+                self._acknowledges = False  # a line that lost it is asked again
             exchange = await self._dialogue.exchange(self._command if fresh else None)
         except LineError:
             self._failed_in_a_row += 1
@@ -200,7 +201,6 @@ class BoardLink:
 
     def _connected(self, said: str) -> None:
         self._failed_in_a_row = 0
-        self._board_crc_errors = None
         self._acknowledges = False  # of what was latched before; what is latched now nobody has seen yet
         self._tell(state=LinkState.CONNECTED, detail=said, connects=self._status.connects + 1)
 

@@ -169,7 +169,7 @@ _CHOICES = {"parity": ("N", "E", "O"), "table": ("input", "holding"), "firmware"
 
 def standard_board_file() -> Path:
     """Return the file for the project's own firmware, as it is shipped."""
-    return Path(str(files("jammkle_driver").joinpath("board/board.yaml")))
+    return Path(str(files("jammkle_driver").joinpath("config/board.yaml")))
 
 
 def load_wiring(path: Path | None) -> Wiring:
