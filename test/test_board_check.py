@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from jammkle_driver.board.check import CheckRow
 
 HEALTHY = PneumaticParameters()
-PACE = 0.25
+PACE = 0.2
 """The simulated plant is quicker than what the walk has patience for."""
 
 
