@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 import yaml
 
-from boards import board_command
+from boards import board_command, wiring
 from graph import COMMAND
 from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
 from jammkle_driver.board.walk import WalkOptions, walk
@@ -49,7 +49,7 @@ def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 def walked(port: Path, person: Person | None = None) -> dict[str, CheckRow]:
-    options = WalkOptions(str(port), load_wiring(None), None, None, calibrates=person is not None, pace=PACE)
+    options = WalkOptions(str(port), wiring(), None, None, calibrates=person is not None, pace=PACE)
     return {row.what: row for row in asyncio.run(walk(options, person or Person()))}
 
 

@@ -215,7 +215,7 @@ class OtherBoard:
 def test_a_bought_board_over_tcp_works_without_our_firmware() -> None:
     """Coils, polarity, a pump on 4 to 20 mA, scale, offset, sign and limits come from the board file alone."""
     board = OtherBoard()
-    host = Host(f"tcp://127.0.0.1:{board.port}", wiring=OTHER)
+    host = Host(f"tcp://127.0.0.1:{board.port}", wired=OTHER)
     try:
         host.tick_until(lambda: bool(host.exchanges), RELEASED)
         host.tick_until(lambda: board.ask(1, 0, 6)[:2] == [False, True])

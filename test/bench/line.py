@@ -149,7 +149,7 @@ def _bare_serial(port: Path) -> list[float]:
 
 
 def _cycle_rate(port: Path) -> float:
-    host = Host(port, wiring=replace(load_wiring(None), rate_hz=1000.0))
+    host = Host(port, wired=replace(load_wiring(None), rate_hz=1000.0))
     try:
         host.ready()
         before, start_s = len(host.exchanges), time.monotonic()
