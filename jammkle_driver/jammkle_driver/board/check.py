@@ -36,7 +36,7 @@ _REST_S = 0.6
 _PUMP_S = 8.0
 _VALVE_S = 3.0
 _VENT_S = 1.0
-_LEAK_S = 1.0
+_LEAK_S = 0.5
 
 
 @dataclass(frozen=True)
