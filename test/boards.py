@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jammkle_driver.board.link import BoardLink
-from jammkle_driver.board.wiring import load_wiring
+from jammkle_driver.board.wiring_file import load_wiring
 from jammkle_driver.core.hardware import ActuatorCommand, LinkState, released
 from jammkle_graph.names import CHANNELS
 

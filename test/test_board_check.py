@@ -15,7 +15,7 @@ from boards import Host, board_command, wiring
 from graph import COMMAND
 from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
 from jammkle_driver.board.walk import WalkOptions, walk
-from jammkle_driver.board.wiring import load_wiring, standard_board_file
+from jammkle_driver.board.wiring_file import load_wiring, standard_board_file
 from jammkle_graph.names import CHANNELS
 from jammkle_sim.board_bench import BoardBench
 from jammkle_sim.physics.pneumatics import PneumaticParameters

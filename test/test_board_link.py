@@ -16,16 +16,8 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from boards import AVR, JAMMED, RELEASED, Host, board_command
 from jammkle_driver.board.line import Line, check_port, silence_s
-from jammkle_driver.board.wiring import (
-    Firmware,
-    Pump,
-    Sensor,
-    Solenoid,
-    Wiring,
-    WiringError,
-    load_wiring,
-    standard_board_file,
-)
+from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring
+from jammkle_driver.board.wiring_file import WiringError, load_wiring, standard_board_file
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause
 from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_sim.board_bench import BoardBench

@@ -14,7 +14,8 @@ from jammkle_driver.board.check import PUMP, CheckRow, check
 from jammkle_driver.board.dialogue import dialogue
 from jammkle_driver.board.line import Line, LineError, RefusedError
 from jammkle_driver.board.probe import PERIOD_S, RELEASED, Probe, command
-from jammkle_driver.board.wiring import Firmware, standard_board_file
+from jammkle_driver.board.wiring import Firmware
+from jammkle_driver.board.wiring_file import standard_board_file
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.names import CHANNELS
