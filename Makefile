@@ -48,7 +48,7 @@ firmware: set-up
 	@missing="$$($(FIRMWARE) missing)"; if [ -n "$$missing" ]; then \
 		echo "firmware: built for this machine only; for the board install $$missing"; \
 	else \
-		$(FIRMWARE) avr simavr && JAMMKLE_BOARD=avr $(BIN)/python -m pytest test/test_board_firmware.py test/test_board_link.py; \
+		$(FIRMWARE) avr simavr && JAMMKLE_BOARD=avr $(BIN)/python -m pytest test/test_board_*.py; \
 	fi
 
 lint: set-up

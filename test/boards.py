@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jammkle_driver.board.link import BoardLink
-from jammkle_driver.board.wiring import load_wiring
+from jammkle_driver.board.wiring_file import load_wiring
 from jammkle_driver.core.hardware import ActuatorCommand, LinkState, released
 from jammkle_graph.names import CHANNELS
 
@@ -43,12 +44,21 @@ def board_command(folder: Path) -> list[str]:
     return [str(folder / "board")]
 
 
+def wiring() -> Wiring:
+    """Return the shipped wiring; with more patience for a simulator that may run slower than real time.
+
+    Not for tests of what is lost when: there the patience is part of it.
+    """
+    standard = load_wiring(None)
+    return replace(standard, reply_timeout_s=0.15) if AVR else standard
+
+
 class Host:
     """The driver's link to a board, with a driver that ticks as the node does."""
 
-    def __init__(self, port: Path | str, *, safe_state: str = "vent", wiring: Wiring | None = None) -> None:
+    def __init__(self, port: Path | str, *, safe_state: str = "vent", wired: Wiring | None = None) -> None:
         self.exchanges: list[Exchange] = []
-        self.link = BoardLink(str(port), wiring or load_wiring(None), safe_state, self.exchanges.append)
+        self.link = BoardLink(str(port), wired or load_wiring(None), safe_state, self.exchanges.append)
 
     def tick_until(
         self, holds: Callable[[], bool], command: ActuatorCommand = RELEASED, timeout_s: float = TIMEOUT_S

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import pytest
 import yaml
 
-from boards import board_command
+from boards import Host, board_command, wiring
 from graph import COMMAND
 from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
 from jammkle_driver.board.walk import WalkOptions, walk
-from jammkle_driver.board.wiring import load_wiring, standard_board_file
+from jammkle_driver.board.wiring_file import load_wiring, standard_board_file
+from jammkle_graph.names import CHANNELS
 from jammkle_sim.board_bench import BoardBench
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from jammkle_driver.board.check import CheckRow
 
 HEALTHY = PneumaticParameters()
-PACE = 0.25
+PACE = 0.2
 """The simulated plant is quicker than what the walk has patience for."""
 
 
@@ -49,7 +50,7 @@ def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 def walked(port: Path, person: Person | None = None) -> dict[str, CheckRow]:
-    options = WalkOptions(str(port), load_wiring(None), None, None, calibrates=person is not None, pace=PACE)
+    options = WalkOptions(str(port), wiring(), None, None, calibrates=person is not None, pace=PACE)
     return {row.what: row for row in asyncio.run(walk(options, person or Person()))}
 
 
@@ -102,11 +103,14 @@ def test_a_calibration_takes_out_gain_and_offset(command: list[str], tmp_path: P
 
         rows = walked(tmp_path / "board", Person(read))
         assert rows["calibration"].passed, rows["calibration"]
-        assert (tmp_path / "store").stat().st_size > 0
-        again = walked(tmp_path / "board")
-    for what, row in again.items():
-        if what.endswith("at rest"):
-            assert float(row.measured.split()[0]) == pytest.approx(101.3, abs=0.4)
+        host = Host(tmp_path / "board")
+        host.tick_until(lambda: len(host.exchanges) > 1)
+        host.link.close()
+        readings = host.exchanges[-1].sensors_pa
+        assert not host.link.status.faults
+    assert (tmp_path / "store").stat().st_size > 0
+    for place in CHANNELS:
+        assert readings[place] == pytest.approx(101325.0, abs=400.0)
 
 
 def test_points_that_make_no_line_are_refused() -> None:
@@ -125,6 +129,39 @@ def test_a_bought_board_gets_its_calibration_in_a_file(tmp_path: Path) -> None:
     assert yaml.safe_load((tmp_path / "mine.yaml").read_text())["firmware"] == "jammkle"
     sensor = load_wiring(tmp_path / "mine.yaml").sensors["achilles"]
     assert sensor.pascals(600) == pytest.approx(75e3)
+
+
+OTHER_FIRMWARE = """
+firmware: other
+pump: {register: 1}
+solenoids: {peroneal_left: {coil: 0}, peroneal_right: {coil: 1}, achilles: {coil: 2}}
+sensors:
+  peroneal_left: {register: 13, scale: 7.0}
+  peroneal_right: {register: 14, scale: 7.0}
+  achilles: {register: 15, scale: 7.0}
+  manifold: {register: 16, scale: 7.0}
+on_connect: {3: 4, 2: 5000}
+"""
+"""The project's board taken for a bought one: raw numbers of the converter, and a calibration that is far out."""
+
+
+def test_a_board_of_other_make_is_walked_and_calibrated_too(command: list[str], tmp_path: Path) -> None:
+    """Coils, a register and raw numbers alone: every row passes, and the new board file reads true pressures."""
+    (tmp_path / "bought.yaml").write_text(OTHER_FIRMWARE)
+    with BoardBench(command, tmp_path / "board") as bench:
+
+        def read(question: str) -> float:
+            return 101.325 - bench.plant.pressures_pa["manifold"] / 1e3 if "gauge" in question else 101.325
+
+        wired = load_wiring(tmp_path / "bought.yaml")
+        options = WalkOptions(
+            str(tmp_path / "board"), wired, tmp_path / "bought.yaml", None, calibrates=True, pace=PACE
+        )
+        rows = {row.what: row for row in asyncio.run(walk(options, Person(read)))}
+    assert failed(rows) <= {"sensors agree"}, rows
+    made = load_wiring(tmp_path / "bought.calibrated.yaml").sensors["achilles"]
+    share = 0.009 * 101.325 - 0.095  # of the sensor's supply, at this pressure
+    assert made.pascals(round(16368 * share)) == pytest.approx(101325.0, abs=400.0)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from board_scene import EVENTS, EVERYTHING, Scene, all_off, cable, pump_off, repair, sigkill
-from boards import board_command
+from boards import AVR, board_command
 from graph import environment
 from jammkle_graph.names import MANIFOLD_PRESSURE
 from jammkle_msgs.msg import ChannelJamState
@@ -60,7 +60,9 @@ def test_stale_commands_vent(make_scene: Callable[..., Scene]) -> None:
     scene = make_scene()
     sent_s = scene.stream_jam()
     took_s = scene.delay_s(sent_s, all_off)
-    assert STALE_S <= took_s < STALE_S + 0.1 + SCHEDULING_S
+    assert took_s < STALE_S + 0.1 + SCHEDULING_S
+    if not AVR:  # whose simulator, on a busy machine, may lose the line before
+        assert took_s >= STALE_S
 
 
 @pytest.mark.parametrize("happen", [sigkill, cable])

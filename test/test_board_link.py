@@ -15,8 +15,9 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from boards import AVR, JAMMED, RELEASED, Host, board_command
-from jammkle_driver.board.line import check_port, silence_s
-from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring, WiringError, load_wiring
+from jammkle_driver.board.line import Line, check_port, silence_s
+from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring
+from jammkle_driver.board.wiring_file import WiringError, load_wiring, standard_board_file
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause
 from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_sim.board_bench import BoardBench
@@ -135,9 +136,16 @@ def test_the_link_waits_for_a_board_that_is_not_there_yet(command: list[str], tm
         wait_until(lambda: bench.released)
 
 
-def test_a_board_that_stands_still_is_lost_and_comes_back(bench: BoardBench, host: Host) -> None:
-    """A board that answers nothing, although its device is there, is lost after three requests."""
+def test_a_board_that_stands_still_is_lost_and_comes_back(
+    bench: BoardBench, host: Host, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A board that answers nothing, although its device is there, is lost after three requests.
+
+    Its port stays open: to open it again would reset an Arduino again, while its bootloader is still waiting.
+    """
     host.jam(bench)
+    opened: list[Line] = []
+    monkeypatch.setattr(Line, "open", opened.append)
     os.kill(bench.process.pid, signal.SIGSTOP)
     try:
         host.tick_until(lambda: host.link.status.state is LinkState.LOST, JAMMED)
@@ -146,6 +154,7 @@ def test_a_board_that_stands_still_is_lost_and_comes_back(bench: BoardBench, hos
         os.kill(bench.process.pid, signal.SIGCONT)
     host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED)
     host.jam(bench)
+    assert not opened
 
 
 OTHER = Wiring(
@@ -165,7 +174,8 @@ OTHER = Wiring(
 class OtherBoard:
     """A bought I/O board: a Modbus server over TCP that knows of coils and registers and nothing else."""
 
-    def __init__(self) -> None:
+    def __init__(self, port: int = 0) -> None:
+        self.port = port
         self._loop = asyncio.new_event_loop()
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -181,7 +191,7 @@ class OtherBoard:
         inputs = [SimData(0, values=[10132, 9868, 0], datatype=DataType.REGISTERS)]
         discrete = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
         self.server = ModbusTcpServer(
-            SimDevice(1, simdata=(coils, discrete, holding, inputs)), address=("127.0.0.1", 0)
+            SimDevice(1, simdata=(coils, discrete, holding, inputs)), address=("127.0.0.1", self.port)
         )
         await self.server.serve_forever(background=True)
         self.port = self.server.transport.sockets[0].getsockname()[1]
@@ -206,7 +216,7 @@ class OtherBoard:
 def test_a_bought_board_over_tcp_works_without_our_firmware() -> None:
     """Coils, polarity, a pump on 4 to 20 mA, scale, offset, sign and limits come from the board file alone."""
     board = OtherBoard()
-    host = Host(f"tcp://127.0.0.1:{board.port}", wiring=OTHER)
+    host = Host(f"tcp://127.0.0.1:{board.port}", wired=OTHER)
     try:
         host.tick_until(lambda: bool(host.exchanges), RELEASED)
         host.tick_until(lambda: board.ask(1, 0, 6)[:2] == [False, True])
@@ -220,6 +230,10 @@ def test_a_bought_board_over_tcp_works_without_our_firmware() -> None:
         assert [bits[0], bits[1], bits[5]] == [True, False, True]
         assert host.link.status.latched == frozenset()
         assert host.link.status.reset_cause is None
+        board.close()
+        host.tick_until(lambda: host.link.status.state is LinkState.LOST, JAMMED)
+        board = OtherBoard(board.port)
+        host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED, JAMMED)
     finally:
         host.link.close()
         board.close()
@@ -281,6 +295,13 @@ def test_a_bad_board_file_is_refused_with_one_line(tmp_path: Path, old: str, new
     with pytest.raises(WiringError, match=f"(?s)board.yaml.*{words}") as caught:
         load_wiring(path)
     assert "\n" not in str(caught.value)
+
+
+def test_the_example_of_a_bought_board_is_good() -> None:
+    """What the package ships to start from can be read."""
+    wiring = load_wiring(standard_board_file().with_name("board_bought.yaml"))
+    assert wiring.firmware is Firmware.OTHER
+    assert math.isnan(wiring.sensors[PERONEAL_LEFT].pascals(0))
 
 
 def test_a_board_file_that_is_not_there_is_refused(tmp_path: Path) -> None:

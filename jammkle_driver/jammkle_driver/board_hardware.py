@@ -11,7 +11,7 @@ from sensor_msgs.msg import FluidPressure
 
 from jammkle_driver.board.line import check_port
 from jammkle_driver.board.link import BoardLink
-from jammkle_driver.board.wiring import WiringError, load_wiring
+from jammkle_driver.board.wiring_file import WiringError, load_wiring
 from jammkle_driver.conversions import (
     actuator_states_message,
     pressure_from_vacuum,

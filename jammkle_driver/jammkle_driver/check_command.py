@@ -47,7 +47,7 @@ def check(
 
     from jammkle_driver.board.line import LineError, check_port
     from jammkle_driver.board.walk import WalkOptions, walk
-    from jammkle_driver.board.wiring import WiringError, load_wiring
+    from jammkle_driver.board.wiring_file import WiringError, load_wiring
     from jammkle_graph.command import results
 
     results.check_writable(json)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint
+from typing import ClassVar
+
 import pytest
 
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
-from jammkle_driver.hardware_choice import check_hardware
+from jammkle_driver.hardware_choice import HardwareContext, check_hardware, check_parameters, make_hardware
+from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.command.provided import HARDWARE
 from jammkle_graph.parameters import ParameterError
 
 HEALTHY = LinkStatus(LinkState.CONNECTED)
@@ -58,6 +63,33 @@ def test_a_link_that_is_well_asks_for_nothing() -> None:
         verdict = LinkGuard().look(HEALTHY, jammed=jammed)
         assert not verdict.fault
         assert not verdict.acknowledge
+
+
+class OurLab:
+    """Hardware of a user's own."""
+
+    checked: ClassVar[list[str]] = []
+
+    def __init__(self, context: HardwareContext) -> None:
+        self.context = context
+
+    @staticmethod
+    def check(parameters: DriverParameters) -> None:
+        OurLab.checked.append(parameters.port)
+
+
+def test_a_user_brings_hardware_along(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An entry point of any installed package is found by its name, checked at start, and made from the context."""
+    entry = EntryPoint("our_lab", f"{__name__}:OurLab", HARDWARE)
+    monkeypatch.setattr(EntryPoint, "load", lambda _: OurLab)
+    monkeypatch.setattr("jammkle_driver.hardware_choice.entries", lambda _: {"our_lab": entry})
+    parameters = DriverParameters(hardware="our_lab", port="/dev/pump")
+    check_parameters(parameters)
+    assert OurLab.checked == ["/dev/pump"]
+    context = HardwareContext(None, lambda _: None, lambda: 101325.0, parameters)
+    made = make_hardware(context)
+    assert isinstance(made, OurLab)
+    assert made.context is context
 
 
 def test_hardware_that_nobody_brings_along_is_refused() -> None:

@@ -25,7 +25,7 @@ from delay import FLIGHT_SAMPLES, GROUND_SAMPLES, IMPACT_M_S2, REST_SAMPLES, Sti
 from echo import MARK
 from graph import environment
 from jammkle_driver.board.line import silence_s
-from jammkle_driver.board.wiring import load_wiring
+from jammkle_driver.board.wiring_file import load_wiring
 from jammkle_driver.core.registers import register_list
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import ACHILLES, CHANNEL_JAMS, CHANNELS
@@ -149,7 +149,7 @@ def _bare_serial(port: Path) -> list[float]:
 
 
 def _cycle_rate(port: Path) -> float:
-    host = Host(port, wiring=replace(load_wiring(None), rate_hz=1000.0))
+    host = Host(port, wired=replace(load_wiring(None), rate_hz=1000.0))
     try:
         host.ready()
         before, start_s = len(host.exchanges), time.monotonic()

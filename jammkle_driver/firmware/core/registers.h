@@ -1,4 +1,4 @@
-/* Written from board/registers.yaml by `make readme`: edit that file. */
+/* Written from config/registers.yaml by `make readme`: edit that file. */
 #ifndef JAMMKLE_REGISTERS_H
 #define JAMMKLE_REGISTERS_H
 

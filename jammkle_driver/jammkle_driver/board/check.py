@@ -32,11 +32,11 @@ _LEAK_SHARE = 0.05
 """A leak that takes more than this share of what the pump draws keeps it running for good."""
 _OPEN_SHARE = 0.8
 """Share of the manifold's vacuum that a channel behind an open valve has after `_VALVE_S`."""
-_REST_S = 1.0
+_REST_S = 0.6
 _PUMP_S = 8.0
 _VALVE_S = 3.0
 _VENT_S = 1.0
-_LEAK_S = 1.5
+_LEAK_S = 0.5
 
 
 @dataclass(frozen=True)

@@ -142,6 +142,15 @@ class Line:
             self._client.close()
         self._client = None
 
+    def let_go(self) -> None:
+        """Close what is not worth keeping: all but a serial device that is there and whose board is silent.
+
+        Opening a serial port resets an Arduino, whose bootloader then answers nothing for up to 2 s: who closes and
+        opens again in that time never gets an answer.
+        """
+        if not (self._serial and self.is_open):
+            self.close()
+
     async def read(self, table: str, first: int, count: int) -> Sequence[int]:
         """Return `count` registers of the table `input` or `holding`."""
         call = self._client.read_input_registers if table == "input" else self._client.read_holding_registers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 import time
 from dataclasses import replace
@@ -34,6 +35,7 @@ _RATE_SHARE = 0.05
 
 _CLOCK_SLACK_S = 1.0
 _COUNTER_SIZE = 0x10000
+_UPTIME_SIZE_S = 2**32 / 1000.0
 
 
 class BoardLink:
@@ -107,7 +109,7 @@ class BoardLink:
             self._status = replace(self._status, **changes)
 
     def _nudge(self) -> None:
-        if not self._loop.is_closed():
+        with contextlib.suppress(RuntimeError):  # the thread has ended
             self._loop.call_soon_threadsafe(self._wake.set)
 
     def _run(self) -> None:
@@ -131,7 +133,7 @@ class BoardLink:
                 return
             if self._status.connects > connects:
                 pause_s = _FIRST_PAUSE_S
-            self._line.close()
+            self._line.let_go()
             self._lost(f"{why}; trying again every {pause_s:g} s")
             await self._pause(pause_s)
             pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
@@ -139,7 +141,8 @@ class BoardLink:
     async def _talk_once(self) -> str:
         """Connect and exchange for as long as it lasts; return why it ended."""
         try:
-            await self._line.open()
+            if not self._line.is_open:
+                await self._line.open()
             said = await self._dialogue.open()
             self._take(await self._dialogue.exchange(None))  # what it has latched is known before it counts as there
             self._connected(said)
@@ -178,8 +181,8 @@ class BoardLink:
         fresh = self._stops or time.monotonic() - self._applied_s < HOST_SILENCE_S
         try:
             if self._acknowledges:
-                self._acknowledges = False
                 await self._acknowledge()
+                self._acknowledges = False  # a line that lost it is asked again
             exchange = await self._dialogue.exchange(self._command if fresh else None)
         except LineError:
             self._failed_in_a_row += 1
@@ -200,7 +203,6 @@ class BoardLink:
 
     def _connected(self, said: str) -> None:
         self._failed_in_a_row = 0
-        self._board_crc_errors = None
         self._acknowledges = False  # of what was latched before; what is latched now nobody has seen yet
         self._tell(state=LinkState.CONNECTED, detail=said, connects=self._status.connects + 1)
 
@@ -212,13 +214,7 @@ class BoardLink:
 
     def _take(self, exchange: Exchange) -> None:
         now_s = time.monotonic()
-        started = 0
-        if exchange.uptime_s is not None:
-            if self._last is None:
-                started = 1
-            else:
-                expected_s = self._last[1] + now_s - self._last[0]
-                started = int(exchange.uptime_s < expected_s - _CLOCK_SLACK_S or exchange.uptime_s < self._last[1])
+        started = int(self._has_started(exchange.uptime_s, now_s))
         self._measure_rate(now_s)
         self._last = (now_s, exchange.uptime_s or 0.0)
         at_board = 0
@@ -233,6 +229,17 @@ class BoardLink:
             supply_v=exchange.supply_v,
         )
         self._count(at_board)
+
+    def _has_started(self, uptime_s: float | None, now_s: float) -> bool:
+        """Whether the board has started since it was last heard; its uptime turns over after 50 days."""
+        if uptime_s is None or self._last is None:
+            return uptime_s is not None
+        heard_s, last_uptime_s = self._last
+        missing_s = (last_uptime_s + now_s - heard_s - uptime_s) % _UPTIME_SIZE_S
+        back_s = (last_uptime_s - uptime_s) % _UPTIME_SIZE_S
+        return any(
+            low_s < each_s < _UPTIME_SIZE_S / 2 for each_s, low_s in ((missing_s, _CLOCK_SLACK_S), (back_s, 0.0))
+        )
 
     def _measure_rate(self, now_s: float) -> None:
         last_s, self._cycled_s = self._cycled_s, now_s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import statistics
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -13,7 +14,8 @@ from jammkle_driver.board.check import PUMP, CheckRow, check
 from jammkle_driver.board.dialogue import dialogue
 from jammkle_driver.board.line import Line, LineError, RefusedError
 from jammkle_driver.board.probe import PERIOD_S, RELEASED, Probe, command
-from jammkle_driver.board.wiring import Firmware, standard_board_file
+from jammkle_driver.board.wiring import Firmware
+from jammkle_driver.board.wiring_file import standard_board_file
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.names import CHANNELS
@@ -22,11 +24,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from jammkle_driver.board.dialogue import Dialogue
     from jammkle_driver.board.wiring import Wiring
     from jammkle_driver.core.hardware import ActuatorCommand
 
 _LOW_SUPPLY_V = 10.0
 _AVERAGED_S = 0.5
+_BOOT_S = 3.0
+"""An Arduino's bootloader waits for up to 2 s."""
 _EVACUATION_S = 10.0
 
 
@@ -79,7 +84,7 @@ async def walk(options: WalkOptions, person: Person) -> list[CheckRow]:
     try:
         await line.open()
         talk = dialogue(line, options.wiring, "vent")
-        said = await talk.open()
+        said = await _patiently(talk)
         probe = Probe(talk, options.wiring, options.pace)
         try:
             tell(await _link_row(probe, said))
@@ -95,6 +100,23 @@ async def walk(options: WalkOptions, person: Person) -> list[CheckRow]:
     finally:
         line.close()
     return rows
+
+
+async def _patiently(talk: Dialogue) -> str:
+    """Open the dialogue with a board that may just have been reset by the opening of its port.
+
+    Raises:
+        LineError: still no answer after its bootloader must be through.
+
+    """
+    end_s = time.monotonic() + _BOOT_S
+    while True:
+        try:
+            return await talk.open()
+        except LineError:
+            if time.monotonic() > end_s:
+                raise
+        await asyncio.sleep(_AVERAGED_S)
 
 
 async def _link_row(probe: Probe, said: str) -> CheckRow:

@@ -68,7 +68,7 @@ class SafeCause(enum.Enum):
     """Why a board has gone to its safe state by itself. Latched there until it is acknowledged."""
 
     HOST_SILENT = "no valid write for watchdog_ms"
-    SUPPLY_LOW = "the supply fell below supply_min_mv"
+    SUPPLY_LOW = "the supply fell below supply_minimum"
     RESET = "the board has started anew"
 
 

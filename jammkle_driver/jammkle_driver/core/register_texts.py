@@ -16,7 +16,7 @@ def header_text() -> str:
     """Return `firmware/core/registers.h`."""
     registers = register_list()
     lines = [
-        "/* Written from board/registers.yaml by `make readme`: edit that file. */",
+        "/* Written from config/registers.yaml by `make readme`: edit that file. */",
         "#ifndef JAMMKLE_REGISTERS_H",
         "#define JAMMKLE_REGISTERS_H",
         "",

@@ -1,4 +1,4 @@
-"""The registers of the board's own firmware, read from the one list of them, `board/registers.yaml`."""
+"""The registers of the board's own firmware, read from the one list of them, `config/registers.yaml`."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class RegisterList:
 @cache
 def register_list() -> RegisterList:
     """Return the list, read once."""
-    text = files("jammkle_driver").joinpath("board/registers.yaml").read_text(encoding="utf-8")
+    text = files("jammkle_driver").joinpath("config/registers.yaml").read_text(encoding="utf-8")
     content: dict[str, Any] = yaml.safe_load(text)
     tables = {
         table: tuple(Register(address=address, **entry) for address, entry in enumerate(content[table]))
