@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from statistics import median
+from statistics import median_low
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Atmosphere:
         still = [self._readings_pa[name] for name, since_s in self._vented_s.items() if since_s >= VENTED_FOR_S]
         if len(still) < min(2, len(self._vented_s)):
             return
-        centre_pa = median(still)
+        centre_pa = median_low(still)
         agreed = [reading for reading in still if abs(reading - centre_pa) <= AGREE_PA]
         if len(agreed) < min(2, len(self._vented_s)):
             return
