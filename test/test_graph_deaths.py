@@ -173,6 +173,15 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     processes.start("controller", "use_sim_time:=true")
     witness.until("controller again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
 
+    # The driver is stopped in order: it releases everything before it ends, and nobody misses it.
+    ended_s = processes.send("driver", signal.SIGTERM)
+    witness.until("driver ended: released", ended_s, lambda: not witness.energised())
+    probe.spin_until(lambda: processes.running["driver"].poll() is not None, "the driver has ended")
+    assert processes.running["driver"].returncode == 0
+    assert not probe.last(ACTUATOR_STATES).host_silent
+    processes.start("driver", "use_sim_time:=true")
+    probe.spin_until(lambda: witness.energised() and witness.jammed(), "another driver jams again")
+
     # The driver dies: the board lets go; a new driver follows the controller that is there.
     dead_s = processes.send("driver", signal.SIGKILL)
     witness.until("driver killed: released", dead_s, lambda: not witness.energised())

@@ -17,7 +17,7 @@ from jammkle_driver.core.hardware import MANIFOLD, LinkState, released
 from jammkle_driver.core.overload import OverloadWatch
 from jammkle_driver.core.regulator import PumpLoad
 from jammkle_driver.core.releases import check_carried_out
-from jammkle_driver.core.requests import RequestError
+from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.fake.bench import FaultBench
 from jammkle_driver.fake.plant import FakeFault
 from jammkle_driver.fake.script import ScriptError, read_script
@@ -151,6 +151,21 @@ def test_a_driver_that_stood_still_faults_nobody_and_jams_again() -> None:
     run(bench, 1.5)
     assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
     assert bench.driver.status.trouble.reason is Reason.EXECUTOR_OVERLOADED
+
+
+def test_nothing_jams_before_a_board_that_let_go_has_taken_the_release() -> None:
+    """Until then a service is refused and a stream waits; afterwards the stream's wish counts as new."""
+    bench = bench_of()
+    run(bench, 0.5)
+    bench.driver.wait_for_board(wait=True)
+    with pytest.raises(RequestError, match="release"):
+        bench.driver.jam((), 0.0, "test")
+    wishes = [Wish(name, SET_POINT_PA) for name in CHANNELS]
+    bench.driver.follow(wishes, bench.now, "jam_command")
+    assert bench.driver.command == released(CHANNELS)
+    bench.driver.wait_for_board(wait=False)
+    bench.driver.follow(wishes, bench.now, "jam_command")
+    assert all(bench.driver.command.solenoids.values())
 
 
 def test_nonsense_about_the_atmosphere_moves_nothing() -> None:

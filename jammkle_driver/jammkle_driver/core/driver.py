@@ -74,6 +74,7 @@ class Driver:
         self._active = False
         self._stop_asked = False
         self._stop_reason = ""
+        self._board_waits = False
 
     @property
     def limits(self) -> VacuumLimits:
@@ -214,7 +215,11 @@ class Driver:
             raise RequestError(msg)
         checked = checked_wishes(wishes, self._names, self.limits)
         # Before its first measurement a channel cannot follow; the wish counts as soon as it can.
-        heard = [wish for wish in checked if self._ankle.channels[wish.channel].vacuum_pa is not None]
+        heard = [
+            wish
+            for wish in checked
+            if self._ankle.channels[wish.channel].vacuum_pa is not None and not self._board_waits
+        ]
         able = [wish for wish in heard if self._can_follow(wish.channel)]
         new = self._stream.changes(able)
         jams = any(wish.vacuum_pa > 0.0 for wish in new)
@@ -269,6 +274,10 @@ class Driver:
     def fail(self, reason: str, fault: Reason = Reason.BOARD_UNPLUGGED) -> None:
         """Put every channel into FAULT: what drives them has failed."""
         self._ankle.fail(self._names, reason, fault)
+
+    def wait_for_board(self, *, wait: bool) -> None:
+        """Jam nothing while the board, which had let go, has not yet taken the release; a stream's wish then counts."""
+        self._board_waits = wait
 
     def was_let_go(self, reason: str) -> None:
         """Note that the hardware has let go of everything by itself; a stream that goes on jams anew."""
@@ -349,6 +358,9 @@ class Driver:
             raise RequestError(msg)
         if self._stop_reason:
             msg = f"emergency stop ({self._stop_reason}): cannot {verb}; release it, then call ~/clear_fault"
+            raise RequestError(msg)
+        if self._board_waits:
+            msg = f"the board has let go and has not yet taken the release: cannot {verb}; ask again"
             raise RequestError(msg)
 
     def _can_follow(self, channel: str) -> bool:

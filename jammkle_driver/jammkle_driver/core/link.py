@@ -22,6 +22,7 @@ class LinkVerdict:
         fault: Why every channel must go to FAULT; empty where none must.
         reason: The same as an enum; NONE where none must.
         let_go: Why the board has let go although nothing has failed: the driver had not been heard. Empty where not.
+        wait: Whether nothing may jam yet: the board that let go has not yet taken the release.
         acknowledge: Whether the board's latched safe state is acknowledged now.
 
     """
@@ -29,6 +30,7 @@ class LinkVerdict:
     fault: str = ""
     reason: Reason = Reason.NONE
     let_go: str = ""
+    wait: bool = False
     acknowledge: bool = False
 
 
@@ -53,7 +55,7 @@ class LinkGuard:
         """
         if jammed and link.state is LinkState.CONNECTED and link.latched == {SafeCause.HOST_SILENT}:
             # The driver itself was late: what is wished again may be jammed again.
-            return LinkVerdict(let_go=f"the board let go: {SafeCause.HOST_SILENT.value}", acknowledge=True)
+            return LinkVerdict(let_go=f"the board let go: {SafeCause.HOST_SILENT.value}", wait=True, acknowledge=True)
         if jammed:
             reason, fault = _fault(link)
             self._failed = bool(fault)
@@ -61,7 +63,7 @@ class LinkGuard:
         if link.state is LinkState.CONNECTED and not link.latched:
             self._failed = False
         idle = link.state is LinkState.CONNECTED and bool(link.latched) and not self._failed
-        return LinkVerdict(acknowledge=idle)
+        return LinkVerdict(wait=idle and link.latched == {SafeCause.HOST_SILENT}, acknowledge=idle)
 
     def clear(self) -> None:
         """Note that somebody has acknowledged what happened."""

@@ -113,6 +113,7 @@ class FaultBench:
         verdict = self.guard.look(self.link, jammed=self.driver.jammed)
         if verdict.fault:
             self.driver.fail(verdict.fault, verdict.reason)
+        self.driver.wait_for_board(wait=verdict.wait)
         if verdict.let_go:
             self.driver.was_let_go(verdict.let_go)
         if verdict.acknowledge:
