@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Bool
 
-from boards import AVR, patient_board_file
 from graph import Probe, environment
 from jammkle_graph.names import (
     CHANNELS,
@@ -50,8 +49,7 @@ class Scene:
         self.probe.listen(JAM_STATE, DIAGNOSTICS, MANIFOLD_PRESSURE)
         self.stream = self.probe.publisher(JAM_COMMAND)
         self.stop = self.probe.publisher(EMERGENCY_STOP)
-        patient = {"board_file": str(patient_board_file(port.parent))} if AVR else {}
-        self._parameters = {"hardware": "modbus", "port": str(port), **patient, **parameters}
+        self._parameters = {"hardware": "modbus", "port": str(port), **parameters}
         self.driver = self.start_driver()
 
     def start_driver(self) -> subprocess.Popen[bytes]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jammkle_driver.board.link import BoardLink
-from jammkle_driver.board.wiring_file import load_wiring, standard_board_file
+from jammkle_driver.board.wiring_file import load_wiring
 from jammkle_driver.core.hardware import ActuatorCommand, LinkState, released
 from jammkle_graph.names import CHANNELS
 
@@ -51,14 +51,6 @@ def wiring() -> Wiring:
     """
     standard = load_wiring(None)
     return replace(standard, reply_timeout_s=0.15) if AVR else standard
-
-
-def patient_board_file(folder: Path) -> Path:
-    """Write the same into a board file and return it."""
-    target = folder / "patient.yaml"
-    text = standard_board_file().read_text(encoding="utf-8")
-    target.write_text(text.replace("reply_timeout_s: 0.03", "reply_timeout_s: 0.1"), encoding="utf-8")
-    return target
 
 
 class Host:
