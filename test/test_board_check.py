@@ -140,6 +140,7 @@ sensors:
   peroneal_right: {register: 14, scale: 7.0}
   achilles: {register: 15, scale: 7.0}
   manifold: {register: 16, scale: 7.0}
+reply_timeout_s: 0.15
 on_connect: {3: 4, 2: 5000}
 """
 """The project's board taken for a bought one: raw numbers of the converter, and a calibration that is far out."""

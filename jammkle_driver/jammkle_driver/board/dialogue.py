@@ -68,7 +68,12 @@ class Dialogue(Protocol):
         """Write the outputs (None: leave them, and give no sign of life) and read all sensors."""
 
     async def acknowledge(self) -> None:
-        """Let a board that has latched its safe state take jams again."""
+        """Let a board that has latched its safe state take jams again.
+
+        Raises:
+            RefusedError: it has latched something else meanwhile.
+
+        """
 
 
 def dialogue(line: Line, wiring: Wiring, safe_state: str) -> Dialogue:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import statistics
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.board.line import LineError
+from jammkle_driver.board.line import LineError, RefusedError
 from jammkle_driver.core.hardware import ActuatorCommand, released
 from jammkle_graph.names import CHANNELS
 
@@ -95,7 +96,8 @@ class Probe:
             return None
         self._failed = 0
         if exchange.latched:
-            await self._talk.acknowledge()
+            with contextlib.suppress(RefusedError, LineError):  # the next exchange tells, and it is tried again
+                await self._talk.acknowledge()
         return exchange
 
     async def vent(self) -> None:
