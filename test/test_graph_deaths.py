@@ -99,6 +99,10 @@ class Witness:
         last = self.probe.last(ACTUATOR_STATES)
         return bool(last) and any(last.energised)
 
+    def let_go(self) -> bool:
+        """Whether the board has let go by itself; a driver that regulates releases a solenoid now and then, too."""
+        return self.probe.last(ACTUATOR_STATES).host_silent and not self.energised()
+
     def vacuum_pa(self) -> float:
         return AMBIENT_PA - max(self.probe.last(topic).fluid_pressure for topic in PRESSURES.values())
 
@@ -158,25 +162,24 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
 
     # The driver stands still: the board lets go, and afterwards nothing healthy is in FAULT.
     stood_s = processes.send("driver", signal.SIGSTOP)
-    witness.until("driver stopped: released", stood_s, lambda: not witness.energised())
+    witness.until("driver stopped: released", stood_s, witness.let_go)
     probe.spin_until(lambda: time.monotonic() - stood_s > 1.5, "a stall of 1.5 s has passed")
-    assert probe.last(ACTUATOR_STATES).host_silent
     woken_s = processes.send("driver", signal.SIGCONT)
     witness.until("driver goes on: jammed again", woken_s, lambda: witness.energised() and witness.jammed())
     assert ChannelJamState.FAULT not in probe.channel_states().values()
 
     # The controller dies: vented, told, and taken up again where the robot stands.
     dead_s = processes.send("controller", signal.SIGKILL)
-    witness.until("controller killed: released", dead_s, lambda: not witness.energised())
-    assert witness.faults() == {Fault.COMMANDS_STALE}
+    stale = {Fault.COMMANDS_STALE}
+    witness.until("controller killed: released", dead_s, lambda: witness.faults() == stale and not witness.energised())
     witness.until("controller killed: told", dead_s, lambda: witness.missed("driver", "controller"))
     processes.start("controller", "use_sim_time:=true")
     witness.until("controller again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
 
     # The driver is stopped in order: it releases everything before it ends, and nobody misses it.
     ended_s = processes.send("driver", signal.SIGTERM)
-    witness.until("driver ended: released", ended_s, lambda: not witness.energised())
     probe.spin_until(lambda: processes.running["driver"].poll() is not None, "the driver has ended")
+    witness.until("driver ended: released", ended_s, lambda: not witness.energised())
     assert processes.running["driver"].returncode == 0
     assert not probe.last(ACTUATOR_STATES).host_silent
     processes.start("driver", "use_sim_time:=true")
@@ -184,7 +187,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
 
     # The driver dies: the board lets go; a new driver follows the controller that is there.
     dead_s = processes.send("driver", signal.SIGKILL)
-    witness.until("driver killed: released", dead_s, lambda: not witness.energised())
+    witness.until("driver killed: released", dead_s, witness.let_go)
     witness.until("driver killed: told", dead_s, lambda: witness.missed("sim", "driver"))
     assert "released" in witness.line("/sim: commands").message
     processes.start("driver", "use_sim_time:=true")
@@ -195,7 +198,11 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     probe.spin_until(lambda: stop.get_subscription_count() > 0, "the driver hears emergency_stop")
     stop.publish(Bool(data=True))
     stopped_s = time.monotonic()
-    witness.until("emergency stop: released", stopped_s, lambda: not witness.energised())
+    witness.until(
+        "emergency stop: released",
+        stopped_s,
+        lambda: probe.last(JAM_STATE).emergency_stopped and not witness.energised(),
+    )
     assert not probe.call(CLEAR_FAULT).success
     stop.publish(Bool(data=False))
     probe.spin_until(lambda: probe.call(CLEAR_FAULT).success, "the stop is cleared")
