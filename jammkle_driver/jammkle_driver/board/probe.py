@@ -63,7 +63,7 @@ class Probe:
     async def exchanges(
         self, wanted: ActuatorCommand, duration_s: float, until: Callable[[Exchange], bool] | None = None
     ) -> list[tuple[float, Exchange]]:
-        """Keep a command for so long, or until something holds; return every exchange with its time, s.
+        """Keep a command for so long, or until something holds; return every exchange, at least one, with its time, s.
 
         Raises:
             LineError: the board has gone.
@@ -71,7 +71,7 @@ class Probe:
         """
         found = []
         end_s = time.monotonic() + self._pace * duration_s
-        while time.monotonic() < end_s:
+        while time.monotonic() < end_s or not found:
             exchange = await self.exchange(wanted)
             if exchange is not None:
                 found.append((time.monotonic(), exchange))
