@@ -75,7 +75,11 @@ def test_a_healthy_board_passes_twice(command: list[str], tmp_path: Path) -> Non
     [
         ({"pump_free_flow_l_min": 1e-6}, {}, {"pump": "does it run"}),
         ({"leak_conductance_dm3_s_bar": 0.01}, {}, {"leak of manifold": "soapy water"}),
-        ({}, {0: 0, 4: 1_500_000}, {"sensor peroneal_left at rest": "wire", "board": "supply"}),
+        (
+            {},
+            {0: 0, 2: 5_000_000, 4: 1_500_000},
+            {"sensor peroneal_left at rest": "wire", "sensor achilles at rest": "broken wire", "board": "supply"},
+        ),
         ({}, {1: 4_470_000}, {"valve peroneal_right connects": "stuck closed"}),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import statistics
 import time
 from dataclasses import dataclass
@@ -63,15 +64,15 @@ class Probe:
     async def exchanges(
         self, wanted: ActuatorCommand, duration_s: float, until: Callable[[Exchange], bool] | None = None
     ) -> list[tuple[float, Exchange]]:
-        """Keep a command for so long, or until something holds; return every exchange with its time, s.
+        """Keep a command for so long, or until something holds; return every exchange, at least one, with its time, s.
 
         Raises:
             LineError: the board has gone.
 
         """
-        found = []
+        found: list[tuple[float, Exchange]] = []
         end_s = time.monotonic() + self._pace * duration_s
-        while time.monotonic() < end_s:
+        while time.monotonic() < end_s or not found:
             exchange = await self.exchange(wanted)
             if exchange is not None:
                 found.append((time.monotonic(), exchange))
@@ -110,15 +111,18 @@ class Probe:
             await self.exchanges(RELEASED, _VENT_TURN_S)
 
     async def rest(self, duration_s: float) -> dict[str, tuple[float, float]]:
-        """Vent everything; return mean and standard deviation of each sensor, Pa, and remember the mean as its rest."""
+        """Vent everything; return mean and standard deviation of each sensor, Pa, and remember the mean as its rest.
+
+        Both are NaN where a reading was outside the sensor's limits.
+        """
         came = await self.exchanges(RELEASED, duration_s)
         settled = came[len(came) // 3 :]
         found = {}
         for place in self.places:
             readings = [exchange.sensors_pa[place] for _, exchange in settled]
-            mean = statistics.fmean(readings)
-            found[place] = (mean, statistics.pstdev(readings))
-            self._rest_pa[place] = mean
+            broken = not all(map(math.isfinite, readings))
+            found[place] = (math.nan, math.nan) if broken else (statistics.fmean(readings), statistics.pstdev(readings))
+            self._rest_pa[place], _ = found[place]
         return found
 
     async def drive(
