@@ -3,16 +3,21 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo test bench blind lint format readme lock set-up clean
+FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
+
+.PHONY: help demo test bench blind faults soak firmware lint format readme lock set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
 	@echo "make test   set up, run every test"
 	@echo "make bench  set up, measure speed; writes bench.json"
+	@echo "make faults set up, inject 500 random faults and jam a healthy ankle for an hour; writes docs/faults.md, 10 minutes"
+	@echo "make soak   set up, jam for half a simulated hour with random faults, pester with 100,000 malformed requests"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
+	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make lint   set up, ruff and mypy"
 	@echo "make format set up, format the code with ruff"
-	@echo "make readme set up, write the tables of README.md anew from the code"
+	@echo "make readme set up, write anew what is made from the code: tables of the documents, the firmware's registers"
 	@echo "make lock   write requirements.lock anew from requirements.in"
 	@echo "make clean  remove everything that the other targets made"
 
@@ -28,9 +33,23 @@ test: set-up
 bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
 
+faults: set-up
+	@$(BIN)/python -m jammkle_driver.fake faults --page docs/faults.md
+
+soak: set-up
+	@$(BIN)/python -m jammkle_driver.fake soak
+
 blind: set-up
 	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json \
 		$(addprefix --real ,$(wildcard ../shared/data))
+
+firmware: set-up
+	@$(FIRMWARE) host
+	@missing="$$($(FIRMWARE) missing)"; if [ -n "$$missing" ]; then \
+		echo "firmware: built for this machine only; for the board install $$missing"; \
+	else \
+		$(FIRMWARE) avr simavr && JAMMKLE_BOARD=avr $(BIN)/python -m pytest test/test_board_*.py; \
+	fi
 
 lint: set-up
 	@$(BIN)/ruff check
@@ -51,5 +70,5 @@ lock: set-up
 		requirements.in --output-file requirements.lock
 
 clean:
-	@rm -rf .venv runs bench.json .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@rm -rf .venv runs bench.json jammkle_driver/firmware/build .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -8,6 +8,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
+    package_data={NAME: ["config/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -19,5 +20,13 @@ setup(
     maintainer_email="maintainers@jammkle.example",
     description="Pump and solenoids of a jammable ankle as topics and services.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["driver = jammkle_driver.__main__:main"]},
+    entry_points={
+        "console_scripts": ["driver = jammkle_driver.__main__:main"],
+        "jammkle.commands": ["hardware = jammkle_driver.check_command:app"],
+        "jammkle.hardware": [
+            "sim = jammkle_driver.simulated_hardware:SimulatedHardware",
+            "fake = jammkle_driver.fake_hardware:FakeHardware",
+            "modbus = jammkle_driver.board_hardware:BoardHardware",
+        ],
+    },
 )

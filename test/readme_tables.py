@@ -1,6 +1,6 @@
-"""The README's tables of topics, services, actions, parameters and rig options, made from the code.
+"""What is made from the code: the tables of README.md and docs/hardware.md, and the firmware's header of registers.
 
-`python test/readme_tables.py` writes them into README.md; a test fails when they differ.
+`python test/readme_tables.py` writes them; a test fails when they differ.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 from jammkle_controller.parameters import ControllerParameters
+from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_graph.names import ACTIONS, CHANNELS, SERVICES, TOPICS
@@ -16,7 +17,10 @@ from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_sim.parameters import SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+HARDWARE = ROOT / "docs" / "hardware.md"
+HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
@@ -85,17 +89,24 @@ def tables() -> dict[str, str]:
     return made
 
 
-def filled(text: str) -> str:
-    """Return the README's text with every table as the code has it."""
-    for name, made in tables().items():
+def filled(path: Path) -> str:
+    """Return the text of a page with every table as the code has it."""
+    text = path.read_text()
+    for name, made in (tables() if path == README else {"registers": register_table()}).items():
         begin, end = f"<!-- table: {name} -->", "<!-- end of table -->"
         pattern = re.compile(rf"{re.escape(begin)}\n.*?{re.escape(end)}", re.DOTALL)
         if not pattern.search(text):
-            msg = f"README.md has no place for the table '{name}': add the lines '{begin}' and '{end}'"
+            msg = f"{path.name} has no place for the table '{name}': add the lines '{begin}' and '{end}'"
             raise ValueError(msg)
         text = pattern.sub(lambda _, block=f"{begin}\n{made}\n{end}": block, text)
     return text
 
 
+def made() -> dict[Path, str]:
+    """Return every file that is made from the code, whole or in part, with its text."""
+    return {README: filled(README), HARDWARE: filled(HARDWARE), HEADER: header_text()}
+
+
 if __name__ == "__main__":
-    README.write_text(filled(README.read_text()))
+    for target, content in made().items():
+        target.write_text(content)

@@ -34,7 +34,9 @@ PURE = (
     "jammkle_graph.bags.writing",
     "jammkle_graph.command",
     "jammkle_graph.parameters",
+    "jammkle_driver.board",
     "jammkle_driver.core",
+    "jammkle_driver.fake",
     "jammkle_controller.core",
     "jammkle_sim.physics",
     "jammkle_sim.fit",
@@ -255,3 +257,19 @@ def test_the_rigs_regulate_as_the_driver_does() -> None:
     assert driver.regulator_integral_time_s == vacuum.INTEGRAL_TIME_S
     assert driver.manifold_lead_pa == vacuum.MANIFOLD_LEAD_PA
     assert driver.vented_vacuum_pa == pressure.VENTED_PA
+
+
+def test_the_driver_knows_the_simulated_ankle_as_it_is_built() -> None:
+    """What the driver declares of air, valves and pump by default is what the simulation is made of."""
+    from jammkle_driver.parameters import DriverParameters  # noqa: PLC0415 - after the tests that block modules
+    from jammkle_sim.physics.pneumatics import PneumaticParameters  # noqa: PLC0415 - as above
+
+    driver, sim = DriverParameters(), PneumaticParameters()
+    dm3_s_bar = 1e-8
+    assert driver.manifold_volume_m3 == sim.manifold_volume_m3
+    assert driver.tendon_volume_m3 == sim.tendon_volume_m3
+    assert driver.valve_conductance_m3_s_pa == pytest.approx(sim.valve_conductance_dm3_s_bar * dm3_s_bar)
+    assert driver.leak_conductance_m3_s_pa == pytest.approx(sim.leak_conductance_dm3_s_bar * dm3_s_bar)
+    assert driver.pump_free_flow_m3_s == pytest.approx(sim.pump_free_flow_l_min * 1e-3 / 60.0)
+    assert driver.pump_ultimate_vacuum_pa == sim.pump_ultimate_vacuum_pa
+    assert driver.valve_dead_time_s == sim.valve_dead_time_s

@@ -14,15 +14,19 @@ from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, no_answe
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM
 from jammkle_graph.qos import subscriber_qos
+from jammkle_graph.roll_call import ROLL_CALL_LINE, SILENT_FOR
 from jammkle_msgs.msg import JamState
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
 _MAX_VACUUM = "max_vacuum_pa"
 _PA_PER_KPA = 1e3
 _HEALTH_S = 1.3  # every node reports once a second
+_LATEST_S = 6.0
+"""How long a node is waited for that others have heard, s: some are discovered only with the next announcement, which
+the DDS of ROS 2 (Fast DDS) sends every 3 s."""
 
 
 @dataclass(frozen=True)
@@ -124,4 +128,16 @@ def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[JamStatus
         if not client.wait_until(lambda: bool(states), ANSWER_TIMEOUT_S):
             raise GraphError(no_answer(JAM_STATE.name, namespace, ANSWER_TIMEOUT_S))
         client.wait_until(lambda: False, _HEALTH_S)
+        client.wait_until(lambda: not _unheard(health.values()), _LATEST_S - _HEALTH_S)
     return jam_status(states[-1]), tuple(health[name] for name in sorted(health))
+
+
+def _unheard(health: Iterable[HealthStatus]) -> set[str]:
+    """Return nodes that others have heard lately and we have not; each node tells in its line `nodes` whom it hears."""
+    lines = list(health)
+    heard = {line.name.rpartition("/")[2].partition(":")[0] for line in lines}
+    known: set[str] = set()
+    for line in lines:
+        if line.name.endswith(ROLL_CALL_LINE):
+            known |= {key.removesuffix(SILENT_FOR) for key in line.values if key.endswith(SILENT_FOR)}
+    return known - heard

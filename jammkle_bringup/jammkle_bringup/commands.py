@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jammkle_bringup.core.node_table import Hardware, Robot
+from jammkle_bringup.core.node_table import SIM_HARDWARE, Robot
 from jammkle_graph.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
 from jammkle_graph.command.options import JsonOption, NamespaceOption
 from jammkle_graph.command.signals import Interrupted, StopRequest
@@ -24,8 +24,13 @@ ChannelsArgument = Annotated[
 
 @app.command()
 def up(
-    robot: Annotated[Robot, typer.Option(help="What to bring up.")] = Robot.ANKLE,
-    hardware: Annotated[Hardware, typer.Option(help="What stands behind the driver.")] = Hardware.SIM,
+    robot: Annotated[Robot, typer.Option(help="What to bring up.")] = Robot.ANKLE,  # noqa: ARG001 - one kind so far
+    hardware: Annotated[
+        str, typer.Option(help="What stands behind the driver: sim, modbus, or what an installed package brings along.")
+    ] = SIM_HARDWARE,
+    port: Annotated[
+        str | None, typer.Option(help="Where the board is: a serial device, or tcp://HOST[:PORT].", metavar="DEV")
+    ] = None,
     namespace: NamespaceOption = "/",
     speed: Annotated[
         float | None, typer.Option(help="Simulated time per real time; 0: as fast as possible.", show_default="1")
@@ -37,11 +42,11 @@ def up(
     ] = False,
 ) -> int:
     """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
-    from jammkle_bringup.up import GraphOptions, check_speed
+    from jammkle_bringup.up import GraphOptions, given_values
     from jammkle_bringup.up import up as run_graph
 
-    values = {} if speed is None else {"sim": {"speed": check_speed(speed, hardware)}}
-    options = GraphOptions(normalised(namespace), robot, hardware, tuple(params or ()), record, values, monitor)
+    values = given_values(hardware, speed, port)
+    options = GraphOptions(normalised(namespace), hardware, tuple(params or ()), record, values, monitor)
     try:
         return run_graph(options, StopRequest())
     except Interrupted:  # while it was still starting: asked to stop, and nothing is left

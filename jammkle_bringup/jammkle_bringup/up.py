@@ -10,9 +10,8 @@ from jammkle_bringup.core.namespace_lock import NamespaceLock, already_up, defau
 from jammkle_bringup.core.node_table import (
     GAP_MONITOR,
     NODES,
-    Hardware,
-    Robot,
-    check_built,
+    SIM_HARDWARE,
+    check_hardware,
     command_of,
     nodes_for,
     simulated_time,
@@ -47,8 +46,7 @@ class GraphOptions:
     """Which graph to start. `values` are parameters by node name; they win over the files."""
 
     namespace: str
-    robot: Robot = Robot.ANKLE
-    hardware: Hardware = Hardware.SIM
+    hardware: str = SIM_HARDWARE
     parameter_files: tuple[Path, ...] = ()
     bag: Path | None = None
     values: dict[str, dict[str, ParameterValue]] = field(default_factory=dict)
@@ -58,7 +56,7 @@ class GraphOptions:
     @property
     def nodes(self) -> tuple[NodeEntry, ...]:
         """Nodes to start; the one that looks on is the first to start and the last to stop."""
-        return (*((GAP_MONITOR,) if self.monitor else ()), *nodes_for(self.robot, self.hardware))
+        return (*((GAP_MONITOR,) if self.monitor else ()), *nodes_for(self.hardware))
 
 
 def check(options: GraphOptions) -> None:
@@ -68,20 +66,44 @@ def check(options: GraphOptions) -> None:
         InputError: one line on the first thing that is wrong.
 
     """
-    check_built(options.robot, options.hardware)
+    check_hardware(options.hardware)
     check_parameter_files(options.parameter_files, options.namespace, options.nodes, options.values)
+    named = given_value(options, DRIVER_NODE, "hardware")
+    if named not in (None, options.hardware):
+        msg = f"a parameter file says hardware: {named} of the driver: start with --hardware {named}"
+        raise InputError(msg)
     if options.bag is not None:
         check_free(options.bag)
 
 
-def check_speed(speed: float, hardware: Hardware) -> float:
+def given_values(hardware: str, speed: float | None, port: str | None) -> dict[str, dict[str, ParameterValue]]:
+    """Return what the options of the command say of parameters, by node.
+
+    Raises:
+        InputError: the hardware has no speed or no port, or the speed is out of the simulation's range.
+
+    """
+    values: dict[str, dict[str, ParameterValue]] = {}
+    if hardware != SIM_HARDWARE:
+        values[DRIVER_NODE] = {"hardware": hardware}
+    if speed is not None:
+        values[SIM_NODE] = {"speed": check_speed(speed, hardware)}
+    if port is not None:
+        if hardware == SIM_HARDWARE:
+            msg = f"--port {port} needs --hardware modbus: a simulation has none"
+            raise InputError(msg)
+        values[DRIVER_NODE]["port"] = port
+    return values
+
+
+def check_speed(speed: float, hardware: str) -> float:
     """Return the speed of a simulation.
 
     Raises:
         InputError: there is no simulation, or the speed is out of the simulation's range.
 
     """
-    if hardware is not Hardware.SIM:
+    if hardware != SIM_HARDWARE:
         msg = f"--speed {speed:g} needs --hardware sim: real hardware runs at its own"
         raise InputError(msg)
     table = next(entry for entry in NODES if entry.name == SIM_NODE).parameters()
@@ -113,7 +135,7 @@ def beside_others(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> G
             options.namespace, ros_domain(), f"node {', '.join(there)}; one that was killed is seen for 20 s more"
         )
         raise InputError(msg)
-    if not clocks or options.hardware is not Hardware.SIM:
+    if not clocks or options.hardware != SIM_HARDWARE:
         return options
     owner = resolved(clocks[0].node_namespace, clocks[0].node_name)
     say(f"{CLOCK.name} comes from {owner} already, so this simulation publishes none")
@@ -124,7 +146,7 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
     """Return the processes of a graph in the order in which they start: the recorder first, the driver last."""
     specs = []
     if options.bag is not None:
-        source = "sim" if options.hardware is Hardware.SIM else "system"
+        source = "sim" if options.hardware == SIM_HARDWARE else "system"
         command = (sys.executable, "-m", "jammkle_bringup", "record", "-o", str(options.bag))
         command = (*command, "--namespace", options.namespace, "--clock", source)
         specs.append(ChildSpec(RECORDER, command, _RECORDER_STOP_TIMEOUT_S))

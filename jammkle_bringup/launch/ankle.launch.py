@@ -9,13 +9,13 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from jammkle_bringup.core.node_table import GAP_MONITOR, Hardware, Robot, check_built, nodes_for, simulated_time
-from jammkle_graph.names import SIM_NODE
+from jammkle_bringup.core.node_table import GAP_MONITOR, SIM_HARDWARE, check_hardware, nodes_for, simulated_time
+from jammkle_graph.names import DRIVER_NODE, SIM_NODE
 from jammkle_graph.namespace import normalised
 
 ARGUMENTS = {
-    "robot": (Robot.ANKLE.value, "What to bring up."),
-    "hardware": (Hardware.SIM.value, "What stands behind the driver."),
+    "hardware": (SIM_HARDWARE, "What stands behind the driver: sim, modbus, or what a package brings along."),
+    "port": ("", "Where the board is: a serial device, or tcp://HOST[:PORT]."),
     "namespace": ("/", "ROS namespace of the ankle."),
     "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
     # Launch has nothing that waits until the nodes have found each other, as `jammkle up` does. Discovery may take 2 s,
@@ -37,16 +37,19 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    robot, hardware = Robot(given["robot"]), Hardware(given["hardware"])
-    check_built(robot, hardware)
+    hardware = given["hardware"]
+    check_hardware(hardware)
     actions = []
     looking_on = (GAP_MONITOR,) if given["monitor"].lower() == "true" else ()
-    for entry in (*nodes_for(robot, hardware), *looking_on):
+    for entry in (*nodes_for(hardware), *looking_on):
         values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
         if entry.name == SIM_NODE:
             values["speed"] = float(given["speed"])
             values["release_time_s"] = float(given["release_time_s"])
             values["publish_clock"] = given["publish_clock"].lower() == "true"
+        if entry.name == DRIVER_NODE:
+            values["hardware"] = hardware
+            values["port"] = given["port"]
         files = [given["params"]] if given["params"] else []
         actions.append(
             Node(

@@ -12,7 +12,7 @@ import pytest
 import rclpy
 import yaml
 
-from jammkle_bringup.core.node_table import NODES, Hardware, Robot, command_of, nodes_for, simulated_time
+from jammkle_bringup.core.node_table import NODES, command_of, nodes_for, simulated_time
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
 from jammkle_bringup.up import GraphOptions, child_specs
 from jammkle_graph.command.errors import InputError
@@ -41,8 +41,8 @@ def test_only_what_follows_the_simulation_uses_simulated_time() -> None:
         assert "use_sim_time:=true" in simulated[name].command
     assert "sim" in simulated["recorder"].command
     assert "use_sim_time:=true" not in simulated["sim"].command
-    assert not any(simulated_time(entry, Hardware.SERIAL) for entry in NODES)
-    assert "sim" not in [entry.name for entry in nodes_for(Robot.ANKLE, Hardware.SERIAL)]
+    assert not any(simulated_time(entry, "modbus") for entry in NODES)
+    assert "sim" not in [entry.name for entry in nodes_for("modbus")]
 
 
 def test_values_keep_their_type_on_the_command_line() -> None:
@@ -213,8 +213,8 @@ def test_the_launch_file_declares_its_arguments(launch_file: Any) -> None:
     assert all(node.named["parameters"][0] == "mine.yaml" for node in nodes)
 
 
-def test_the_launch_file_refuses_what_is_not_built(launch_file: Any) -> None:
+def test_the_launch_file_refuses_what_is_not_there(launch_file: Any) -> None:
     """As the command does."""
     defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
-    with pytest.raises(InputError, match="not built yet"):
+    with pytest.raises(InputError, match="serial is not known"):
         launch_file.nodes({**defaults, "hardware": "serial"})

@@ -87,9 +87,10 @@ class Landing:
     def jam_state(self) -> None:
         for time_s, commanded in ((0.1, 0.0), (ENERGISED_S, COMMANDED_PA)):
             fields = (2, commanded, 0.0, "")
-            states = [self.maker.make("jammkle_msgs/msg/ChannelJamState", channel, *fields) for channel in CHANNELS]
+            fault = self.maker.make("jammkle_msgs/msg/Fault", 0, "", "")
+            states = [self.maker.make("jammkle_msgs/msg/ChannelJamState", channel, *fields, 0) for channel in CHANNELS]
             stopped = False
-            self.write("jam_state", time_s, "jammkle_msgs/msg/JamState", stopped, 0.0, states)
+            self.write("jam_state", time_s, "jammkle_msgs/msg/JamState", stopped, 0.0, states, fault, 0.0, 0.0, "")
 
 
 def landing(maker: Any, parts: tuple[str, ...] = PARTS, namespace: str = "", reach: float = 1.0) -> Path:

@@ -10,7 +10,7 @@ from jammkle_graph.runner import run
 
 def main() -> int:
     """Run the controller until SIGINT or SIGTERM and return the exit code."""
-    return run(ControllerNode)
+    return run(ControllerNode, shut_down=ControllerNode.shut_down)
 
 
 if __name__ == "__main__":

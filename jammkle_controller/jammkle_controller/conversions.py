@@ -8,16 +8,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_controller.core.imu import ImuSample
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import CHANNELS
-from jammkle_msgs.msg import ChannelJamCommand, JamCommand
+from jammkle_graph.names import CHANNELS, JAM_COMMAND
+from jammkle_msgs.msg import ChannelJamCommand, Fault, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from sensor_msgs.msg import Imu
+
+    from jammkle_msgs.msg import JamState
 
 _NOT_MEASURED = -1.0
 """Value of a covariance's first entry that says that the quantity is not measured (sensor_msgs/Imu)."""
@@ -67,3 +70,20 @@ def jam_command_message(vacuum_pa: float, stamp: Time) -> JamCommand:
     message.header.stamp = stamp
     message.channels = [ChannelJamCommand(channel=channel, vacuum_pa=vacuum_pa) for channel in CHANNELS]
     return message
+
+
+def driver_view(message: JamState) -> DriverView:
+    """Read what the driver says of itself."""
+    by_stream = any(
+        channel.fault == Fault.COMMANDS_STALE
+        or (channel.commanded_vacuum_pa > 0.0 and channel.reason.endswith(JAM_COMMAND.name))
+        for channel in message.channels
+    )
+    return DriverView(
+        min_vacuum_pa=message.min_vacuum_pa,
+        max_vacuum_pa=message.max_vacuum_pa,
+        refused=message.refused_command,
+        unfollowed=tuple((c.channel, c.reason) for c in message.channels if c.commanded_vacuum_pa == 0.0),
+        stopped=message.emergency_stopped,
+        hold=Hold.STREAM if by_stream else Hold.NOBODY,
+    )

@@ -64,13 +64,22 @@ def imu_health(controller: AnkleController, freshness: Freshness, topic: str, *,
     return Health("imu", Level.OK, "samples come in", values)
 
 
-def policy_health(controller: AnkleController, *, auto: bool) -> Health:
-    """Tell what the policy wants, and whether it is heard."""
+def policy_health(controller: AnkleController, *, auto: bool, trouble: str) -> Health:
+    """Tell what the policy wants, and whether it is heard.
+
+    Args:
+        controller: Whose policy it is.
+        auto: Whether it is let decide.
+        trouble: Why the driver does not follow, or would not; empty if it does.
+
+    """
     values = {
         "contact": controller.phase.value,
         "mode": controller.mode.value,
         "wanted vacuum (Pa)": f"{controller.vacuum_pa:.0f}",
     }
-    if auto:
-        return Health("policy", Level.OK, f"automatic: {controller.mode.value}", values)
-    return Health("policy", Level.OK, "automatic jamming is off; ~/set_auto turns it on", values)
+    if not auto:
+        return Health("policy", Level.OK, "automatic jamming is off; ~/set_auto turns it on", values)
+    if trouble:
+        return Health("policy", Level.ERROR, f"automatic: {controller.mode.value}, but {trouble}", values)
+    return Health("policy", Level.OK, f"automatic: {controller.mode.value}", values)

@@ -5,28 +5,39 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 from std_srvs.srv import SetBool
 
-from jammkle_controller.conversions import contact_event_message, imu_sample, jam_command_message
+from jammkle_controller.conversions import contact_event_message, driver_view, imu_sample, jam_command_message
 from jammkle_controller.core.controller import AnkleController
+from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.freshness import Freshness
 from jammkle_controller.health import StreamTrouble, imu_health, policy_health
 from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher, Health
-from jammkle_graph.names import CONTACT_EVENTS, CONTROLLER_NODE, IMU, JAM_COMMAND, SET_AUTO
+from jammkle_graph.names import CONTACT_EVENTS, CONTROLLER_NODE, IMU, JAM_COMMAND, JAM_STATE, SET_AUTO
 from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_msgs.msg import ContactEvent, JamCommand
+from jammkle_graph.roll_call import RollCall
+from jammkle_msgs.msg import ContactEvent, JamCommand, JamState
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rclpy.parameter import Parameter
+
 HARDWARE_ID = "ankle"
+
+SET_POINTS = ("hold_vacuum_pa", "full_vacuum_pa")
+"""Parameters that the driver must take."""
+
+FOLLOW_S = 0.5
+"""How long the driver may take to follow a new wish before that is told, s: ten repeats of jam_command."""
 
 
 class ControllerNode(Node):
@@ -49,6 +60,12 @@ class ControllerNode(Node):
         self._controller = AnkleController(detector_settings(values), policy_settings(values))
         self._freshness = Freshness(values.imu_timeout_s, time.monotonic(), self._graph_time_s())
         self._trouble = StreamTrouble()
+        self._values = values
+        self._driver = DriverView()
+        self._driver_heard = False
+        self._wished_pa = 0.0
+        self._since_wish_s = time.monotonic()
+        self.add_on_set_parameters_callback(self._refuse_what_the_driver_refuses)
         on_change(self, ControllerParameters, self._configure)
 
         self._commands = self.create_publisher(JamCommand, JAM_COMMAND.name, publisher_qos(JAM_COMMAND))
@@ -57,6 +74,8 @@ class ControllerNode(Node):
         self.create_service(SetBool, SET_AUTO.name, self._set_auto)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / values.command_rate_hz, self._repeat, clock=steady)
+        self._roll_call = RollCall(self)
+        self.create_subscription(JamState, JAM_STATE.name, self._hear_driver, subscriber_qos(JAM_STATE))
         self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU))
 
     def _feel(self, message: Imu) -> None:
@@ -91,7 +110,40 @@ class ControllerNode(Node):
         self._diagnostics.check()
         return response
 
+    def shut_down(self) -> None:
+        """Say that this node ends in order."""
+        self._diagnostics.farewell()
+
+    def _hear_driver(self, message: JamState) -> None:
+        self._driver = driver_view(message)
+        if not self._driver_heard:
+            self._driver_heard = True
+            if self._driver.hold is Hold.STREAM:
+                self._controller.inherit_stance()
+                self.get_logger().info("the ankle was held by jam_command: it is held on once the body is at rest")
+        self._diagnostics.check()
+
+    def _refuse_what_the_driver_refuses(self, changes: list[Parameter]) -> SetParametersResult:
+        for change in changes:
+            if change.name in SET_POINTS and isinstance(change.value, float):
+                objection = self._driver.objection(f"parameter '{change.name}'", change.value)
+                if objection:
+                    return SetParametersResult(successful=False, reason=objection)
+        return SetParametersResult(successful=True)
+
+    def _trouble_with_driver(self) -> str:
+        for name in SET_POINTS:
+            objection = self._driver.objection(f"parameter '{name}'", getattr(self._values, name))
+            if objection:
+                return objection
+        wished_pa = self._controller.vacuum_pa
+        if wished_pa != self._wished_pa:
+            self._wished_pa, self._since_wish_s = wished_pa, time.monotonic()
+        patient = time.monotonic() - self._since_wish_s < FOLLOW_S
+        return "" if patient or not self._driver_heard else self._driver.trouble(wished_pa)
+
     def _configure(self, values: ControllerParameters) -> None:
+        self._values = values
         self._controller.configure(detector_settings(values), policy_settings(values))
         if self._auto:
             self._command()
@@ -102,7 +154,8 @@ class ControllerNode(Node):
         self._freshness.observe(counts.usable, steady_s, self._graph_time_s())
         trouble = self._trouble.recent(counts, steady_s)
         imu = imu_health(self._controller, self._freshness, self.resolve_topic_name(IMU.name), trouble=trouble)
-        return [imu, policy_health(self._controller, auto=self._auto)]
+        policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver())
+        return [imu, policy, self._roll_call.health()]
 
     def _graph_time_s(self) -> float:
         return self.get_clock().now().nanoseconds / NANOSECONDS_PER_SECOND

@@ -20,10 +20,10 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu
 from std_srvs.srv import SetBool
 
-from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, DIAGNOSTICS, IMU, JAM_COMMAND, SET_AUTO
+from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, DIAGNOSTICS, IMU, JAM_COMMAND, JAM_STATE, SET_AUTO
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_graph.testing import own_domain
-from jammkle_msgs.msg import ContactEvent, JamCommand
+from jammkle_msgs.msg import ChannelJamState, ContactEvent, Fault, JamCommand, JamState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -125,6 +125,20 @@ class Bench:
         self.spin_until(future.done, f"{name} answers")
         return future.result()
 
+    def set_parameter(self, name: str, value: float) -> Any:
+        given = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=given)])
+        return self.call(SetParameters, "controller/set_parameters", request).results[0]
+
+    def driver_says(self, state: JamState) -> None:
+        """Play the driver, latched as it is."""
+        publisher = self.node.create_publisher(JamState, JAM_STATE.name, publisher_qos(JAM_STATE))
+        self.spin_until(lambda: publisher.get_subscription_count() > 0, "the controller hears the driver")
+        publisher.publish(state)
+
+    def policy_says(self, word: str) -> bool:
+        return "policy" in self.health and word in self.health["policy"].message
+
     def set_auto(self, *, on: bool) -> SetBool.Response:
         return self.call(SetBool, SET_AUTO.path, SetBool.Request(data=on))
 
@@ -181,19 +195,11 @@ def test_delay_of_zero_can_be_set_while_running(make_bench: Callable[..., Bench]
     """jam_delay_s is dynamic: with zero the impact's own sample jams; out of range is refused by name and limit."""
     bench = make_bench()
     bench.wait_until_up()
-
-    def set_delay(value: float) -> Any:
-        parameter = Parameter(
-            name="jam_delay_s", value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-        )
-        request = SetParameters.Request(parameters=[parameter])
-        return bench.call(SetParameters, "controller/set_parameters", request).results[0]
-
-    refused = set_delay(3.0)
+    refused = bench.set_parameter("jam_delay_s", 3.0)
     assert not refused.successful
     assert "jam_delay_s" in refused.reason
     assert "1" in refused.reason
-    assert set_delay(0.0).successful
+    assert bench.set_parameter("jam_delay_s", 0.0).successful
     bench.land()
     bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 50e3), "the impact jams")
 
@@ -264,3 +270,45 @@ def test_bad_parameters_get_one_line(make_bench: Callable[..., Bench], given: st
     lines = bench.errors.read_text().splitlines()
     assert len(lines) == 1
     assert named in lines[0]
+
+
+def test_set_points_that_the_driver_would_refuse_are_refused(make_bench: Callable[..., Bench]) -> None:
+    """Once the driver's limits are heard, a set point beyond them is refused with both numbers; one within is taken."""
+    bench = make_bench()
+    bench.wait_until_up()
+    bench.driver_says(JamState(min_vacuum_pa=5e3, max_vacuum_pa=45e3))
+    bench.spin_until(lambda: bench.policy_says("45000"), "the set points of the start are objected to")
+    assert bench.health["policy"].level == DiagnosticStatus.ERROR
+    refused = bench.set_parameter("hold_vacuum_pa", 46e3)
+    assert not refused.successful
+    assert "45000" in refused.reason
+    assert bench.set_parameter("hold_vacuum_pa", 40e3).successful
+    assert bench.set_parameter("full_vacuum_pa", 45e3).successful
+    bench.spin_until(lambda: bench.health["policy"].level == DiagnosticStatus.OK, "all is well")
+
+
+def test_a_stance_that_was_held_before_is_taken_up(make_bench: Callable[..., Bench]) -> None:
+    """Channels that were let go since jam_command fell silent are jammed again once the body is seen at rest.
+
+    And a driver that does not follow then is told where it hurts, in its own words.
+    """
+    bench = make_bench()
+    bench.wait_until_up()
+    stale = ChannelJamState(channel=CHANNELS[0], fault=Fault.COMMANDS_STALE)
+    bench.driver_says(JamState(channels=[stale], refused_command="refused: an example"))
+    bench.hear_more()
+    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.stand(0.1, 0.6)
+    bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 50e3), "the stance is held")
+    bench.spin_until(lambda: bench.policy_says("an example"), "the refusal is told")
+    assert bench.health["policy"].level == DiagnosticStatus.ERROR
+
+
+def test_a_robot_that_nobody_held_is_left_soft(make_bench: Callable[..., Bench]) -> None:
+    """A controller that finds channels vented for no reason of its own waits for a landing."""
+    bench = make_bench()
+    bench.wait_until_up()
+    bench.driver_says(JamState(channels=[ChannelJamState(channel=CHANNELS[0])]))
+    bench.stand(0.1, 0.6)
+    bench.hear_more()
+    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)

@@ -8,18 +8,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool, Float32
 
 from jammkle_driver.core.hardware import PressureSample
 from jammkle_driver.core.requests import Wish
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_msgs.msg import ChannelJamState, JamCommand, JamState
+from jammkle_msgs.msg import ActuatorStates, ChannelJamState, Fault, JamCommand, JamState
 
 if TYPE_CHECKING:
     import rclpy.time
     from builtin_interfaces.msg import Time
-    from sensor_msgs.msg import FluidPressure
 
+    from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.core.status import DriverStatus
 
 
@@ -49,6 +50,22 @@ def pressure_sample(place: str, message: FluidPressure, ambient_pa: float, recei
     return PressureSample(place, vacuum_from_pressure(message.fluid_pressure, ambient_pa), stamp_s)
 
 
+def pressure_message(absolute_pa: float, stamp: Time) -> FluidPressure:
+    """Return the message for one pressure, absolute, Pa; its variance is not known."""
+    message = FluidPressure(fluid_pressure=absolute_pa)
+    message.header.stamp = stamp
+    return message
+
+
+def actuator_states_message(taken: ActuatorCommand, stamp: Time) -> ActuatorStates:
+    """Return what the hardware has taken as a message."""
+    message = ActuatorStates(
+        pump_duty=taken.pump_duty, channels=list(taken.solenoids), energised=list(taken.solenoids.values())
+    )
+    message.header.stamp = stamp
+    return message
+
+
 def wishes(message: JamCommand) -> tuple[Wish, ...]:
     """Return the wishes in `message`, unchecked."""
     return tuple(Wish(entry.channel, entry.vacuum_pa) for entry in message.channels)
@@ -64,7 +81,7 @@ def duty_message(duty: float) -> Float32:
     return Float32(data=duty)
 
 
-def jam_state_message(status: DriverStatus, stamp: Time) -> JamState:
+def jam_state_message(status: DriverStatus, stamp: Time, refused_command: str = "") -> JamState:
     """Return what is known of the channels as a message; what is not measured is NaN."""
     message = JamState()
     message.header.stamp = stamp
@@ -77,9 +94,15 @@ def jam_state_message(status: DriverStatus, stamp: Time) -> JamState:
             commanded_vacuum_pa=channel.commanded_vacuum_pa,
             measured_vacuum_pa=_or_nan(channel.measured_vacuum_pa),
             reason=channel.reason,
+            fault=channel.fault.value,
         )
         for channel in status.channels
     ]
+    trouble = status.trouble
+    message.fault = Fault(reason=trouble.reason.value, text=trouble.text, action=trouble.action)
+    if status.limits is not None:
+        message.min_vacuum_pa, message.max_vacuum_pa = status.limits.minimum_pa, status.limits.maximum_pa
+    message.refused_command = refused_command
     return message
 
 

@@ -5,36 +5,158 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.hardware import LinkState
 from jammkle_graph.diagnostics import Health, Level
 
 if TYPE_CHECKING:
+    from jammkle_driver.core.ankle import Ankle
+    from jammkle_driver.core.atmosphere import AtmosphereStatus
+    from jammkle_driver.core.bank import Estimate
     from jammkle_driver.core.channel import ChannelStatus
+    from jammkle_driver.core.driver import Driver
+    from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.core.status import DriverStatus
 
 _LEVELS = {ChannelState.UNKNOWN: Level.WARN, ChannelState.FAULT: Level.ERROR}
+_LINK_LEVELS = {LinkState.CONNECTED: Level.OK, LinkState.SEARCHING: Level.WARN, LinkState.LOST: Level.ERROR}
 
 
-def health_lines(status: DriverStatus, lifecycle_state: str, refused_command: str) -> tuple[Health, ...]:
-    """Return one line for the driver, one for jam_command, one for the manifold and one per channel.
+def health_lines(
+    status: DriverStatus,
+    lifecycle_state: str,
+    refused_command: str,
+    link: LinkStatus | None = None,
+    noise: str = "",
+) -> tuple[Health, ...]:
+    """Return one line for the driver, one each for link, jam_command and manifold, and one per channel.
 
     Args:
         status: What is known of the driver.
         lifecycle_state: Label of the node's lifecycle state.
         refused_command: Why the last jam_command was refused; empty if it was taken, or none came.
+        link: What is known of the hardware's other end; None where the driver is not configured.
+        noise: What is wrong with the line; empty where nothing is.
 
     """
     return (
         _driver_line(status, lifecycle_state),
+        *(() if link is None else (_link_line(link, noise),)),
         Health("jam_command", Level.WARN, refused_command) if refused_command else Health("jam_command", Level.OK, ""),
         _manifold_line(status),
         *(_channel_line(channel) for channel in status.channels),
     )
 
 
+def ankle_lines(driver: Driver) -> tuple[Health, ...]:
+    """Return one line each for the worst that is known, the atmosphere, the pump and the driver's own pace."""
+    status, ankle = driver.status, driver.ankle
+    trouble = status.trouble
+    level = Level.OK if trouble.reason is Reason.NONE else Level.ERROR if ankle.faulty else Level.WARN
+    values = {"action": trouble.action or "none", **{k: v for each in ankle.findings for k, v in each.values.items()}}
+    said = f"{trouble.reason.name}: {trouble.text}; action: {trouble.action}" if trouble.text else "none"
+    estimate = ankle.diagnosis.estimate
+    return (
+        Health("fault", level, said, values),
+        _atmosphere_line(ankle.atmosphere.status),
+        _pump_line(ankle, estimate),
+        *_leak_lines(ankle, estimate),
+        _pace_line(driver),
+    )
+
+
+def _atmosphere_line(air: AtmosphereStatus) -> Health:
+    values = {
+        "atmosphere (Pa)": f"{air.pressure_pa:.0f}",
+        "ambient_pressure_pa (Pa)": f"{air.declared_pa:.0f}",
+        "measured by vented channels": "yes" if air.measured else "not yet",
+    }
+    if air.doubtful:
+        message = (
+            f"ambient_pressure_pa is {air.declared_pa:.0f}, and vented channels read {air.pressure_pa:.0f} Pa: "
+            "what they read is used; correct the parameter"
+        )
+        return Health("atmosphere", Level.WARN, message, values)
+    return Health("atmosphere", Level.OK, "", values)
+
+
+def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
+    load = ankle.load
+    values = {
+        "mean duty (1)": f"{load.mean_duty:.2f}",
+        "flow (share of declared)": f"{estimate.pump_share:.2f} +- {estimate.pump_deviation:.2f}",
+        "resting": "yes" if ankle.resting else "no",
+    }
+    if load.limited:
+        return Health("pump", Level.WARN, "spared: its mean duty is at pump_rated_duty; look for a leak", values)
+    return Health("pump", Level.OK, "", values)
+
+
+def _leak_lines(ankle: Ankle, estimate: Estimate) -> tuple[Health, ...]:
+    seen = ankle.leaks.seen
+    lines = []
+    for index, name in enumerate(ankle.channels, start=1):
+        values = {
+            "leak conductance by the law of the air (m^3/(s Pa))": (
+                f"{estimate.leaks_m3_s_pa[index]:.1e} +- {estimate.leak_deviations_m3_s_pa[index]:.1e}"
+            )
+        }
+        rate = seen.get(name)
+        if rate is not None:
+            values["decay while the pump rests (Pa/s)"] = f"{rate.rate_pa_s:.0f}"
+            values["leak conductance of all that was connected (m^3/(s Pa))"] = f"{rate.conductance_m3_s_pa:.1e}"
+            values["channels that were connected"] = str(rate.connected)
+        lines.append(Health(f"{name} leak", Level.OK, "" if rate else "no rest of the pump seen yet", values))
+    return tuple(lines)
+
+
+def _pace_line(driver: Driver) -> Health:
+    own = driver.own_pace
+    values = {
+        "mean lateness (s)": f"{own.late_s:.4f}",
+        "standstills": str(own.stalls),
+        "longest standstill (s)": f"{own.longest_s:.2f}",
+    }
+    if own.overloaded:
+        return Health(
+            "executor", Level.WARN, f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still", values
+        )
+    return Health("executor", Level.OK, "", values)
+
+
 def _driver_line(status: DriverStatus, lifecycle_state: str) -> Health:
     if status.stop_reason:
-        return Health("driver", Level.ERROR, f"emergency stop: {status.stop_reason}; release it, then ~/clear_fault")
+        held = "; solenoids kept, pump off" if status.held else ""
+        return Health(
+            "driver", Level.ERROR, f"emergency stop: {status.stop_reason}; release it, then ~/clear_fault{held}"
+        )
     return Health("driver", Level.OK if status.active else Level.WARN, lifecycle_state)
+
+
+def _link_line(link: LinkStatus, noise: str) -> Health:
+    level, message = _LINK_LEVELS[link.state], f"{link.state.value}: {link.detail}"
+    if link.state is not LinkState.CONNECTED:
+        pass  # what the board said before is old
+    elif link.latched:
+        level = Level.ERROR
+        message = f"safe state latched: {', '.join(sorted(cause.value for cause in link.latched))}"
+    elif noise:
+        level, message = Level.WARN, f"{Reason.LINE_NOISE.name}: {noise}; look at cable, shield and baud rate"
+    elif link.faults:
+        level = Level.WARN
+        message = ", ".join(sorted(fault.value for fault in link.faults))
+    values = {
+        "board starts": str(link.starts),
+        "last reset": "not told" if link.reset_cause is None else link.reset_cause.value,
+        "supply (V)": "not measured" if link.supply_v is None else f"{link.supply_v:.2f}",
+        "connects": str(link.connects),
+        "exchanges": str(link.exchanges),
+        "check sum errors": str(link.crc_errors),
+        "time-outs": str(link.timeouts),
+        "refusals": str(link.refusals),
+        "rate (Hz)": "not known" if link.rate_hz is None else f"{link.rate_hz:.0f}",
+    }
+    return Health("link", level, message, values)
 
 
 def _manifold_line(status: DriverStatus) -> Health:
@@ -47,6 +169,7 @@ def _channel_line(channel: ChannelStatus) -> Health:
     measured_pa = channel.measured_vacuum_pa
     message = f"{channel.state.name}: {channel.reason}" if channel.reason else channel.state.name
     values = {
+        "fault": channel.fault.name,
         "commanded vacuum (Pa)": f"{channel.commanded_vacuum_pa:.0f}",
         "measured vacuum (Pa)": "not measured" if measured_pa is None else f"{measured_pa:.0f}",
     }

@@ -8,24 +8,30 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_driver.conversions import pressure_sample, seconds, wishes
+from jammkle_driver.conversions import seconds, wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.hardware import REFERENCE_PA
+from jammkle_driver.core.link import LinkGuard, NoiseMeter
+from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.health import health_lines
+from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
+from jammkle_driver.health import ankle_lines, health_lines
+from jammkle_driver.lifecycle import refuse_bad_transitions
 from jammkle_driver.outputs import Outputs
-from jammkle_driver.parameters import DriverParameters
-from jammkle_driver.simulated_hardware import SimulatedHardware
+from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.names import (
     CHANNEL_JAMS,
     CHANNELS,
     CLEAR_FAULT,
+    CLOCK,
     DRIVER_NODE,
     EMERGENCY_STOP,
     JAM,
@@ -35,21 +41,19 @@ from jammkle_graph.names import (
     UNJAM_ALL,
 )
 from jammkle_graph.qos import live_qos, subscriber_qos
+from jammkle_graph.roll_call import RollCall
 from jammkle_msgs.msg import JamCommand
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-    from lifecycle_msgs.srv import ChangeState
-    from sensor_msgs.msg import FluidPressure
-
-    from jammkle_driver.core.hardware import Hardware
+    from jammkle_driver.core.hardware import Hardware, PressureSample
     from jammkle_graph.diagnostics import Health
     from jammkle_graph.names import Service
 
-TICK_PERIOD_S = 0.05
-"""Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""
+CLOCK_TIMEOUT_S = 1.5
+"""Silence of /clock after which its maker is gone, s: a paused simulation repeats it every 0.5 s."""
 
 STATE_PERIOD_S = 1.0
 """jam_state is repeated this often on the steady clock, s."""
@@ -69,13 +73,18 @@ class DriverNode(LifecycleNode):
 
         """
         super().__init__(DRIVER_NODE, **node_options)
-        self._refuse_bad_transitions()
+        refuse_bad_transitions(self)
         self._values = declare(self, DriverParameters)
+        check_parameters(self._values)
         on_change(self, DriverParameters, self._take_parameters)
         self._driver = Driver(CHANNELS, self._values.settings())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
+        self._link_guard = LinkGuard()
+        self._noise = NoiseMeter()
+        self._clock_heard_s = 0.0
+        self._roll_call = RollCall(self)
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
         self._faults: tuple[str, ...] = ()
@@ -89,11 +98,13 @@ class DriverNode(LifecycleNode):
     def shut_down(self) -> None:
         """Release everything, see to it that this gets out, and close; possible in every lifecycle state."""
         self._close()
+        self._diagnostics.farewell()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs = Outputs(self)
-        self._hardware = SimulatedHardware(self, self._on_pressure)
+        self._link_guard = LinkGuard()
+        self._hardware = make_hardware(HardwareContext(self, self._on_sample, lambda: REFERENCE_PA, self._values))
         self._create_subscriptions()
         self._create_services()
         for period_s, callback in ((TICK_PERIOD_S, self._on_tick), (STATE_PERIOD_S, self._repeat_state)):
@@ -130,21 +141,6 @@ class DriverNode(LifecycleNode):
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
-    def _refuse_bad_transitions(self) -> None:
-        # rclpy lets a transition that is not allowed now escape from the executor, which would end the driver:
-        # anybody who activates twice would drop the leg.
-        change_state = self._service_change_state.callback
-
-        def answer(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
-            try:
-                return change_state(request, response)
-            except RuntimeError as error:
-                self.get_logger().warning(f"transition {request.transition.id} refused: {error}")
-                response.success = False
-                return response
-
-        self._service_change_state.callback = answer
-
     def _close(self) -> None:
         self._driver.reset()
         self._refused_command = ""
@@ -152,7 +148,7 @@ class DriverNode(LifecycleNode):
             return
         self._hardware.apply(self._driver.command)
         self._outputs.repeat_command(self._driver.command)
-        self._outputs.repeat_state(self._driver.status)
+        self._outputs.repeat_state(self._driver.status, self._refused_command)
         self._outputs.deliver()
         for close in (*self._closers, self._hardware.close, self._outputs.close):
             close()
@@ -165,17 +161,18 @@ class DriverNode(LifecycleNode):
             (JamCommand, JAM_COMMAND, self._on_jam_command, subscriber_qos(JAM_COMMAND)),
             (Bool, EMERGENCY_STOP, self._on_emergency_stop, subscriber_qos(EMERGENCY_STOP)),
             (Bool, EMERGENCY_STOP, self._on_emergency_stop, live_qos()),
+            (ClockMessage, CLOCK, self._on_clock, subscriber_qos(CLOCK)),
         ):
-            subscription = self.create_subscription(kind, topic.name, callback, qos)
+            subscription = self.create_subscription(kind, topic.name, callback, qos, raw=topic is CLOCK)
             self._closers.append(partial(self.destroy_subscription, subscription))
 
     def _create_services(self) -> None:
         answers: list[tuple[type, Service, Callable[[Any], str]]] = [
             (Jam, JAM, lambda request: self._driver.jam(request.channels, request.vacuum_pa, JAM.name)),
-            (Unjam, UNJAM, lambda request: self._driver.unjam(request.channels, UNJAM.name)),
+            (Unjam, UNJAM, lambda request: self._unjam(request.channels, UNJAM.name)),
             (Trigger, JAM_ALL, lambda _request: self._driver.jam((), 0.0, JAM_ALL.name)),
-            (Trigger, UNJAM_ALL, lambda _request: self._driver.unjam((), UNJAM_ALL.name)),
-            (Trigger, CLEAR_FAULT, lambda _request: self._driver.clear_fault(self._now())),
+            (Trigger, UNJAM_ALL, lambda _request: self._unjam((), UNJAM_ALL.name)),
+            (Trigger, CLEAR_FAULT, lambda _request: self._clear_fault()),
         ]
         answers += [(SetBool, service, partial(self._switch, channel)) for channel, service in CHANNEL_JAMS.items()]
         for kind, service, answer in answers:
@@ -186,7 +183,7 @@ class DriverNode(LifecycleNode):
         asked_by = CHANNEL_JAMS[channel].name
         if request.data:
             return self._driver.jam((channel,), 0.0, asked_by)
-        return self._driver.unjam((channel,), asked_by)
+        return self._unjam((channel,), asked_by)
 
     def _serve(self, answer: Callable[[Any], str], request: Any, response: Any) -> Any:
         try:
@@ -198,9 +195,19 @@ class DriverNode(LifecycleNode):
         self._settle()
         return response
 
-    def _on_pressure(self, place: str, message: FluidPressure) -> None:
-        now = self._now()
-        self._driver.measure(pressure_sample(place, message, self._values.ambient_pressure_pa, now.graph_s), now)
+    def _unjam(self, channels: Sequence[str], asked_by: str) -> str:
+        answer = self._driver.unjam(channels, asked_by)
+        link = None if self._hardware is None else self._hardware.link
+        check_carried_out(self._driver.status, channels, link)
+        return answer
+
+    def _on_clock(self, _raw: bytes) -> None:
+        self._clock_heard_s = seconds(self._steady.now())
+
+    def _on_sample(self, sample: PressureSample) -> None:
+        if self._hardware is not None:
+            self._look_at_link(self._hardware)  # first: with the first sample a wish that waits may jam
+        self._driver.measure(sample, self._now())
         self._settle()
 
     def _on_jam_command(self, message: JamCommand) -> None:
@@ -220,8 +227,27 @@ class DriverNode(LifecycleNode):
         self._driver.emergency_stop(stop=message.data, now=self._now())
         self._settle()
 
+    def _clear_fault(self) -> str:
+        cleared = self._driver.clear_fault(self._now())
+        self._link_guard.clear()
+        if self._hardware is not None:
+            self._hardware.acknowledge()
+        return cleared
+
+    def _look_at_link(self, hardware: Hardware) -> None:
+        verdict = self._link_guard.look(hardware.link, jammed=self._driver.jammed)
+        if verdict.fault:
+            self._driver.fail(verdict.fault, verdict.reason)
+        self._driver.wait_for_board(wait=verdict.wait)
+        if verdict.let_go:
+            self._driver.was_let_go(verdict.let_go)
+        if verdict.acknowledge:
+            hardware.acknowledge()
+
     def _on_tick(self) -> None:
         self._driver.tick(self._now())
+        if self._hardware is not None:
+            self._look_at_link(self._hardware)
         if self._outputs is not None and self._hardware is not None:
             self._hardware.apply(self._driver.command)
             self._outputs.repeat_command(self._driver.command)
@@ -229,7 +255,7 @@ class DriverNode(LifecycleNode):
 
     def _repeat_state(self) -> None:
         if self._outputs is not None:
-            self._outputs.repeat_state(self._driver.status)
+            self._outputs.repeat_state(self._driver.status, self._refused_command)
 
     def _settle(self) -> None:
         """Let everybody know what has changed; called after everything that may change something."""
@@ -239,7 +265,7 @@ class DriverNode(LifecycleNode):
         self._hardware.apply(command)
         self._outputs.update_command(command)
         status = self._driver.status
-        if self._outputs.update_state(status):
+        if self._outputs.update_state(status, self._refused_command):
             self._diagnostics.check()
             faults = tuple(f"{c.name}: {c.reason}" for c in status.channels if c.state is ChannelState.FAULT)
             for fault in faults:
@@ -250,10 +276,18 @@ class DriverNode(LifecycleNode):
     def _take_parameters(self, parameters: DriverParameters) -> None:
         self._values = parameters
         self._driver.limit(parameters.limits())
+        self._driver.declare_ambient(parameters.ambient_pressure_pa)
+        self._settle()
 
     def _health(self) -> tuple[Health, ...]:
         _identifier, label = self._state_machine.current_state
-        return health_lines(self._driver.status, label, self._refused_command)
+        link = None if self._hardware is None else self._hardware.link
+        noise = "" if link is None else self._noise.look(link, seconds(self._steady.now()))
+        lines = health_lines(self._driver.status, label, self._refused_command, link, noise)
+        return (*lines, *ankle_lines(self._driver), self._roll_call.health())
 
     def _now(self) -> Instant:
-        return Instant(seconds(self._steady.now()), seconds(self.get_clock().now()))
+        steady_s = seconds(self._steady.now())
+        clock = self.get_clock()
+        runs = not clock.ros_time_is_active or steady_s - self._clock_heard_s < CLOCK_TIMEOUT_S
+        return Instant(steady_s, seconds(clock.now()), runs)

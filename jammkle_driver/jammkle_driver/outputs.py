@@ -57,16 +57,16 @@ class Outputs:
         if last is None or last.pump_duty != command.pump_duty:
             self._duty.publish(duty_message(command.pump_duty))
 
-    def repeat_state(self, status: DriverStatus) -> None:
-        """Publish the state."""
-        self._told = _told(status)
-        self._state.publish(jam_state_message(status, self._node.get_clock().now().to_msg()))
+    def repeat_state(self, status: DriverStatus, refused_command: str) -> None:
+        """Publish the state, and why the last jam_command was refused (empty: it was not)."""
+        self._told = _told(status, refused_command)
+        self._state.publish(jam_state_message(status, self._node.get_clock().now().to_msg(), refused_command))
 
-    def update_state(self, status: DriverStatus) -> bool:
+    def update_state(self, status: DriverStatus, refused_command: str) -> bool:
         """Publish the state if anything but a measured value has changed; return whether it was published."""
-        if _told(status) == self._told:
+        if _told(status, refused_command) == self._told:
             return False
-        self.repeat_state(status)
+        self.repeat_state(status, refused_command)
         return True
 
     def deliver(self) -> None:
@@ -83,6 +83,6 @@ class Outputs:
             self._node.destroy_publisher(publisher)
 
 
-def _told(status: DriverStatus) -> object:
+def _told(status: DriverStatus, refused_command: str) -> object:
     channels = tuple((channel.state, channel.commanded_vacuum_pa, channel.reason) for channel in status.channels)
-    return status.active, status.stop_reason, channels
+    return status.active, status.stop_reason, channels, status.trouble.reason, refused_command, status.limits

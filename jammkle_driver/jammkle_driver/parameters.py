@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jammkle_driver.core.air import AirSettings
+from jammkle_driver.core.ankle import AnkleSettings, FaultPolicy, SafeState
 from jammkle_driver.core.channel import ChannelSettings
+from jammkle_driver.core.diagnosis import DiagnosisSettings
 from jammkle_driver.core.driver import DriverSettings
 from jammkle_driver.core.regulator import RegulatorSettings
 from jammkle_driver.core.requests import VacuumLimits
 from jammkle_graph.constants import HELD_VACUUM_PA, STANDARD_ATMOSPHERE_PA
+from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_graph.parameters import ParameterError, parameter
+
+TICK_PERIOD_S = 0.05
+"""Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +29,43 @@ class DriverParameters:
     """
 
     autostart: bool = parameter(default=True, description="Configure and activate the node by itself at start")
-    hardware: str = parameter("sim", "What is driven; sim: the topics of the simulation", choices=("sim",))
+    hardware: str = parameter(
+        "sim",
+        "What is driven; sim: the topics of the simulation; modbus: a board; fake: an ankle of plain numbers in "
+        "process, whose faults fake_faults says; or a name that an installed package "
+        "brings along (entry point of jammkle.hardware)",
+    )
+    port: str = parameter(
+        "",
+        "Where the board is: a serial device, best its /dev/serial/by-id name or the udev rule's /dev/jammkle_board, "
+        "or tcp://HOST[:PORT]",
+    )
+    board_file: str = parameter("", "YAML file that says how the board is wired; empty: config/board.yaml")
+    fake_faults: str = parameter(
+        "",
+        "For hardware fake: what fails when, one line each (or separated by ;) of TIME_S FAULT [PLACE [SIZE]], or a "
+        "file of such lines",
+    )
+    safe_state: str = parameter(
+        "vent",
+        "What jammed tendons do at a stop, a fault, or when their commands fall silent; vent: soften; hold: stay "
+        "connected, pump off",
+        choices=("vent", "hold"),
+    )
+    fault_policy: str = parameter(
+        "ankle",
+        "What a fault of one channel means for the others; ankle: all go to the safe state, as an ankle that is stiff "
+        "on one side turns the foot; channel: the others go on",
+        choices=("ankle", "channel"),
+    )
+    diagnose: bool = parameter(
+        default=True,
+        description="Find faults and the pressure of the atmosphere from commands and pressures by the law of the air; "
+        "false: by time-outs alone",
+    )
     ambient_pressure_pa: float = parameter(
         STANDARD_ATMOSPHERE_PA,
-        "Pressure of the atmosphere, from which vacuum is counted",
+        "Pressure of the atmosphere, from which vacuum is counted until two vented channels tell it",
         "Pa",
         50e3,
         110e3,
@@ -61,6 +101,30 @@ class DriverParameters:
     manifold_lead_pa: float = parameter(
         2e3, "How much deeper than the set point the manifold may be while tendons follow", "Pa", 0.0, 20e3
     )
+    pump_rest_band_pa: float = parameter(
+        700.0, "How far the vacuum may fall before a resting pump works again", "Pa", 100.0, 5e3
+    )
+    pump_rated_duty: float = parameter(
+        0.6,
+        "Mean duty that the pump bears for ever; 1: no limit. Assumed, as for small diaphragm pumps",
+        "1",
+        0.05,
+        1.0,
+    )
+    pump_thermal_time_s: float = parameter(60.0, "Time constant in which the pump warms up. Assumed", "s", 1.0, 3600.0)
+    manifold_volume_m3: float = parameter(15e-6, "Manifold and the hose to the pump", "m^3", 1e-7, 1e-2)
+    tendon_volume_m3: float = parameter(6e-6, "Free air in one tendon with its share of hose", "m^3", 1e-7, 1e-2)
+    valve_conductance_m3_s_pa: float = parameter(
+        1e-9, "Sonic conductance of solenoid and hose in series (1e-8 is 1 dm^3/(s bar))", "m^3/(s Pa)", 1e-12, 1e-6
+    )
+    leak_conductance_m3_s_pa: float = parameter(
+        1e-12, "Sonic conductance of a good membrane's leak", "m^3/(s Pa)", 1e-15, 1e-9
+    )
+    pump_free_flow_m3_s: float = parameter(
+        1e-4, "Volume that the pump draws at full duty without vacuum", "m^3/s", 1e-7, 1e-2
+    )
+    pump_ultimate_vacuum_pa: float = parameter(80e3, "Vacuum at which the pump stops drawing", "Pa", 10e3, 101e3)
+    valve_dead_time_s: float = parameter(0.010, "Time from command to a valve's movement", "s", 0.0, 0.2)
 
     def __post_init__(self) -> None:
         """Check what one row alone cannot.
@@ -80,23 +144,46 @@ class DriverParameters:
         """Vacuum that may be asked for."""
         return VacuumLimits(self.min_vacuum_pa, self.max_vacuum_pa, self.default_vacuum_pa)
 
+    def air(self) -> AirSettings:
+        """The ankle as built."""
+        return AirSettings(
+            manifold_volume_m3=self.manifold_volume_m3,
+            channel_volumes_m3=tuple(self.tendon_volume_m3 * len(TENDONS_OF_CHANNEL[name]) for name in CHANNELS),
+            valve_conductance_m3_s_pa=self.valve_conductance_m3_s_pa,
+            leak_conductance_m3_s_pa=self.leak_conductance_m3_s_pa,
+            pump_free_flow_m3_s=self.pump_free_flow_m3_s,
+            pump_ultimate_vacuum_pa=self.pump_ultimate_vacuum_pa,
+            valve_dead_time_s=self.valve_dead_time_s,
+        )
+
     def settings(self) -> DriverSettings:
         """Everything the core wants to know."""
         return DriverSettings(
             limits=self.limits(),
-            channel=ChannelSettings(
-                tolerance_pa=self.tolerance_pa,
-                hysteresis_pa=self.hysteresis_pa,
-                vented_vacuum_pa=self.vented_vacuum_pa,
-                jam_timeout_s=self.jam_timeout_s,
-                vent_timeout_s=self.vent_timeout_s,
-            ),
-            regulator=RegulatorSettings(
-                proportional_gain_per_pa=self.regulator_gain_per_pa,
-                integral_time_s=self.regulator_integral_time_s,
-                manifold_lead_pa=self.manifold_lead_pa,
+            ankle=AnkleSettings(
+                channel=ChannelSettings(
+                    tolerance_pa=self.tolerance_pa,
+                    hysteresis_pa=self.hysteresis_pa,
+                    vented_vacuum_pa=self.vented_vacuum_pa,
+                    jam_timeout_s=self.jam_timeout_s,
+                    vent_timeout_s=self.vent_timeout_s,
+                ),
+                regulator=RegulatorSettings(
+                    proportional_gain_per_pa=self.regulator_gain_per_pa,
+                    integral_time_s=self.regulator_integral_time_s,
+                    manifold_lead_pa=self.manifold_lead_pa,
+                    rest_band_pa=self.pump_rest_band_pa,
+                    rated_duty=self.pump_rated_duty,
+                    thermal_time_s=self.pump_thermal_time_s,
+                ),
+                diagnosis=DiagnosisSettings(self.air()),
+                diagnose=self.diagnose,
+                ambient_pa=self.ambient_pressure_pa,
+                safe_state=SafeState(self.safe_state),
+                fault_policy=FaultPolicy(self.fault_policy),
             ),
             command_timeout_s=self.command_timeout_s,
             pressure_timeout_s=self.pressure_timeout_s,
             emergency_stop_timeout_s=self.emergency_stop_timeout_s,
+            tick_period_s=TICK_PERIOD_S,
         )

@@ -23,7 +23,9 @@ class Rig:
 
     def __init__(self, **parameters: float) -> None:
         self.now = Instant(10.0, 100.0)
-        self.driver = Driver(CHANNELS, DriverParameters(**parameters).settings())
+        self.driver = Driver(
+            CHANNELS, DriverParameters(**{"diagnose": False, "fault_policy": "channel", **parameters}).settings()
+        )
 
     def active(self) -> Rig:
         self.driver.activate(self.now)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock
@@ -29,7 +29,7 @@ from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_graph.testing import own_domain
-from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand, JamState
+from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
@@ -115,7 +115,9 @@ class Graph:
         return node
 
     def driver(self, **parameters: Any) -> DriverNode:
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        # this ankle keeps to no law of the air
+        given = {"diagnose": False, "fault_policy": "channel", **parameters}
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
         driver = self.add(DriverNode(context=self.context, parameter_overrides=overrides))
         driver.start()
         return driver
@@ -314,6 +316,45 @@ def test_an_unknown_parameter_is_refused(graph: Graph) -> None:
     """A typing error in a parameter's name ends the start with one line that lists what there is."""
     with pytest.raises(ParameterError, match=r"jam_timeot_s.*jam_timeout_s"):
         DriverNode(context=graph.context, parameter_overrides=[Parameter("jam_timeot_s", value=1.0)])
+
+
+def test_a_scripted_fault_of_the_fake_ankle_is_told_everywhere(graph: Graph) -> None:
+    """A hole in the achilles line: FAULT with its reason on jam_state, numbers on /diagnostics, everything vented.
+
+    The stop then says that nothing is wrong with venting, and clearing brings the ankle back once the hole is closed.
+    """
+    lines: dict[str, DiagnosticStatus] = {}
+    topic = names.DIAGNOSTICS
+
+    def take(array: DiagnosticArray) -> None:
+        lines.update({status.name.partition(": ")[2]: status for status in array.status})
+
+    graph.node.create_subscription(DiagnosticArray, topic.name, take, subscriber_qos(topic))
+    script = "2.5 leak achilles 3e-10; 7 heal"
+    driver = graph.jammable_driver(hardware="fake", fake_faults=script, diagnose=True, fault_policy="ankle")
+    state = graph.ankle
+    graph.spin_until(lambda: driver._driver.status.atmosphere.measured)
+    assert graph.call(Trigger, names.JAM_ALL.path).success
+    graph.spin_until(lambda: state.state_of("achilles").state == ChannelJamState.FAULT)
+    assert state.state_of("achilles").fault == Fault.LEAK
+    assert state.states[-1].fault.reason == Fault.LEAK
+    assert "achilles" in state.states[-1].fault.text
+    assert "vented" in state.states[-1].fault.action
+    graph.spin_until(state.released)
+    graph.spin_until(lambda: "fault" in lines and "LEAK" in lines["fault"].message)
+    values = {value.key: value.value for value in lines["fault"].values}
+    assert float(values["leak conductance (m^3/(s Pa))"]) == pytest.approx(3e-10, rel=0.5)
+    assert not graph.call(Jam, names.JAM.path, channels=["peroneal_left"]).success
+    assert graph.call(Trigger, names.UNJAM_ALL.path).success
+    graph.spin_until(lambda: graph.call(Trigger, names.CLEAR_FAULT.path).success)
+    graph.spin_until(lambda: state.all_in(ChannelJamState.UNJAMMED))
+
+
+def test_a_bad_script_of_faults_ends_the_start(graph: Graph) -> None:
+    """What cannot be read is refused before anything is driven, in one line."""
+    driver = graph.driver(autostart=False, hardware="fake", fake_faults="1 explode")
+    with pytest.raises(ParameterError, match="explode"):
+        driver.on_configure(driver._state_machine.current_state)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 
 from jammkle_graph.names import DIAGNOSTICS
 from jammkle_graph.qos import publisher_qos
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 PERIOD_S = 1.0
+
+FAREWELL = ": stopped"
+"""End of the name under which a node that is stopped in order reports for the last time."""
+
+_FAREWELL_TIMEOUT_S = 0.2
 
 
 class Level(enum.Enum):
@@ -78,6 +84,12 @@ class DiagnosticsPublisher:
     def publish(self) -> None:
         """Publish now."""
         self._send(self._report())
+
+    def farewell(self) -> None:
+        """Say that this node is being stopped in order."""
+        self._timer.cancel()
+        self._send([Health(FAREWELL.removeprefix(": "), Level.STALE, "stopped in order")])
+        self._publisher.wait_for_all_acked(Duration(seconds=_FAREWELL_TIMEOUT_S))
 
     def _send(self, health: Sequence[Health]) -> None:
         self._last = _signature(health)

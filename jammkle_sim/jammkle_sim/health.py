@@ -9,6 +9,7 @@ from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.diagnostics import Health, Level
 from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE
 from jammkle_sim.core.run_control import RunState
+from jammkle_sim.inputs import WATCHDOG_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,8 +63,17 @@ def rig_health(running: str, trouble: str) -> Health:
     return Health("rig", Level.OK, "none running")
 
 
-def command_health(refused: str) -> Health:
-    """Whether the latest command was followed."""
+def command_health(refused: str, *, let_go: bool) -> Health:
+    """Whether the latest command was followed, and the driver is heard.
+
+    Args:
+        refused: Why the latest command was refused; empty when it was followed.
+        let_go: Whether the simulated board has let go as it had not heard the driver.
+
+    """
+    if let_go:
+        message = f"no command for {WATCHDOG_S:g} s while something was on: everything released, until told to release"
+        return Health("commands", Level.ERROR, message)
     if refused:
         return Health("commands", Level.WARN, refused)
     return Health("commands", Level.OK, "followed")

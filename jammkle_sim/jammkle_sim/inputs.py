@@ -1,10 +1,13 @@
-"""Takes the driver's commands, pump duty and solenoids, to the simulation; keeps the last good ones, says when."""
+"""Takes the driver's commands, pump duty and solenoids, to the simulation; says when, and lets go when none come."""
 
 from __future__ import annotations
 
+import time
 from functools import partial
 from typing import TYPE_CHECKING
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from std_msgs.msg import Bool, Float32
 
 from jammkle_graph import names
@@ -13,18 +16,41 @@ from jammkle_msgs.msg import ActuatorStates
 from jammkle_sim.conversions import BadCommandError, actuator_states, duty_from
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from rclpy.node import Node
 
     from jammkle_sim.rigs.simulation import Simulation
 
+WATCHDOG_S = 0.2
+"""Silence of the driver after which the simulated board lets go, s of the machine's steady clock: the firmware's
+default of watchdog_ms."""
+
+_LOOKS = 4
+"""How often silence is looked for in that time. One look counts for no more than two such periods, so that a simulation
+which stood still itself, and has heard nobody, does not blame the driver."""
+
 
 class Commands:
     """Subscriptions of the simulated hardware, and its acknowledgement."""
 
-    def __init__(self, node: Node, simulation: Simulation, on_refused_change: Callable[[], None]) -> None:
-        """Subscribe on `node`; `on_refused_change` is called when `refused` becomes something else."""
+    def __init__(
+        self,
+        node: Node,
+        simulation: Simulation,
+        on_refused_change: Callable[[], None],
+        runs: Callable[[], bool],
+    ) -> None:
+        """Subscribe on `node`.
+
+        Args:
+            node: The sim node.
+            simulation: What obeys.
+            on_refused_change: Called when `refused` or `let_go` becomes something else.
+            runs: Tells whether simulated time runs; while it stands, so does the simulated board, and its watchdog.
+
+        """
+        self._runs = runs
         self._simulation = simulation
         self._on_refused_change = on_refused_change
         self._refused = ""
@@ -32,6 +58,12 @@ class Commands:
         self._energised = dict.fromkeys(names.CHANNELS, False)
         self._is_new = True
         self._told_lately = False
+        self._silent_s = 0.0
+        self._looked_s = time.monotonic()
+        self._let_go = False
+        self._wanted_duty = 0.0
+        self._wanted = dict.fromkeys(names.CHANNELS, False)
+        node.create_timer(WATCHDOG_S / _LOOKS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         qos = publisher_qos(names.ACTUATOR_STATES)
         self._acknowledged = node.create_publisher(ActuatorStates, names.ACTUATOR_STATES.name, qos)
         node.create_subscription(Float32, names.PUMP_DUTY.name, self._take_duty, subscriber_qos(names.PUMP_DUTY))
@@ -42,6 +74,11 @@ class Commands:
     def refused(self) -> str:
         """Why the latest command was refused, in one line; empty when it was followed."""
         return self._refused
+
+    @property
+    def let_go(self) -> bool:
+        """Whether the simulated board has let go as it did not hear the driver; until it is told to release all."""
+        return self._let_go
 
     def apply(self) -> None:
         """Command again what stands: a reset rig is still wired to the same driver."""
@@ -61,25 +98,59 @@ class Commands:
         self._told_lately = False
 
     def _tell(self, time_ns: int) -> None:
-        self._acknowledged.publish(actuator_states(time_ns, self._duty, self._energised))
+        states = actuator_states(time_ns, self._duty, self._energised, host_silent=self._let_go)
+        self._acknowledged.publish(states)
         self._is_new = False
         self._told_lately = True
 
+    def _look(self) -> None:
+        now_s = time.monotonic()
+        passed_s = min(now_s - self._looked_s, 2.0 * WATCHDOG_S / _LOOKS)
+        self._looked_s = now_s
+        self._silent_s += passed_s if self._runs() else 0.0
+        if self._silent_s > WATCHDOG_S and not self._let_go and (self._duty > 0.0 or any(self._energised.values())):
+            self._set_let_go(let_go=True)
+            self._obey(0.0, dict.fromkeys(names.CHANNELS, False))
+
     def _take_duty(self, message: Float32) -> None:
+        self._silent_s = 0.0
         try:
             duty = duty_from(message)
         except BadCommandError as error:
             self._set_refused(str(error))
             return
         self._set_refused("")
-        self._is_new |= duty != self._duty
-        self._duty = duty
-        self._simulation.set_pump_duty(self._duty)
+        self._wanted_duty = duty
+        self._follow()
 
     def _take_solenoid(self, channel: str, message: Bool) -> None:
-        self._is_new |= message.data != self._energised[channel]
-        self._energised[channel] = message.data
-        self._simulation.set_solenoid(channel, message.data)
+        self._silent_s = 0.0
+        self._wanted[channel] = message.data
+        self._follow()
+
+    def _follow(self) -> None:
+        """Do what is wanted, unless the board has let go and was not yet told to release everything."""
+        if self._let_go and (self._wanted_duty > 0.0 or any(self._wanted.values())):
+            return
+        self._set_let_go(let_go=False)
+        self._obey(self._wanted_duty, self._wanted)
+
+    def _obey(self, duty: float, energised: Mapping[str, bool]) -> None:
+        if duty != self._duty:
+            self._is_new = True
+            self._duty = duty
+            self._simulation.set_pump_duty(duty)
+        for channel, on in energised.items():
+            if on != self._energised[channel]:
+                self._is_new = True
+                self._energised[channel] = on
+                self._simulation.set_solenoid(channel, on)
+
+    def _set_let_go(self, *, let_go: bool) -> None:
+        if let_go != self._let_go:
+            self._let_go = let_go
+            self._is_new = True
+            self._on_refused_change()
 
     def _set_refused(self, refused: str) -> None:
         if refused != self._refused:

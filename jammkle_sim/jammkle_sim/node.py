@@ -16,6 +16,7 @@ from jammkle_graph import names
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.qos import publisher_qos
+from jammkle_graph.roll_call import RollCall
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
@@ -77,7 +78,10 @@ class SimNode(Node):
         self._diagnostics = DiagnosticsPublisher(
             self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
         )
-        self._commands = Commands(self, self._simulation, self._diagnostics.check)
+        self._roll_call = RollCall(self)
+        self._commands = Commands(
+            self, self._simulation, self._diagnostics.check, lambda: self._engine.control.state is RunState.RUNNING
+        )
         self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
         self._rigs = RigAction(self, self._engine, self._show, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -136,6 +140,7 @@ class SimNode(Node):
         self._answers.answer_finished_steps()
         if self.executor is not None:
             self.executor.spin_once(timeout_sec=0)  # sends the rig's result
+        self._diagnostics.farewell()
 
     def destroy_node(self) -> None:
         """Leave the graph; rclpy destroys all but the action by itself."""
@@ -185,8 +190,9 @@ class SimNode(Node):
         return [
             simulation_health(self._engine),
             tendon_health(self._outputs.broken_tendons, self._engine.control.rig),
-            command_health(self._commands.refused),
+            command_health(self._commands.refused, let_go=self._commands.let_go),
             rig_health(self._rigs.place, self._rigs.trouble),
+            self._roll_call.health(),
         ]
 
 

@@ -7,8 +7,9 @@ import math
 import time
 from typing import TYPE_CHECKING, Any
 
+import pytest
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -265,3 +266,40 @@ def test_one_of_several_keeps_the_clock(start_graph: Callable[..., Any], fake: A
     graph = start_graph(lambda _: fake, publish_clock=False, use_sim_time=True)
     assert "/clock" not in {publisher.topic_name for publisher in graph.sim.publishers}
     assert "/clock" not in {subscription.topic_name for subscription in graph.sim.subscriptions}
+
+
+def test_the_simulated_board_lets_go_when_nobody_commands(start_graph: Callable[..., Any]) -> None:
+    """A duty that is not repeated is dropped, told, and not taken again before everything was told to release."""
+    graph = start_graph()
+    told = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
+    health = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
+    duty = graph.publisher(Float32, names.PUMP_DUTY)
+    duty.publish(Float32(data=0.5))
+    graph.spin_until(lambda: any(each.pump_duty == 0.5 for each in told), "the duty is taken")
+    graph.spin_until(lambda: told[-1].host_silent and told[-1].pump_duty == 0.0, "the board lets go")
+
+    def told_as_error() -> bool:
+        lines = [status for array in health for status in array.status if status.name.endswith(": commands")]
+        return any(line.level == DiagnosticStatus.ERROR for line in lines)
+
+    graph.spin_until(told_as_error, "the error is told")
+    duty.publish(Float32(data=0.7))
+    graph.spin_until(lambda: told[-1].host_silent, "it is still latched")
+    assert told[-1].pump_duty == 0.0
+    duty.publish(Float32(data=0.0))
+    graph.spin_until(lambda: not told[-1].host_silent, "a release acknowledges it")
+    duty.publish(Float32(data=0.7))
+    graph.spin_until(lambda: any(each.pump_duty == pytest.approx(0.7) for each in told), "it takes commands again")
+
+
+def test_the_simulated_board_waits_while_time_stands(start_graph: Callable[..., Any]) -> None:
+    """In a paused simulation a command by hand stays as it is: the board's time stands, too."""
+    graph = start_graph(start_paused=True)
+    told = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
+    duty = graph.publisher(Float32, names.PUMP_DUTY)
+    duty.publish(Float32(data=0.5))
+    graph.spin_until(lambda: bool(told) and told[-1].pump_duty == 0.5, "the duty is taken")
+    begun_s = time.monotonic()
+    graph.spin_until(lambda: time.monotonic() - begun_s > 0.5, "longer than the watchdog")
+    assert not told[-1].host_silent
+    assert told[-1].pump_duty == 0.5

@@ -20,7 +20,7 @@ from std_msgs.msg import Bool
 from echo import ECHO_TOPIC, MARK
 from graph import Probe, environment
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import CHANNELS, IMU, IMU_FRAME, JAM_STATE, MANIFOLD_PRESSURE, PRESSURES, SOLENOIDS, Topic
+from jammkle_graph.names import CHANNELS, IMU, IMU_FRAME, JAM_STATE, MANIFOLD_PRESSURE, PRESSURES, SOLENOIDS
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ChannelJamState
 
@@ -36,6 +36,7 @@ GROUND_SAMPLES = 40
 IMPACT_M_S2 = 40.0
 ROUND_TRIP_HOPS = 2
 PATH_HOPS = 3
+IMU_SUBSCRIBERS = 2
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,12 @@ class Stimulus(Probe):
         self.executor.spin_once(timeout_sec=0.0)
         return sent_s
 
+    def ready(self) -> bool:
+        """Whether driver, controller and echo are there and hear each other."""
+        states = self.channel_states()
+        known = len(states) == len(CHANNELS) and set(states.values()) == {ChannelJamState.UNJAMMED}
+        return known and self.echo_at_s > 0.0 and self.node.count_subscribers(IMU.name) >= IMU_SUBSCRIBERS
+
     def trial(self) -> tuple[float, float]:
         """Rest, fall, hit, rest: return the delay to the solenoid and the bare round trip, s."""
         for force_m_s2, count in ((STANDARD_GRAVITY_M_S2, REST_SAMPLES), (0.0, FLIGHT_SAMPLES)):
@@ -123,7 +130,7 @@ def measure_delays(domain_id: int) -> Delays:
     stimulus = Stimulus(domain_id)
     try:
         deadline_s = time.monotonic() + 30.0
-        while not _ready(stimulus):
+        while not stimulus.ready():
             stimulus.send(STANDARD_GRAVITY_M_S2, MARK)
             if time.monotonic() > deadline_s:
                 msg = f"the graph did not come up; jam_state: {stimulus.last(JAM_STATE)}"
@@ -149,16 +156,6 @@ def measure_delays(domain_id: int) -> Delays:
         _p99(round_trip) * 1e3,
         per_hop / bare_hop,
     )
-
-
-def _ready(stimulus: Stimulus) -> bool:
-    states = stimulus.channel_states()
-    known = len(states) == len(CHANNELS) and set(states.values()) == {ChannelJamState.UNJAMMED}
-    return known and stimulus.echo_at_s > 0.0 and _subscribed(stimulus, IMU, 2)
-
-
-def _subscribed(stimulus: Stimulus, topic: Topic, count: int) -> bool:
-    return stimulus.node.count_subscribers(topic.name) >= count
 
 
 def _p99(values: Sequence[float]) -> float:

@@ -16,8 +16,10 @@ from rich.table import Table
 from delay import Delays, measure_delays
 from diagnosis import GapDiagnosis, measure_diagnosis
 from jammkle_graph.testing import own_domain
+from line import LineDelays, measure_line
 from load import Load, measure_load
 from memory import Memory, measure_memory
+from safe_states import SafeState, measure_safe_states
 from side_by_side import SideBySide, measure_side_by_side
 from steps import StepRates, measure_steps
 
@@ -34,6 +36,8 @@ class Results:
     side_by_side: SideBySide
     memory: Memory
     delays: Delays
+    line: LineDelays
+    safe_states: list[SafeState]
     loads: list[Load]
     diagnosis: GapDiagnosis
 
@@ -50,13 +54,28 @@ def measure(console: Console) -> Results:
         side_by_side = measure_side_by_side()
     with own_domain() as domain_id, console.status("from impact to solenoid"):
         delays = measure_delays(domain_id)
+    with own_domain() as domain_id, console.status("from service and impact to the board's coils"):
+        line = measure_line(domain_id)
+    with console.status("from every mishap to a board that has let go"):
+        safe_states = measure_safe_states()
     loads = []
     for rate_hz in IMU_RATES_HZ:
         with own_domain() as domain_id, console.status(f"load at {rate_hz} Hz"):
             loads += measure_load(domain_id, rate_hz)
     with console.status("diagnosing the gap of four recordings"):
         diagnosis = measure_diagnosis()
-    return Results(platform.machine(), os.cpu_count() or 1, steps, side_by_side, memory, delays, loads, diagnosis)
+    return Results(
+        platform.machine(),
+        os.cpu_count() or 1,
+        steps,
+        side_by_side,
+        memory,
+        delays,
+        line,
+        safe_states,
+        loads,
+        diagnosis,
+    )
 
 
 def table_of(results: Results) -> Table:
@@ -89,6 +108,14 @@ def table_of(results: Results) -> Table:
         f"bare round trip {delays.round_trip_median_ms:.2f} ms, p99 {delays.round_trip_p99_ms:.2f} ms",
         f"{delays.per_hop_ratio:.2f} per hop",
     )
+    _add_line(table, results.line)
+    for state in results.safe_states:
+        table.add_row(
+            f"{state.event}: all off at the pins",
+            f"median {1e3 * state.median_s:.0f} ms",
+            f"longest of {state.rounds}: {1e3 * state.longest_s:.0f} ms",
+            "",
+        )
     for load in results.loads:
         table.add_row(
             f"{load.node}, IMU at {load.imu_rate_hz} Hz",
@@ -98,6 +125,20 @@ def table_of(results: Results) -> Table:
         )
     _add_diagnosis(table, results.diagnosis)
     return table
+
+
+def _add_line(table: Table, line: LineDelays) -> None:
+    """Lay out the delays on the line to the board."""
+    bare = (
+        f"bare round trips: graph {line.graph_median_ms:.2f} ms, p99 {line.graph_p99_ms:.2f} ms; "
+        f"line {line.serial_median_ms:.2f} ms, p99 {line.serial_p99_ms:.2f} ms"
+    )
+    for what, median_ms, p99_ms, ratio in (
+        ("service call to coil bytes, 115200 baud", line.service_median_ms, line.service_p99_ms, line.service_ratio),
+        ("impact to coil bytes, 115200 baud", line.impact_median_ms, line.impact_p99_ms, line.impact_ratio),
+    ):
+        table.add_row(what, f"median {median_ms:.2f} ms, p99 {p99_ms:.2f} ms", bare, f"{ratio:.2f} of their sum")
+    table.add_row("outputs and all sensors, 115200 baud", f"{line.cycle_rate_hz:.0f} cycles per second", "", "")
 
 
 def _add_diagnosis(table: Table, found: GapDiagnosis) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.provided import HARDWARE, entries
 from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
 
 if TYPE_CHECKING:
@@ -19,14 +20,10 @@ class Robot(enum.Enum):
     """What is simulated or driven."""
 
     ANKLE = "ankle"
-    LEG = "leg"
 
 
-class Hardware(enum.Enum):
-    """What stands behind the hardware topics."""
-
-    SIM = "sim"
-    SERIAL = "serial"
+SIM_HARDWARE = "sim"
+"""The hardware that a node of the graph simulates. Every other one stands behind the driver alone."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +35,7 @@ class NodeEntry:
         executable: Name for `ros2 run` and launch files.
         name: Name on the graph, inside the namespace.
         parameter_table: `module:Class` of the node's parameters.
-        robots: Robots that need it.
-        hardware: Hardware that needs it.
+        simulates: True if the node is the simulated hardware, and so only started with it.
         follows_simulated_time: True if the node runs on /clock while the hardware is simulated.
         module: What `python -m` starts; empty: the Python package of the same name as the ROS package.
 
@@ -49,9 +45,8 @@ class NodeEntry:
     executable: str
     name: str
     parameter_table: str
-    robots: frozenset[Robot]
-    hardware: frozenset[Hardware]
     follows_simulated_time: bool
+    simulates: bool = False
     module: str = ""
 
     def parameters(self) -> type[ParameterClass]:
@@ -61,26 +56,20 @@ class NodeEntry:
         return table
 
 
-_EVERY_ROBOT = frozenset(Robot)
-_EVERY_HARDWARE = frozenset(Hardware)
-
 NODES: tuple[NodeEntry, ...] = (
     NodeEntry(
         package="jammkle_sim",
         executable="sim",
         name=SIM_NODE,
         parameter_table="jammkle_sim.parameters:SimParameters",
-        robots=_EVERY_ROBOT,
-        hardware=frozenset({Hardware.SIM}),
         follows_simulated_time=False,
+        simulates=True,
     ),
     NodeEntry(
         package="jammkle_controller",
         executable="controller",
         name=CONTROLLER_NODE,
         parameter_table="jammkle_controller.parameters:ControllerParameters",
-        robots=_EVERY_ROBOT,
-        hardware=_EVERY_HARDWARE,
         follows_simulated_time=True,
     ),
     NodeEntry(
@@ -88,8 +77,6 @@ NODES: tuple[NodeEntry, ...] = (
         executable="driver",
         name=DRIVER_NODE,
         parameter_table="jammkle_driver.parameters:DriverParameters",
-        robots=_EVERY_ROBOT,
-        hardware=_EVERY_HARDWARE,
         follows_simulated_time=True,
     ),
 )
@@ -100,42 +87,35 @@ GAP_MONITOR = NodeEntry(
     executable="gap_monitor",
     name=GAP_MONITOR_NODE,
     parameter_table="jammkle_gap.monitor.parameters:GapMonitorParameters",
-    robots=_EVERY_ROBOT,
-    hardware=_EVERY_HARDWARE,
     follows_simulated_time=True,
     module="jammkle_gap.monitor",
 )
 """Looks on, and is started where it is asked for."""
 
-BUILT_ROBOTS = frozenset({Robot.ANKLE})
-BUILT_HARDWARE = frozenset({Hardware.SIM})
-
 ParameterValue = bool | int | float | str
 
 
-def check_built(robot: Robot, hardware: Hardware) -> None:
-    """Refuse what the options name and this version cannot do yet.
+def check_hardware(hardware: str) -> None:
+    """Refuse hardware that no installed package brings along.
 
     Raises:
-        InputError: the robot or the hardware is not built yet.
+        InputError: the name is unknown.
 
     """
-    if robot not in BUILT_ROBOTS:
-        msg = f"--robot {robot.value} is not built yet: use --robot ankle"
-        raise InputError(msg)
-    if hardware not in BUILT_HARDWARE:
-        msg = f"--hardware {hardware.value} is not built yet: use --hardware sim"
+    known = entries(HARDWARE)
+    if hardware not in known:
+        msg = f"--hardware {hardware} is not known: use one of {', '.join(known)}"
         raise InputError(msg)
 
 
-def nodes_for(robot: Robot, hardware: Hardware) -> tuple[NodeEntry, ...]:
+def nodes_for(hardware: str) -> tuple[NodeEntry, ...]:
     """Return the nodes of a graph, in the order in which they start."""
-    return tuple(entry for entry in NODES if robot in entry.robots and hardware in entry.hardware)
+    return tuple(entry for entry in NODES if hardware == SIM_HARDWARE or not entry.simulates)
 
 
-def simulated_time(entry: NodeEntry, hardware: Hardware) -> bool:
+def simulated_time(entry: NodeEntry, hardware: str) -> bool:
     """Return True if the node runs on /clock with this hardware."""
-    return entry.follows_simulated_time and hardware is Hardware.SIM
+    return entry.follows_simulated_time and hardware == SIM_HARDWARE
 
 
 def command_of(

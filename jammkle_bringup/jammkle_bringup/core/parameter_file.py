@@ -102,7 +102,8 @@ def parameter_file_text(nodes: Sequence[NodeEntry]) -> str:
 
 
 def _scalar(value: object) -> str:
-    return repr(value) if isinstance(value, float) else yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
+    # PyYAML writes a float so that YAML 1.1 reads one: 6.0e-06, for 6e-06 would be text.
+    return yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
 
 
 def _wrapped(text: str) -> list[str]:

@@ -26,6 +26,15 @@ class AnkleController:
         """Start on the ground and soft."""
         self._detector = ContactDetector(detector)
         self._policy = JammingPolicy(policy)
+        self._stance_held = False
+
+    def inherit_stance(self) -> None:
+        """Note that the ankle was held by a controller before this one: hold it too, once the body is seen at rest.
+
+        A robot stood there, and a controller that was started anew has seen no landing. Any contact event ends the
+        wait: from then on this controller knows by itself.
+        """
+        self._stance_held = True
 
     def configure(self, detector: DetectorSettings, policy: PolicySettings) -> None:
         """Take new settings and go on from the present state."""
@@ -43,6 +52,10 @@ class AnkleController:
             policy.advance(sample.time_ns)
         for event in events:
             policy.react(event)
+        if self._stance_held and (events or self._detector.phase is Phase.PLANTED):
+            self._stance_held = False
+            if not events:
+                policy.take_up()
         return Reaction(events, policy.vacuum_pa != wish_before_pa)
 
     @property

@@ -68,6 +68,11 @@ class JammingPolicy:
         if self.mode is JamMode.WAITING:
             self._jam_when_due(time_ns)
 
+    def take_up(self) -> None:
+        """Hold, because somebody before has held this stance."""
+        if self.mode is JamMode.SOFT:
+            self.mode = JamMode.HOLDING
+
     def react(self, event: ContactEvent) -> None:
         """Take one contact event."""
         if event.kind is ContactKind.LIFTOFF:

@@ -5,7 +5,11 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from jammkle_driver.core.faults import REMEDIES, Reason
 from jammkle_driver.core.regulator import draws
+
+_LONGEST_STEP_S = 0.1
+"""Longest time for which one sample counts, s: what a driver that stood still has missed, it has not seen. Assumed."""
 
 
 class ChannelState(enum.Enum):
@@ -56,6 +60,7 @@ class ChannelStatus:
         commanded_vacuum_pa: Vacuum asked for, Pa; 0 = unjam.
         measured_vacuum_pa: Vacuum measured, Pa; None where it is not.
         reason: Why it is in this state, in plain English.
+        fault: What has failed, or why it was let go; NONE where nothing is wrong.
 
     """
 
@@ -64,6 +69,7 @@ class ChannelStatus:
     commanded_vacuum_pa: float
     measured_vacuum_pa: float | None
     reason: str
+    fault: Reason = Reason.NONE
 
 
 class Channel:
@@ -81,6 +87,8 @@ class Channel:
         self._in_state_s = 0.0
         self._missed_s = 0.0
         self._energised = False
+        self._fault = Reason.NONE
+        self._held = False
 
     @property
     def name(self) -> str:
@@ -110,7 +118,7 @@ class Channel:
     @property
     def status(self) -> ChannelStatus:
         """Everything known of the channel."""
-        return ChannelStatus(self._name, self._state, self._set_point_pa, self._vacuum_pa, self._reason)
+        return ChannelStatus(self._name, self._state, self._set_point_pa, self._vacuum_pa, self._reason, self._fault)
 
     def enable(self) -> None:
         """Start to follow; nothing is wanted yet."""
@@ -128,10 +136,30 @@ class Channel:
             self._reason = reason
         self._follow()
 
-    def ask(self, vacuum_pa: float, reason: str) -> None:
-        """Take a new wish: `vacuum_pa` Pa, 0 to vent. A channel that is disabled or in FAULT stays as it is."""
+    @property
+    def fault(self) -> Reason:
+        """What has failed, or why it was let go."""
+        return self._fault
+
+    def hold(self, reason: str, fault: Reason) -> None:
+        """Stay connected as it is, until the next wish: nothing is regulated, and nothing counts as missed."""
+        self._held = True
+        self._reason = reason
+        self._fault = fault
+
+    def ask(self, vacuum_pa: float, reason: str, fault: Reason = Reason.NONE) -> None:
+        """Take a new wish: `vacuum_pa` Pa, 0 to vent. A channel that is disabled or in FAULT stays as it is.
+
+        Args:
+            vacuum_pa: Vacuum wanted, Pa.
+            reason: Who asks, or why.
+            fault: What has failed, where that is why.
+
+        """
         if not self._enabled or self._state is ChannelState.FAULT:
             return
+        self._held = False
+        self._fault = fault
         if vacuum_pa != self._set_point_pa:
             self._missed_s = 0.0
         self._set_point_pa = vacuum_pa
@@ -143,10 +171,11 @@ class Channel:
         if self._vacuum_pa is None and self._state is ChannelState.UNKNOWN and self._enabled:
             self._reason = ""
         self._vacuum_pa = vacuum_pa
-        self._in_state_s += elapsed_s
-        self._missed_s += elapsed_s
+        passed_s = min(elapsed_s, _LONGEST_STEP_S)
+        self._in_state_s += passed_s
+        self._missed_s += passed_s
         self._follow()
-        if self._set_point_pa == 0.0 or self._state is ChannelState.JAMMED:
+        if self._set_point_pa == 0.0 or self._held or self._state is ChannelState.JAMMED:
             self._missed_s = 0.0
         self._check_time()
 
@@ -155,16 +184,22 @@ class Channel:
         self._vacuum_pa = None
         self._follow()
 
-    def fail(self, reason: str) -> None:
-        """Go to FAULT and release until `clear`."""
+    def fail(self, reason: str, fault: Reason = Reason.NOT_REACHED) -> None:
+        """Go to FAULT and release until `clear`; one that is in FAULT keeps its first reason."""
+        if self._state is ChannelState.FAULT:
+            return
         self._set_point_pa = 0.0
+        self._held = False
         self._reason = reason
+        self._fault = fault
         self._enter(ChannelState.FAULT)
         self._energised = False
 
     def clear(self) -> None:
         """Leave FAULT, or forget an emergency stop: vented, nothing is wanted."""
         self._set_point_pa = 0.0
+        self._held = False
+        self._fault = Reason.NONE
         self._reason = "cleared by ~/clear_fault" if self._enabled else "driver is not active"
         if self._state is ChannelState.FAULT:
             self._enter(ChannelState.UNKNOWN)
@@ -175,6 +210,8 @@ class Channel:
             self._enter(self._observed())
         if self._state in (ChannelState.FAULT, ChannelState.UNKNOWN) or self._vacuum_pa is None:
             self._energised = False
+            return
+        if self._held:
             return
         self._energised = draws(
             drawing=self._energised,
@@ -206,10 +243,13 @@ class Channel:
         if self._missed_s > settings.jam_timeout_s:
             self.fail(
                 f"at {self._vacuum_pa:.0f} of {self._set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
-                "(jam_timeout_s): look for a leak, a weak pump or a bad valve, then call ~/clear_fault"
+                f"(jam_timeout_s): {REMEDIES[Reason.NOT_REACHED]}, then call ~/clear_fault",
+                Reason.NOT_REACHED,
             )
-        elif self._state is ChannelState.VENTING and self._in_state_s > settings.vent_timeout_s:
+        elif self._state is ChannelState.VENTING and not self._held and self._in_state_s > settings.vent_timeout_s:
             self.fail(
                 f"still at {self._vacuum_pa:.0f} Pa, wanted {self._set_point_pa:.0f} Pa, after venting for "
-                f"{settings.vent_timeout_s:g} s (vent_timeout_s): look for a stuck valve, then call ~/clear_fault"
+                f"{settings.vent_timeout_s:g} s (vent_timeout_s): {REMEDIES[Reason.NOT_VENTED]}, "
+                "then call ~/clear_fault",
+                Reason.NOT_VENTED,
             )

@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState
-from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, PressureSample, released
-from jammkle_driver.core.regulator import PumpRegulator, RegulatorSettings
+from jammkle_driver.core.ankle import Ankle, AnkleSettings, FaultPolicy, SafeState
+from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.faults import REMEDIES, Reason
+from jammkle_driver.core.hardware import MANIFOLD, REFERENCE_PA, ActuatorCommand, PressureSample, released
+from jammkle_driver.core.overload import OverloadStatus, OverloadWatch
 from jammkle_driver.core.requests import (
     RequestError,
     VacuumLimits,
@@ -18,7 +20,7 @@ from jammkle_driver.core.requests import (
     checked_vacuum,
     checked_wishes,
 )
-from jammkle_driver.core.status import DriverStatus
+from jammkle_driver.core.status import DriverStatus, Trouble
 from jammkle_driver.core.stream import WishStream
 from jammkle_driver.core.watchdog import Instant, Watchdog
 
@@ -34,20 +36,20 @@ class DriverSettings:
 
     Attributes:
         limits: Vacuum that may be asked for.
-        channel: When a channel counts as jammed, vented or failed.
-        regulator: How vacuum is regulated.
-        command_timeout_s: Silence after which what a stream of wishes jammed is vented, s.
+        ankle: What channels, pump and diagnosis go by.
+        command_timeout_s: Silence after which what a stream of wishes jammed is let go, s.
         pressure_timeout_s: Silence after which a pressure counts as not measured, s.
         emergency_stop_timeout_s: Silence of the emergency stop that counts as a stop, s; 0 = never.
+        tick_period_s: Time between two calls of `Driver.tick`, s.
 
     """
 
     limits: VacuumLimits
-    channel: ChannelSettings
-    regulator: RegulatorSettings
+    ankle: AnkleSettings
     command_timeout_s: float
     pressure_timeout_s: float
     emergency_stop_timeout_s: float
+    tick_period_s: float
 
 
 class Driver:
@@ -63,18 +65,16 @@ class Driver:
         self._names = tuple(channels)
         self._settings = settings
         self._limits = settings.limits
-        self._channels = {name: Channel(name, settings.channel) for name in self._names}
-        self._regulator = PumpRegulator(settings.regulator)
+        self._ankle = Ankle(self._names, settings.ankle)
         self._stream = WishStream(settings.command_timeout_s)
         self._silences = {place: Watchdog(settings.pressure_timeout_s) for place in (*self._names, MANIFOLD)}
         self._stop_silence = Watchdog(settings.emergency_stop_timeout_s or math.inf)
-        self._stamps: dict[str, float] = {}
-        self._manifold_vacuum_pa: float | None = None
-        self._regulated_at_s = -math.inf
-        self._duty = 0.0
+        self._overload = OverloadWatch(settings.tick_period_s)
+        self._steady_s = 0.0
         self._active = False
         self._stop_asked = False
         self._stop_reason = ""
+        self._board_waits = False
 
     @property
     def limits(self) -> VacuumLimits:
@@ -85,40 +85,65 @@ class Driver:
         """Take new limits; what was asked before stays."""
         self._limits = limits
 
+    def declare_ambient(self, pressure_pa: float) -> None:
+        """Take what a parameter says of the atmosphere, Pa; vented channels that say otherwise are believed more."""
+        self._ankle.atmosphere.declare(pressure_pa)
+
     @property
     def command(self) -> ActuatorCommand:
         """What the actuators shall do now."""
-        if not self._active or self._stop_reason:
+        if not self._active:
             return released(self._names)
-        return ActuatorCommand({name: self._channels[name].energised for name in self._names}, self._duty)
+        if self._stop_reason and not self._ankle.held:
+            return released(self._names)
+        return self._ankle.command
 
     @property
     def status(self) -> DriverStatus:
         """What is known now."""
-        channels = tuple(channel.status for channel in self._channels.values())
-        return DriverStatus(self._active, self._stop_reason, self._manifold_vacuum_pa, channels)
+        ankle = self._ankle
+        return DriverStatus(
+            active=self._active,
+            stop_reason=self._stop_reason,
+            manifold_vacuum_pa=ankle.manifold_vacuum_pa,
+            channels=tuple(channel.status for channel in ankle.channels.values()),
+            trouble=self._trouble(),
+            limits=self._limits,
+            atmosphere=ankle.atmosphere.status,
+            held=ankle.held,
+        )
+
+    @property
+    def ankle(self) -> Ankle:
+        """The ankle, to look at."""
+        return self._ankle
+
+    @property
+    def own_pace(self) -> OverloadStatus:
+        """What is known of the driver's own pace."""
+        return self._overload.status(self._steady_s)
 
     def activate(self, now: Instant) -> None:
         """Start to follow requests; nothing is wanted yet. An emergency stop and faults stay until cleared."""
         self._active = True
         self._stream.forget()
         self._stop_silence.feed(now)
-        for channel in self._channels.values():
+        for channel in self._ankle.channels.values():
             channel.enable()
+        self._ankle.regulate(0.0)
 
     def deactivate(self) -> None:
         """Release everything and refuse requests; faults stay until cleared."""
         self._active = False
         self._stream.forget()
-        for channel in self._channels.values():
+        self._ankle.release()
+        for channel in self._ankle.channels.values():
             channel.disable(INACTIVE)
-        self._regulate(0.0)
+        self._ankle.regulate(0.0)
 
     def reset(self) -> None:
         """Be as new, inactive; only an emergency stop stays."""
-        self._channels = {name: Channel(name, self._settings.channel) for name in self._names}
-        self._manifold_vacuum_pa = None
-        self._stamps.clear()
+        self._ankle.reset()
         for silence in self._silences.values():
             silence.forget()
         self.deactivate()
@@ -135,19 +160,25 @@ class Driver:
         vacuum_pa = checked_vacuum(vacuum_pa, self.limits)
         self._check_ready("jam")
         for name in names:
-            status = self._channels[name].status
+            status = self._ankle.channels[name].status
             if status.state is ChannelState.FAULT:
                 msg = f"channel '{name}' is in FAULT ({status.reason}); nothing was jammed"
+                raise RequestError(msg)
+            if not self._ankle.able(name):
+                failed = self._ankle.faulty[0].status
+                msg = (
+                    f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
+                )
                 raise RequestError(msg)
             if status.state is ChannelState.UNKNOWN:
                 msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
                 raise RequestError(msg)
         wishes = [Wish(name, vacuum_pa) for name in names]
-        check_shared_vacuum(wishes, self._set_points_pa)
+        check_shared_vacuum(wishes, self._ankle.set_points_pa)
         for wish in wishes:
             self._take(wish, f"asked by {asked_by}")
             self._stream.release(wish.channel)
-        self._regulate(0.0)
+        self._ankle.regulate(0.0)
         return f"jamming {', '.join(names)} at {vacuum_pa:g} Pa below ambient"
 
     def unjam(self, channels: Sequence[str], asked_by: str) -> str:
@@ -161,10 +192,11 @@ class Driver:
         if not self._active:
             msg = f"{INACTIVE}: every channel is vented already; activate it to follow requests"
             raise RequestError(msg)
+        self._ankle.release()
         for name in names:
             self._take(Wish(name, 0.0), f"asked by {asked_by}")
             self._stream.release(name)
-        self._regulate(0.0)
+        self._ankle.regulate(0.0)
         return f"unjamming {', '.join(names)}"
 
     def follow(self, wishes: Sequence[Wish], now: Instant, asked_by: str) -> None:
@@ -183,17 +215,21 @@ class Driver:
             raise RequestError(msg)
         checked = checked_wishes(wishes, self._names, self.limits)
         # Before its first measurement a channel cannot follow; the wish counts as soon as it can.
-        heard = [wish for wish in checked if self._channels[wish.channel].vacuum_pa is not None]
+        heard = [
+            wish
+            for wish in checked
+            if self._ankle.channels[wish.channel].vacuum_pa is not None and not self._board_waits
+        ]
         able = [wish for wish in heard if self._can_follow(wish.channel)]
         new = self._stream.changes(able)
         jams = any(wish.vacuum_pa > 0.0 for wish in new)
         taken = [wish for wish in able if wish in new or (jams and self._holds_another(wish))]
-        check_shared_vacuum(taken, self._set_points_pa)
+        check_shared_vacuum(taken, self._ankle.set_points_pa)
         self._stream.hear(heard, now)
         for wish in taken:
             self._take(wish, f"asked by {asked_by}")
             self._stream.lead(wish.channel)
-        self._regulate(0.0)
+        self._ankle.regulate(0.0)
 
     def emergency_stop(self, *, stop: bool, now: Instant) -> None:
         """Take the latest word on the emergency stop: True releases everything, False only permits `clear_fault`."""
@@ -212,13 +248,13 @@ class Driver:
         if self._stop_asked:
             msg = "emergency_stop is still true; publish false on it first, then call ~/clear_fault again"
             raise RequestError(msg)
-        faults = [channel.name for channel in self._channels.values() if channel.state is ChannelState.FAULT]
-        cleared = (["emergency stop"] if self._stop_reason else []) + faults
-        for channel in self._channels.values():
-            if channel.state is ChannelState.FAULT and self._silences[channel.name].expired(now):
+        faulty = self._ankle.faulty
+        cleared = (["emergency stop"] if self._stop_reason else []) + [channel.name for channel in faulty]
+        for channel in faulty:
+            if self._silences[channel.name].expired(now):
                 channel.forget_pressure()
-            if self._stop_reason or channel.state is ChannelState.FAULT:
-                channel.clear()
+        if cleared:
+            self._ankle.clear(tuple(self._ankle.channels.values()) if self._stop_reason else faulty)
         self._stop_reason = ""
         self._stop_silence.feed(now)
         return f"cleared: {', '.join(cleared)}" if cleared else "nothing to clear"
@@ -228,37 +264,93 @@ class Driver:
         if not math.isfinite(sample.vacuum_pa):
             return
         self._silences[sample.place].feed(now)
-        elapsed_s = max(sample.stamp_s - self._stamps.get(sample.place, sample.stamp_s), 0.0)
-        self._stamps[sample.place] = sample.stamp_s
-        if sample.place == MANIFOLD:
-            self._manifold_vacuum_pa = sample.vacuum_pa
-        else:
-            self._channels[sample.place].measure(sample.vacuum_pa, elapsed_s)
-        # Samples of one moment come one by one; the pump is set once per moment.
-        if sample.stamp_s != self._regulated_at_s:
-            since_s = sample.stamp_s - self._regulated_at_s
-            self._regulated_at_s = sample.stamp_s
-            self._regulate(since_s if math.isfinite(since_s) else 0.0)
+        self._ankle.measure(sample.place, REFERENCE_PA - sample.vacuum_pa, sample.stamp_s, now)
+
+    @property
+    def jammed(self) -> bool:
+        """Whether a channel is asked to jam."""
+        return self._ankle.jammed
+
+    def fail(self, reason: str, fault: Reason = Reason.BOARD_UNPLUGGED) -> None:
+        """Put every channel into FAULT: what drives them has failed."""
+        self._ankle.fail(self._names, reason, fault)
+
+    def wait_for_board(self, *, wait: bool) -> None:
+        """Jam nothing while the board, which had let go, has not yet taken the release; a stream's wish then counts."""
+        self._board_waits = wait
+
+    def was_let_go(self, reason: str) -> None:
+        """Note that the hardware has let go of everything by itself; a stream that goes on jams anew."""
+        for name in self._names:
+            if self._ankle.channels[name].set_point_pa > 0.0:
+                self._ankle.ask(name, 0.0, reason, Reason.BOARD_LET_GO)
+        self._stream.forget()
+        self._ankle.regulate(0.0)
 
     def tick(self, now: Instant) -> None:
-        """Look at the clocks: vent, fail or stop what has gone silent. To be called several times a second."""
-        for name, channel in self._channels.items():
-            if channel.vacuum_pa is not None and self._silences[name].expired(now):
-                channel.forget_pressure()
-                if self._active:
-                    timeout_s = self._settings.pressure_timeout_s
-                    channel.fail(
-                        f"no valid pressure for {timeout_s:g} s (pressure_timeout_s): "
-                        "look at the sensor, then call ~/clear_fault"
-                    )
-        if self._silences[MANIFOLD].expired(now):
-            self._manifold_vacuum_pa = None
+        """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second."""
+        self._steady_s = now.steady_s
+        stood_s = self._overload.tick(now.steady_s)
+        if stood_s > 0.0:
+            # Who stood still has heard nothing, and nobody is to blame for that.
+            for silence in (*self._silences.values(), self._stop_silence):
+                silence.excuse(stood_s)
+            self._stream.excuse(stood_s)
+            self._ankle.stood_still()
+        self._look_at_sensors(now)
         for name in self._stream.fall_silent(now):
-            reason = f"unjammed: no accepted jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
-            self._take(Wish(name, 0.0), reason)
+            reason = f"no accepted jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
+            verb = "unjammed" if self._settings.ankle.safe_state is SafeState.VENT else "held"
+            self._ankle.let_go((name,), f"{verb}: {reason}", Reason.COMMANDS_STALE)
         if self._active and not self._stop_reason and self._stop_silence.expired(now):
             self._stop(f"no emergency_stop for {self._stop_silence.timeout_s:g} s (emergency_stop_timeout_s)")
-        self._regulate(0.0)
+        self._ankle.regulate(0.0)
+
+    def _look_at_sensors(self, now: Instant) -> None:
+        silent = [
+            name
+            for name, channel in self._ankle.channels.items()
+            if channel.vacuum_pa is not None and self._silences[name].expired(now)
+        ]
+        if self._silences[MANIFOLD].expired(now):
+            self._ankle.manifold_vacuum_pa = None
+        for name in silent:
+            self._ankle.channels[name].forget_pressure()
+        if not silent or not self._active:
+            return
+        every = len(silent) == len(self._names) and self._ankle.manifold_vacuum_pa is None
+        fault = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
+        whose = "of any sensor " if every else ""
+        timeout_s = self._settings.pressure_timeout_s
+        remedy = "look at hardware or simulation" if every else REMEDIES[fault]
+        self._ankle.fail(
+            silent,
+            f"no valid pressure {whose}for {timeout_s:g} s (pressure_timeout_s): {remedy}, then call ~/clear_fault",
+            fault,
+        )
+
+    def _trouble(self) -> Trouble:
+        """Return the worst that is known of the whole ankle."""
+        ankle = self._ankle
+        faulty = ankle.faulty
+        if faulty:
+            acts = "kept as they were, pump off" if ankle.held else "vented"
+            others = "every channel" if self._settings.ankle.fault_policy is FaultPolicy.ANKLE else faulty[0].name
+            return Trouble(faulty[0].fault, faulty[0].status.reason, f"{others} {acts} until ~/clear_fault")
+        let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
+        if let_go:
+            acts = "kept as it was, pump off" if ankle.held else "vented"
+            names = ", ".join(channel.name for channel in let_go)
+            return Trouble(let_go[0].fault, let_go[0].status.reason, f"{names} {acts} until asked anew")
+        if self._silences[MANIFOLD].fed and ankle.manifold_vacuum_pa is None:
+            text = f"manifold: no pressure for {self._settings.pressure_timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
+            return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone")
+        own = self.own_pace
+        if own.overloaded:
+            stalls = f"it stood still {own.stalls} times, at most {own.longest_s:.2f} s"
+            text = f"the driver's work comes {own.late_s:.3f} s late; {stalls}"
+            return Trouble(Reason.EXECUTOR_OVERLOADED, text, "none: the board lets go where that lasts")
+        return Trouble()
 
     def _check_ready(self, verb: str) -> None:
         if not self._active:
@@ -267,33 +359,26 @@ class Driver:
         if self._stop_reason:
             msg = f"emergency stop ({self._stop_reason}): cannot {verb}; release it, then call ~/clear_fault"
             raise RequestError(msg)
-
-    @property
-    def _set_points_pa(self) -> dict[str, float]:
-        return {name: channel.set_point_pa for name, channel in self._channels.items()}
+        if self._board_waits:
+            msg = f"the board has let go and has not yet taken the release: cannot {verb}; ask again"
+            raise RequestError(msg)
 
     def _can_follow(self, channel: str) -> bool:
-        return not self._stop_reason and self._channels[channel].state is not ChannelState.FAULT
+        return not self._stop_reason and self._ankle.able(channel)
 
     def _holds_another(self, wish: Wish) -> bool:
-        return wish.vacuum_pa > 0.0 and self._channels[wish.channel].set_point_pa not in (0.0, wish.vacuum_pa)
+        return wish.vacuum_pa > 0.0 and self._ankle.channels[wish.channel].set_point_pa not in (0.0, wish.vacuum_pa)
 
     def _take(self, wish: Wish, reason: str) -> None:
-        self._channels[wish.channel].ask(wish.vacuum_pa, reason)
+        self._ankle.ask(wish.channel, wish.vacuum_pa, reason)
 
     def _stop(self, reason: str) -> None:
-        self._stop_reason = reason
-        for channel in self._channels.values():
-            channel.ask(0.0, f"emergency stop: {reason}")
-            self._stream.release(channel.name)
-        self._regulate(0.0)
-
-    def _regulate(self, elapsed_s: float) -> None:
-        jammed = [channel for channel in self._channels.values() if channel.set_point_pa > 0.0]
-        measured_pa = [channel.vacuum_pa for channel in jammed if channel.vacuum_pa is not None]
-        if not measured_pa:
-            self._regulator.reset()
-            self._duty = 0.0
+        if self._stop_reason:
             return
-        set_point_pa = jammed[0].set_point_pa
-        self._duty = self._regulator.update(set_point_pa, min(measured_pa), self._manifold_vacuum_pa, elapsed_s)
+        self._stop_reason = reason
+        self._ankle.let_go(self._names, f"emergency stop: {reason}", Reason.NONE)
+        for name in self._names:
+            if not self._ankle.held:
+                self._ankle.channels[name].ask(0.0, f"emergency stop: {reason}")
+            self._stream.release(name)
+        self._ankle.regulate(0.0)

@@ -1,15 +1,21 @@
-"""The seam between the driver and what it drives: one command out, pressure samples in."""
+"""The seam between the driver and what it drives: one command out, pressure samples and the state of the link in."""
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
+
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 MANIFOLD = "manifold"
 """Name under which the manifold's own pressure sensor reports, beside the channels."""
+
+REFERENCE_PA = STANDARD_ATMOSPHERE_PA
+"""Pressure from which the vacuum of a sample is counted, Pa absolute. The driver itself finds the atmosphere."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +24,7 @@ class PressureSample:
 
     Attributes:
         place: Name of a channel, or `MANIFOLD`.
-        vacuum_pa: Pressure below ambient, Pa, gauge, positive; not finite where the sensor gave no number.
+        vacuum_pa: Pressure below `REFERENCE_PA`, Pa, positive; not finite where the sensor gave no number.
         stamp_s: When it was measured, s of the graph's clock.
 
     """
@@ -47,15 +53,95 @@ def released(channels: tuple[str, ...]) -> ActuatorCommand:
     return ActuatorCommand(dict.fromkeys(channels, False), 0.0)
 
 
+class LinkState(enum.Enum):
+    """Whether somebody at the other end answers."""
+
+    SEARCHING = "searching"
+    """Nobody has answered yet; tried again and again."""
+    CONNECTED = "connected"
+    """Commands are acknowledged and sensors are read."""
+    LOST = "lost"
+    """Somebody has answered before and does no longer, as after an unplug; tried again and again."""
+
+
+class SafeCause(enum.Enum):
+    """Why a board has gone to its safe state by itself. Latched there until it is acknowledged."""
+
+    HOST_SILENT = "no valid write for watchdog_ms"
+    SUPPLY_LOW = "the supply fell below supply_minimum"
+    RESET = "the board has started anew"
+
+
+class ResetCause(enum.Enum):
+    """What has last reset a board."""
+
+    POWER_ON = "power-on"
+    EXTERNAL = "reset pin"
+    BROWN_OUT = "brown-out"
+    WATCHDOG = "its own watchdog"
+    UNKNOWN = "unknown"
+
+
+class BoardFault(enum.Enum):
+    """What a board finds wrong with itself now; not latched."""
+
+    SUPPLY_LOW = "supply too low"
+    CALIBRATION_LOST = "no valid calibration stored: the default one is in use"
+
+
+@dataclass(frozen=True)
+class LinkStatus:
+    """What is known of the hardware's other end and of the way there.
+
+    Attributes:
+        state: See `LinkState`.
+        detail: One line for people: what is connected, or what is tried and why it fails.
+        starts: How often the board was seen to have started: it goes up by one when it was rebooted.
+        reset_cause: What has last reset the board; None where it does not tell.
+        latched: Why the board has gone to its safe state and takes no jam until `Hardware.acknowledge`.
+        faults: What the board finds wrong now.
+        supply_v: Voltage of the supply, V; None where it is not measured.
+        connects: How often the link came up.
+        exchanges: Requests that were answered.
+        crc_errors: Frames that either end threw away because their check sum was wrong.
+        timeouts: Requests that nobody answered in time.
+        refusals: Requests that the board refused.
+        rate_hz: Rate at which outputs and all sensors are exchanged; None where it is not known.
+
+    """
+
+    state: LinkState
+    detail: str = ""
+    starts: int = 0
+    reset_cause: ResetCause | None = None
+    latched: frozenset[SafeCause] = frozenset()
+    faults: frozenset[BoardFault] = frozenset()
+    supply_v: float | None = None
+    connects: int = 0
+    exchanges: int = 0
+    crc_errors: int = 0
+    timeouts: int = 0
+    refusals: int = 0
+    rate_hz: float | None = None
+
+
 class Hardware(Protocol):
     """A pump, its solenoids and its pressure sensors.
 
-    An implementation hands every `PressureSample` to the function it was made with, from the node's own thread,
-    and never blocks in `apply`.
+    An implementation hands every `PressureSample` to the function it was made with, from the node's own thread. None
+    of its methods blocks. It gives signs of life to the board only while `apply` is called: a driver that hangs must
+    look dead from there.
     """
+
+    @property
+    def link(self) -> LinkStatus:
+        """What is known of the other end now."""
 
     def apply(self, command: ActuatorCommand) -> None:
         """Make the actuators do `command`; called on every change and several times a second as a sign of life."""
 
+    def acknowledge(self) -> None:
+        """Let a board that has latched its safe state take jams again; called where nothing is jammed."""
+
     def close(self) -> None:
-        """Let go of the hardware; `apply` was called with the safe command before."""
+        """Let go of the hardware; `apply` was called with the safe command before, which shall still get out."""

@@ -19,12 +19,18 @@ class RegulatorSettings:
         proportional_gain_per_pa: Duty per Pa of missing vacuum, 1/Pa.
         integral_time_s: Time in which the integral repeats the proportional part, s.
         manifold_lead_pa: How far the manifold may be below the set point while a tendon follows, Pa.
+        rest_band_pa: How far the vacuum may fall before a pump that rests works again, Pa.
+        rated_duty: Mean duty that the pump bears for ever, 0 to 1.
+        thermal_time_s: Time constant in which it warms up, s.
 
     """
 
     proportional_gain_per_pa: float
     integral_time_s: float
     manifold_lead_pa: float
+    rest_band_pa: float = 700.0
+    rated_duty: float = 1.0
+    thermal_time_s: float = 60.0
 
 
 class PumpRegulator:
@@ -34,10 +40,17 @@ class PumpRegulator:
         """Make a regulator at rest."""
         self._settings = settings
         self._integral = 0.0
+        self._resting = False
+
+    @property
+    def resting(self) -> bool:
+        """Whether the set point is held without the pump."""
+        return self._resting
 
     def reset(self) -> None:
         """Forget the integral."""
         self._integral = 0.0
+        self._resting = False
 
     def update(
         self, set_point_pa: float, channel_vacuum_pa: float, manifold_vacuum_pa: float | None, elapsed_s: float
@@ -56,6 +69,11 @@ class PumpRegulator:
         """
         settings = self._settings
         error_pa = set_point_pa - channel_vacuum_pa
+        # A tight ankle holds its vacuum by itself; a pump that trickles would wear out for nothing.
+        self._resting = error_pa <= (settings.rest_band_pa if self._resting else 0.0)
+        if self._resting:
+            self._integral = 0.0
+            return 0.0
         if manifold_vacuum_pa is not None:
             error_pa = min(error_pa, set_point_pa + settings.manifold_lead_pa - manifold_vacuum_pa)
         proportional = settings.proportional_gain_per_pa * error_pa
@@ -67,6 +85,39 @@ class PumpRegulator:
             self._integral = min(max(self._integral + step, 0.0), 1.0)
         duty = min(max(proportional + self._integral, 0.0), 1.0)
         return round(duty * _DUTY_STEPS) / _DUTY_STEPS
+
+
+class PumpLoad:
+    """How warm the pump is, by a first-order model of its mean duty: what it bears for ever is `rated_duty`.
+
+    Short work at full duty is free; the duty is held to the rated one once the mean has come up to it, and until it
+    has fallen by a tenth (the usual I^2 t protection of drives, IEC 60034-1 duty type S3, with duty for the losses).
+    """
+
+    def __init__(self, settings: RegulatorSettings) -> None:
+        """Make a cold pump."""
+        self._settings = settings
+        self._mean_duty = 0.0
+        self._limited = False
+
+    @property
+    def mean_duty(self) -> float:
+        """Mean duty over the thermal time constant, 0 to 1."""
+        return self._mean_duty
+
+    @property
+    def limited(self) -> bool:
+        """Whether the pump is being spared."""
+        return self._limited
+
+    def spare(self, duty: float, elapsed_s: float) -> float:
+        """Return the duty that the pump may have, 0 to 1, `elapsed_s` s after the last one."""
+        rated = self._settings.rated_duty
+        self._limited = self._mean_duty >= (0.9 * rated if self._limited else rated)
+        allowed = min(duty, 0.9 * rated) if self._limited and rated < 1.0 else duty
+        share = min(max(elapsed_s, 0.0) / self._settings.thermal_time_s, 1.0)
+        self._mean_duty += share * (allowed - self._mean_duty)
+        return allowed
 
 
 def draws(*, drawing: bool, set_point_pa: float, vacuum_pa: float, band_pa: float) -> bool:

@@ -55,6 +55,10 @@ class WishStream:
         self.forget()
         return followers
 
+    def excuse(self, stood_s: float) -> None:
+        """Leave out a time in which nobody could have been heard; see `Watchdog.excuse`."""
+        self._watchdog.excuse(stood_s)
+
     def forget(self) -> None:
         """Behave as if nothing had been said."""
         self._watchdog.forget()

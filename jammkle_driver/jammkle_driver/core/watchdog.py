@@ -12,18 +12,21 @@ class Instant:
     Attributes:
         steady_s: The machine's steady clock, s; never jumps, never stops.
         graph_s: The graph's clock (ROS time), s; stands still while a simulation is paused.
+        clock_runs: Whether the graph's clock is kept by somebody. A paused simulation repeats its time; one that has
+            died does not, and then the steady clock alone counts.
 
     """
 
     steady_s: float
     graph_s: float
+    clock_runs: bool = True
 
 
 class Watchdog:
     """Expires when more than `timeout_s` has passed on both clocks since it was last fed.
 
     Both, because a paused simulation stops the graph's clock and a fast one outruns the machine's;
-    neither is a fault.
+    neither is a fault. Where nobody keeps the graph's clock any more, the steady one alone.
     """
 
     def __init__(self, timeout_s: float) -> None:
@@ -42,6 +45,11 @@ class Watchdog:
         """Silence allowed, s."""
         return self._timeout_s
 
+    @property
+    def fed(self) -> bool:
+        """Whether there ever was a sign of life."""
+        return self._steady_s is not None
+
     def feed(self, now: Instant) -> None:
         """Note a sign of life."""
         self._steady_s = now.steady_s
@@ -51,10 +59,16 @@ class Watchdog:
         """Behave as if it had never been fed."""
         self._steady_s = None
 
+    def excuse(self, stood_s: float) -> None:
+        """Leave out `stood_s` s in which the one who listens stood still itself, and could hear nothing."""
+        if self._steady_s is not None:
+            self._steady_s += stood_s
+
     def expired(self, now: Instant) -> bool:
         """Return True if the last sign of life is older than the timeout on both clocks."""
         if self._steady_s is None:
             return False
         # A simulation that was started anew sets the graph's clock back; silence is then counted from there.
         self._graph_s = min(self._graph_s, now.graph_s)
-        return now.steady_s - self._steady_s > self._timeout_s and now.graph_s - self._graph_s > self._timeout_s
+        graph_silent = now.graph_s - self._graph_s > self._timeout_s or not now.clock_runs
+        return now.steady_s - self._steady_s > self._timeout_s and graph_silent

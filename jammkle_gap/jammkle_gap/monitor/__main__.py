@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def main() -> int:
     """Run the gap monitor until SIGINT or SIGTERM and return the exit code."""
-    return run(_make_node, loop=_drive)
+    return run(_make_node, loop=_drive, shut_down=_shut_down)
 
 
 def _make_node() -> GapMonitorNode:
@@ -28,6 +28,10 @@ def _make_node() -> GapMonitorNode:
 
 def _drive(node: GapMonitorNode, executor: Executor, stop: StopFlag) -> None:
     node.drive(executor, stop)
+
+
+def _shut_down(node: GapMonitorNode) -> None:
+    node.shut_down()
 
 
 if __name__ == "__main__":

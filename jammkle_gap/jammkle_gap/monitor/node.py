@@ -98,6 +98,10 @@ class GapMonitorNode(Node):
             while not stop and (left_s := end_s - time.monotonic()) > 0.0:
                 executor.spin_once(timeout_sec=left_s)
 
+    def shut_down(self) -> None:
+        """Say that this node ends in order."""
+        self._diagnostics.farewell()
+
     def _advance(self) -> bool:
         """Do the next portion of work, if there is one."""
         if self._wanted is not None:

@@ -16,6 +16,8 @@ EFFECTS_FILE = "jammkle.effects_file"
 """`load`: takes the path of an effects file and returns what it does to a rig (`jammkle_sim.rigs.changes`)."""
 LANDING = "jammkle.landing"
 """`record`: has the graph land once and records it (`jammkle_bringup.demo.record_landing`)."""
+HARDWARE = "jammkle.hardware"
+"""Makes what the driver drives, by the name that its parameter `hardware` has (`jammkle_driver.hardware_choice`)."""
 
 
 def entries(group: str) -> dict[str, EntryPoint]:

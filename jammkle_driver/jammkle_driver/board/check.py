@@ -1,0 +1,157 @@
+"""What `jammkle hardware check` looks at: line, sensors, pump, valves and leaks, one after the other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_driver.board.probe import RELEASED, Moment, command, rate_pa_s
+from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_graph.constants import HELD_VACUUM_PA
+from jammkle_graph.names import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Sequence
+
+    from jammkle_driver.board.probe import Probe
+    from jammkle_driver.board.wiring import Wiring
+
+PUMP = "pump"
+"""Name of the pump's row: what follows needs it."""
+
+_LOWEST_AMBIENT_PA, _HIGHEST_AMBIENT_PA = 60e3, 110e3
+"""Pressure of the atmosphere from 4,000 m up to the deepest valley in the highest weather (ISO 2533)."""
+_SPREAD_PA = 3e3
+"""Two sensors of the MPX4115A class differ by no more: each is within 1.5 % of its 100 kPa (NXP data sheet)."""
+_NOISE_PA = 500.0
+"""Five steps of the board's converter, 10 bits over 115 kPa; more is a bad ground or a loose wire."""
+_VENTED_PA = 5e3
+"""The driver's own word for vented."""
+_LEAK_SHARE = 0.05
+"""A leak that takes more than this share of what the pump draws keeps it running for good."""
+_OPEN_SHARE = 0.8
+"""Share of the manifold's vacuum that a channel behind an open valve has after `_VALVE_S`."""
+_REST_S = 0.6
+_PUMP_S = 8.0
+_VALVE_S = 3.0
+_VENT_S = 1.0
+_LEAK_S = 0.5
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """One line of the table: what was looked at, whether it is well, what was measured, and what to do."""
+
+    what: str
+    passed: bool
+    measured: str
+    to_do: str = ""
+
+
+async def check(probe: Probe, wiring: Wiring) -> AsyncIterator[CheckRow]:
+    """Yield one row after the other; everything is released at the end. A dead pump ends the walk."""
+    await probe.vent()
+    readings = await probe.rest(_REST_S)
+    rows = [_sensor_row(place, wiring, *reading) for place, reading in readings.items()]
+    rows.append(_spread_row(wiring, {place: mean for place, (mean, _) in readings.items()}))
+    for row in rows:
+        yield row
+    place = MANIFOLD if MANIFOLD in wiring.sensors else CHANNELS[0]
+    energised = () if place == MANIFOLD else (place,)
+    moments = await probe.drive(command(energised, 1.0), _PUMP_S, lambda m: m.vacuum_pa[place] >= HELD_VACUUM_PA)
+    pump = _pump_row(moments, place)
+    yield pump
+    if pump.passed:
+        drawn_pa_s = _drawn_pa_s(moments, place)
+        yield _leak_row(place, await probe.drive(command(energised, 0.0), _LEAK_S), drawn_pa_s)
+        for channel in CHANNELS:
+            async for row in _valve_rows(probe, channel, place, drawn_pa_s):
+                yield row
+    await probe.exchanges(RELEASED, 0.1)
+
+
+async def _valve_rows(probe: Probe, channel: str, place: str, drawn_pa_s: float) -> AsyncIterator[CheckRow]:
+    await probe.drive(RELEASED, _VENT_S, lambda m: all(m.vacuum_pa[name] < _VENTED_PA for name in CHANNELS))
+    opened = await probe.drive(
+        command((channel,), 1.0), _VALVE_S, lambda m: m.vacuum_pa[channel] >= _OPEN_SHARE * HELD_VACUUM_PA
+    )
+    others = [name for name in CHANNELS if name != channel and opened[-1].vacuum_pa[name] > _VENTED_PA]
+    yield _open_row(opened[-1], channel, place, others)
+    rested = await probe.drive(command((channel,), 0.0), _LEAK_S)
+    if opened[-1].vacuum_pa[channel] > _VENTED_PA:
+        yield _leak_row(channel, rested[len(rested) // 3 :], drawn_pa_s)
+    vented = await probe.drive(RELEASED, _VENT_S, lambda m: m.vacuum_pa[channel] < _VENTED_PA)
+    yield _vent_row(vented, channel)
+
+
+def _sensor_row(place: str, wiring: Wiring, mean_pa: float, noise_pa: float) -> CheckRow:
+    measured = f"{mean_pa / 1e3:.1f} kPa, noise {noise_pa:.0f} Pa"
+    what = f"sensor {place} at rest"
+    if not math.isfinite(mean_pa):
+        return CheckRow(what, passed=False, measured="out of its limits", to_do="broken wire or no supply: look there")
+    low, high = (-_SPREAD_PA, _SPREAD_PA) if wiring.sensors[place].vacuum else (_LOWEST_AMBIENT_PA, _HIGHEST_AMBIENT_PA)
+    if not low <= mean_pa <= high:
+        to_do = f"expected {low / 1e3:.0f} to {high / 1e3:.0f} kPa: wire, supply of the sensor, scale in the board file"
+        return CheckRow(what, passed=False, measured=measured, to_do=to_do)
+    if noise_pa > _NOISE_PA:
+        return CheckRow(what, passed=False, measured=measured, to_do="loose wire, or ground shared with the pump")
+    return CheckRow(what, passed=True, measured=measured)
+
+
+def _spread_row(wiring: Wiring, means_pa: dict[str, float]) -> CheckRow:
+    same = {place: pa for place, pa in means_pa.items() if not wiring.sensors[place].vacuum}
+    spread_pa = max(same.values()) - min(same.values()) if same else 0.0
+    to_do = "" if spread_pa <= _SPREAD_PA else "calibrate; if that does not help, one sensor is broken"
+    return CheckRow("sensors agree", passed=not to_do, measured=f"within {spread_pa / 1e3:.1f} kPa", to_do=to_do)
+
+
+def _pump_row(moments: Sequence[Moment], place: str) -> CheckRow:
+    reached_pa = moments[-1].vacuum_pa[place]
+    took_s = moments[-1].at_s - moments[0].at_s
+    measured = f"{reached_pa / 1e3:.1f} kPa in {took_s:.1f} s"
+    if reached_pa >= HELD_VACUUM_PA:
+        return CheckRow(PUMP, passed=True, measured=measured)
+    if reached_pa < _VENTED_PA:
+        to_do = "does it run? supply, MOSFET, pin; if it runs: hose, or in and out exchanged; a valve stuck open vents"
+    else:
+        to_do = f"below {HELD_VACUUM_PA / 1e3:.0f} kPa after {_PUMP_S:.0f} s: leak at the manifold, or worn membrane"
+    return CheckRow(PUMP, passed=False, measured=measured, to_do=to_do)
+
+
+def _leak_row(place: str, moments: Sequence[Moment], drawn_pa_s: float) -> CheckRow:
+    lost_pa_s = max(-rate_pa_s(moments, place), 0.0)
+    share = lost_pa_s / drawn_pa_s
+    to_do = "" if share <= _LEAK_SHARE else "find it with soapy water: hose ends, membrane, valve seat"
+    measured = f"{lost_pa_s:.0f} Pa/s, {100.0 * share:.1f} % of what the pump draws"
+    return CheckRow(f"leak of {place}", passed=not to_do, measured=measured, to_do=to_do)
+
+
+def _open_row(moment: Moment, channel: str, place: str, others: Sequence[str]) -> CheckRow:
+    vacuum_pa = moment.vacuum_pa[channel]
+    measured = f"{vacuum_pa / 1e3:.1f} kPa, {place} {moment.vacuum_pa[place] / 1e3:.1f} kPa"
+    what = f"valve {channel} connects"
+    if vacuum_pa >= _OPEN_SHARE * moment.vacuum_pa[place] and vacuum_pa > _VENTED_PA and not others:
+        return CheckRow(what, passed=True, measured=measured)
+    if others:
+        also = "also" if vacuum_pa > _VENTED_PA else "instead"
+        to_do = f"{', '.join(others)} {also} gets vacuum: exchanged wires, hoses or sensors; or its valve is stuck open"
+    elif vacuum_pa > _VENTED_PA:
+        to_do = "slow: blocked or kinked line, or a big leak in the tendon"
+    else:
+        to_do = "does it click? supply, MOSFET, pin; if it clicks: blocked line, or stuck closed"
+    return CheckRow(what, passed=False, measured=measured, to_do=to_do)
+
+
+def _vent_row(moments: Sequence[Moment], channel: str) -> CheckRow:
+    left_pa = moments[-1].vacuum_pa[channel]
+    took_s = moments[-1].at_s - moments[0].at_s
+    to_do = "" if left_pa < _VENTED_PA else "stuck open, its vent is blocked, or its flyback diode keeps it energised"
+    measured = f"{left_pa / 1e3:.1f} kPa after {took_s:.2f} s"
+    return CheckRow(f"valve {channel} vents", passed=not to_do, measured=measured, to_do=to_do)
+
+
+def _drawn_pa_s(moments: Sequence[Moment], place: str) -> float:
+    """Return what the pump draws, Pa/s: the mean from start to the vacuum that it was asked for."""
+    took_s = max(moments[-1].at_s - moments[0].at_s, 1e-3)
+    return max(moments[-1].vacuum_pa[place] - moments[0].vacuum_pa[place], 1.0) / took_s

@@ -1,0 +1,252 @@
+"""What is said to a board in one cycle: outputs out, all sensors in. One class per kind of firmware."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from jammkle_driver.board.line import LineError, RefusedError
+from jammkle_driver.board.wiring import Firmware
+from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, ResetCause, SafeCause
+from jammkle_driver.core.registers import register_list
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Mapping, Sequence
+
+    from jammkle_driver.board.line import Line
+    from jammkle_driver.board.wiring import Wiring
+
+HOLD = "hold"
+_NEAR = 16
+"""Registers that lie so close together are read in one request: a request costs more than these."""
+
+_LATCHED = {"host_silent": SafeCause.HOST_SILENT, "supply_low": SafeCause.SUPPLY_LOW, "reset": SafeCause.RESET}
+_FAULTS = {"supply_low": BoardFault.SUPPLY_LOW, "calibration_lost": BoardFault.CALIBRATION_LOST}
+_RESET_CAUSES = {
+    "power_on": ResetCause.POWER_ON,  # a rising supply sets the bit of the brown-out too, so the first one counts
+    "brown_out": ResetCause.BROWN_OUT,
+    "watchdog": ResetCause.WATCHDOG,
+    "external": ResetCause.EXTERNAL,
+}
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """What one cycle brought.
+
+    Attributes:
+        sensors_pa: What each sensor measures, by place, Pa, absolute or vacuum as its wiring says; NaN where broken.
+        numbers: What each sensor's register holds, by place.
+        taken: What the board drives now, as far as it tells; None where it does not and nothing was written.
+        latched: Why the board is in its safe state.
+        faults: What the board finds wrong now.
+        reset_cause: What has last reset it; None where it does not tell.
+        uptime_s: Time since it has started, s; None where it does not tell.
+        supply_v: Voltage of the supply, V; None where it does not tell.
+        crc_errors: Frames that the board threw away since it started.
+
+    """
+
+    sensors_pa: Mapping[str, float]
+    numbers: Mapping[str, int]
+    taken: ActuatorCommand | None
+    latched: frozenset[SafeCause] = frozenset()
+    faults: frozenset[BoardFault] = frozenset()
+    reset_cause: ResetCause | None = None
+    uptime_s: float | None = None
+    supply_v: float | None = None
+    crc_errors: int = 0
+
+
+class Dialogue(Protocol):
+    """How to talk to one kind of board. Every method may raise LineError."""
+
+    async def open(self) -> str:
+        """Prepare a board that has just been connected; return one line that says what it is."""
+
+    async def exchange(self, command: ActuatorCommand | None) -> Exchange:
+        """Write the outputs (None: leave them, and give no sign of life) and read all sensors."""
+
+    async def acknowledge(self) -> None:
+        """Let a board that has latched its safe state take jams again.
+
+        Raises:
+            RefusedError: it has latched something else meanwhile.
+
+        """
+
+
+def dialogue(line: Line, wiring: Wiring, safe_state: str) -> Dialogue:
+    """Return what talks to the board that the wiring names; `safe_state` is `vent` or `hold`."""
+    if wiring.firmware is Firmware.JAMMKLE:
+        return OwnDialogue(line, wiring, safe_state)
+    return OtherDialogue(line, wiring)
+
+
+class OwnDialogue:
+    """The project's firmware: one request per cycle writes the outputs and reads everything (function 23)."""
+
+    def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
+        """Make a dialogue over a line; `safe_state` is `vent` or `hold`."""
+        self._line = line
+        self._wiring = wiring
+        self._holds = safe_state == HOLD
+        self._registers = register_list()
+        self._count = self._registers.input("check_sum_errors").address + 1
+        self._latched_bits = 0
+
+    async def open(self) -> str:
+        """Check the version of the registers, and set watchdog and safe state.
+
+        Raises:
+            LineError: no answer, or a board whose registers are others.
+
+        """
+        registers = self._registers
+        first = registers.input("firmware_version").address
+        try:
+            firmware, version = await self._line.read("input", first, 2)
+        except RefusedError as error:
+            msg = "the board does not have the firmware of this project: give the driver a board_file that fits"
+            raise LineError(msg) from error
+        if version != registers.version:
+            msg = f"the board has registers of version {version}, the driver of {registers.version}: flash the firmware"
+            raise LineError(msg)
+        await self._line.write_register(registers.holding("safe_state").address, int(self._holds))
+        await self._line.write_register(registers.holding("watchdog_ms").address, self._wiring.watchdog_ms)
+        for address, number in self._wiring.on_connect.items():
+            await self._line.write_register(address, number)
+        return f"firmware {firmware >> 8}.{firmware & 0xFF}"
+
+    async def exchange(self, command: ActuatorCommand | None) -> Exchange:
+        """Write the outputs and read everything. A board that refuses tells why by what is read after."""
+        if command is not None:
+            first = self._registers.holding("outputs").address
+            try:
+                return self._exchange(
+                    await self._line.write_and_read(first, self._outputs(command), self._registers.mirror, self._count)
+                )
+            except RefusedError:
+                pass
+        return self._exchange(await self._line.read("input", 0, self._count))
+
+    async def acknowledge(self) -> None:
+        """Write back what the board has latched, as it was last read: what has come since is not acknowledged."""
+        await self._line.write_register(self._registers.holding("acknowledge").address, self._latched_bits)
+
+    def _outputs(self, command: ActuatorCommand) -> tuple[int, int]:
+        bits = sum(
+            1 << solenoid.coil for name, solenoid in self._wiring.solenoids.items() if command.solenoids.get(name)
+        )
+        return bits, self._wiring.pump.number(command.pump_duty)
+
+    def _exchange(self, numbers: Sequence[int]) -> Exchange:
+        names = [register.name for register in self._registers.tables["input_registers"][: self._count]]
+        inputs = dict(zip(names, numbers, strict=True))
+        self._latched_bits = inputs["latched"]
+        places = {name: numbers[sensor.register] for name, sensor in self._wiring.sensors.items()}
+        driven = inputs["outputs_driven"]
+        solenoids = {name: bool(driven >> each.coil & 1) for name, each in self._wiring.solenoids.items()}
+        reset = self._set_bits("reset_cause", inputs["reset_cause"])
+        causes = [cause for name, cause in _RESET_CAUSES.items() if name in reset]
+        duty = self._registers.input("pump_duty_driven").value(inputs["pump_duty_driven"])
+        uptime_ms = inputs["uptime_high"] << 16 | inputs["uptime_low"]
+        return Exchange(
+            sensors_pa=_pascals(self._wiring, places),
+            numbers=places,
+            taken=ActuatorCommand(solenoids, duty),
+            latched=frozenset(_LATCHED[name] for name in self._set_bits("latched", inputs["latched"])),
+            faults=frozenset(_FAULTS[name] for name in self._set_bits("faults", inputs["faults"])),
+            reset_cause=causes[0] if causes else ResetCause.UNKNOWN,
+            uptime_s=uptime_ms / 1000.0,
+            supply_v=self._registers.input("supply").value(inputs["supply"]),
+            crc_errors=inputs["check_sum_errors"],
+        )
+
+    def _set_bits(self, register: str, number: int) -> list[str]:
+        return [name for place, name in enumerate(self._registers.bits[register]) if number >> place & 1]
+
+
+class OtherDialogue:
+    """Any other Modbus server: coils, a register for the pump, registers for the sensors; several requests a cycle."""
+
+    def __init__(self, line: Line, wiring: Wiring) -> None:
+        """Make a dialogue over a line."""
+        self._line = line
+        self._wiring = wiring
+        self._spans = {table: _spans(wiring, table) for table in ("input", "holding")}
+
+    async def open(self) -> str:
+        """Write what the wiring says, such as the time of the board's own watchdog."""
+        for address, number in self._wiring.on_connect.items():
+            await self._write(self._line.write_register(address, number))
+        return "a board with other firmware: no latched safe state"
+
+    async def exchange(self, command: ActuatorCommand | None) -> Exchange:
+        """Write the coils and the pump's register, then read the sensors.
+
+        Raises:
+            LineError: no answer, or a refusal: the wiring names what the board does not have.
+
+        """
+        if command is not None:
+            await self._drive(command)
+        places: dict[str, int] = {}
+        for table, spans in self._spans.items():
+            for first, count in spans:
+                numbers = await self._read(table, first, count)
+                places |= {
+                    name: numbers[sensor.register - first]
+                    for name, sensor in self._wiring.sensors.items()
+                    if sensor.table == table and first <= sensor.register < first + count
+                }
+        return Exchange(_pascals(self._wiring, places), places, command)
+
+    async def acknowledge(self) -> None:
+        """Do nothing: such a board latches nothing that this driver knows of."""
+
+    async def _drive(self, command: ActuatorCommand) -> None:
+        pump = self._wiring.pump
+        bits = {
+            solenoid.coil: solenoid.bit(energised=command.solenoids[name])
+            for name, solenoid in self._wiring.solenoids.items()
+        }
+        if pump.coil is not None:
+            bits[pump.coil] = pump.bit(command.pump_duty)
+        if max(bits) - min(bits) == len(bits) - 1:  # without a gap: in one request, and so at one moment
+            await self._write(self._line.write_coils(min(bits), [bits[coil] for coil in sorted(bits)]))
+        else:
+            for coil, bit in bits.items():
+                await self._write(self._line.write_coils(coil, [bit]))
+        if pump.register is not None:
+            await self._write(self._line.write_register(pump.register, pump.number(command.pump_duty)))
+
+    async def _write(self, asked: Awaitable[None]) -> None:
+        try:
+            await asked
+        except RefusedError as error:
+            msg = f"{error}: the board_file does not fit this board"
+            raise LineError(msg) from error
+
+    async def _read(self, table: str, first: int, count: int) -> Sequence[int]:
+        try:
+            return await self._line.read(table, first, count)
+        except RefusedError as error:
+            msg = f"{error}: the board_file does not fit this board"
+            raise LineError(msg) from error
+
+
+def _pascals(wiring: Wiring, numbers: Mapping[str, int]) -> dict[str, float]:
+    return {name: wiring.sensors[name].pascals(number) for name, number in numbers.items()}
+
+
+def _spans(wiring: Wiring, table: str) -> list[tuple[int, int]]:
+    """Return first register and count of each request that reads the sensors of a table."""
+    addresses = sorted(sensor.register for sensor in wiring.sensors.values() if sensor.table == table)
+    spans: list[tuple[int, int]] = []
+    for address in addresses:
+        if spans and address - (spans[-1][0] + spans[-1][1]) < _NEAR:
+            spans[-1] = (spans[-1][0], address - spans[-1][0] + 1)
+        else:
+            spans.append((address, 1))
+    return spans

@@ -1,0 +1,240 @@
+"""The line to the board: requests and replies over pymodbus, with what goes wrong counted."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from pymodbus import ModbusException
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_driver.board.wiring import Wiring
+
+TCP_PORT = 502
+_READ_HOLDING, _READ_INPUT, _WRITE_REGISTER, _WRITE_COILS, _WRITE_REGISTERS, _READ_WRITE = 3, 4, 6, 15, 16, 23
+_CODE_BITS = 0x7F
+"""An exception has the function's code with the bit above these set."""
+_FAST_BAUD = 19200
+_FAST_SILENCE_S = 1.75e-3
+_SILENCE_CHARACTERS = 3.5
+_CHARACTER_BITS = 11
+
+
+class LineError(Exception):
+    """The board did not answer, or not in a way that can be read. One line."""
+
+
+class RefusedError(Exception):
+    """The board answered with an exception: it has understood, and does not do it.
+
+    Attributes:
+        code: The exception code of the standard.
+
+    """
+
+    def __init__(self, what: str, code: int) -> None:
+        """Say what was refused, and with which code."""
+        super().__init__(f"{what} refused with exception {code}")
+        self.code = code
+
+
+def silence_s(baud_rate: int) -> float:
+    """Return how long a line must be silent between two frames, s (MODBUS over Serial Line V1.02, 2.5.1.1)."""
+    return _FAST_SILENCE_S if baud_rate > _FAST_BAUD else _SILENCE_CHARACTERS * _CHARACTER_BITS / baud_rate
+
+
+def check_port(port: str) -> None:
+    """Refuse what is neither a device's path nor tcp://HOST[:PORT].
+
+    Raises:
+        ValueError: one line that says so.
+
+    """
+    if port.startswith("tcp://"):
+        parts = urlsplit(port)
+        try:
+            good = bool(parts.hostname) and (parts.port is None or parts.port > 0)
+        except ValueError:
+            good = False
+        if not good:
+            msg = f"port is '{port}'; it must be tcp://HOST or tcp://HOST:PORT"
+            raise ValueError(msg)
+    elif not port.startswith("/"):
+        given = f"'{port}'" if port else "empty"
+        msg = f"port is {given}; name a serial device such as /dev/jammkle_board, or tcp://HOST[:PORT]"
+        raise ValueError(msg)
+
+
+class Line:
+    """One client on one line. Not to be used from two tasks at once."""
+
+    def __init__(self, port: str, wiring: Wiring) -> None:
+        """Make a line that is not open.
+
+        Args:
+            port: Path of a serial device, or tcp://HOST[:PORT].
+            wiring: Baud rate, unit and timeout.
+
+        """
+        # What goes wrong is counted here and told by the driver; pymodbus would tell it a hundred times a second.
+        logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
+        self._port = port
+        self._wiring = wiring
+        self._serial = not port.startswith("tcp://")
+        self._client: Any = None
+        self._silence_s = silence_s(wiring.baud_rate) if self._serial else 0.0
+        self._free_s = 0.0
+        self._came_in = 0
+        self.answered = 0
+        self.damaged = 0
+        self.timeouts = 0
+        self.refusals = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the device or connection is there."""
+        return self._client is not None and bool(self._client.connected)
+
+    async def open(self) -> None:
+        """Open the device or connection.
+
+        Raises:
+            LineError: why it cannot be opened.
+
+        """
+        self.close()
+        if self._serial:
+            self._check_device()
+        options: dict[str, Any] = {
+            "timeout": self._wiring.reply_timeout_s,
+            "retries": 0,  # the next cycle says it anew, with what is true then
+            "reconnect_delay": 0,
+            "trace_packet": self._trace,
+        }
+        if self._serial:
+            self._client = AsyncModbusSerialClient(
+                self._port,
+                baudrate=self._wiring.baud_rate,
+                parity=self._wiring.parity,
+                stopbits=self._wiring.stop_bits,
+                **options,
+            )
+        else:
+            parts = urlsplit(self._port)
+            self._client = AsyncModbusTcpClient(str(parts.hostname), port=parts.port or TCP_PORT, **options)
+        if not await self._client.connect():
+            self.close()
+            why = "in use by another program, or no serial device" if self._serial else "nobody answers there"
+            msg = f"{self._port} cannot be opened: {why}"
+            raise LineError(msg)
+
+    def close(self) -> None:
+        """Let go of the device or connection."""
+        if self._client is not None:
+            self._client.close()
+        self._client = None
+
+    def let_go(self) -> None:
+        """Close what is not worth keeping: all but a serial device that is there and whose board is silent.
+
+        Opening a serial port resets an Arduino, whose bootloader then answers nothing for up to 2 s: who closes and
+        opens again in that time never gets an answer.
+        """
+        if not (self._serial and self.is_open):
+            self.close()
+
+    async def read(self, table: str, first: int, count: int) -> Sequence[int]:
+        """Return `count` registers of the table `input` or `holding`."""
+        call = self._client.read_input_registers if table == "input" else self._client.read_holding_registers
+        code = _READ_INPUT if table == "input" else _READ_HOLDING
+        return await self._ask(
+            f"reading {count} registers from {first}", code, count, partial(call, first, count=count)
+        )
+
+    async def write(self, first: int, numbers: Sequence[int]) -> None:
+        """Write holding registers."""
+        call = partial(self._client.write_registers, first, list(numbers))
+        await self._ask(f"writing registers from {first}", _WRITE_REGISTERS, 0, call)
+
+    async def write_register(self, address: int, number: int) -> None:
+        """Write one holding register."""
+        call = partial(self._client.write_register, address, number)
+        await self._ask(f"writing register {address}", _WRITE_REGISTER, 0, call)
+
+    async def write_coils(self, first: int, bits: Sequence[bool]) -> None:
+        """Write coils that follow each other."""
+        call = partial(self._client.write_coils, first, list(bits))
+        await self._ask(f"writing coils from {first}", _WRITE_COILS, 0, call)
+
+    async def write_and_read(self, first: int, numbers: Sequence[int], read_first: int, count: int) -> Sequence[int]:
+        """Write holding registers and read others, in one request (function 23)."""
+        call = partial(
+            self._client.readwrite_registers,
+            read_address=read_first,
+            read_count=count,
+            write_address=first,
+            values=list(numbers),
+        )
+        what = f"writing registers from {first} and reading {count} from {read_first}"
+        return await self._ask(what, _READ_WRITE, count, call)
+
+    async def _ask(self, what: str, code: int, count: int, call: partial[Any]) -> Sequence[int]:
+        """Send one request and return the registers of its reply.
+
+        A frame carries no number, so that a reply that comes late would pass for that to the next request. After a
+        request without a reply the line is left alone for as long as was waited for it.
+        """
+        loop = asyncio.get_running_loop()
+        left_s = self._free_s - loop.time()
+        if left_s > 0.0:
+            await asyncio.sleep(left_s)
+        self._came_in = 0
+        pause_s = self._silence_s
+        try:
+            reply = await call(device_id=self._wiring.unit)
+        except (ModbusException, OSError) as error:
+            if not self.is_open:
+                msg = f"{self._port} is gone"
+            elif self._came_in:
+                self.damaged += 1
+                msg = f"{what}: the reply's check sum is wrong"
+            else:
+                self.timeouts += 1
+                pause_s = self._wiring.reply_timeout_s
+                msg = f"no reply within {self._wiring.reply_timeout_s:g} s"
+            raise LineError(msg) from error
+        finally:
+            self._free_s = loop.time() + pause_s
+        registers: Sequence[int] = getattr(reply, "registers", ())
+        if reply.function_code & _CODE_BITS != code or (count and not reply.isError() and len(registers) != count):
+            self.damaged += 1
+            self._free_s = loop.time() + self._wiring.reply_timeout_s
+            msg = f"{what}: the reply is one to another request"
+            raise LineError(msg)
+        self.answered += 1
+        if reply.isError():
+            self.refusals += 1
+            raise RefusedError(what, int(reply.exception_code))
+        return registers
+
+    def _trace(self, sending: bool, data: bytes) -> bytes:  # noqa: FBT001 - as the library calls it
+        if not sending:
+            self._came_in = len(data)
+        return data
+
+    def _check_device(self) -> None:
+        path = Path(self._port)
+        if not path.exists():
+            msg = f"no device {self._port}: plug the board in"
+            raise LineError(msg)
+        if not os.access(path, os.R_OK | os.W_OK):
+            msg = f"no permission for {self._port}: install the udev rule, or join the group that owns it"
+            raise LineError(msg)

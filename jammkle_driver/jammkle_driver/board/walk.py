@@ -1,0 +1,182 @@
+"""The walk of `jammkle hardware check`: connect, look at everything, calibrate, release."""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from jammkle_driver.board import calibration
+from jammkle_driver.board.calibration import CalibrationError
+from jammkle_driver.board.check import PUMP, CheckRow, check
+from jammkle_driver.board.dialogue import dialogue
+from jammkle_driver.board.line import Line, LineError, RefusedError
+from jammkle_driver.board.probe import PERIOD_S, RELEASED, Probe, command
+from jammkle_driver.board.wiring import Firmware
+from jammkle_driver.board.wiring_file import standard_board_file
+from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_graph.constants import HELD_VACUUM_PA
+from jammkle_graph.names import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from jammkle_driver.board.dialogue import Dialogue
+    from jammkle_driver.board.wiring import Wiring
+    from jammkle_driver.core.hardware import ActuatorCommand
+
+_LOW_SUPPLY_V = 10.0
+_AVERAGED_S = 0.5
+_BOOT_S = 3.0
+"""An Arduino's bootloader waits for up to 2 s."""
+_EVACUATION_S = 10.0
+
+
+class Person(Protocol):
+    """Whoever stands beside the board."""
+
+    def told(self, row: CheckRow) -> None:
+        """Be shown a row as soon as it is known."""
+
+    def number(self, question: str) -> float | None:
+        """Answer with a number; None: cannot tell. May take its time; called from a thread of its own."""
+
+
+@dataclass(frozen=True)
+class WalkOptions:
+    """What is walked.
+
+    Attributes:
+        port: Where the board is.
+        wiring: How it is wired.
+        board_file: The file that says so; None: the shipped one.
+        output: Where a new board file goes; None: beside the old one.
+        calibrates: Whether the sensors are calibrated.
+        pace: Factor on how long is waited for pump, valves and leaks.
+
+    """
+
+    port: str
+    wiring: Wiring
+    board_file: Path | None
+    output: Path | None
+    calibrates: bool
+    pace: float = 1.0
+
+
+async def walk(options: WalkOptions, person: Person) -> list[CheckRow]:
+    """Walk through everything; whatever happens, the outputs are released at the end.
+
+    Raises:
+        LineError: the board is not there, or has gone.
+
+    """
+    line = Line(options.port, options.wiring)
+    rows: list[CheckRow] = []
+
+    def tell(row: CheckRow) -> None:
+        rows.append(row)
+        person.told(row)
+
+    try:
+        await line.open()
+        talk = dialogue(line, options.wiring, "vent")
+        said = await _patiently(talk)
+        probe = Probe(talk, options.wiring, options.pace)
+        try:
+            tell(await _link_row(probe, said))
+            async for row in check(probe, options.wiring):
+                tell(row)
+            if options.calibrates and any(row.what == PUMP and row.passed for row in rows):
+                tell(await _calibrate(options, line, probe, person))
+        finally:
+            await talk.exchange(RELEASED)
+    except RefusedError as error:
+        msg = f"{error}: the board does not do what its file says"
+        raise LineError(msg) from error
+    finally:
+        line.close()
+    return rows
+
+
+async def _patiently(talk: Dialogue) -> str:
+    """Open the dialogue with a board that may just have been reset by the opening of its port.
+
+    Raises:
+        LineError: still no answer after its bootloader must be through.
+
+    """
+    end_s = time.monotonic() + _BOOT_S
+    while True:
+        try:
+            return await talk.open()
+        except LineError:
+            if time.monotonic() > end_s:
+                raise
+        await asyncio.sleep(_AVERAGED_S)
+
+
+async def _link_row(probe: Probe, said: str) -> CheckRow:
+    came = await probe.exchanges(RELEASED, _AVERAGED_S)
+    if not came:
+        msg = "no reply"
+        raise LineError(msg)
+    _, last = came[-1]
+    supply = "" if last.supply_v is None else f", supply {last.supply_v:.1f} V"
+    low = last.supply_v is not None and last.supply_v < _LOW_SUPPLY_V
+    to_do = "supply of pump and valves: is it on? divider at its pin, `supply_minimum`" if low else ""
+    return CheckRow("board", passed=not low, measured=f"{said}{supply}", to_do=to_do)
+
+
+async def _calibrate(options: WalkOptions, line: Line, probe: Probe, person: Person) -> CheckRow:
+    what = "calibration"
+    await probe.vent()
+    ambient_kpa, first = await _asked(
+        options, line, probe, person, RELEASED, "Pressure of the air now, kPa, absolute, as a barometer reads it"
+    )
+    if ambient_kpa is None:
+        return CheckRow(what, passed=True, measured="left as it is", to_do="run this again with barometer and gauge")
+    place = MANIFOLD if MANIFOLD in options.wiring.sensors else CHANNELS[0]
+    await probe.drive(command(CHANNELS, 1.0), _EVACUATION_S, lambda m: m.vacuum_pa[place] >= HELD_VACUUM_PA)
+    held = command(CHANNELS, 0.0)
+    await probe.exchanges(held, _AVERAGED_S)
+    gauge_kpa, second = await _asked(
+        options, line, probe, person, held, "Vacuum that a gauge at the manifold reads now, kPa below ambient"
+    )
+    await probe.exchanges(RELEASED, _AVERAGED_S)
+    if gauge_kpa is None:
+        return CheckRow(what, passed=True, measured="left as it is", to_do="run this again with barometer and gauge")
+    ambient_pa = 1e3 * ambient_kpa
+    try:
+        lines = calibration.sensor_lines(first, ambient_pa, second, ambient_pa - 1e3 * abs(gauge_kpa))
+    except CalibrationError as error:
+        return CheckRow(what, passed=False, measured="not written", to_do=str(error))
+    if options.wiring.firmware is Firmware.JAMMKLE:
+        await calibration.store(line, options.wiring, lines)
+        where = "stored on the board"
+    else:
+        target = options.output or (options.board_file or standard_board_file()).with_suffix(".calibrated.yaml")
+        calibration.write_board_file(options.board_file or standard_board_file(), target, lines)
+        where = f"written to {target}"
+    return CheckRow(what, passed=True, measured=f"two points, {where}")
+
+
+async def _asked(
+    options: WalkOptions, line: Line, probe: Probe, person: Person, held: ActuatorCommand, question: str
+) -> tuple[float | None, Mapping[str, float]]:
+    """Ask for a number while a command is kept; return it with the sensors' numbers from just before the answer."""
+    answer = asyncio.get_running_loop().run_in_executor(None, person.number, question)
+    numbers: list[Mapping[str, int]] = []
+    kept = int(_AVERAGED_S / PERIOD_S)
+    while not answer.done() or len(numbers) < kept:
+        exchange = await probe.exchange(held)
+        if exchange is None:
+            continue
+        raw = options.wiring.firmware is Firmware.JAMMKLE
+        numbers.append(await calibration.raw_numbers(line, options.wiring) if raw else exchange.numbers)
+        del numbers[:-kept]
+        await asyncio.sleep(PERIOD_S)
+    return await answer, {place: statistics.fmean(each[place] for each in numbers) for place in numbers[0]}

@@ -1,0 +1,123 @@
+"""A board on a Modbus line as hardware: the link's readings as samples and topics, on the node's own thread."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sensor_msgs.msg import FluidPressure
+
+from jammkle_driver.board.line import check_port
+from jammkle_driver.board.link import BoardLink
+from jammkle_driver.board.wiring_file import WiringError, load_wiring
+from jammkle_driver.conversions import (
+    actuator_states_message,
+    pressure_from_vacuum,
+    pressure_message,
+    seconds,
+    vacuum_from_pressure,
+)
+from jammkle_driver.core.hardware import MANIFOLD, PressureSample
+from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES
+from jammkle_graph.parameters import ParameterError
+from jammkle_graph.qos import publisher_qos
+from jammkle_msgs.msg import ActuatorStates
+
+if TYPE_CHECKING:
+    from jammkle_driver.board.dialogue import Exchange
+    from jammkle_driver.board.wiring import Wiring
+    from jammkle_driver.core.hardware import ActuatorCommand, LinkStatus
+    from jammkle_driver.hardware_choice import HardwareContext
+    from jammkle_driver.parameters import DriverParameters
+
+
+class BoardHardware:
+    """A board behind a serial line or a TCP connection. Implements `core.hardware.Hardware`.
+
+    It publishes what a simulation would: pressures, absolute, and what the board has taken.
+    """
+
+    def __init__(self, context: HardwareContext) -> None:
+        """Start to look for the board.
+
+        Raises:
+            ParameterError: `port` or `board_file` cannot be used.
+
+        """
+        parameters = context.parameters
+        self._wiring = self.check(parameters)
+        self._context = context
+        node = context.node
+        topics = {**PRESSURES, MANIFOLD: MANIFOLD_PRESSURE}
+        self._pressures = {
+            place: node.create_publisher(FluidPressure, topics[place].name, publisher_qos(topics[place]))
+            for place in self._wiring.sensors
+        }
+        self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
+        self._came: deque[Exchange] = deque(maxlen=10)
+        self._link = BoardLink(parameters.port, self._wiring, parameters.safe_state, self._hand_over)
+
+    @staticmethod
+    def check(parameters: DriverParameters) -> Wiring:
+        """Return how the board is wired.
+
+        Raises:
+            ParameterError: `port` or `board_file` cannot be used.
+
+        """
+        try:
+            check_port(parameters.port)
+            return load_wiring(Path(parameters.board_file) if parameters.board_file else None)
+        except WiringError as error:
+            msg = f"parameter 'board_file': {error}"
+            raise ParameterError(msg) from error
+        except ValueError as error:
+            msg = f"parameter 'port': {error}"
+            raise ParameterError(msg) from error
+
+    @property
+    def link(self) -> LinkStatus:
+        """What is known of the board now."""
+        return self._link.status
+
+    def apply(self, command: ActuatorCommand) -> None:
+        """Pass the command on to the link's thread."""
+        self._link.apply(command)
+
+    def acknowledge(self) -> None:
+        """Pass the acknowledgement on to the link's thread."""
+        self._link.acknowledge()
+
+    def close(self) -> None:
+        """Send the last command and let go of the port."""
+        self._link.close()
+        self._came.clear()
+        for publisher in (*self._pressures.values(), self._taken):
+            self._context.node.destroy_publisher(publisher)
+        self._pressures.clear()
+
+    def _hand_over(self, exchange: Exchange) -> None:
+        """Take an exchange on the link's thread, and have the node fetch it on its own."""
+        self._came.append(exchange)
+        executor = self._context.node.executor
+        if executor is not None:
+            executor.create_task(self._deliver)
+
+    def _deliver(self) -> None:
+        while self._came and self._pressures:
+            self._publish(self._came.popleft())
+
+    def _publish(self, exchange: Exchange) -> None:
+        now = self._context.node.get_clock().now()
+        ambient_pa = self._context.ambient_pa()
+        if exchange.taken is not None:
+            self._taken.publish(actuator_states_message(exchange.taken, now.to_msg()))
+        for place, measured_pa in exchange.sensors_pa.items():
+            gauge = self._wiring.sensors[place].vacuum
+            vacuum_pa = measured_pa if gauge else vacuum_from_pressure(measured_pa, ambient_pa)
+            if math.isfinite(vacuum_pa):
+                absolute_pa = pressure_from_vacuum(vacuum_pa, ambient_pa)
+                self._pressures[place].publish(pressure_message(absolute_pa, now.to_msg()))
+            self._context.take(PressureSample(place, vacuum_pa, seconds(now)))

@@ -1,0 +1,99 @@
+"""Arguments of `jammkle hardware`. What it does stands in `jammkle_driver.board`."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for pymodbus
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003 - Typer reads annotations while it runs
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jammkle_graph.command.errors import GraphError, InputError
+from jammkle_graph.command.main import EXIT_FAILED
+from jammkle_graph.command.options import JsonOption
+
+if TYPE_CHECKING:
+    from jammkle_driver.board.check import CheckRow
+
+hardware_app = typer.Typer(
+    help="Look after the board: pump, valves and sensors, without the graph.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app = typer.Typer()
+app.add_typer(hardware_app, name="hardware")
+
+
+@hardware_app.callback()
+def group() -> None:
+    """Look after the board: pump, valves and sensors, without the graph."""
+
+
+@hardware_app.command()
+def check(
+    port: Annotated[str, typer.Option(help="A serial device, or tcp://HOST[:PORT].", metavar="DEV")],
+    board_file: Annotated[
+        Path | None, typer.Option(help="How the board is wired (YAML).", show_default="the project's own board")
+    ] = None,
+    output: Annotated[Path | None, typer.Option(help="Where the calibrated board file of a bought board goes.")] = None,
+    yes: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--yes", help="Ask nothing: start at once, and leave the calibration as it is.")
+    ] = False,
+    json: JsonOption = None,
+) -> int:
+    """Walk through pump, valves, sensors and leaks, calibrate the sensors, and say what to do."""
+    import asyncio
+
+    from jammkle_driver.board.line import LineError, check_port
+    from jammkle_driver.board.walk import WalkOptions, walk
+    from jammkle_driver.board.wiring_file import WiringError, load_wiring
+    from jammkle_graph.command import results
+
+    results.check_writable(json)
+    results.check_writable(output, "--output")
+    try:
+        check_port(port)
+        wiring = load_wiring(board_file)
+    except (ValueError, WiringError) as error:
+        msg = f"--{error}" if str(error).startswith("port") else str(error)
+        raise InputError(msg) from error
+    if not yes:
+        typer.confirm("Pump and valves will run: the ankle stiffens and softens. Go on?", default=True, abort=True)
+    options = WalkOptions(port, wiring, board_file, output, calibrates=not yes)
+    try:
+        rows = asyncio.run(walk(options, _Typist()))
+    except LineError as error:
+        raise GraphError(str(error)) from error
+    results.console().print(_table(rows))
+    content = [{"what": r.what, "passed": r.passed, "measured": r.measured, "to_do": r.to_do} for r in rows]
+    results.write_json(json, {"passed": all(row.passed for row in rows), "rows": content})
+    return 0 if all(row.passed for row in rows) else EXIT_FAILED
+
+
+class _Typist:
+    """The person at the terminal."""
+
+    def told(self, row: CheckRow) -> None:
+        """Show a row as soon as it is known."""
+        typer.echo(f"{'ok  ' if row.passed else 'FAIL'} {row.what}: {row.measured}", err=True)
+
+    def number(self, question: str) -> float | None:
+        """Ask until a number or nothing is typed."""
+        while True:
+            answer = typer.prompt(f"{question}; nothing: skip", default="", show_default=False, err=True)
+            if not answer.strip():
+                return None
+            try:
+                return float(answer.replace(",", "."))
+            except ValueError:
+                typer.echo(f"'{answer}' is not a number", err=True)
+
+
+def _table(rows: list[CheckRow]) -> object:
+    from rich.table import Table
+
+    table = Table("what", "result", "measured", "what to do")
+    for row in rows:
+        table.add_row(row.what, "pass" if row.passed else "FAIL", row.measured, row.to_do)
+    return table

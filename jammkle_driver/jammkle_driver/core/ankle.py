@@ -1,0 +1,256 @@
+"""One ankle's channels, pump and sensors: what is measured of them, and what they shall do."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_driver.core.atmosphere import Atmosphere
+from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState
+from jammkle_driver.core.diagnosis import Diagnosis, DiagnosisSettings
+from jammkle_driver.core.faults import Finding, Reason
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
+from jammkle_driver.core.leakage import LeakMeter
+from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_driver.core.watchdog import Instant
+
+
+class SafeState(enum.Enum):
+    """What jammed channels do when nobody may decide for them any more."""
+
+    VENT = "vent"
+    """Let go: the ankle is soft."""
+    HOLD = "hold"
+    """Stay connected, the pump off: the ankle stays as stiff as its leaks let it."""
+
+
+class FaultPolicy(enum.Enum):
+    """What a fault of one channel means for the others."""
+
+    ANKLE = "ankle"
+    """All go to the safe state: an ankle that is stiff on one side turns the foot."""
+    CHANNEL = "channel"
+    """The others go on."""
+
+
+@dataclass(frozen=True)
+class AnkleSettings:
+    """What an ankle goes by.
+
+    Attributes:
+        channel: When a channel counts as jammed, vented or failed.
+        regulator: How vacuum is regulated, and what the pump bears.
+        diagnosis: What faults are found by.
+        diagnose: Whether faults are looked for by the law of the air; else by time-outs alone.
+        ambient_pa: Pressure of the atmosphere where none was measured, Pa.
+        safe_state: What jammed channels do when nobody may decide.
+        fault_policy: What a fault of one channel means for the others.
+
+    """
+
+    channel: ChannelSettings
+    regulator: RegulatorSettings
+    diagnosis: DiagnosisSettings
+    diagnose: bool
+    ambient_pa: float
+    safe_state: SafeState
+    fault_policy: FaultPolicy
+
+
+class Ankle:
+    """Channels that share one pump; follows wishes, lets go when something fails, and says what it knows."""
+
+    def __init__(self, channels: Sequence[str], settings: AnkleSettings) -> None:
+        """Make an ankle of disabled channels."""
+        self._names = tuple(channels)
+        self._settings = settings
+        self.atmosphere = Atmosphere(self._names, settings.ambient_pa)
+        self.load = PumpLoad(settings.regulator)
+        self._regulator = PumpRegulator(settings.regulator)
+        self.reset()
+
+    def reset(self) -> None:
+        """Be as new, disabled."""
+        self.channels = {name: Channel(name, self._settings.channel) for name in self._names}
+        self.leaks = LeakMeter(self._names, self._settings.diagnosis.air)
+        self.diagnosis = Diagnosis(self._names, self._settings.diagnosis, self.atmosphere.pressure_pa)
+        self.manifold_vacuum_pa: float | None = None
+        self.findings: tuple[Finding, ...] = ()
+        self._stamps: dict[str, float] = {}
+        self._regulated_at_s = -math.inf
+        self._duty = 0.0
+        self._frozen: ActuatorCommand | None = None
+
+    @property
+    def settings(self) -> AnkleSettings:
+        """What it goes by."""
+        return self._settings
+
+    @property
+    def command(self) -> ActuatorCommand:
+        """What the actuators shall do now."""
+        if self._frozen is not None:
+            return self._frozen
+        return ActuatorCommand({name: channel.energised for name, channel in self.channels.items()}, self._duty)
+
+    @property
+    def held(self) -> bool:
+        """Whether solenoids are kept as they were, in the safe state `hold`."""
+        return self._frozen is not None
+
+    @property
+    def resting(self) -> bool:
+        """Whether the set point is held without the pump."""
+        return self._regulator.resting
+
+    @property
+    def set_points_pa(self) -> dict[str, float]:
+        """Vacuum asked for, per channel, Pa; 0 = unjam."""
+        return {name: channel.set_point_pa for name, channel in self.channels.items()}
+
+    @property
+    def jammed(self) -> bool:
+        """Whether a channel is asked to jam."""
+        return any(set_point_pa > 0.0 for set_point_pa in self.set_points_pa.values())
+
+    @property
+    def faulty(self) -> tuple[Channel, ...]:
+        """Channels in FAULT."""
+        return tuple(channel for channel in self.channels.values() if channel.state is ChannelState.FAULT)
+
+    def able(self, channel: str) -> bool:
+        """Whether a channel may be jammed, as far as faults go."""
+        if self._settings.fault_policy is FaultPolicy.ANKLE:
+            return not self.faulty
+        return self.channels[channel].state is not ChannelState.FAULT
+
+    def ask(self, channel: str, vacuum_pa: float, reason: str, fault: Reason = Reason.NONE) -> None:
+        """Take a wish for one channel; whatever was held before is regulated, or vented, again."""
+        self._thaw(f"let go with the wish for {channel}")
+        self.channels[channel].ask(vacuum_pa, reason, fault)
+
+    def let_go(self, channels: Sequence[str], reason: str, fault: Reason) -> None:
+        """Bring channels to the safe state; nothing has failed that must be acknowledged."""
+        asked = [self.channels[name] for name in channels if self.channels[name].set_point_pa > 0.0]
+        if self._settings.safe_state is SafeState.HOLD and self._frozen is None and asked:
+            self._frozen = ActuatorCommand(dict(self.command.solenoids), 0.0)
+        for channel in asked:
+            if self._frozen is not None:
+                channel.hold(reason, fault)
+            else:
+                channel.ask(0.0, reason, fault)
+
+    def fail(self, channels: Sequence[str], reason: str, fault: Reason) -> None:
+        """Put channels into FAULT until they are cleared, and the others to where the policy wants them."""
+        hold = self._settings.safe_state is SafeState.HOLD
+        if hold and self._frozen is None and self.jammed:
+            self._frozen = ActuatorCommand(dict(self.command.solenoids), 0.0)
+        for name in channels:
+            self.channels[name].fail(reason, fault)
+        self._spread(fault)
+        if self._settings.fault_policy is FaultPolicy.CHANNEL and any(pa > 0.0 for pa in self.set_points_pa.values()):
+            self._frozen = None
+        self.regulate(0.0)
+
+    def clear(self, channels: Sequence[Channel]) -> None:
+        """Let channels leave their faults, vented."""
+        self._thaw("cleared")
+        self.findings = ()
+        for channel in channels:
+            channel.clear()
+        self.diagnosis.clear(self.atmosphere.pressure_pa)
+        self.regulate(0.0)
+
+    def release(self) -> None:
+        """End the safe state `hold`: what was kept is vented."""
+        self._thaw("let go")
+
+    def measure(self, place: str, pressure_pa: float, stamp_s: float, now: Instant) -> None:
+        """Take a reading, Pa absolute, of `stamp_s` s on the graph's clock."""
+        elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), 0.1)
+        self._stamps[place] = stamp_s
+        command = self.command
+        if self._settings.diagnose:
+            self._note(place, pressure_pa, elapsed_s, command)
+            self.diagnosis.command(command, now.graph_s)
+        vacuum_pa = self.atmosphere.pressure_pa - pressure_pa
+        if place == MANIFOLD:
+            self.manifold_vacuum_pa = vacuum_pa
+        else:
+            channel = self.channels[place]
+            was_faulty = channel.state is ChannelState.FAULT
+            channel.measure(vacuum_pa, elapsed_s)
+            if channel.state is ChannelState.FAULT and not was_faulty:
+                self._spread(channel.fault)
+                self.regulate(0.0)
+        if self._settings.diagnose:
+            self._diagnose(place, pressure_pa, stamp_s, now)
+        # Samples of one moment come one by one; the pump is set once per moment.
+        if stamp_s != self._regulated_at_s:
+            since_s = stamp_s - self._regulated_at_s
+            self._regulated_at_s = stamp_s
+            self.regulate(since_s if math.isfinite(since_s) else 0.0)
+
+    def regulate(self, elapsed_s: float) -> None:
+        """Set the pump anew, `elapsed_s` s after the last measurement."""
+        jammed = [channel for channel in self.channels.values() if channel.set_point_pa > 0.0]
+        measured_pa = [channel.vacuum_pa for channel in jammed if channel.vacuum_pa is not None]
+        if not measured_pa or self._frozen is not None:
+            self._regulator.reset()
+            self._duty = self.load.spare(0.0, elapsed_s)
+            return
+        set_point_pa = jammed[0].set_point_pa
+        duty = self._regulator.update(set_point_pa, min(measured_pa), self.manifold_vacuum_pa, elapsed_s)
+        self._duty = self.load.spare(duty, elapsed_s)
+
+    def stood_still(self) -> None:
+        """Note that readings of a while are missing because nobody took them."""
+        self._stamps.clear()
+        self.leaks.stop()
+
+    def _note(self, place: str, pressure_pa: float, elapsed_s: float, command: ActuatorCommand) -> None:
+        """Let what is vented tell of the atmosphere, and what is at rest of leaks."""
+        if place == MANIFOLD:
+            return
+        self.atmosphere.read(place, pressure_pa, elapsed_s, vented=not command.solenoids[place])
+        connected = frozenset(name for name, energised in command.solenoids.items() if energised)
+        if connected and command.pump_duty == 0.0:
+            self.leaks.read(place, pressure_pa, elapsed_s, connected, self.atmosphere.pressure_pa)
+        else:
+            self.leaks.stop()
+
+    def _diagnose(self, place: str, pressure_pa: float, stamp_s: float, now: Instant) -> None:
+        found = self.diagnosis.measure(place, pressure_pa, stamp_s, now.steady_s, self.atmosphere.status)
+        if found is None or self.findings:
+            return
+        self.findings = (found,)
+        self.fail(self._concerned(found), f"{found.text}, then call ~/clear_fault", found.reason)
+
+    def _concerned(self, found: Finding) -> tuple[str, ...]:
+        """Channels that are in FAULT by a finding: its own, or all, where it is at what all share."""
+        return (found.place,) if found.place in self.channels else self._names
+
+    def _spread(self, fault: Reason) -> None:
+        if self._settings.fault_policy is FaultPolicy.CHANNEL or not self.faulty:
+            return
+        others = [name for name, channel in self.channels.items() if channel.state is not ChannelState.FAULT]
+        failed = ", ".join(channel.name for channel in self.faulty)
+        self.let_go(others, f"let go with {failed} (fault_policy is ankle)", fault)
+
+    def _thaw(self, reason: str) -> None:
+        if self._frozen is None:
+            return
+        self._frozen = None
+        for channel in self.channels.values():
+            channel.ask(0.0, reason)
+
+
+def safe_command(channels: Sequence[str]) -> ActuatorCommand:
+    """Return the command of an ankle that is not active: everything vented."""
+    return released(tuple(channels))

@@ -1,0 +1,230 @@
+"""One Kalman filter per hypothesis of what has failed, on one law of the air, and how much better each explains.
+
+Multiple-model estimation (Magill 1965, "Optimal adaptive estimation of sampled stochastic processes"): each hypothesis
+is an extended Kalman filter on the mass balance of `core.air`, and gains or loses by the likelihood of the pressures
+that come next. What it has gained over the healthy one since it was last no better than that is Page's cumulative sum
+(Page 1954, "Continuous inspection schemes"), so that a fault may begin at any time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_driver.core.hypotheses import Spread, Tables
+from jammkle_driver.core.prediction import Predictor, Step
+
+if TYPE_CHECKING:
+    from jammkle_driver.core.air import AirSettings, Array
+    from jammkle_driver.core.hypotheses import Hypothesis
+
+_CAP = 25.0
+"""Squared normalised error beyond which a reading counts no more against a hypothesis than that: one that is off by
+five deviations is as likely a broken telegram as the doing of a fault."""
+
+_GRACE_S = 0.3
+"""How long after a valve has moved hypotheses are not begun anew, s: two time constants in which the air spreads."""
+
+_DEBT = -20.0
+"""Least score in that time, nats: what was lost while valves moved can be gained back."""
+
+_ALLOWANCE = 0.02
+"""What a hypothesis must gain with every set of readings to count, nats: Page's reference value, half the square of a
+shift by a fifth of a deviation. Without it, an ankle at rest for minutes lets the slightly sharper one win."""
+
+_STILL_PA = 500.0
+"""How far a sensor that is taken as stuck must be from what its own filter makes of the pressure, Pa: that a reading
+stands still where nothing changes says nothing."""
+
+_LIVELY = 0.1
+"""Share of readings that repeat the one before, below which a sensor is lively: its noise shows. A converter so coarse
+that a healthy reading repeats itself tells nothing by repeating."""
+
+_CALM_DOWN, _LIVEN_UP = 0.0001, 0.02
+"""Weights of a reading that repeats, and of one that does not, in that share. Slow to calm down: for ten seconds a
+lively sensor that repeats itself is news."""
+
+_REPEAT_NATS = 3.0
+"""What a stuck sensor gains by a repeated reading of a lively one, nats: ln(20), as fewer than one in ten repeat."""
+
+_UNKNOWN_PA = 1e4
+"""Deviation of a pressure that no sensor has told yet, Pa."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What one hypothesis makes of the ankle; the manifold first, then the channels.
+
+    Attributes:
+        pressures_pa: True pressures, Pa absolute.
+        offsets_pa: How much each sensor reads too high, Pa.
+        pump_share: Flow of the pump over the declared one, 1.
+        line_shares: Conductance of each channel's line over the declared one, 1.
+        leaks_m3_s_pa: Sonic conductance of each volume's leak, m^3/(s Pa).
+        leak_deviations_m3_s_pa: Standard deviations of those.
+        pump_deviation: Standard deviation of the pump's share.
+
+    """
+
+    pressures_pa: tuple[float, ...]
+    offsets_pa: tuple[float, ...]
+    pump_share: float
+    line_shares: tuple[float, ...]
+    leaks_m3_s_pa: tuple[float, ...]
+    leak_deviations_m3_s_pa: tuple[float, ...]
+    pump_deviation: float
+
+
+class FilterBank:
+    """Filters of all hypotheses about one ankle, advanced together."""
+
+    def __init__(self, air: AirSettings, ambient_pa: float, spread: Spread | None = None) -> None:
+        """Begin vented, with every hypothesis as good as the healthy one."""
+        self._air = air
+        self._spread = spread or Spread()
+        self._tables = Tables(air, self._spread)
+        self._layout = self._tables.layout
+        self._predictor = Predictor(air, self._spread, self._tables)
+        self._every = np.arange(self._layout.size)
+        self.reset(ambient_pa)
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """The healthy ankle, and then everything that may have failed."""
+        return self._tables.hypotheses
+
+    @property
+    def scores(self) -> Array:
+        """What each hypothesis has gained over the healthy ankle, nats."""
+        return self._scores
+
+    def reset(self, ambient_pa: float) -> None:
+        """Begin anew, vented at `ambient_pa`, Pa, or at what the first readings say."""
+        models, size = self._tables.mean.shape
+        volumes = self._layout.volumes
+        self._state = self._tables.mean.copy()
+        self._state[:, :volumes] = ambient_pa
+        self._covariance = np.zeros((models, size, size))
+        self._covariance[:, self._every, self._every] = self._tables.deviation**2
+        self._scores = np.zeros(models)
+        self._held_pa = np.full((models, volumes), ambient_pa)
+        self._held_variance = np.full((models, volumes), self._spread.noise_pa**2)
+        self._last_pa = np.full(volumes, np.nan)
+        self._repeated = np.ones(volumes)
+        self._bridging = False
+        self._fresh = True
+        self._grace_s = 0.0
+
+    def bridge(self) -> None:
+        """Forget where the pressures are, and nothing else: readings of a while are missing."""
+        index = self._every[: self._layout.volumes]
+        self._covariance[:, index, index] += _UNKNOWN_PA**2
+        self._bridging = True
+
+    def estimate(self, model: int = 0) -> Estimate:
+        """Return what a hypothesis makes of the ankle; the first is the healthy one."""
+        state, layout = self._state[model], self._layout
+        deviation = np.sqrt(np.maximum(np.diagonal(self._covariance[model]), 0.0))
+        unit = self._air.valve_conductance_m3_s_pa
+        return Estimate(
+            pressures_pa=tuple(state[layout.pressures].tolist()),
+            offsets_pa=tuple(state[layout.offsets].tolist()),
+            pump_share=float(state[layout.pump]),
+            line_shares=tuple(state[layout.lines].tolist()),
+            leaks_m3_s_pa=tuple((state[layout.leaks] * unit).tolist()),
+            leak_deviations_m3_s_pa=tuple((deviation[layout.leaks] * unit).tolist()),
+            pump_deviation=float(deviation[layout.pump]),
+        )
+
+    def advance(self, step: Step) -> None:
+        """Take what was commanded and what was read at the end of `step.duration_s`."""
+        readings_pa = np.array(step.readings_pa)
+        if self._fresh:
+            self._begin(readings_pa, step.ambient_pa)
+        self._predictor.advance(self._state, self._covariance, step)
+        likelihood = self._weigh(step.readings_pa) + self._repeats(readings_pa)
+        if self._bridging:
+            self._bridging = False
+            return
+        gain = likelihood - likelihood[0] - _ALLOWANCE
+        # While a valve may or may not have moved yet, what predicts sharply is not the likelier for it: then
+        # hypotheses may lose, but not gain, and a little later they are not begun anew yet.
+        if any(step.switching):
+            self._grace_s = _GRACE_S
+            self._scores = np.maximum(self._scores + np.minimum(gain, 0.0), _DEBT)
+            return
+        self._grace_s -= step.duration_s
+        self._scores = np.maximum(self._scores + gain, _DEBT if self._grace_s > 0.0 else 0.0)
+        self._scores = np.where(self._nothing_changes(), np.minimum(self._scores, 0.0), self._scores)
+        self._scores[0] = 0.0
+        self._begin_again(self._tables.begins_again & (self._scores == 0.0), readings_pa)
+
+    def _repeats(self, readings_pa: Array) -> Array:
+        """Return what stuck sensors gain, nats, where readings repeat that never did."""
+        heard = np.isfinite(readings_pa)
+        same = heard & (readings_pa == self._last_pa)
+        news = same & (self._repeated < _LIVELY)
+        weight = np.where(same, _CALM_DOWN, _LIVEN_UP)
+        self._repeated = np.where(heard, self._repeated + weight * (same - self._repeated), self._repeated)
+        self._last_pa = np.where(heard, readings_pa, self._last_pa)
+        gain: Array = _REPEAT_NATS * (self._tables.stuck & news).any(axis=1)
+        return gain
+
+    def _nothing_changes(self) -> Array:
+        """Hypotheses of a stuck sensor whose pressure is still what that reads."""
+        layout, stuck = self._layout, self._tables.stuck
+        seen_pa = self._state[:, layout.pressures] + self._state[:, layout.offsets]
+        still: Array = (stuck & (np.abs(seen_pa - self._held_pa) < _STILL_PA)).any(axis=1)
+        return still
+
+    def _begin(self, readings_pa: Array, ambient_pa: float) -> None:
+        volumes = self._layout.volumes
+        heard = np.isfinite(readings_pa)
+        self._state[:, :volumes] = np.where(heard, readings_pa, ambient_pa)
+        self._held_pa[:] = self._state[:, :volumes]
+        index = self._every[:volumes]
+        self._covariance[:, index, index] = np.where(heard, self._spread.offset_pa, _UNKNOWN_PA) ** 2
+        self._fresh = False
+
+    def _begin_again(self, again: Array, readings_pa: Array) -> None:
+        """Let hypotheses start from where the healthy one is, their fault beginning now."""
+        tables, every = self._tables, self._every
+        self._state[again] = self._state[0]
+        self._covariance[again] = self._covariance[0]
+        moved = again[:, None] & tables.moved
+        self._state[moved] = tables.mean[moved]
+        self._covariance[moved] = 0.0
+        self._covariance.transpose(0, 2, 1)[moved] = 0.0
+        self._covariance[:, every, every] += np.where(moved, tables.deviation**2, 0.0)
+        self._covariance[:, every, every] += np.where(again[:, None], tables.jump**2, 0.0)
+        self._held_pa[again] = np.where(np.isfinite(readings_pa), readings_pa, self._held_pa[again])
+        self._held_variance[again] = self._spread.noise_pa**2
+
+    def _weigh(self, readings_pa: tuple[float, ...]) -> Array:
+        """Take the readings one after the other into every filter; return the log-likelihood of each."""
+        state, covariance, tables = self._state, self._covariance, self._tables
+        noise = self._spread.noise_pa**2
+        total = np.zeros(len(state))
+        for place, reading_pa in enumerate(readings_pa):
+            if not math.isfinite(reading_pa):
+                continue
+            offset, stuck = self._layout.offset(place), tables.stuck[:, place]
+            row = covariance[:, place, :] + covariance[:, offset, :]
+            held = self._held_variance[:, place]
+            seen_pa = np.where(stuck, self._held_pa[:, place], state[:, place] + state[:, offset])
+            error = reading_pa - seen_pa
+            expected = np.where(stuck, held, row[:, place] + row[:, offset]) + noise
+            squared = error * error / expected
+            total -= 0.5 * (np.minimum(squared, _CAP) + np.log(expected))
+            share = held / (held + noise)
+            self._held_pa[:, place] += np.where(stuck, share * error, 0.0)
+            self._held_variance[:, place] = share * noise
+            # Beyond the cap a reading pulls no harder than at it (Huber 1964).
+            gain = row * np.where(stuck, 0.0, 1.0 / (expected * np.maximum(1.0, squared / _CAP)))[:, None]
+            state += gain * error[:, None]
+            covariance -= gain[:, :, None] * row[:, None, :]
+        np.clip(state, tables.least, tables.most, out=state)
+        return total

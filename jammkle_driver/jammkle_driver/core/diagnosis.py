@@ -1,0 +1,279 @@
+"""What has failed, from what was commanded and what the pressure sensors read: one verdict, with its numbers.
+
+Readings of one moment are put together and handed to the filters of `core.bank`; a fault is told once the hypothesis
+of it has gained `THRESHOLD` over the healthy ankle and leads all others. A sensor that reads what no pressure can be is
+told without a model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_driver.core.bank import FilterBank
+from jammkle_driver.core.faults import Finding, Reason, finding
+from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_driver.core.prediction import Step
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_driver.core.air import AirSettings
+    from jammkle_driver.core.atmosphere import AtmosphereStatus
+    from jammkle_driver.core.bank import Estimate
+    from jammkle_driver.core.hardware import ActuatorCommand
+
+THRESHOLD = 45.0
+"""Log-likelihood that a fault must have gained, nats. A cumulative sum crosses h by chance after exp(h) steps at the
+least (Lorden 1971): exp(20) are 1500 hours of 30 hypotheses at 100 Hz. The rest is for what the law leaves out: healthy
+ankles whose parts are off by 10 to 20 % came to 35 in hours of jamming."""
+
+LEAD = 15.0
+"""How far the best hypothesis must lead any other to be told at once, nats: odds of three million to one."""
+
+STEADY_S = 0.25
+"""How long a hypothesis must lead, s: five of the time constants in which a channel fills."""
+
+PATIENCE_S = 1.0
+"""How long two hypotheses are waited for to separate; then the better one is told, s."""
+
+LEVEL_COST = 15.0
+"""What a stuck sensor must gain more than other faults, nats: its level is fitted to the very readings."""
+
+SWITCHING_S = 0.08
+"""For how long after a command a valve may be moving or not, s: four dead times of a small solenoid."""
+
+DUTY_DOUBT_S = 0.06
+"""In which time a new duty comes to act, s. Assumed: the way to the board, and the pump's motor."""
+
+OUT_OF_RANGE_PA = 3e3
+"""How far beyond what can be a reading must be, Pa: above the atmosphere, or below what is left at the pump's end."""
+
+_DRIFT_PA = 1200.0
+"""Offset from which a sensor counts as drifting, Pa: five deviations of a good sensor's."""
+
+_LATE_SETS = 5
+"""Sets of readings after which one that is missing a place is taken without it."""
+
+_LONGEST_STEP_S = 0.1
+"""Time between two sets of readings beyond which the law says nothing of the pressures, s: a channel fills in it."""
+
+_LONGEST_GAP_S = 2.0
+"""Time without readings beyond which the filters begin anew, s."""
+
+_PACE_WINDOW_S = 0.5
+"""Over how long the pace of the graph's clock is measured, s."""
+
+_FASTEST = 1.5
+"""Simulated seconds per second beyond which commands and readings are too far apart to be compared."""
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """What the diagnosis goes by.
+
+    Attributes:
+        air: The ankle as built.
+        pump_dead_below: Share of its flow below which a pump counts as dead, 1.
+
+    """
+
+    air: AirSettings
+    pump_dead_below: float = 0.06
+
+
+class Diagnosis:
+    """Collects commands and readings of one ankle, and says what has failed."""
+
+    def __init__(self, channels: Sequence[str], settings: DiagnosisSettings, ambient_pa: float) -> None:
+        """Begin with a vented ankle."""
+        self._channels = tuple(channels)
+        self._places = (MANIFOLD, *self._channels)
+        self._settings = settings
+        self._bank = FilterBank(settings.air, ambient_pa)
+        self.clear(ambient_pa)
+
+    @property
+    def estimate(self) -> Estimate:
+        """What the healthy hypothesis makes of the ankle: leaks, pump, lines, offsets."""
+        return self._bank.estimate()
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """What each kind of fault has gained over the healthy ankle, nats, by `reason place`."""
+        table: dict[str, float] = {}
+        for hypothesis, score in zip(self._bank.hypotheses, self._bank.scores, strict=True):
+            if hypothesis.reason is not Reason.NONE:
+                name = f"{hypothesis.reason.name} {self._places[hypothesis.place]}"
+                table[name] = max(float(score), table.get(name, 0.0))
+        return table
+
+    def clear(self, ambient_pa: float) -> None:
+        """Forget everything, faults included, and begin anew from the next readings."""
+        self._bank.reset(ambient_pa)
+        self._commands: deque[tuple[float, ActuatorCommand]] = deque(maxlen=200)
+        self._pending: dict[float, dict[str, float]] = {}
+        self._last_s = -math.inf
+        self._pace = (0.0, 0.0)
+        self._fast = False
+        self._silent_sets = dict.fromkeys(self._places, 0)
+        self._leading_s = 0.0
+        self._strange = dict.fromkeys(self._places, 0)
+
+    def command(self, command: ActuatorCommand, stamp_s: float) -> None:
+        """Note what the actuators are told from `stamp_s` on, s of the graph's clock."""
+        if not self._commands or command != self._commands[-1][1]:
+            self._commands.append((stamp_s, command))
+
+    def measure(
+        self, place: str, pressure_pa: float, stamp_s: float, steady_s: float, air: AtmosphereStatus
+    ) -> Finding | None:
+        """Take one reading, Pa absolute; return what has failed, if that is clear now.
+
+        Before the atmosphere was measured, only what no pressure can be is found: all else is counted from it.
+
+        Args:
+            place: Channel, or the manifold.
+            pressure_pa: What was read, Pa absolute; finite.
+            stamp_s: When it was measured, s of the graph's clock.
+            steady_s: The steady clock when it came, s: a simulation that outruns it is not judged.
+            air: What is known of the atmosphere.
+
+        """
+        ambient_pa = air.pressure_pa
+        if stamp_s <= self._last_s:
+            if stamp_s < self._last_s - 1.0:  # the graph's clock was set back
+                self.clear(ambient_pa)
+            return None
+        found = self._check_range(place, pressure_pa, ambient_pa)
+        if not air.measured:
+            return found
+        self._pending.setdefault(stamp_s, {})[place] = pressure_pa
+        while found is None and self._pending:
+            oldest = min(self._pending)
+            expected = sum(1 for silent in self._silent_sets.values() if silent <= 2 * _LATE_SETS)
+            if len(self._pending[oldest]) < expected and len(self._pending) <= _LATE_SETS:
+                break
+            found = self._take(oldest, self._pending.pop(oldest), steady_s, ambient_pa)
+        return found
+
+    def _check_range(self, place: str, pressure_pa: float, ambient_pa: float) -> Finding | None:
+        least_pa = ambient_pa - self._settings.air.pump_ultimate_vacuum_pa - OUT_OF_RANGE_PA
+        most_pa = ambient_pa + OUT_OF_RANGE_PA
+        inside = least_pa <= pressure_pa <= most_pa
+        self._strange[place] = 0 if inside else self._strange[place] + 1
+        if self._strange[place] < _LATE_SETS:
+            return None
+        return finding(
+            Reason.SENSOR_OUT_OF_RANGE,
+            place,
+            f"reads {pressure_pa:.0f} Pa absolute, and only {least_pa:.0f} to {most_pa:.0f} Pa can be",
+            {"reading (Pa)": f"{pressure_pa:.0f}"},
+        )
+
+    def _take(self, stamp_s: float, readings: dict[str, float], steady_s: float, ambient_pa: float) -> Finding | None:
+        duration_s = stamp_s - self._last_s
+        self._last_s = stamp_s
+        for place in self._places:
+            self._silent_sets[place] = 0 if place in readings else self._silent_sets[place] + 1
+        if not duration_s < _LONGEST_GAP_S or self._outruns(stamp_s, steady_s):  # also the first one
+            self._bank.reset(ambient_pa)
+            return None
+        if duration_s > _LONGEST_STEP_S:
+            self._bank.bridge()
+            duration_s = _LONGEST_STEP_S
+        if duration_s <= 0.0 or not self._commands:
+            return None
+        self._bank.advance(self._step(stamp_s, duration_s, readings, ambient_pa))
+        return self._judge(duration_s)
+
+    def _outruns(self, stamp_s: float, steady_s: float) -> bool:
+        """Whether the graph's clock runs so fast that nobody knows which reading belongs to which command."""
+        since_graph_s, since_steady_s = self._pace
+        graph_s, passed_s = stamp_s - since_graph_s, steady_s - since_steady_s
+        if max(graph_s, passed_s) < _PACE_WINDOW_S and since_steady_s > 0.0:
+            return self._fast
+        self._pace = (stamp_s, steady_s)
+        self._fast = since_steady_s > 0.0 and graph_s > _FASTEST * passed_s + 0.2
+        return self._fast
+
+    def _step(self, stamp_s: float, duration_s: float, readings: dict[str, float], ambient_pa: float) -> Step:
+        acts_s = stamp_s - self._settings.air.valve_dead_time_s - 0.5 * duration_s
+        acting = ([command for since_s, command in self._commands if since_s <= acts_s] or [self._commands[0][1]])[-1]
+        lately = self._since(stamp_s - SWITCHING_S, stamp_s)
+        switching = tuple(len({command.solenoids[name] for command in lately}) > 1 for name in self._channels)
+        duties = [command.pump_duty for command in self._since(stamp_s - DUTY_DOUBT_S, stamp_s)]
+        return Step(
+            duration_s=duration_s,
+            readings_pa=tuple(readings.get(place, math.nan) for place in self._places),
+            connected=tuple(acting.solenoids[name] for name in self._channels),
+            switching=switching,
+            duty=acting.pump_duty,
+            duty_doubt=max(duties) - min(duties),
+            ambient_pa=ambient_pa,
+        )
+
+    def _since(self, begin_s: float, end_s: float) -> list[ActuatorCommand]:
+        """Return the command that stood at `begin_s`, and those that came until `end_s`; the first one if none had."""
+        before = [command for since_s, command in self._commands if since_s < begin_s]
+        within = [command for since_s, command in self._commands if begin_s <= since_s <= end_s]
+        return [*before[-1:], *within] or [self._commands[0][1]]
+
+    def _judge(self, duration_s: float) -> Finding | None:
+        bank = self._bank
+        scores = [float(score) for score in bank.scores]
+        told = [self._fair(model, score) for model, score in enumerate(scores)]
+        best = max(range(len(told)), key=told.__getitem__)
+        chosen = bank.hypotheses[best]
+        rivals = [
+            told[model] if told[model] > 0.0 else scores[model] - LEVEL_COST
+            for model, hypothesis in enumerate(bank.hypotheses)
+            if not (hypothesis.reason is chosen.reason and hypothesis.place == chosen.place)
+        ]
+        if told[best] < THRESHOLD or told[best] < max(rivals):
+            self._leading_s = 0.0
+            return None
+        self._leading_s += duration_s
+        clear = told[best] > max(rivals) + LEAD and self._leading_s >= STEADY_S
+        if not clear and self._leading_s < PATIENCE_S:
+            return None
+        return self._describe(best)
+
+    def _fair(self, model: int, score: float) -> float:
+        """Return what a hypothesis counts for, nats: nothing while what it says has hardly happened."""
+        hypothesis = self._bank.hypotheses[model]
+        if hypothesis.reason is Reason.SENSOR_STUCK:
+            return score - LEVEL_COST
+        if hypothesis.reason is Reason.SENSOR_DRIFTING:
+            offset_pa = self._bank.estimate(model).offsets_pa[hypothesis.place] if score > THRESHOLD else 0.0
+            return score if abs(offset_pa) > _DRIFT_PA else 0.0
+        return score
+
+    def _describe(self, model: int) -> Finding:
+        hypothesis, estimate = self._bank.hypotheses[model], self._bank.estimate(model)
+        place, index = self._places[hypothesis.place], hypothesis.place
+        values = {"log-likelihood gained (nats)": f"{self._bank.scores[model]:.0f}"}
+        reason = hypothesis.reason
+        if reason is Reason.LEAK:
+            leak = estimate.leaks_m3_s_pa[index]
+            values["leak conductance (m^3/(s Pa))"] = f"{leak:.2e}"
+            return finding(reason, place, f"leaks with a conductance of {leak * 1e8:.3f} dm^3/(s bar)", values)
+        if reason is Reason.BLOCKED_LINE:
+            share = estimate.line_shares[index - 1]
+            values["line conductance (share of declared)"] = f"{share:.3f}"
+            return finding(reason, place, f"line lets through {100.0 * share:.0f} % of what it should", values)
+        if reason in {Reason.PUMP_WEAK, Reason.PUMP_DEAD}:
+            share = estimate.pump_share
+            values["pump flow (share of declared)"] = f"{share:.2f}"
+            return finding(reason, MANIFOLD, f"pump draws {100.0 * share:.0f} % of its flow", values)
+        if reason is Reason.SENSOR_DRIFTING:
+            offset_pa = estimate.offsets_pa[index]
+            values["sensor offset (Pa)"] = f"{offset_pa:.0f}"
+            return finding(reason, place, f"sensor reads {offset_pa:+.0f} Pa off", values)
+        if reason is Reason.SENSOR_STUCK:
+            values["pressure that must be (Pa)"] = f"{estimate.pressures_pa[index]:.0f}"
+            return finding(reason, place, "sensor's reading stands still while the pressure changes", values)
+        stays = "at the manifold" if reason is Reason.VALVE_STUCK_OPEN else "at the vent, or its line is shut"
+        return finding(reason, place, f"valve stays {stays}", values)

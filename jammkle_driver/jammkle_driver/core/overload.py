@@ -1,0 +1,75 @@
+"""Whether the driver itself gets the time it needs: how late its regular work comes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+STALL_PERIODS = 5.0
+"""Periods without work after which the driver itself has stood still: as a board's watchdog of 200 ms sees it."""
+
+_FOLLOW = 0.05
+"""Weight of the latest period in the mean lateness: about a second of 20 Hz."""
+
+_LATE_SHARE = 0.5
+"""Mean lateness, in periods, from which the executor is overloaded. Assumed: work then comes at two thirds its rate."""
+
+_REMEMBERED_S = 5.0
+"""How long a stall is told after it has ended, s."""
+
+
+@dataclass(frozen=True)
+class OverloadStatus:
+    """What is known of the driver's own pace.
+
+    Attributes:
+        overloaded: Whether work comes late now, or the driver has stood still lately.
+        late_s: Mean lateness of regular work, s.
+        stalls: How often the driver stood still.
+        longest_s: Longest standstill, s.
+
+    """
+
+    overloaded: bool
+    late_s: float
+    stalls: int
+    longest_s: float
+
+
+class OverloadWatch:
+    """Looks at the times between two pieces of regular work, on the steady clock."""
+
+    def __init__(self, period_s: float) -> None:
+        """Make one for work that should come every `period_s` s."""
+        self._period_s = period_s
+        self._last_s: float | None = None
+        self._late_s = 0.0
+        self._stalls = 0
+        self._longest_s = 0.0
+        self._until_s = -math.inf
+
+    @property
+    def late_s(self) -> float:
+        """Mean lateness, s."""
+        return self._late_s
+
+    def tick(self, steady_s: float) -> float:
+        """Note that work is done now; return for how long the driver had stood still, s, mostly 0."""
+        if self._last_s is None:
+            self._last_s = steady_s
+            return 0.0
+        since_s = steady_s - self._last_s
+        self._last_s = steady_s
+        late_s = max(since_s - self._period_s, 0.0)
+        if since_s > STALL_PERIODS * self._period_s:
+            self._stalls += 1
+            self._longest_s = max(self._longest_s, since_s)
+            self._until_s = steady_s + _REMEMBERED_S
+            return since_s
+        self._late_s += _FOLLOW * (late_s - self._late_s)
+        return 0.0
+
+    def status(self, steady_s: float) -> OverloadStatus:
+        """Return what is known now."""
+        busy = self._late_s > _LATE_SHARE * self._period_s
+        return OverloadStatus(busy or steady_s < self._until_s, self._late_s, self._stalls, self._longest_s)

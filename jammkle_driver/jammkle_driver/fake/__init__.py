@@ -1,0 +1,1 @@
+"""Hardware in process: a small plant of pump, manifold and channels, with faults by script."""

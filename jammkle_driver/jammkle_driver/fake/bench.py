@@ -1,0 +1,157 @@
+"""A driver's core on the fake plant, with a link that can fail: what the node does, without ROS and without waiting."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.hardware import MANIFOLD, REFERENCE_PA, LinkState, LinkStatus, PressureSample, released
+from jammkle_driver.core.link import LinkGuard, NoiseMeter
+from jammkle_driver.core.requests import RequestError, Wish
+from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.fake.plant import FakePlant, FakeSensors
+from jammkle_graph.names import CHANNELS
+
+if TYPE_CHECKING:
+    from jammkle_driver.core.air import AirSettings
+    from jammkle_driver.core.driver import DriverSettings
+    from jammkle_driver.core.hardware import ActuatorCommand
+
+SAMPLE_S = 0.01
+_SAMPLES_PER_TICK = 5
+
+
+def built(declared: AirSettings, draw: random.Random) -> AirSettings:
+    """Return an ankle as somebody would really build it: every part off by its tolerance, log-normal.
+
+    Volumes by 10 %, conductances by 15 %, the pump by 12 %, healthy leaks by a factor of two, dead times of 5 to 20 ms.
+    """
+
+    def off(deviation: float) -> float:
+        return math.exp(draw.gauss(0.0, deviation))
+
+    return replace(
+        declared,
+        manifold_volume_m3=declared.manifold_volume_m3 * off(0.1),
+        channel_volumes_m3=tuple(volume * off(0.1) for volume in declared.channel_volumes_m3),
+        valve_conductance_m3_s_pa=declared.valve_conductance_m3_s_pa * off(0.15),
+        leak_conductance_m3_s_pa=declared.leak_conductance_m3_s_pa * off(0.7),
+        pump_free_flow_m3_s=declared.pump_free_flow_m3_s * off(0.12),
+        valve_dead_time_s=draw.uniform(0.005, 0.02),
+    )
+
+
+class FaultBench:
+    """A driver on a plant, stepped by 10 ms; somebody jams and vents it at random, by service or by stream."""
+
+    def __init__(self, settings: DriverSettings, seed: int) -> None:
+        """Build an ankle by `seed`, and activate its driver."""
+        self.draw = random.Random(seed)  # noqa: S311 - a simulation and no secret
+        ambient_pa = REFERENCE_PA + self.draw.gauss(0.0, 800.0)
+        offsets_pa = {place: self.draw.gauss(0.0, 150.0) for place in (MANIFOLD, *CHANNELS)}
+        air = built(settings.ankle.diagnosis.air, self.draw)
+        self.plant = FakePlant(CHANNELS, air, ambient_pa, FakeSensors(50.0, offsets_pa), seed)
+        self.driver = Driver(CHANNELS, settings)
+        self.link = LinkStatus(LinkState.CONNECTED)
+        self.guard = LinkGuard()
+        self.noise = NoiseMeter()
+        self.noisy = False
+        self.noise_text = ""
+        self.streams = False
+        self.rests = 0.0
+        """Share of the actions after which nothing is asked for a quarter of a minute or so."""
+        self.steady_s = 0.0
+        self._applied: ActuatorCommand = released(CHANNELS)
+        self._samples = 0
+        self.wish_pa = 0.0
+        self._next_s = 1.5
+        self._jammed_last = False
+        self.driver.activate(self.now)
+
+    @property
+    def now(self) -> Instant:
+        """The moment, on both clocks."""
+        return Instant(self.steady_s, self.plant.time_s)
+
+    def stand_still(self, duration_s: float) -> None:
+        """Let the driver's process stand still; the plant goes on, and its board lets go after 0.2 s."""
+        self.plant.advance(0.2)
+        self.plant.command(released(CHANNELS).solenoids, 0.0)
+        self._applied = released(CHANNELS)
+        self.plant.advance(max(duration_s - 0.2, 0.0))
+        self.steady_s += duration_s
+
+    def step(self) -> None:
+        """Let 10 ms pass: samples, every fifth time a tick, and the command that follows."""
+        self.plant.advance(SAMPLE_S)
+        self.steady_s += SAMPLE_S
+        now = self.now
+        connected = self.link.state is LinkState.CONNECTED
+        if connected:
+            errors = int(self.noisy and self.draw.random() < 0.1)  # noqa: PLR2004 - a tenth of the telegrams is lost
+            self.link = replace(
+                self.link, exchanges=self.link.exchanges + 1 - errors, crc_errors=self.link.crc_errors + errors
+            )
+            for place, pressure_pa in ({} if errors else self.plant.readings_pa()).items():
+                self.driver.measure(PressureSample(place, REFERENCE_PA - pressure_pa, now.graph_s), now)
+        self._samples += 1
+        if self._samples % _SAMPLES_PER_TICK == 0:
+            self._tick(now)
+        command = self.driver.command
+        if connected and command != self._applied:
+            self._applied = command
+            self.plant.command(command.solenoids, command.pump_duty)
+
+    def _tick(self, now: Instant) -> None:
+        if self.streams:
+            self._ask(lambda: self.driver.follow([Wish(name, self.wish_pa) for name in CHANNELS], now, "jam_command"))
+        self.driver.tick(now)
+        verdict = self.guard.look(self.link, jammed=self.driver.jammed)
+        if verdict.fault:
+            self.driver.fail(verdict.fault, verdict.reason)
+        self.driver.wait_for_board(wait=verdict.wait)
+        if verdict.let_go:
+            self.driver.was_let_go(verdict.let_go)
+        if verdict.acknowledge:
+            self.link = replace(self.link, latched=frozenset())
+        self.noise_text = self.noise.look(self.link, now.steady_s)
+
+    def wander(self) -> None:
+        """Jam and vent at random: mostly all channels, now and then one or two."""
+        if self.plant.time_s < self._next_s:
+            return
+        self._next_s += 0.3 + self.draw.expovariate(1.0 / (15.0 if self.draw.random() < self.rests else 0.9))
+        several = list(CHANNELS) if self.draw.random() < 0.7 else self.draw.sample(CHANNELS, self.draw.choice([1, 2]))  # noqa: PLR2004 - a share
+        jam = self.draw.random() < (0.3 if self._jammed_last else 0.8)
+        vacuum_pa = self.draw.uniform(15e3, 65e3)
+        self._jammed_last = jam
+        if self.streams:
+            self.wish_pa = vacuum_pa if jam else 0.0
+        elif jam:
+            self._ask(lambda: self.driver.jam(several, vacuum_pa, "test"))
+        else:
+            self._ask(lambda: self.driver.unjam(several, "test"))
+
+    def told(self) -> tuple[Reason, str]:
+        """Return what the driver says is wrong, and where; (NONE, "") where nothing is."""
+        status = self.driver.status
+        if self.driver.ankle.findings:
+            found = self.driver.ankle.findings[0]
+            return found.reason, found.place
+        if status.trouble.reason is not Reason.NONE:
+            faulty = [channel.name for channel in self.driver.ankle.faulty]
+            return status.trouble.reason, faulty[0] if faulty else MANIFOLD
+        if self.noise_text:
+            return Reason.LINE_NOISE, MANIFOLD
+        return Reason.NONE, ""
+
+    @staticmethod
+    def _ask(request: object) -> None:
+        try:
+            request()  # type: ignore[operator]
+        except RequestError:
+            return

@@ -1,0 +1,231 @@
+"""Random faults into random ankles, and what the driver says of them: a confusion matrix, delays, false alarms."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause
+from jammkle_driver.fake.bench import FaultBench
+from jammkle_driver.fake.plant import FakeFault
+from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.names import CHANNELS
+
+if TYPE_CHECKING:
+    import random
+    from collections.abc import Iterable, Iterator, Sequence
+
+ONSET_S = (3.0, 6.0)
+"""When a fault begins, s."""
+
+LONGEST_S = 20.0
+"""How long is waited for it to be told while the ankle is jammed and vented, s."""
+
+_SETTLED_S = 0.3
+"""How long after the first word the last one is read, s."""
+
+PLACED = {
+    Reason.LEAK: FakeFault.LEAK,
+    Reason.BLOCKED_LINE: FakeFault.BLOCKED,
+    Reason.VALVE_STUCK_OPEN: FakeFault.STUCK_OPEN,
+    Reason.VALVE_STUCK_CLOSED: FakeFault.STUCK_CLOSED,
+    Reason.PUMP_DEAD: FakeFault.PUMP_DEAD,
+    Reason.PUMP_WEAK: FakeFault.PUMP_WEAK,
+    Reason.SENSOR_DEAD: FakeFault.SENSOR_DEAD,
+    Reason.SENSOR_STUCK: FakeFault.SENSOR_STUCK,
+    Reason.SENSOR_DRIFTING: FakeFault.SENSOR_DRIFT,
+    Reason.SENSOR_OUT_OF_RANGE: FakeFault.SENSOR_OUT_OF_RANGE,
+}
+"""Faults of the plant."""
+
+ELSEWHERE = (
+    Reason.BOARD_UNPLUGGED,
+    Reason.BOARD_REBOOTED,
+    Reason.BROWN_OUT,
+    Reason.LINE_NOISE,
+    Reason.COMMANDS_STALE,
+    Reason.EXECUTOR_OVERLOADED,
+)
+"""Faults of the board, of the line to it, and of those who command."""
+
+REASONS = (*PLACED, *ELSEWHERE)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One injection.
+
+    Attributes:
+        seed: Of the ankle, the fault and all that was asked.
+        injected: What failed.
+        place: Where.
+        size: How much; see `FakeFault`.
+        told: What was said; NONE: nothing.
+        told_place: Where it was said to be.
+        delay_s: From the onset to the first word, s; infinite if there was none; negative: before the onset.
+
+    """
+
+    seed: int
+    injected: Reason
+    place: str
+    size: float
+    told: Reason
+    told_place: str
+    delay_s: float
+
+    @property
+    def right(self) -> bool:
+        """Whether reason and place are right."""
+        return self.told is self.injected and self.told_place == self.place
+
+
+def drawn_size(reason: Reason, draw: random.Random) -> float:
+    """Return how much fails: leaks of 1 to 5 tenths of a valve, lines of 0.3 to 15 %, pumps of 12 to 40 %."""
+    if reason is Reason.LEAK:
+        return math.exp(draw.uniform(math.log(1e-10), math.log(5e-10)))
+    if reason is Reason.BLOCKED_LINE:
+        return math.exp(draw.uniform(math.log(0.003), math.log(0.15)))
+    if reason is Reason.PUMP_WEAK:
+        return draw.uniform(0.12, 0.4)
+    if reason is Reason.SENSOR_DRIFTING:
+        return draw.choice([-1.0, 1.0]) * math.exp(draw.uniform(math.log(300.0), math.log(5e3)))
+    return draw.choice([-5e3, 130e3])
+
+
+def inject(seed: int, reason: Reason) -> Outcome:
+    """Let one thing fail in one ankle, and read what the driver says."""
+    bench = FaultBench(DriverParameters().settings(), seed)
+    draw = bench.draw
+    bench.streams = reason in {Reason.COMMANDS_STALE, Reason.EXECUTOR_OVERLOADED}
+    place = _place(reason, draw)
+    size = drawn_size(reason, draw)
+    onset_s = draw.uniform(*ONSET_S)
+    begun = False
+    first_s = None
+    while bench.plant.time_s < onset_s + LONGEST_S:
+        if not begun and bench.plant.time_s >= onset_s and _ripe(bench, reason):
+            begun, onset_s = True, bench.plant.time_s
+            _begin(bench, reason, place, size)
+        bench.wander()
+        bench.step()
+        told, where = bench.told()
+        if told is not Reason.NONE and first_s is None:
+            first_s = bench.plant.time_s
+        if first_s is not None and bench.plant.time_s > first_s + _SETTLED_S:
+            break
+    told, where = bench.told()
+    where = place if reason in ELSEWHERE else where
+    return Outcome(seed, reason, place, size, told, where, math.inf if first_s is None else first_s - onset_s)
+
+
+def alarms(seed: int, duration_s: float) -> list[str]:
+    """Jam and vent a healthy ankle for a while; return every fault that was told."""
+    bench = FaultBench(DriverParameters().settings(), seed)
+    bench.rests = 0.1
+    said: list[str] = []
+    while bench.plant.time_s < duration_s:
+        bench.wander()
+        bench.step()
+        told, where = bench.told()
+        if told is not Reason.NONE:
+            said.append(f"seed {seed}, {bench.plant.time_s:.2f} s: {told.name} {where}")
+            bench.driver.clear_fault(bench.now)
+    return said
+
+
+def run(count: int, seed: int, workers: int) -> Iterator[Outcome]:
+    """Yield the outcomes of `count` injections, all reasons in turn."""
+    jobs = [(seed + number, REASONS[number % len(REASONS)]) for number in range(count)]
+    with ProcessPoolExecutor(workers) as pool:
+        yield from pool.map(_inject_one, jobs, chunksize=4)
+
+
+def healthy(hours: float, seed: int, workers: int) -> list[str]:
+    """Return every false alarm in so many hours of healthy jamming, of an ankle for each five minutes."""
+    ankles = max(1, round(hours * 12))
+    with ProcessPoolExecutor(workers) as pool:
+        return [line for said in pool.map(_alarms_of_one, range(seed, seed + ankles)) for line in said]
+
+
+def _inject_one(job: tuple[int, Reason]) -> Outcome:
+    return inject(*job)
+
+
+def _alarms_of_one(seed: int) -> list[str]:
+    return alarms(seed, 300.0)
+
+
+def _place(reason: Reason, draw: random.Random) -> str:
+    if reason in {
+        Reason.LEAK,
+        Reason.SENSOR_STUCK,
+        Reason.SENSOR_DRIFTING,
+        Reason.SENSOR_OUT_OF_RANGE,
+        Reason.SENSOR_DEAD,
+    }:
+        return draw.choice((MANIFOLD, *CHANNELS))
+    if reason in PLACED and reason not in {Reason.PUMP_DEAD, Reason.PUMP_WEAK}:
+        return draw.choice(CHANNELS)
+    return MANIFOLD
+
+
+def _ripe(bench: FaultBench, reason: Reason) -> bool:
+    """Whether a fault that matters only to a jammed ankle can begin."""
+    return reason not in ELSEWHERE or reason is Reason.LINE_NOISE or bench.driver.jammed
+
+
+def _begin(bench: FaultBench, reason: Reason, place: str, size: float) -> None:
+    if reason in PLACED:
+        bench.plant.inject(PLACED[reason], place, size)
+    elif reason is Reason.BOARD_UNPLUGGED:
+        bench.link = replace(bench.link, state=LinkState.LOST, detail="no such device")
+    elif reason is Reason.BOARD_REBOOTED:
+        cause = ResetCause.EXTERNAL
+        bench.link = replace(bench.link, latched=frozenset({SafeCause.RESET}), reset_cause=cause, starts=2)
+    elif reason is Reason.BROWN_OUT:
+        bench.link = replace(bench.link, latched=frozenset({SafeCause.SUPPLY_LOW}), supply_v=3.9)
+    elif reason is Reason.LINE_NOISE:
+        bench.noisy = True
+    elif reason is Reason.COMMANDS_STALE:
+        bench.streams = False
+        bench.wander = lambda: None  # type: ignore[method-assign]
+    else:
+        bench.stand_still(1.5)
+
+
+def tables(outcomes: Sequence[Outcome], false_alarms: Sequence[str], hours: float) -> str:
+    """Return the confusion matrix and the delays as Markdown."""
+    right = sum(each.right for each in outcomes)
+    share = 100.0 * right / len(outcomes)
+    of_all = f"{len(outcomes)} injections, {right} with the right reason at the right place: **{share:.1f} %**."
+    lines = [
+        f"{of_all} False alarms in {hours:g} h of healthy jamming: **{len(false_alarms)}**.",
+        "",
+        "| injected | n | right | told, where wrong | delay, median, s | delay, longest, s |",
+        "|---|---:|---:|---|---:|---:|",
+    ]
+    for reason in REASONS:
+        mine = [each for each in outcomes if each.injected is reason]
+        if not mine:
+            continue
+        good = [each for each in mine if each.right]
+        delays = [each.delay_s for each in good]
+        typical = f"{statistics.median(delays):.2f}" if delays else "-"
+        longest = f"{max(delays):.2f}" if delays else "-"
+        lines.append(f"| {reason.name} | {len(mine)} | {len(good)} | {_wrong(mine)} | {typical} | {longest} |")
+    return "\n".join(lines) + "\n"
+
+
+def _wrong(outcomes: Iterable[Outcome]) -> str:
+    counts: dict[str, int] = {}
+    for each in outcomes:
+        if not each.right:
+            name = each.told.name if each.told is not each.injected else f"{each.told.name} at another place"
+            name = "nothing" if each.told is Reason.NONE else name
+            counts[name] = counts.get(name, 0) + 1
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or ""

@@ -1,0 +1,260 @@
+"""Faults are found, told apart and acted on, on plants whose parts are off by their tolerances; the healthy go on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jammkle_driver.core.atmosphere import Atmosphere
+from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.hardware import MANIFOLD, LinkState, released
+from jammkle_driver.core.overload import OverloadWatch
+from jammkle_driver.core.regulator import PumpLoad
+from jammkle_driver.core.releases import check_carried_out
+from jammkle_driver.core.requests import RequestError, Wish
+from jammkle_driver.fake.bench import FaultBench
+from jammkle_driver.fake.plant import FakeFault
+from jammkle_driver.fake.script import ScriptError, read_script
+from jammkle_driver.fake.soak import pester, soak
+from jammkle_driver.fake.trial import ELSEWHERE, PLACED, alarms, inject
+from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.names import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SET_POINT_PA = 50e3
+
+
+def bench_of(seed: int = 1, **parameters: Any) -> FaultBench:
+    return FaultBench(DriverParameters(**parameters).settings(), seed)
+
+
+def run(bench: FaultBench, duration_s: float, watch: Callable[[], None] = lambda: None) -> None:
+    end_s = bench.plant.time_s + duration_s
+    while bench.plant.time_s < end_s:
+        bench.step()
+        watch()
+
+
+def jammed_bench(**parameters: Any) -> FaultBench:
+    bench = bench_of(**parameters)
+    run(bench, 1.0)
+    bench.driver.jam((), SET_POINT_PA, "test")
+    run(bench, 1.5)
+    assert bench.driver.command != released(CHANNELS)
+    return bench
+
+
+@pytest.mark.parametrize(("seed", "reason"), list(enumerate((*PLACED, *ELSEWHERE))), ids=str)
+def test_a_fault_is_told_with_its_reason_and_place(seed: int, reason: Reason) -> None:
+    """Each kind of fault, put into a random ankle at a random place, is named; docs/faults.md has 500 of them."""
+    outcome = inject(seed, reason)
+    assert (outcome.told, outcome.told_place) == (reason, outcome.place)
+    assert outcome.delay_s >= 0.0
+
+
+def test_a_healthy_ankle_raises_no_alarm() -> None:
+    """Half a minute of jamming and resting, with parts off by their tolerances: not a word."""
+    assert alarms(5, 30.0) == []
+
+
+def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
+    """Steady, each channel's true vacuum is within 1.5 kPa; the pump is off most of the time; the leak comes out."""
+    bench = jammed_bench()
+    resting = []
+
+    def watch() -> None:
+        resting.append(bench.driver.command.pump_duty == 0.0)
+        for name in CHANNELS:
+            vacuum_pa = bench.driver.ankle.atmosphere.pressure_pa - bench.plant.pressures_pa[name]
+            assert vacuum_pa == pytest.approx(SET_POINT_PA, abs=1500.0)
+
+    run(bench, 6.0, watch)
+    assert sum(resting) > 0.6 * len(resting)
+    air = bench.plant.healthy_air
+    told = bench.driver.ankle.leaks.seen["achilles"]
+    assert told.conductance_m3_s_pa == pytest.approx(4.0 * air.leak_conductance_m3_s_pa, rel=0.5)
+    assert told.rate_pa_s > 0.0
+
+
+def test_a_pump_that_works_too_long_is_spared() -> None:
+    """Full duty is free for a while; the mean duty then stays at what the pump is rated for."""
+    settings = replace(DriverParameters().settings().ankle.regulator, rated_duty=0.5, thermal_time_s=10.0)
+    load = PumpLoad(settings)
+    given_duty = [load.spare(1.0, 0.1) for _ in range(1000)]
+    assert given_duty[:60] == [1.0] * 60
+    assert load.limited
+    assert load.mean_duty <= 0.51
+    assert min(given_duty) < 0.5
+
+
+@pytest.mark.parametrize(("policy", "others_jammed"), [("ankle", False), ("channel", True)])
+def test_the_policy_says_what_one_fault_means_for_the_others(policy: str, *, others_jammed: bool) -> None:
+    """With ankle, one bad sensor lets all go and refuses jams until it is cleared; with channel, the others hold on."""
+    bench = jammed_bench(fault_policy=policy)
+    bench.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
+    run(bench, 1.5)
+    states = {channel.name: channel.state for channel in bench.driver.status.channels}
+    assert states.pop("achilles") is ChannelState.FAULT
+    wanted = ChannelState.JAMMED if others_jammed else ChannelState.UNJAMMED
+    assert set(states.values()) == {wanted}
+    if not others_jammed:
+        with pytest.raises(RequestError, match="achilles"):
+            bench.driver.jam(["peroneal_left"], 0.0, "test")
+        bench.plant.heal()
+        bench.driver.clear_fault(bench.now)
+        run(bench, 0.5)
+        bench.driver.jam((), 0.0, "test")
+        run(bench, 1.5)
+        assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+
+
+@pytest.mark.parametrize("cause", ["stop", "fault", "stale"])
+def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) -> None:
+    """With hold, a stop, a fault or silence leaves everything connected, pump off; ~/unjam and clearing vent it."""
+    bench = jammed_bench(safe_state="hold")
+    if cause == "stop":
+        bench.driver.emergency_stop(stop=True, now=bench.now)
+        bench.driver.emergency_stop(stop=False, now=bench.now)
+    elif cause == "fault":
+        bench.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
+    else:
+        bench.streams, bench.wish_pa = True, 40e3
+        run(bench, 0.5)
+        bench.streams = False
+    run(bench, 6.0)
+    command = bench.driver.command
+    assert command.pump_duty == 0.0
+    assert all(command.solenoids.values())
+    assert bench.plant.pressures_pa["peroneal_left"] < 75e3
+    if cause == "stale":
+        bench.driver.unjam((), "test")
+    else:
+        bench.driver.clear_fault(bench.now)
+    run(bench, 1.0)
+    assert bench.driver.command == released(CHANNELS)
+
+
+def test_a_driver_that_stood_still_faults_nobody_and_jams_again() -> None:
+    """After a stall of 1.5 s in which the board let go, a stream that goes on jams again; nothing is in FAULT."""
+    bench = bench_of()
+    bench.streams, bench.wish_pa = True, SET_POINT_PA
+    run(bench, 2.5)
+    bench.stand_still(1.5)
+    run(bench, 1.5)
+    assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+    assert bench.driver.status.trouble.reason is Reason.EXECUTOR_OVERLOADED
+
+
+def test_nothing_jams_before_a_board_that_let_go_has_taken_the_release() -> None:
+    """Until then a service is refused and a stream waits; afterwards the stream's wish counts as new."""
+    bench = bench_of()
+    run(bench, 0.5)
+    bench.driver.wait_for_board(wait=True)
+    with pytest.raises(RequestError, match="release"):
+        bench.driver.jam((), 0.0, "test")
+    wishes = [Wish(name, SET_POINT_PA) for name in CHANNELS]
+    bench.driver.follow(wishes, bench.now, "jam_command")
+    assert bench.driver.command == released(CHANNELS)
+    bench.driver.wait_for_board(wait=False)
+    bench.driver.follow(wishes, bench.now, "jam_command")
+    assert all(bench.driver.command.solenoids.values())
+
+
+def test_nonsense_about_the_atmosphere_moves_nothing() -> None:
+    """A parameter far off changes neither the true vacuum nor what is measured, and is doubted."""
+    for declared_pa in (60e3, 109e3):
+        bench = jammed_bench()
+        bench.driver.declare_ambient(declared_pa)
+        run(bench, 2.0)
+        vacuum_pa = bench.driver.ankle.atmosphere.pressure_pa - bench.plant.pressures_pa["achilles"]
+        assert vacuum_pa == pytest.approx(SET_POINT_PA, abs=1500.0)
+        assert bench.driver.status.atmosphere.doubtful
+
+
+@settings(max_examples=25)
+@given(readings=st.lists(st.floats(80e3, 110e3), min_size=3, max_size=3), declared_pa=st.floats(50e3, 110e3))
+def test_two_vented_channels_outweigh_a_parameter_and_a_third(readings: list[float], declared_pa: float) -> None:
+    """The estimate is the parameter, or lies among readings of which at least two agree."""
+    air = Atmosphere(CHANNELS, declared_pa)
+    for _ in range(100):
+        for name, reading_pa in zip(CHANNELS, readings, strict=True):
+            air.read(name, reading_pa, 0.01, vented=True)
+    ordered = sorted(readings)
+    agree = min(ordered[1] - ordered[0], ordered[2] - ordered[1]) <= 1500.0
+    assert air.status.measured is agree
+    assert ordered[0] <= air.pressure_pa <= ordered[2] if agree else air.pressure_pa == declared_pa
+
+
+def test_a_release_that_cannot_take_place_says_so() -> None:
+    """Where nobody answers, or a valve stays open, a stop is no success."""
+    bench = jammed_bench()
+    bench.driver.unjam((), "test")
+    check_carried_out(bench.driver.status, (), bench.link)
+    with pytest.raises(RequestError, match="board"):
+        check_carried_out(bench.driver.status, (), replace(bench.link, state=LinkState.LOST))
+    bench.driver.jam((), 0.0, "test")
+    run(bench, 1.0)
+    bench.plant.inject(FakeFault.STUCK_OPEN, "achilles")
+    bench.driver.unjam((), "test")
+    run(bench, 2.0)
+    with pytest.raises(RequestError, match="achilles does not vent"):
+        check_carried_out(bench.driver.status, ("achilles",), bench.link)
+    check_carried_out(bench.driver.status, ("peroneal_left",), bench.link)
+
+
+def test_late_work_is_told() -> None:
+    """Work that always comes at half its rate is overload; one long gap is a standstill of that length."""
+    watch = OverloadWatch(0.05)
+    for count in range(100):
+        assert watch.tick(count * 0.05) == 0.0
+    assert not watch.status(5.0).overloaded
+    assert watch.tick(4.95 + 1.5) == pytest.approx(1.5)
+    assert watch.status(6.5).overloaded
+    for count in range(100):
+        watch.tick(6.45 + count * 0.1)
+    assert watch.status(20.0).overloaded
+    assert watch.status(20.0).late_s == pytest.approx(0.05, abs=0.005)
+
+
+def test_random_faults_and_requests_leave_everything_safe() -> None:
+    """Some of `make soak`: no unsafe command, no channel that does not come back."""
+    result = soak(20.0, 3)
+    assert result.faults > 0
+    assert result.missed == ()
+    refused, unsafe = pester(5000, 1)
+    assert refused > 500
+    assert unsafe == []
+
+
+def test_a_script_of_faults_is_read_or_refused_in_one_line() -> None:
+    """Times are put in order, comments left out; what is wrong is named with what would be right."""
+    script = read_script("5 heal\n1.5 leak achilles 2e-10 # a hole\n\n2 pump_dead; 3 sensor_stuck manifold")
+    assert [entry.time_s for entry in script] == [1.5, 2.0, 3.0, 5.0]
+    assert script[0].fault is FakeFault.LEAK
+    assert script[0].size == pytest.approx(2e-10)
+    assert script[1].place == MANIFOLD
+    for text, words in (
+        ("1 explode", "explode.*leak"),
+        ("1 leak knee", "knee.*achilles"),
+        ("x leak", "could not convert"),
+        ("1 blocked", "needs a channel"),
+    ):
+        with pytest.raises(ScriptError, match=words):
+            read_script(text)
+
+
+def test_a_reading_that_is_no_number_never_reaches_the_filters() -> None:
+    """NaN and infinity count as no reading, and leave the estimates finite."""
+    bench = jammed_bench()
+    for value in (math.nan, math.inf):
+        bench.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", value)
+        run(bench, 0.2)
+    assert all(math.isfinite(pressure_pa) for pressure_pa in bench.driver.ankle.diagnosis.estimate.pressures_pa)

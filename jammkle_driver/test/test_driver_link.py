@@ -1,0 +1,99 @@
+"""What the state of the link means for the driver, and how hardware is found by name."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from typing import ClassVar
+
+import pytest
+
+from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
+from jammkle_driver.core.link import LinkGuard, NoiseMeter
+from jammkle_driver.hardware_choice import HardwareContext, check_hardware, check_parameters, make_hardware
+from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.command.provided import HARDWARE
+from jammkle_graph.parameters import ParameterError
+
+HEALTHY = LinkStatus(LinkState.CONNECTED)
+LATCHED = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.HOST_SILENT}))
+LOST = LinkStatus(LinkState.LOST, "no such file")
+
+
+def test_a_board_that_latched_while_idle_is_acknowledged_at_once() -> None:
+    """A board that was just plugged in asks nobody for permission: nothing could go on jamming by itself."""
+    guard = LinkGuard()
+    assert guard.look(LATCHED, jammed=False).acknowledge
+    assert not guard.look(HEALTHY, jammed=False).acknowledge
+
+
+REBOOTED = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.RESET}), reset_cause=ResetCause.BROWN_OUT)
+
+
+@pytest.mark.parametrize("broken", [REBOOTED, LOST])
+def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> None:
+    """After a fault the latched board stays as it is, also over an unplug, until it is cleared."""
+    guard = LinkGuard()
+    assert "~/clear_fault" in guard.look(broken, jammed=True).fault
+    for link in (broken, LOST, LATCHED, LATCHED):
+        assert not guard.look(link, jammed=False).acknowledge
+    guard.clear()
+    assert guard.look(LATCHED, jammed=False).acknowledge
+
+
+def test_a_board_that_had_not_heard_the_driver_is_no_fault() -> None:
+    """A driver that stood still is to blame itself: what is wished again may jam again, without a person."""
+    verdict = LinkGuard().look(LATCHED, jammed=True)
+    assert not verdict.fault
+    assert "watchdog_ms" in verdict.let_go
+    assert verdict.acknowledge
+
+
+def test_a_noisy_line_is_told_with_its_share() -> None:
+    """Wrong check sums are counted over the last seconds, and told in percent; a clean line says nothing."""
+    meter = NoiseMeter()
+    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=100), 0.0)
+    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=600), 1.0)
+    assert "20 %" in meter.look(LinkStatus(LinkState.CONNECTED, exchanges=900, crc_errors=200), 2.0)
+    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=9000, crc_errors=200), 20.0)
+
+
+def test_a_link_that_is_well_asks_for_nothing() -> None:
+    """Nothing is failed and nothing acknowledged where nothing is wrong."""
+    for jammed in (True, False):
+        verdict = LinkGuard().look(HEALTHY, jammed=jammed)
+        assert not verdict.fault
+        assert not verdict.acknowledge
+
+
+class OurLab:
+    """Hardware of a user's own."""
+
+    checked: ClassVar[list[str]] = []
+
+    def __init__(self, context: HardwareContext) -> None:
+        self.context = context
+
+    @staticmethod
+    def check(parameters: DriverParameters) -> None:
+        OurLab.checked.append(parameters.port)
+
+
+def test_a_user_brings_hardware_along(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An entry point of any installed package is found by its name, checked at start, and made from the context."""
+    entry = EntryPoint("our_lab", f"{__name__}:OurLab", HARDWARE)
+    monkeypatch.setattr(EntryPoint, "load", lambda _: OurLab)
+    monkeypatch.setattr("jammkle_driver.hardware_choice.entries", lambda _: {"our_lab": entry})
+    parameters = DriverParameters(hardware="our_lab", port="/dev/pump")
+    check_parameters(parameters)
+    assert OurLab.checked == ["/dev/pump"]
+    context = HardwareContext(None, lambda _: None, lambda: 101325.0, parameters)
+    made = make_hardware(context)
+    assert isinstance(made, OurLab)
+    assert made.context is context
+
+
+def test_hardware_that_nobody_brings_along_is_refused() -> None:
+    """The error names what there is."""
+    check_hardware("sim")
+    with pytest.raises(ParameterError, match=r"serial.*sim"):
+        check_hardware("serial")

@@ -1,0 +1,84 @@
+"""Which nodes of this ankle were there and are no longer: who, since when, and what that means.
+
+Every node reports on /diagnostics once a second, so that its silence tells. A node that is stopped in order says
+farewell, and is missed by nobody.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+from jammkle_graph.diagnostics import FAREWELL, PERIOD_S, Health, Level
+from jammkle_graph.names import CONTROLLER_NODE, DIAGNOSTICS, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
+from jammkle_graph.qos import subscriber_qos
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.node import Node
+
+MISSED_AFTER_S = 2.5 * PERIOD_S
+"""Silence of a node after which it is missed, s: two reports that did not come."""
+
+ROLL_CALL_LINE = ": nodes"
+"""End of the name of the line that tells whom a node hears."""
+
+SILENT_FOR = ", silent for (s)"
+"""End of each key of that line; before it stands the node's name."""
+
+MEANING = {
+    DRIVER_NODE: "nobody drives pump and solenoids; the board lets go 0.2 s after its last word, and the ankle is soft",
+    CONTROLLER_NODE: "nobody decides on jamming; the driver lets go of what jam_command jammed after command_timeout_s",
+    SIM_NODE: "there is no ankle any more; pressures and IMU are silent, and the driver goes to FAULT",
+    GAP_MONITOR_NODE: "nobody compares the robot with its simulator; the ankle is not affected",
+}
+"""What the death of each node means for the ankle."""
+
+
+class RollCall:
+    """Listens to the reports of all nodes in a node's own namespace."""
+
+    def __init__(self, node: Node, now_s: Callable[[], float] = time.monotonic) -> None:
+        """Listen for `node`; `now_s` is a steady clock."""
+        self._now_s = now_s
+        namespace = node.get_namespace().rstrip("/")
+        self._prefix = f"{namespace}/"
+        self._own = node.get_name()
+        self._heard_s: dict[str, float] = {}
+        self._looked_s = now_s()
+        node.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self._take, subscriber_qos(DIAGNOSTICS))
+
+    def health(self) -> Health:
+        """Return one line: who is there, and who is missed."""
+        now_s = self._now_s()
+        # Who stood still itself has heard nobody, and has nobody to blame for it.
+        since_s = now_s - self._looked_s
+        if since_s > 1.5 * PERIOD_S:
+            self._heard_s = {name: heard_s + since_s for name, heard_s in self._heard_s.items()}
+        self._looked_s = now_s
+        silent = {name: now_s - heard_s for name, heard_s in sorted(self._heard_s.items())}
+        missed = {name: silence_s for name, silence_s in silent.items() if silence_s > MISSED_AFTER_S}
+        values = {f"{name}{SILENT_FOR}": f"{silence_s:.1f}" for name, silence_s in silent.items()}
+        if not missed:
+            return Health(
+                ROLL_CALL_LINE.removeprefix(": "),
+                Level.OK,
+                f"all there: {', '.join(sorted([self._own, *silent]))}",
+                values,
+            )
+        texts = [f"{name} is dead or hangs: {MEANING.get(name, 'not one of ours')}" for name in missed]
+        level = Level.WARN if set(missed) <= {GAP_MONITOR_NODE} else Level.ERROR
+        return Health(ROLL_CALL_LINE.removeprefix(": "), level, "; ".join(texts), values)
+
+    def _take(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            name = status.name.removeprefix(self._prefix).partition(":")[0]
+            if not status.name.startswith(self._prefix) or "/" in name or name == self._own:
+                continue
+            if status.name.endswith(FAREWELL):
+                self._heard_s.pop(name, None)
+            else:
+                self._heard_s[name] = self._now_s()

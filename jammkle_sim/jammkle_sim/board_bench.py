@@ -1,0 +1,188 @@
+"""A board on a bench: its firmware as a process, and behind its pins, over a socket, the simulated plant in real time.
+
+    .venv/bin/python -m jammkle_sim.board_bench --firmware jammkle_driver/firmware/build/board --port /tmp/jammkle_board
+
+makes a serial device that behaves like a board with pump, valves and sensors. The messages on the socket are described
+in jammkle_driver/firmware/host/wires.h.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import subprocess
+import tempfile
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jammkle_graph.runner import StopFlag
+from jammkle_sim.core.board_plant import BoardPlant
+from jammkle_sim.physics.pneumatics import PneumaticParameters
+from jammkle_sim.physics.sensors import SensorParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+_PERIOD_S = 0.002
+_START_TIMEOUT_S = 20.0
+_LARGEST_LAG_S = 0.1
+"""Most time that the plant makes up for at once, s; a machine that stood still must not find another ankle."""
+_MICROSECONDS = 1e6
+_FULL_DUTY = 1000.0
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The outputs from one moment on: s of the machine's monotonic clock, solenoids as bits, duty 0 to 1."""
+
+    at_s: float
+    solenoids: int
+    duty: float
+
+
+class BoardBench:
+    """Runs a board's firmware and the plant behind its pins until closed."""
+
+    def __init__(
+        self,
+        command: list[str],
+        port: Path,
+        parameters: PneumaticParameters | None = None,
+        *,
+        store: Path | None = None,
+        baud: int = 115200,
+        seed: int = 0,
+    ) -> None:
+        """Start the firmware and the plant, and wait until the serial device is there.
+
+        Args:
+            command: The firmware's program, and what it needs before its own options.
+            port: Where the serial device shall appear.
+            parameters: Of the plant.
+            store: File in which the firmware keeps its calibration; None: it forgets.
+            baud: Rate of the line.
+            seed: Start of the sensors' noise.
+
+        Raises:
+            TimeoutError: the firmware did not come up.
+
+        """
+        self.plant = BoardPlant(parameters or PneumaticParameters(), SensorParameters().pressure_noise_pa, seed)
+        self.edges: list[Edge] = []
+        self.override_uv: dict[int, int] = {}
+        """Voltage at analogue pins whose sensor is not asked, uV, by pin: a broken wire, a stuck sensor."""
+        self.plant.advance(_PERIOD_S)  # compiles what it needs
+        self._folder = tempfile.TemporaryDirectory(prefix="jammkle_board")
+        self._stop = threading.Event()
+        path = Path(self._folder.name, "pins")
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as server:
+            server.bind(str(path))
+            server.listen(1)
+            options = ["-l", str(port), "-p", str(path), "-b", str(baud)]
+            options += [] if store is None else ["-s", str(store)]
+            self.process = subprocess.Popen([*command, *options])  # noqa: S603 - the project's own firmware
+            self._await(lambda: bool(select.select([server], [], [], _PERIOD_S)[0]), "connected to no pins")
+            self._pins, _ = server.accept()
+        self._tell_pins()  # before the first request can ask for them
+        self._thread = threading.Thread(target=self._run, name="plant", daemon=True)
+        self._thread.start()
+        self._await(port.exists, f"made no serial device {port}")
+
+    @property
+    def released(self) -> bool:
+        """Whether every output is off now."""
+        return not self.edges or (self.edges[-1].solenoids == 0 and self.edges[-1].duty == 0.0)
+
+    def tell(self, message: str) -> None:
+        """Do something to the board: `reset CAUSE MS`, `unplug`, `plug`, `noise_in N`, `noise_out N`."""
+        self._pins.sendall(f"{message}\n".encode())
+
+    def close(self) -> None:
+        """End the firmware and the plant."""
+        self._stop.set()
+        self.process.terminate()
+        self.process.wait()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._pins.close()
+        self._folder.cleanup()
+
+    def __enter__(self) -> BoardBench:  # noqa: PYI034 - Self is not in Python 3.10
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _await(self, holds: Callable[[], bool], failed: str) -> None:
+        deadline_s = time.monotonic() + _START_TIMEOUT_S
+        while not holds():
+            if time.monotonic() > deadline_s or self.process.poll() is not None:
+                self.process.kill()
+                self.process.wait()
+                msg = f"the firmware {self.process.args!r} {failed}"
+                raise TimeoutError(msg)
+            time.sleep(_PERIOD_S)
+
+    def _run(self) -> None:
+        last_s = time.monotonic()
+        pending = b""
+        try:
+            while not self._stop.is_set():
+                readable, _, _ = select.select([self._pins], [], [], _PERIOD_S)
+                now_s = time.monotonic()
+                self.plant.advance(min(now_s - last_s, _LARGEST_LAG_S))
+                last_s = now_s
+                if readable:
+                    came = self._pins.recv(4096)
+                    if not came:
+                        return
+                    *lines, pending = (pending + came).split(b"\n")
+                    for line in lines:
+                        self._take(line.decode())
+                self._tell_pins()
+        except OSError:  # the firmware has ended
+            return
+
+    def _tell_pins(self) -> None:
+        pins = self.plant.pins_uv()
+        for pin, voltage_uv in tuple(self.override_uv.items()):
+            pins[pin] = voltage_uv
+        self.tell(f"adc {' '.join(map(str, pins))}")
+
+    def _take(self, line: str) -> None:
+        _, solenoids, duty, at_us = line.split()
+        edge = Edge(float(at_us) / _MICROSECONDS, int(solenoids), float(duty) / _FULL_DUTY)
+        self.edges.append(edge)
+        self.plant.drive(edge.solenoids, edge.duty)
+
+
+def main(
+    firmware: Annotated[Path, typer.Option(help="The firmware for the host: `make firmware` builds it.")],
+    port: Annotated[Path, typer.Option(help="Where the serial device shall appear.")] = Path("/tmp/jammkle_board"),  # noqa: S108 - a device's link
+    store: Annotated[Path | None, typer.Option(help="File in which the board keeps its calibration.")] = None,
+    baud: Annotated[int, typer.Option(help="Rate of the line.")] = 115200,
+) -> None:
+    """Run a board with a simulated plant behind its pins until Ctrl-C."""
+    import signal  # noqa: PLC0415 - here alone
+
+    stop = StopFlag()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop.stop)
+    with BoardBench([str(firmware)], port, store=store, baud=baud) as bench:
+        typer.echo(f"a board is at {port}; Ctrl-C stops")
+        while not stop and bench.process.poll() is None:
+            time.sleep(_LARGEST_LAG_S)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,193 @@
+"""Delays on the real line: from a service call, and from the IMU sample of an impact, to the coils' bytes on the line.
+
+The firmware runs as a process behind a pseudo terminal that it reads and writes at the pace of 115200 baud. The last
+byte of the coils' request is on the line 3.5 characters of silence before its pin moves, which is what is seen here.
+Beside it, in the same run: the round trip to a bare subscriber, and that of one cycle's bytes on the line.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import serial
+from pymodbus.framer.rtu import FramerRTU
+from std_srvs.srv import SetBool
+
+from boards import RELEASED, Host, board_command
+from delay import FLIGHT_SAMPLES, GROUND_SAMPLES, IMPACT_M_S2, REST_SAMPLES, Stimulus
+from echo import MARK
+from graph import environment
+from jammkle_driver.board.line import silence_s
+from jammkle_driver.board.wiring_file import load_wiring
+from jammkle_driver.core.registers import register_list
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_graph.names import ACHILLES, CHANNEL_JAMS, CHANNELS
+from jammkle_msgs.msg import ChannelJamState
+from jammkle_sim.board_bench import BoardBench
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+BAUD = 115200
+SERVICE_TRIALS = 100
+IMPACT_TRIALS = 60
+SERIAL_TRIALS = 200
+RATE_S = 3.0
+TIMEOUT_S = 30.0
+ACHILLES_BIT = 1 << CHANNELS.index(ACHILLES)
+
+
+@dataclass(frozen=True)
+class LineDelays:
+    """Medians and 99th percentiles, ms, and the rate of a cycle of outputs and all sensors, 1/s."""
+
+    service_median_ms: float
+    service_p99_ms: float
+    impact_median_ms: float
+    impact_p99_ms: float
+    graph_median_ms: float
+    graph_p99_ms: float
+    serial_median_ms: float
+    serial_p99_ms: float
+    cycle_rate_hz: float
+
+    @property
+    def service_ratio(self) -> float:
+        """Median of a service call over the sum of both bare round trips."""
+        return self.service_median_ms / (self.graph_median_ms + self.serial_median_ms)
+
+    @property
+    def impact_ratio(self) -> float:
+        """Median of an impact over the sum of both bare round trips."""
+        return self.impact_median_ms / (self.graph_median_ms + self.serial_median_ms)
+
+
+class BoardStimulus(Stimulus):
+    """Plays the IMU, and calls services; what comes of it is seen at the board's pins."""
+
+    def __init__(self, domain_id: int, bench: BoardBench) -> None:
+        super().__init__(domain_id)
+        self._bench = bench
+        self._client = self.node.create_client(SetBool, CHANNEL_JAMS[ACHILLES].path)
+
+    def rose_s(self, since_s: float) -> float:
+        """Return when the solenoid was energised after a moment; 0: not yet."""
+        return next((e.at_s for e in self._bench.edges if e.at_s > since_s and e.solenoids & ACHILLES_BIT), 0.0)
+
+    def fell_s(self, since_s: float) -> float:
+        """Return when the solenoid was released after a moment; 0: not yet."""
+        return next((e.at_s for e in self._bench.edges if e.at_s > since_s and not e.solenoids & ACHILLES_BIT), 0.0)
+
+    def impact(self) -> tuple[float, float]:
+        """Rest, fall, hit, rest: return the delay to the coils' bytes and the bare round trip, s."""
+        for force_m_s2, count in ((STANDARD_GRAVITY_M_S2, REST_SAMPLES), (0.0, FLIGHT_SAMPLES)):
+            for _ in range(count):
+                self.send(force_m_s2)
+        while self._bench.edges[-1].solenoids & ACHILLES_BIT:
+            self.send(0.0)
+        self.echo_at_s = 0.0
+        at_s = time.monotonic()
+        sent_s = self.send(IMPACT_M_S2, MARK)
+        for _ in range(GROUND_SAMPLES):
+            self.send(STANDARD_GRAVITY_M_S2)
+        return self.rose_s(at_s) - silence_s(BAUD) - at_s, self.echo_at_s - sent_s
+
+    def service(self, *, on: bool) -> float:
+        """Call the service of one channel; return the delay to the coils' bytes, s."""
+        self.spin_until(self._client.service_is_ready, "the service is offered")
+        at_s = time.monotonic()
+        self._client.call_async(SetBool.Request(data=on))
+        seen = self.rose_s if on else self.fell_s
+        self.spin_until(lambda: seen(at_s) > 0.0, "the pin follows")
+        return seen(at_s) - silence_s(BAUD) - at_s
+
+
+def measure_line(domain_id: int) -> LineDelays:
+    """Measure everything, one after the other, on one board."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = board_command(Path(folder))
+        with BoardBench(command, Path(folder, "bare"), baud=BAUD) as bench:
+            serial_s = _bare_serial(Path(folder, "bare"))
+            rate_hz = _cycle_rate(Path(folder, "bare"))
+        with BoardBench(command, Path(folder, "board"), baud=BAUD) as bench:
+            service_s, impacts = _graph(domain_id, bench, Path(folder, "board"))
+    path = [delay for delay, _ in impacts if delay > 0.0]
+    graph = [echo for _, echo in impacts if echo > 0.0]
+    if len(path) < IMPACT_TRIALS:
+        sys.stderr.write(f"{IMPACT_TRIALS - len(path)} of {IMPACT_TRIALS} impacts never reached the pins\n")
+    return LineDelays(
+        *_both_ms(service_s), *_both_ms(path), *_both_ms(graph), *_both_ms(serial_s), cycle_rate_hz=rate_hz
+    )
+
+
+def _bare_serial(port: Path) -> list[float]:
+    """Send one cycle's request and await its reply, without any library between."""
+    registers = register_list()
+    count = registers.input("check_sum_errors").address + 1
+    numbers = (registers.mirror, count, 0, 2)
+    body = bytes((1, 23)) + b"".join(number.to_bytes(2, "big") for number in numbers) + bytes((4, 0, 0, 0, 0))
+    request = body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
+    found = []
+    with serial.Serial(str(port), BAUD, timeout=0.5) as line:
+        for _ in range(SERIAL_TRIALS):
+            start_s = time.perf_counter()
+            line.write(request)
+            reply = line.read(5 + 2 * count)
+            found.append(time.perf_counter() - start_s)
+            if len(reply) != 5 + 2 * count:
+                msg = f"the board answered {reply!r}"
+                raise TimeoutError(msg)
+            time.sleep(0.002)
+    return found
+
+
+def _cycle_rate(port: Path) -> float:
+    host = Host(port, wired=replace(load_wiring(None), rate_hz=1000.0))
+    try:
+        host.ready()
+        before, start_s = len(host.exchanges), time.monotonic()
+        host.tick_until(lambda: time.monotonic() - start_s > RATE_S, RELEASED)
+        return (len(host.exchanges) - before) / (time.monotonic() - start_s)
+    finally:
+        host.link.close()
+
+
+def _graph(domain_id: int, bench: BoardBench, port: Path) -> tuple[list[float], list[tuple[float, float]]]:
+    driver = ("-m", "jammkle_driver", "--ros-args", "-p", "hardware:=modbus", "-p", f"port:={port}")
+    controller = ("-m", "jammkle_controller", "--ros-args", "-p", "jam_delay_s:=0.0")
+    echo = (str(Path(__file__).with_name("echo.py")),)
+    processes = [
+        subprocess.Popen([sys.executable, *arguments], env=environment(domain_id))
+        for arguments in (driver, controller, echo)
+    ]
+    stimulus = BoardStimulus(domain_id, bench)
+    try:
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while not stimulus.ready():
+            stimulus.send(STANDARD_GRAVITY_M_S2, MARK)
+            if time.monotonic() > deadline_s:
+                msg = "the graph did not come up"
+                raise TimeoutError(msg)
+        impacts = [stimulus.impact() for _ in range(IMPACT_TRIALS)]
+        processes[1].terminate()  # whose stream would take back what the services ask
+        processes[1].wait()
+        stimulus.wait_for_channels(ChannelJamState.UNJAMMED)
+        services = [stimulus.service(on=trial % 2 == 0) for trial in range(SERVICE_TRIALS)]
+    finally:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.wait()
+        stimulus.close()
+    return services, impacts
+
+
+def _both_ms(values_s: Sequence[float]) -> tuple[float, float]:
+    return statistics.median(values_s) * 1e3, statistics.quantiles(values_s, n=100)[98] * 1e3

@@ -1,0 +1,183 @@
+"""`jammkle hardware check`: the walk finds what is broken, says what to do, and calibrates."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import json
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+import yaml
+
+from boards import Host, board_command, wiring
+from graph import COMMAND
+from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
+from jammkle_driver.board.walk import WalkOptions, walk
+from jammkle_driver.board.wiring_file import load_wiring, standard_board_file
+from jammkle_graph.names import CHANNELS
+from jammkle_sim.board_bench import BoardBench
+from jammkle_sim.physics.pneumatics import PneumaticParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from jammkle_driver.board.check import CheckRow
+
+HEALTHY = PneumaticParameters()
+PACE = 0.2
+"""The simulated plant is quicker than what the walk has patience for."""
+
+
+class Person:
+    """Somebody with a barometer and a gauge that are right."""
+
+    def __init__(self, answers: Callable[[str], float | None] = lambda _: None) -> None:
+        self._answers = answers
+
+    def told(self, row: CheckRow) -> None:
+        """Be shown a row; nothing to do."""
+
+    def number(self, question: str) -> float | None:
+        return self._answers(question)
+
+
+@pytest.fixture(scope="module")
+def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    return board_command(tmp_path_factory.mktemp("firmware"))
+
+
+def walked(port: Path, person: Person | None = None) -> dict[str, CheckRow]:
+    options = WalkOptions(str(port), wiring(), None, None, calibrates=person is not None, pace=PACE)
+    return {row.what: row for row in asyncio.run(walk(options, person or Person()))}
+
+
+def failed(rows: dict[str, CheckRow]) -> set[str]:
+    return {what for what, row in rows.items() if not row.passed}
+
+
+def test_a_healthy_board_passes_twice(command: list[str], tmp_path: Path) -> None:
+    """Every row passes, and again on the manifold that the first walk has left evacuated; exit 0, JSON, a table."""
+    with BoardBench(command, tmp_path / "board") as bench:
+        assert not failed(walked(tmp_path / "board"))
+        arguments = ["hardware", "check", "--port", str(tmp_path / "board"), "--yes", "--json", str(tmp_path / "rows")]
+        result = subprocess.run([COMMAND, *arguments], capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stdout
+        assert "valve achilles vents" in result.stdout
+        assert json.loads((tmp_path / "rows").read_text())["passed"]
+        assert bench.released
+
+
+@pytest.mark.parametrize(
+    ("plant", "pins", "expected"),
+    [
+        ({"pump_free_flow_l_min": 1e-6}, {}, {"pump": "does it run"}),
+        ({"leak_conductance_dm3_s_bar": 0.01}, {}, {"leak of manifold": "soapy water"}),
+        (
+            {},
+            {0: 0, 2: 5_000_000, 4: 1_500_000},
+            {"sensor peroneal_left at rest": "wire", "sensor achilles at rest": "broken wire", "board": "supply"},
+        ),
+        ({}, {1: 4_470_000}, {"valve peroneal_right connects": "stuck closed"}),
+    ],
+)
+def test_what_is_broken_fails_and_says_what_to_do(
+    command: list[str], tmp_path: Path, plant: dict[str, float], pins: dict[int, int], expected: dict[str, str]
+) -> None:
+    """Each fault, in the plant or at a pin, fails its own row; what follows a dead pump is not tried."""
+    with BoardBench(command, tmp_path / "board", dataclasses.replace(HEALTHY, **plant)) as bench:
+        bench.override_uv.update(pins)
+        rows = walked(tmp_path / "board")
+    for row, words in expected.items():
+        assert row in failed(rows)
+        assert words in rows[row].to_do
+
+
+def test_a_calibration_takes_out_gain_and_offset(command: list[str], tmp_path: Path) -> None:
+    """Sensors that read 3 % and 2 kPa wrong agree with the gauge to the noise after two points; stored for good."""
+    with BoardBench(command, tmp_path / "board", store=tmp_path / "store") as bench:
+        true_pins_uv = bench.plant.pins_uv
+        bench.plant.pins_uv = lambda: [*(round(0.97 * uv) + 90_000 for uv in true_pins_uv()[:4]), 3_000_000]
+
+        def read(question: str) -> float:
+            ambient_kpa, held_kpa = 101.325, bench.plant.pressures_pa["manifold"] / 1e3
+            return ambient_kpa - held_kpa if "gauge" in question else ambient_kpa
+
+        rows = walked(tmp_path / "board", Person(read))
+        assert rows["calibration"].passed, rows["calibration"]
+        host = Host(tmp_path / "board")
+        host.tick_until(lambda: len(host.exchanges) > 1)
+        host.link.close()
+        readings = host.exchanges[-1].sensors_pa
+        assert not host.link.status.faults
+    assert (tmp_path / "store").stat().st_size > 0
+    for place in CHANNELS:
+        assert readings[place] == pytest.approx(101325.0, abs=400.0)
+
+
+def test_points_that_make_no_line_are_refused() -> None:
+    """Too close, or a sensor that does not move: nothing is written."""
+    with pytest.raises(CalibrationError, match=r"10\.0 kPa apart"):
+        sensor_lines({"achilles": 100.0}, 100e3, {"achilles": 900.0}, 90e3)
+    with pytest.raises(CalibrationError, match="achilles reads 100"):
+        sensor_lines({"achilles": 100.0}, 100e3, {"achilles": 101.0}, 50e3)
+
+
+def test_a_bought_board_gets_its_calibration_in_a_file(tmp_path: Path) -> None:
+    """Scale and offset go into a copy of the board file that the driver reads."""
+    places = load_wiring(None).sensors
+    lines = sensor_lines(dict.fromkeys(places, 800.0), 100e3, dict.fromkeys(places, 400.0), 50e3)
+    write_board_file(standard_board_file(), tmp_path / "mine.yaml", lines)
+    assert yaml.safe_load((tmp_path / "mine.yaml").read_text())["firmware"] == "jammkle"
+    sensor = load_wiring(tmp_path / "mine.yaml").sensors["achilles"]
+    assert sensor.pascals(600) == pytest.approx(75e3)
+
+
+OTHER_FIRMWARE = """
+firmware: other
+pump: {register: 1}
+solenoids: {peroneal_left: {coil: 0}, peroneal_right: {coil: 1}, achilles: {coil: 2}}
+sensors:
+  peroneal_left: {register: 13, scale: 7.0}
+  peroneal_right: {register: 14, scale: 7.0}
+  achilles: {register: 15, scale: 7.0}
+  manifold: {register: 16, scale: 7.0}
+reply_timeout_s: 0.15
+on_connect: {3: 4, 2: 5000}
+"""
+"""The project's board taken for a bought one: raw numbers of the converter, and a calibration that is far out."""
+
+
+def test_a_board_of_other_make_is_walked_and_calibrated_too(command: list[str], tmp_path: Path) -> None:
+    """Coils, a register and raw numbers alone: every row passes, and the new board file reads true pressures."""
+    (tmp_path / "bought.yaml").write_text(OTHER_FIRMWARE)
+    with BoardBench(command, tmp_path / "board") as bench:
+
+        def read(question: str) -> float:
+            return 101.325 - bench.plant.pressures_pa["manifold"] / 1e3 if "gauge" in question else 101.325
+
+        wired = load_wiring(tmp_path / "bought.yaml")
+        options = WalkOptions(
+            str(tmp_path / "board"), wired, tmp_path / "bought.yaml", None, calibrates=True, pace=PACE
+        )
+        rows = {row.what: row for row in asyncio.run(walk(options, Person(read)))}
+    assert failed(rows) <= {"sensors agree"}, rows
+    made = load_wiring(tmp_path / "bought.calibrated.yaml").sensors["achilles"]
+    share = 0.009 * 101.325 - 0.095  # of the sensor's supply, at this pressure
+    assert made.pascals(round(16368 * share)) == pytest.approx(101325.0, abs=400.0)
+
+
+@pytest.mark.parametrize(
+    ("port", "code", "words"),
+    [("nothing", 2, "/dev/jammkle_board"), ("/dev/none", 1, "no device"), ("tcp://", 2, "tcp://HOST")],
+)
+def test_a_port_that_is_none_gets_one_line(port: str, code: int, words: str) -> None:
+    """Bad input ends with 2, a board that is not there with 1, each with what to do."""
+    result = subprocess.run(
+        [COMMAND, "hardware", "check", "--yes", "--port", port], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == code
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,340 @@
+"""The board's firmware over its serial line, in real bytes: functions, exceptions, safe state, and any nonsense."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+import serial
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pymodbus.client import ModbusSerialClient
+from pymodbus.exceptions import ModbusIOException
+from pymodbus.framer.rtu import FramerRTU
+
+from boards import AVR, board_command, build
+from jammkle_driver.core.registers import register_list
+from jammkle_sim.board_bench import BoardBench
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+REGISTERS = register_list()
+LATCHED = REGISTERS.input("latched").address
+ACKNOWLEDGE = REGISTERS.holding("acknowledge").address
+WATCHDOG = REGISTERS.holding("watchdog_ms").address
+STORE = REGISTERS.holding("store").address
+SAFE_STATE = REGISTERS.holding("safe_state").address
+FIRST_SENSOR = REGISTERS.holding("sensor_1_raw_low").address
+HOST_SILENT, SUPPLY_LOW, RESET = 1, 2, 4
+SUPPLY_PIN = 4
+SCHEDULING_S = 0.3
+"""How late a busy machine may run the process that plays the board; the board itself has none of it."""
+
+
+class Raw:
+    """A client that says exactly the bytes it is told."""
+
+    def __init__(self, port: Path) -> None:
+        self.port = serial.Serial(str(port), 115200, timeout=0.5)
+
+    def say(self, frame: bytes) -> bytes:
+        self.port.reset_input_buffer()
+        self.port.write(frame)
+        return bytes(self.port.read(256)) if len(frame) == 0 else bytes(self._reply())
+
+    def _reply(self) -> bytes:
+        reply = self.port.read(1)
+        self.port.timeout = 0.02
+        reply += self.port.read(256)
+        self.port.timeout = 0.5
+        return bytes(reply)
+
+
+def frame(*data: int, unit: int = 1) -> bytes:
+    """Return a frame with its check sum."""
+    body = bytes((unit, *data))
+    return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
+
+
+class Client:
+    """A Modbus client of pymodbus, with a word for what these tests do again and again."""
+
+    def __init__(self, port: Path) -> None:
+        self.modbus = ModbusSerialClient(str(port), baudrate=115200, timeout=0.5, retries=0)
+        assert self.modbus.connect()
+
+    def inputs(self, first: int, count: int = 1) -> Sequence[int]:
+        return list(self.modbus.read_input_registers(first, count=count).registers)
+
+    def patient_inputs(self, first: int, count: int) -> Sequence[int]:
+        """Read input registers of a board that is just starting."""
+        deadline_s = time.monotonic() + 10.0
+        while time.monotonic() < deadline_s:
+            with contextlib.suppress(ModbusIOException):
+                return self.inputs(first, count)
+        raise TimeoutError
+
+    def latched(self) -> int:
+        return self.inputs(LATCHED)[0]
+
+    def write(self, first: int, *numbers: int) -> int:
+        """Write registers; return the exception code, 0 for none."""
+        reply = self.modbus.write_registers(first, list(numbers))
+        return int(reply.exception_code) if reply.isError() else 0
+
+    def acknowledge(self) -> None:
+        while (latched := self.latched()) != 0:
+            self.write(ACKNOWLEDGE, latched)
+
+    def patient(self) -> None:
+        """Make the watchdog wait for a test that types slowly."""
+        assert self.write(WATCHDOG, 5000) == 0
+        self.acknowledge()
+
+
+@pytest.fixture(scope="module")
+def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    return board_command(tmp_path_factory.mktemp("firmware"))
+
+
+@pytest.fixture
+def bench(command: list[str], tmp_path: Path) -> Iterator[BoardBench]:
+    with BoardBench(command, tmp_path / "board", store=tmp_path / "store") as made:
+        yield made
+
+
+@pytest.fixture
+def client(bench: BoardBench, tmp_path: Path) -> Iterator[Client]:  # noqa: ARG001 - to be there first
+    made = Client(tmp_path / "board")
+    made.patient_inputs(0, 1)
+    yield made
+    made.modbus.close()
+
+
+def wait_for_pins(bench: BoardBench, solenoids: int) -> float:
+    """Wait until the solenoids are so at the pins; return when they became so, s."""
+    deadline_s = time.monotonic() + 10.0
+    while not bench.edges or bench.edges[-1].solenoids != solenoids:
+        assert time.monotonic() < deadline_s, bench.edges
+        time.sleep(0.001)
+    return bench.edges[-1].at_s
+
+
+def test_every_function_of_the_standard_does_its_work(bench: BoardBench, client: Client) -> None:
+    """Functions 1 to 6, 15, 16, 23 and 8/0 over real bytes reach the pins and read them back."""
+    client.patient()
+    modbus = client.modbus
+    assert not modbus.write_coil(1, value=True).isError()
+    wait_for_pins(bench, 0b010)
+    assert modbus.read_coils(0, count=3).bits[:3] == [False, True, False]
+    assert modbus.read_discrete_inputs(0, count=5).bits[:5] == [False, True, False, False, False]
+    assert not modbus.write_coils(0, [True, False, True]).isError()
+    wait_for_pins(bench, 0b101)
+    assert not modbus.write_register(1, 400).isError()
+    assert modbus.read_holding_registers(0, count=3).registers == [0b101, 400, 5000]
+    assert client.write(0, 0b111, 250) == 0
+    wait_for_pins(bench, 0b111)
+    reply = modbus.readwrite_registers(
+        read_address=REGISTERS.mirror, read_count=9, write_address=0, values=[0b001, 100]
+    )
+    assert reply.registers[6:8] == [0b001, 100]
+    assert reply.registers[8] == pytest.approx(12000, abs=50)
+    wait_for_pins(bench, 0b001)
+    assert modbus.diag_query_data(b"\xca\xfe").message == b"\xca\xfe"
+    deadline_s = time.monotonic() + 5.0
+    while abs(bench.edges[-1].duty - 0.1) > 0.005:
+        assert time.monotonic() < deadline_s
+    pressures = [2 * number for number in client.inputs(0, 4)]
+    assert all(60e3 < pressure_pa < 110e3 for pressure_pa in pressures)
+
+
+@pytest.mark.parametrize(
+    ("request_data", "exception"),
+    [
+        ((7,), 1),  # read exception status: not there
+        ((8, 0, 1, 0, 0), 1),  # sub-function 1
+        ((1, 0, 0, 0, 4), 2),  # one coil too many
+        ((3, 0, 20, 0, 5), 2),
+        ((4, 0xFF, 0xFF, 0, 2), 2),  # past the end of all addresses
+        ((6, 0, 200, 0, 0), 2),
+        ((15, 0, 1, 0, 3, 1, 7), 2),
+        ((16, 0, 23, 0, 2, 4, 0, 0, 0, 0), 2),
+        ((23, 2, 0, 0, 1, 0, 0, 0, 1, 2, 0, 7), 2),  # reads what is not there, and so writes nothing
+        ((1, 0, 0, 0, 0), 3),
+        ((3, 0, 0, 0, 126), 3),
+        ((5, 0, 0, 0x12, 0x34), 3),
+        ((6, 0, 1, 0x03, 0xE9), 3),  # duty of 1001 thousandths
+        ((6, 0, 3, 0, 1), 3),  # acknowledges what is not latched
+        ((15, 0, 0, 0, 3, 2, 7, 0), 3),  # byte count does not fit
+        ((16, 0, 0, 0, 2, 4, 0, 0), 3),  # shorter than it says
+        ((16, 0, 8, 0, 1, 2, 0x3F, 0xF0), 3),  # first point of a sensor above its second
+    ],
+)
+def test_what_cannot_be_done_is_answered_with_its_exception(
+    bench: BoardBench, client: Client, tmp_path: Path, request_data: tuple[int, ...], exception: int
+) -> None:
+    """Illegal function, address and value get their codes, and nothing is driven."""
+    client.patient()
+    client.modbus.close()
+    raw = Raw(tmp_path / "board")
+    assert raw.say(frame(*request_data)) == frame(request_data[0] | 0x80, exception)
+    assert bench.released
+
+
+def test_frames_for_others_and_damaged_ones_stay_unanswered(bench: BoardBench, client: Client, tmp_path: Path) -> None:
+    """Another unit, a wrong check sum, two frames without a silence: no reply, counted. A broadcast is carried out."""
+    client.patient()
+    errors = REGISTERS.input("check_sum_errors").address
+    before = client.inputs(errors)[0]
+    raw = Raw(tmp_path / "board")
+    assert raw.say(frame(4, 0, 0, 0, 1, unit=2)) == b""
+    damaged = bytearray(frame(4, 0, 0, 0, 1))
+    damaged[3] ^= 0x10
+    assert raw.say(bytes(damaged)) == b""
+    assert raw.say(frame(4, 0, 0, 0, 1) * 2) == b""
+    assert raw.say(frame(5, 0, 0, 0xFF, 0, unit=0)) == b""
+    raw.port.close()
+    wait_for_pins(bench, 1)
+    assert client.inputs(errors)[0] == before + 2
+
+
+def test_silence_of_the_host_takes_the_safe_state_in_time(bench: BoardBench, client: Client) -> None:
+    """After watchdog_ms without a valid write every output is off at the pins; a jam then needs the acknowledgement."""
+    client.acknowledge()
+    sent_s = time.monotonic()
+    assert client.write(0, 7, 500, 200) == 0
+    answered_s = time.monotonic()
+    wait_for_pins(bench, 7)
+    off_s = wait_for_pins(bench, 0)
+    assert off_s - sent_s >= 0.2
+    assert off_s - answered_s < 0.2 + SCHEDULING_S
+    assert bench.released
+    assert client.latched() == HOST_SILENT
+    assert client.write(0, 7, 500) == 4  # device failure: not without an acknowledgement
+    assert client.write(ACKNOWLEDGE, RESET) == 3  # of something else
+    assert client.write(0, 0, 0) == 0  # releasing is always allowed
+    assert client.write(ACKNOWLEDGE, HOST_SILENT) == 0
+    assert client.write(0, 7, 500) == 0
+    wait_for_pins(bench, 7)
+
+
+def test_reading_is_no_sign_of_life(bench: BoardBench, client: Client) -> None:
+    """Who only reads, and who writes what is refused, does not keep a jam alive."""
+    client.acknowledge()
+    client.write(0, 7, 500)
+    wait_for_pins(bench, 7)
+    deadline_s = time.monotonic() + 5.0
+    while not bench.released:
+        assert time.monotonic() < deadline_s
+        client.inputs(0, 4)
+        assert client.write(1, 2000) == 3
+    assert client.latched() == HOST_SILENT
+
+
+def test_hold_keeps_the_solenoids_and_stops_the_pump(bench: BoardBench, client: Client) -> None:
+    """With safe_state 1 a silent host leaves the tendons connected; a reset vents all the same."""
+    client.acknowledge()
+    client.write(SAFE_STATE, 1)
+    client.write(0, 7, 500, 200)
+    wait_for_pins(bench, 7)
+    deadline_s = time.monotonic() + 5.0
+    while bench.edges[-1].duty > 0.0:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.001)
+    assert bench.edges[-1].solenoids == 7
+    assert client.latched() == HOST_SILENT
+    bench.tell("reset 2 20")
+    wait_for_pins(bench, 0)
+
+
+@pytest.mark.parametrize(("cause", "bit"), [("power_on", 1), ("external", 2), ("brown_out", 4), ("watchdog", 8)])
+def test_a_reset_vents_and_is_latched_with_its_cause(bench: BoardBench, client: Client, cause: str, bit: int) -> None:
+    """Whatever resets the chip: outputs off, the cause is told, and no jam goes on by itself."""
+    assert REGISTERS.bits["reset_cause"][bit.bit_length() - 1] == cause
+    client.acknowledge()
+    client.write(0, 7, 500, 5000)
+    wait_for_pins(bench, 7)
+    asked_s = time.monotonic()
+    bench.tell(f"reset {bit} 20")
+    off_s = wait_for_pins(bench, 0)
+    assert off_s - asked_s < 0.02 + SCHEDULING_S
+    latched, *_, reset_cause = client.patient_inputs(LATCHED, 6)
+    assert latched & RESET
+    assert reset_cause == bit
+    assert client.write(0, 7, 500) == 4
+
+
+def test_a_supply_that_sags_takes_the_safe_state(bench: BoardBench, client: Client) -> None:
+    """Below supply_minimum everything is off within some milliseconds, and stays so when the supply is back."""
+    client.acknowledge()
+    client.write(0, 7, 500, 5000)
+    wait_for_pins(bench, 7)
+    bench.override_uv[SUPPLY_PIN] = 2_000_000  # 8 V
+    sagged_s = time.monotonic()
+    assert wait_for_pins(bench, 0) - sagged_s < 0.02 + SCHEDULING_S
+    del bench.override_uv[SUPPLY_PIN]
+    time.sleep(0.05)
+    assert client.latched() & SUPPLY_LOW
+    assert client.write(0, 7, 500) == 4
+
+
+def test_a_calibration_is_kept_over_a_reset(bench: BoardBench, client: Client) -> None:
+    """Two points turn raw numbers into pressure; once stored they outlast a reset, unless something was driven."""
+    client.patient()
+    faults = LATCHED + 1
+    assert client.inputs(faults)[0] & 2
+    assert client.write(0, 1) == 0
+    assert client.write(STORE, 1) == 6  # busy: a jam would wait for the memory
+    assert client.write(0, 0) == 0
+    assert client.write(FIRST_SENSOR, 0, 0, 16368, 65535) == 0
+    assert client.write(STORE, 1) == 0
+    bench.tell("reset 2 20")
+    latched, fault_bits = client.patient_inputs(LATCHED, 2)
+    assert latched & RESET
+    assert not fault_bits & 2
+    raw, pressure = client.inputs(REGISTERS.input("raw_1").address)[0], client.inputs(0)[0]
+    assert pressure == pytest.approx(raw * 65535 / 16368, abs=200)
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.binary(min_size=1, max_size=280),
+            st.tuples(st.sampled_from((1, 2, 3, 4, 5, 6, 8, 15, 16, 23, 43)), st.binary(min_size=0, max_size=30)).map(
+                lambda pair: frame(pair[0], *pair[1])
+            ),
+        ),
+        min_size=1,
+        max_size=8,
+    )
+)
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_nonsense_on_the_line_drives_anything(
+    bench: BoardBench, client: Client, tmp_path: Path, frames: list[bytes]
+) -> None:
+    """A board that has latched its safe state stays there whatever it hears, and answers the next good request."""
+    raw = serial.Serial(str(tmp_path / "board"), 115200, timeout=0.0, exclusive=False)
+    for nonsense in frames:
+        if nonsense[:4] != bytes((1, 6, 0, ACKNOWLEDGE)):
+            raw.write(nonsense)
+            time.sleep(0.004 + len(nonsense) * 1e-4)
+    raw.close()
+    time.sleep(0.03)
+    assert client.patient_inputs(LATCHED, 1)[0]
+    assert all(edge.solenoids == 0 and edge.duty == 0.0 for edge in bench.edges)
+
+
+@pytest.mark.skipif(AVR, reason="the fuzzer runs the core on this machine")
+def test_a_hundred_thousand_frames_do_no_harm(tmp_path: Path) -> None:
+    """The fuzzer, with the compiler's sanitisers: no crash, no hang, no output while the safe state is latched."""
+    build(tmp_path, "fuzz")
+    result = subprocess.run(
+        [str(tmp_path / "fuzz"), "100000"], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert result.returncode == 0, result.stderr
+    assert "100000 frames" in result.stdout

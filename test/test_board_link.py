@@ -1,0 +1,310 @@
+"""The driver's link to a board: unplugged, rebooted, noisy, silent or somebody else's, it says so and comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import signal
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from boards import AVR, JAMMED, RELEASED, Host, board_command
+from jammkle_driver.board.line import Line, check_port, silence_s
+from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring
+from jammkle_driver.board.wiring_file import WiringError, load_wiring, standard_board_file
+from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause
+from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
+from jammkle_sim.board_bench import BoardBench
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+HOST_SILENT = frozenset({SafeCause.HOST_SILENT})
+SCHEDULING_S = 0.3
+"""How late a busy machine may run the process that plays the board."""
+
+
+@pytest.fixture(scope="module")
+def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    return board_command(tmp_path_factory.mktemp("firmware"))
+
+
+@pytest.fixture
+def bench(command: list[str], tmp_path: Path) -> Iterator[BoardBench]:
+    with BoardBench(command, tmp_path / "board") as made:
+        yield made
+
+
+@pytest.fixture
+def host(bench: BoardBench, tmp_path: Path) -> Iterator[Host]:  # noqa: ARG001 - to be there first
+    made = Host(tmp_path / "board")
+    yield made
+    made.link.close()
+
+
+def wait_until(holds: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    while not holds():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.002)
+
+
+def test_a_jam_reaches_the_pins_and_pressures_come_back(bench: BoardBench, host: Host) -> None:
+    """Outputs, pressures, supply, reset cause and faults, all in the exchange, at the rate that the file says."""
+    host.jam(bench)
+    host.tick_until(lambda: host.exchanges[-1].sensors_pa["manifold"] < 60e3, JAMMED)
+    exchange, status = host.exchanges[-1], host.link.status
+    assert exchange.taken == ActuatorCommand(JAMMED.solenoids, pytest.approx(0.5, abs=0.01))
+    assert all(pressure_pa < 75e3 for pressure_pa in exchange.sensors_pa.values())
+    assert status.supply_v == pytest.approx(12.0, abs=0.1)
+    assert status.reset_cause is ResetCause.POWER_ON
+    assert status.faults == {BoardFault.CALIBRATION_LOST}
+    assert (status.starts, status.connects) == (1, 1)
+    if not AVR:
+        host.tick_until(lambda: (host.link.status.rate_hz or 0.0) > 90.0, JAMMED)
+
+
+def test_a_driver_that_does_not_tick_looks_dead(bench: BoardBench, host: Host) -> None:
+    """A command that is not repeated is not passed on: the board's watchdog ends it, and what it latched is told."""
+    host.jam(bench)
+    last_s = time.monotonic()
+    wait_until(lambda: bench.released)
+    assert 0.2 < bench.edges[-1].at_s - last_s < 0.4 + SCHEDULING_S  # 0.2 s in the link, 0.2 s in the board
+    wait_until(lambda: host.link.status.latched == HOST_SILENT)
+    host.tick_until(lambda: host.link.status.refusals > 0, JAMMED)
+    assert bench.released
+    host.jam(bench)  # acknowledges
+
+
+def test_an_unplugged_board_is_found_again(bench: BoardBench, host: Host) -> None:
+    """Lost within a fraction of a second, safe at the pins, and back by itself with what it has latched."""
+    host.jam(bench)
+    pulled_s = time.monotonic()
+    bench.tell("unplug")
+    host.tick_until(lambda: host.link.status.state is LinkState.LOST, JAMMED)
+    assert "no device" in host.link.status.detail or "gone" in host.link.status.detail
+    wait_until(lambda: bench.released)
+    assert bench.edges[-1].at_s - pulled_s < 0.2 + SCHEDULING_S
+    bench.tell("plug")
+    host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED, JAMMED)
+    host.tick_until(lambda: host.link.status.latched == HOST_SILENT, JAMMED)
+    assert bench.released
+    assert (host.link.status.starts, host.link.status.connects) == (1, 2)
+    host.jam(bench)
+
+
+def test_a_rebooted_board_is_told_from_a_silent_one(bench: BoardBench, host: Host) -> None:
+    """A brown-out: off at once, one start more, its cause, and no jam until acknowledged."""
+    host.jam(bench)
+    bench.tell("reset 4 30")
+    host.tick_until(lambda: host.link.status.starts == 2, JAMMED)
+    assert host.link.status.reset_cause is ResetCause.BROWN_OUT
+    assert SafeCause.RESET in host.link.status.latched
+    assert bench.released
+    host.jam(bench)
+
+
+def test_noise_is_counted_and_lived_with(bench: BoardBench, host: Host) -> None:
+    """Some spoiled frames, in either direction, are counted; nothing is latched and nothing let go."""
+    host.jam(bench)
+    before = len(bench.edges)
+    for direction in ("noise_in", "noise_out"):
+        spoiled = host.link.status.crc_errors
+        bench.tell(f"{direction} 20")
+        host.tick_until(lambda spoiled=spoiled: host.link.status.crc_errors > spoiled, JAMMED)
+    host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED, JAMMED)
+    assert not host.link.status.latched
+    assert len(bench.edges) == before
+
+
+def test_the_link_waits_for_a_board_that_is_not_there_yet(command: list[str], tmp_path: Path) -> None:
+    """Started before the board: it says what it is looking for, and takes the board when it comes."""
+    host = Host(tmp_path / "board")
+    host.tick_until(lambda: "no device" in host.link.status.detail)
+    assert host.link.status.state is LinkState.SEARCHING
+    with BoardBench(command, tmp_path / "board") as bench:
+        host.jam(bench)
+        host.link.apply(RELEASED)
+        host.link.close()
+        wait_until(lambda: bench.released)
+
+
+def test_a_board_that_stands_still_is_lost_and_comes_back(
+    bench: BoardBench, host: Host, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A board that answers nothing, although its device is there, is lost after three requests.
+
+    Its port stays open: to open it again would reset an Arduino again, while its bootloader is still waiting.
+    """
+    host.jam(bench)
+    opened: list[Line] = []
+    monkeypatch.setattr(Line, "open", opened.append)
+    os.kill(bench.process.pid, signal.SIGSTOP)
+    try:
+        host.tick_until(lambda: host.link.status.state is LinkState.LOST, JAMMED)
+        assert "no reply" in host.link.status.detail
+    finally:
+        os.kill(bench.process.pid, signal.SIGCONT)
+    host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED)
+    host.jam(bench)
+    assert not opened
+
+
+OTHER = Wiring(
+    firmware=Firmware.OTHER,
+    pump=Pump(register=7, at_zero=4000, at_full=20000),
+    solenoids={PERONEAL_LEFT: Solenoid(0), PERONEAL_RIGHT: Solenoid(1, inverted=True), ACHILLES: Solenoid(5)},
+    sensors={
+        PERONEAL_LEFT: Sensor(0, scale=10.0),
+        PERONEAL_RIGHT: Sensor(1, scale=-10.0, offset_pa=200e3),
+        ACHILLES: Sensor(3, table="holding", signed=True, scale=10.0, vacuum=True, minimum=-100, maximum=9000),
+    },
+    rate_hz=50.0,
+    on_connect={9: 1234},
+)
+
+
+class OtherBoard:
+    """A bought I/O board: a Modbus server over TCP that knows of coils and registers and nothing else."""
+
+    def __init__(self, port: int = 0) -> None:
+        self.port = port
+        self._loop = asyncio.new_event_loop()
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        assert self._ready.wait(10.0)
+
+    def _run(self) -> None:
+        self._loop.run_until_complete(self._serve())
+
+    async def _serve(self) -> None:
+        coils = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
+        holding = [SimData(0, values=[0, 0, 0, 0xFFFE, 0, 0, 0, 0, 0, 0], datatype=DataType.REGISTERS)]
+        inputs = [SimData(0, values=[10132, 9868, 0], datatype=DataType.REGISTERS)]
+        discrete = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
+        self.server = ModbusTcpServer(
+            SimDevice(1, simdata=(coils, discrete, holding, inputs)), address=("127.0.0.1", self.port)
+        )
+        await self.server.serve_forever(background=True)
+        self.port = self.server.transport.sockets[0].getsockname()[1]
+        self._stop = asyncio.Event()
+        self._ready.set()
+        await self._stop.wait()
+        await self.server.shutdown()
+
+    def ask(self, function: int, first: int, count: int) -> list[int]:
+        """Return what the board holds, asked from its own thread."""
+
+        async def get() -> list[int]:
+            return list(await self.server.async_getValues(1, function, first, count))
+
+        return asyncio.run_coroutine_threadsafe(get(), self._loop).result(5.0)
+
+    def close(self) -> None:
+        self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join(5.0)
+
+
+def test_a_bought_board_over_tcp_works_without_our_firmware() -> None:
+    """Coils, polarity, a pump on 4 to 20 mA, scale, offset, sign and limits come from the board file alone."""
+    board = OtherBoard()
+    host = Host(f"tcp://127.0.0.1:{board.port}", wired=OTHER)
+    try:
+        host.tick_until(lambda: bool(host.exchanges), RELEASED)
+        host.tick_until(lambda: board.ask(1, 0, 6)[:2] == [False, True])
+        assert board.ask(3, 9, 1) == [1234]
+        readings = host.exchanges[-1].sensors_pa
+        assert readings[PERONEAL_LEFT] == pytest.approx(101320.0)
+        assert readings[PERONEAL_RIGHT] == pytest.approx(101320.0)
+        assert readings[ACHILLES] == pytest.approx(-20.0)
+        host.tick_until(lambda: board.ask(3, 7, 1) == [12000], JAMMED)
+        bits = board.ask(1, 0, 6)
+        assert [bits[0], bits[1], bits[5]] == [True, False, True]
+        assert host.link.status.latched == frozenset()
+        assert host.link.status.reset_cause is None
+        board.close()
+        host.tick_until(lambda: host.link.status.state is LinkState.LOST, JAMMED)
+        board = OtherBoard(board.port)
+        host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED, JAMMED)
+    finally:
+        host.link.close()
+        board.close()
+
+
+def test_a_number_outside_its_limits_is_no_pressure() -> None:
+    """What a broken wire gives is NaN, which the driver takes for no measurement."""
+    sensor = OTHER.sensors[ACHILLES]
+    assert math.isnan(sensor.pascals(0x8000))
+    assert math.isnan(sensor.pascals(9001))
+    assert sensor.pascals(0xFFFF) == -10.0
+
+
+def test_the_silence_between_frames_is_that_of_the_standard() -> None:
+    """3.5 characters of 11 bits up to 19200 baud, 1.75 ms above."""
+    assert silence_s(9600) == pytest.approx(3.5 * 11 / 9600)
+    assert silence_s(115200) == 1.75e-3
+
+
+@pytest.mark.parametrize("port", ["", "ttyUSB0", "tcp://", "tcp://host:port"])
+def test_a_port_must_be_a_device_or_an_address(port: str) -> None:
+    """Anything else is refused before the graph starts."""
+    with pytest.raises(ValueError, match="port is"):
+        check_port(port)
+
+
+GOOD = """
+pump: {register: 1}
+solenoids: {peroneal_left: {coil: 0}, peroneal_right: {coil: 1}, achilles: {coil: 2}}
+sensors: {peroneal_left: {register: 0}, peroneal_right: {register: 1}, achilles: {register: 2}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("coil: 1", "coil: 0", "coil 0 is used twice"),
+        ("coil: 1", "coil: -1", "0 to 65535"),
+        ("coil: 1", "coil: yes", "whole number"),
+        ("register: 2", "register: 1", "register 1 is used twice"),
+        ("register: 2", "register: 2, scale: 0.0", "scale must not be 0"),
+        ("register: 2", "register: 2, unit: 3", "'unit', which means nothing"),
+        ("achilles: {coil", "soleus: {coil", "soleus"),
+        ("achilles: {register", "soleus: {register", "soleus"),
+        ("pump: {register: 1}", "pump: {}", "either register"),
+        ("pump: {register: 1}", "pump: 1", "list of names"),
+        ("pump: {register: 1}", "pump: {register: 1}\nbaud_rate: 12", "1200 to"),
+        ("pump: {register: 1}", "pump: {register: 1}\nparity: X", "N, E, O"),
+        ("pump: {register: 1}", "pump: {register: 9}\nfirmware: jammkle", "register 1"),
+        ("pump: {register: 1}", "pump: {register: 1", "not YAML"),
+    ],
+)
+def test_a_bad_board_file_is_refused_with_one_line(tmp_path: Path, old: str, new: str, words: str) -> None:
+    """Whatever is wrong: the file, the place, and what would be right."""
+    path = tmp_path / "board.yaml"
+    path.write_text(GOOD)
+    assert set(load_wiring(path).solenoids) == set(CHANNELS)
+    path.write_text(GOOD.replace(old, new))
+    with pytest.raises(WiringError, match=f"(?s)board.yaml.*{words}") as caught:
+        load_wiring(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_example_of_a_bought_board_is_good() -> None:
+    """What the package ships to start from can be read."""
+    wiring = load_wiring(standard_board_file().with_name("board_bought.yaml"))
+    assert wiring.firmware is Firmware.OTHER
+    assert math.isnan(wiring.sensors[PERONEAL_LEFT].pascals(0))
+
+
+def test_a_board_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    """With the system's own word."""
+    with pytest.raises(WiringError, match="No such file"):
+        load_wiring(tmp_path / "none.yaml")

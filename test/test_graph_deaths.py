@@ -1,0 +1,224 @@
+"""What the ankle does when somebody stops, hangs or dies, and within what time; docs/faults.md tells it to users.
+
+One graph of single processes, as `ros2 run` starts them, goes through it all.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from std_msgs.msg import Bool
+
+from graph import environment
+from jammkle_graph.names import (
+    ACTUATOR_STATES,
+    CLEAR_FAULT,
+    DIAGNOSTICS,
+    EMERGENCY_STOP,
+    JAM_STATE,
+    PRESSURES,
+    SET_PAUSED,
+    UNJAM_ALL,
+)
+from jammkle_msgs.msg import ChannelJamState, Fault
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from graph import Probe
+
+AMBIENT_PA = 101325.0
+HELD_PA = 50e3
+
+
+class Processes:
+    """Nodes as processes of their own, by package."""
+
+    def __init__(self, domain_id: int, folder: Path) -> None:
+        self._environment = environment(domain_id)
+        self._folder = folder
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, *parameters: str) -> None:
+        arguments = [word for each in parameters for word in ("-p", each)]
+        with (self._folder / f"{name}.txt").open("ab") as log:
+            self.running[name] = subprocess.Popen(
+                [sys.executable, "-m", f"jammkle_{name}", "--ros-args", *arguments],
+                env=self._environment,
+                stdout=log,
+                stderr=log,
+            )
+
+    def send(self, name: str, number: signal.Signals) -> float:
+        """Send a signal, and return when, s of the monotonic clock."""
+        os.kill(self.running[name].pid, number)
+        return time.monotonic()
+
+    def end(self) -> None:
+        for process in self.running.values():
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def processes(domain_id: int, tmp_path: Path) -> Iterator[Processes]:
+    running = Processes(domain_id, tmp_path)
+    yield running
+    running.end()
+    for log in tmp_path.glob("*.txt"):
+        sys.stdout.write(f"{log.name}:\n{log.read_text()}\n")
+
+
+class Witness:
+    """What a bystander sees of the ankle, and how long everything took."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.probe = probe
+        self.seen_s: dict[str, float] = {}
+        probe.listen(JAM_STATE, DIAGNOSTICS, ACTUATOR_STATES, *PRESSURES.values())
+
+    def until(self, what: str, since_s: float, holds: Callable[[], bool]) -> None:
+        self.probe.spin_until(holds, what)
+        self.seen_s[what] = time.monotonic() - since_s
+
+    def hear_each_other(self) -> bool:
+        names = ("controller", "driver", "sim")
+        lines = [self.line(f"/{name}: nodes") for name in names]
+        return all(line is not None and all(name in line.message for name in names) for line in lines)
+
+    def energised(self) -> bool:
+        last = self.probe.last(ACTUATOR_STATES)
+        return bool(last) and any(last.energised)
+
+    def let_go(self) -> bool:
+        """Whether the board has let go by itself; a driver that regulates releases a solenoid now and then, too."""
+        return self.probe.last(ACTUATOR_STATES).host_silent and not self.energised()
+
+    def vacuum_pa(self) -> float:
+        return AMBIENT_PA - max(self.probe.last(topic).fluid_pressure for topic in PRESSURES.values())
+
+    def jammed(self) -> bool:
+        states = self.probe.channel_states()
+        return bool(states) and set(states.values()) == {ChannelJamState.JAMMED}
+
+    def faults(self) -> set[int]:
+        return {channel.fault for channel in self.probe.last(JAM_STATE).channels}
+
+    def line(self, name: str) -> Any:
+        """The latest line of that name, `/node: about`."""
+        for array in reversed(self.probe.heard[DIAGNOSTICS.name]):
+            for status in array.status:
+                if status.name == name:
+                    return status
+        return None
+
+    def missed(self, by: str, who: str) -> bool:
+        del self.probe.heard[DIAGNOSTICS.name][:-50]
+        line = self.line(f"/{by}: nodes")
+        return line is not None and f"{who} is dead" in line.message
+
+    def set_parameter(self, node: str, name: str, value: float) -> Any:
+        client = self.probe.node.create_client(SetParameters, f"{node}/set_parameters")
+        self.probe.spin_until(client.service_is_ready, f"{node} takes parameters")
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        future = client.call_async(SetParameters.Request(parameters=[parameter]))
+        self.probe.spin_until(future.done, f"{node} answers")
+        return future.result().results[0]
+
+
+def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - one start of the graph for all of it
+    processes: Processes, make_probe: Callable[..., Probe]
+) -> None:
+    """A stall, every death, a stop and nonsense in parameters, one after the other, on one standing ankle."""
+    probe = make_probe()
+    witness = Witness(probe)
+    processes.start("controller", "use_sim_time:=true")
+    processes.start("driver", "use_sim_time:=true")
+    processes.start("sim", "start_paused:=true")
+    probe.spin_until(witness.hear_each_other, "the nodes hear each other")
+    assert probe.call(SET_PAUSED, data=False).success
+    witness.until("standing, jammed", time.monotonic(), witness.jammed)
+
+    # Set points and the atmosphere: refused at the source, or outweighed.
+    refused = witness.set_parameter("controller", "hold_vacuum_pa", 75e3)
+    assert not refused.successful
+    assert "70000" in refused.reason
+    assert witness.set_parameter("driver", "ambient_pressure_pa", 80e3).successful
+    probe.spin_until(
+        lambda: (witness.line("/driver: atmosphere") or Bool()).level == b"\x01", "the parameter is doubted"
+    )
+    assert witness.jammed()
+    assert witness.vacuum_pa() == pytest.approx(HELD_PA, abs=2.5e3)
+    assert witness.set_parameter("driver", "ambient_pressure_pa", AMBIENT_PA).successful
+
+    # The driver stands still: the board lets go, and afterwards nothing healthy is in FAULT.
+    stood_s = processes.send("driver", signal.SIGSTOP)
+    witness.until("driver stopped: released", stood_s, witness.let_go)
+    probe.spin_until(lambda: time.monotonic() - stood_s > 1.5, "a stall of 1.5 s has passed")
+    woken_s = processes.send("driver", signal.SIGCONT)
+    witness.until("driver goes on: jammed again", woken_s, lambda: witness.energised() and witness.jammed())
+    assert ChannelJamState.FAULT not in probe.channel_states().values()
+
+    # The controller dies: vented, told, and taken up again where the robot stands.
+    dead_s = processes.send("controller", signal.SIGKILL)
+    stale = {Fault.COMMANDS_STALE}
+    witness.until("controller killed: released", dead_s, lambda: witness.faults() == stale and not witness.energised())
+    witness.until("controller killed: told", dead_s, lambda: witness.missed("driver", "controller"))
+    processes.start("controller", "use_sim_time:=true")
+    witness.until("controller again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
+
+    # The driver is stopped in order: it releases everything before it ends, and nobody misses it.
+    ended_s = processes.send("driver", signal.SIGTERM)
+    probe.spin_until(lambda: processes.running["driver"].poll() is not None, "the driver has ended")
+    witness.until("driver ended: released", ended_s, lambda: not witness.energised())
+    assert processes.running["driver"].returncode == 0
+    assert not probe.last(ACTUATOR_STATES).host_silent
+    processes.start("driver", "use_sim_time:=true")
+    probe.spin_until(lambda: witness.energised() and witness.jammed(), "another driver jams again")
+
+    # The driver dies: the board lets go; a new driver follows the controller that is there.
+    dead_s = processes.send("driver", signal.SIGKILL)
+    witness.until("driver killed: released", dead_s, witness.let_go)
+    witness.until("driver killed: told", dead_s, lambda: witness.missed("sim", "driver"))
+    assert "released" in witness.line("/sim: commands").message
+    processes.start("driver", "use_sim_time:=true")
+    witness.until("driver again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
+
+    # An emergency stop latches until it is cleared.
+    stop = probe.publisher(EMERGENCY_STOP)
+    probe.spin_until(lambda: stop.get_subscription_count() > 0, "the driver hears emergency_stop")
+    stop.publish(Bool(data=True))
+    stopped_s = time.monotonic()
+    witness.until(
+        "emergency stop: released",
+        stopped_s,
+        lambda: probe.last(JAM_STATE).emergency_stopped and not witness.energised(),
+    )
+    assert not probe.call(CLEAR_FAULT).success
+    stop.publish(Bool(data=False))
+    probe.spin_until(lambda: probe.call(CLEAR_FAULT).success, "the stop is cleared")
+    assert not witness.energised()
+
+    # The simulation dies: nobody answers for the ankle any more, and a stop says so.
+    dead_s = processes.send("sim", signal.SIGKILL)
+    witness.until("sim killed: FAULT", dead_s, lambda: witness.faults() == {Fault.BOARD_UNPLUGGED})
+    answer = probe.call(UNJAM_ALL)
+    assert not answer.success
+    assert "no sensor" in answer.message
+    witness.until("sim killed: told", dead_s, lambda: witness.missed("driver", "sim"))
+
+    # Stopped in order, nobody is missed.
+    ended_s = processes.send("controller", signal.SIGTERM)
+    witness.until("controller ended", ended_s, lambda: processes.running["controller"].poll() is not None)
+    assert processes.running["controller"].returncode == 0
+    for what, took_s in witness.seen_s.items():
+        sys.stdout.write(f"{what}: {took_s:.2f} s\n")
