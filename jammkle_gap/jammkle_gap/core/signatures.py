@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg import svd  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.features import Layout, layout_of, registered_s
 from jammkle_gap.core.grids import Grid, grid_of
@@ -182,7 +183,8 @@ def _contact(
     if not len(scatter) or not len(runs):
         return np.zeros((0, layout.size))
     scaled = (runs - draws @ scatter) / layout.floor
-    _, values, rows = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
+    # LAPACK's faster divide and conquer has failed to converge on finite numbers, once in some hundred dictionaries.
+    _, values, rows = svd(scaled - scaled.mean(axis=0), full_matrices=False, lapack_driver="gesvd")
     count = constants.contact_columns
     found: NDArray[np.float64] = rows[:count] * (values[:count, np.newaxis] / np.sqrt(len(runs) - 1)) * layout.floor
     return found
