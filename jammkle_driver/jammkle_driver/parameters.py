@@ -175,6 +175,7 @@ class DriverParameters:
                     rest_band_pa=self.pump_rest_band_pa,
                     rated_duty=self.pump_rated_duty,
                     thermal_time_s=self.pump_thermal_time_s,
+                    channel_lead_pa=0.5 * self.tolerance_pa,
                 ),
                 diagnosis=DiagnosisSettings(self.air()),
                 diagnose=self.diagnose,

@@ -116,6 +116,32 @@ def test_the_policy_says_what_one_fault_means_for_the_others(policy: str, *, oth
         assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
 
 
+@pytest.mark.parametrize("policy", ["ankle", "channel"])
+@pytest.mark.parametrize(
+    ("diagnose", "reason"), [(True, Reason.SENSOR_STUCK), (False, Reason.NOT_REACHED)], ids=["law", "time-outs"]
+)
+def test_a_sensor_stuck_at_zero_is_told_and_the_others_do_not_flap(
+    reason: Reason, policy: str, *, diagnose: bool
+) -> None:
+    """One sensor reads the atmosphere while all are jammed: the others stay JAMMED, and are let go once if at all."""
+    bench = jammed_bench(diagnose=diagnose, fault_policy=policy)
+    bench.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", bench.driver.ankle.atmosphere.pressure_pa)
+    others = [name for name in CHANNELS if name != "achilles"]
+    passed: dict[str, list[ChannelState]] = {name: [ChannelState.JAMMED] for name in others}
+
+    def watch() -> None:
+        for name in others:
+            state = bench.driver.ankle.channels[name].state
+            if state is not passed[name][-1]:
+                passed[name].append(state)
+
+    run(bench, 4.0, watch)
+    assert [(channel.name, channel.fault) for channel in bench.driver.ankle.faulty] == [("achilles", reason)]
+    assert bench.driver.status.trouble.reason is reason
+    let_go = [] if policy == "channel" else [ChannelState.VENTING, ChannelState.UNJAMMED]
+    assert passed == {name: [ChannelState.JAMMED, *let_go] for name in others}
+
+
 @pytest.mark.parametrize("cause", ["stop", "fault", "stale"])
 def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) -> None:
     """With hold, a stop, a fault or silence leaves everything connected, pump off; ~/unjam and clearing vent it."""

@@ -206,7 +206,14 @@ class Ankle:
             self._duty = self.load.spare(0.0, elapsed_s)
             return
         set_point_pa = jammed[0].set_point_pa
-        duty = self._regulator.update(set_point_pa, min(measured_pa), self.manifold_vacuum_pa, elapsed_s)
+        connected_pa = [channel.vacuum_pa or 0.0 for channel in jammed if channel.energised]
+        duty = self._regulator.update(
+            set_point_pa,
+            min(measured_pa),
+            self.manifold_vacuum_pa,
+            elapsed_s,
+            deepest_vacuum_pa=max(connected_pa, default=0.0),
+        )
         self._duty = self.load.spare(duty, elapsed_s)
 
     def stood_still(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 _DUTY_STEPS = 255
@@ -19,6 +20,8 @@ class RegulatorSettings:
         proportional_gain_per_pa: Duty per Pa of missing vacuum, 1/Pa.
         integral_time_s: Time in which the integral repeats the proportional part, s.
         manifold_lead_pa: How far the manifold may be below the set point while a tendon follows, Pa.
+        channel_lead_pa: How far any channel may be below the set point while another follows, Pa. Half of the band
+            above which its solenoid is released: one that never follows must not make the others vent.
         rest_band_pa: How far the vacuum may fall before a pump that rests works again, Pa.
         rated_duty: Mean duty that the pump bears for ever, 0 to 1.
         thermal_time_s: Time constant in which it warms up, s.
@@ -31,6 +34,7 @@ class RegulatorSettings:
     rest_band_pa: float = 700.0
     rated_duty: float = 1.0
     thermal_time_s: float = 60.0
+    channel_lead_pa: float = math.inf
 
 
 class PumpRegulator:
@@ -53,22 +57,33 @@ class PumpRegulator:
         self._resting = False
 
     def update(
-        self, set_point_pa: float, channel_vacuum_pa: float, manifold_vacuum_pa: float | None, elapsed_s: float
+        self,
+        set_point_pa: float,
+        channel_vacuum_pa: float,
+        manifold_vacuum_pa: float | None,
+        elapsed_s: float,
+        *,
+        deepest_vacuum_pa: float = 0.0,
     ) -> float:
         """Return the duty, 0 to 1.
 
         The channel is what counts. While the pump works the manifold runs ahead of the tendons, and what is drawn
-        too much there cannot be given back but through a leak, so the manifold may only lead by so much.
+        too much there cannot be given back but through a leak, so the manifold may only lead by so much, and
+        each channel by less. A channel counts as no deeper than the manifold: tendons that are drawn from follow it.
 
         Args:
             set_point_pa: Vacuum wanted, Pa, >= 0.
             channel_vacuum_pa: Lowest vacuum among the jammed channels, Pa.
             manifold_vacuum_pa: Vacuum in the manifold, Pa, or None where it is not measured.
             elapsed_s: Time since the last update, s, >= 0.
+            deepest_vacuum_pa: Highest vacuum among the channels that are connected, Pa; 0 where none is.
 
         """
         settings = self._settings
-        error_pa = set_point_pa - channel_vacuum_pa
+        if manifold_vacuum_pa is not None:
+            deepest_vacuum_pa = min(deepest_vacuum_pa, manifold_vacuum_pa)
+        spare_pa = set_point_pa + settings.channel_lead_pa - deepest_vacuum_pa
+        error_pa = min(set_point_pa - channel_vacuum_pa, spare_pa)
         # A tight ankle holds its vacuum by itself; a pump that trickles would wear out for nothing.
         self._resting = error_pa <= (settings.rest_band_pa if self._resting else 0.0)
         if self._resting:
