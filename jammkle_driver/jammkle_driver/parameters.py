@@ -84,7 +84,11 @@ class DriverParameters:
     )
     vented_vacuum_pa: float = parameter(5e3, "Vacuum below which a channel is UNJAMMED", "Pa", 100.0, 20e3)
     jam_timeout_s: float = parameter(
-        3.0, "Longest time that a channel asked to jam may not be JAMMED before FAULT", "s", 0.05, 60.0
+        3.0,
+        "Longest time that a channel asked to jam may not be JAMMED, or take the pump's full duty, before FAULT",
+        "s",
+        0.05,
+        60.0,
     )
     vent_timeout_s: float = parameter(1.0, "Longest time in VENTING before FAULT", "s", 0.05, 60.0)
     command_timeout_s: float = parameter(

@@ -142,6 +142,47 @@ def test_a_sensor_stuck_at_zero_is_told_and_the_others_do_not_flap(
     assert passed == {name: [ChannelState.JAMMED, *let_go] for name in others}
 
 
+def torn_under_a_wrong_sensor(channels: tuple[str, ...], *, diagnose: bool, while_jammed: bool) -> FaultBench:
+    """Run an ankle whose membrane tears, by two valves' conductance, under a sensor that reads the set point alone."""
+    bench = bench_of(diagnose=diagnose)
+    run(bench, 2.0)
+    if while_jammed:
+        bench.driver.jam(channels, SET_POINT_PA, "test")
+        run(bench, 1.5)
+    bench.plant.inject(FakeFault.LEAK, "achilles", 2e-9)
+    bench.plant.inject(FakeFault.SENSOR_BIAS, "achilles", 2e3 - SET_POINT_PA)  # the pump comes to some 2 kPa there
+    if not while_jammed:
+        run(bench, 0.3)
+        bench.driver.jam(channels, SET_POINT_PA, "test")
+    working = []
+    run(bench, 6.0, lambda: working.append(bench.driver.command.pump_duty > 0.9))
+    longest_s = 1.0 if diagnose else 3.5
+    assert sum(working) * 0.01 <= longest_s
+    assert bench.driver.command == released(CHANNELS)
+    return bench
+
+
+@pytest.mark.parametrize("channels", [(), ("achilles",)], ids=["all", "alone"])
+def test_a_sensor_off_by_the_set_point_does_not_hide_a_leak(channels: tuple[str, ...]) -> None:
+    """The sensor is blamed where it is off before the jam; both failing while jammed is told, if as one of several."""
+    bench = torn_under_a_wrong_sensor(channels, diagnose=True, while_jammed=False)
+    faulty = {channel.name: channel.fault for channel in bench.driver.ankle.faulty}
+    assert faulty == {"achilles": Reason.SENSOR_DRIFTING}
+    bench = torn_under_a_wrong_sensor(channels, diagnose=True, while_jammed=True)
+    assert bench.driver.status.trouble.reason in {Reason.LEAK, Reason.BLOCKED_LINE, Reason.SENSOR_DRIFTING}
+
+
+@pytest.mark.parametrize("while_jammed", [False, True], ids=["before", "jammed"])
+@pytest.mark.parametrize("channels", [(), ("achilles",)], ids=["all", "alone"])
+def test_a_pump_at_full_duty_is_not_jammed_for_ever(channels: tuple[str, ...], *, while_jammed: bool) -> None:
+    """By time-outs alone, a pump that does not come to the set point is given up, even within the tolerance of it."""
+    bench = torn_under_a_wrong_sensor(channels, diagnose=False, while_jammed=while_jammed)
+    trouble = bench.driver.status.trouble
+    assert trouble.reason is Reason.NOT_REACHED
+    assert "jam_timeout_s" in trouble.text
+    assert channels or bench.driver.ankle.faulty[0].name != "achilles"  # the others, which read the truth
+
+
 @pytest.mark.parametrize("cause", ["stop", "fault", "stale"])
 def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) -> None:
     """With hold, a stop, a fault or silence leaves everything connected, pump off; ~/unjam and clearing vent it."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState
 from jammkle_driver.core.diagnosis import Diagnosis, DiagnosisSettings
-from jammkle_driver.core.faults import Finding, Reason
+from jammkle_driver.core.faults import REMEDIES, Finding, Reason
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
 from jammkle_driver.core.leakage import LeakMeter
 from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSettings
@@ -215,11 +215,22 @@ class Ankle:
             deepest_vacuum_pa=max(connected_pa, default=0.0),
         )
         self._duty = self.load.spare(duty, elapsed_s)
+        if self._regulator.full_s > self._settings.channel.jam_timeout_s:
+            self._give_up(min(jammed, key=lambda channel: math.inf if channel.vacuum_pa is None else channel.vacuum_pa))
 
     def stood_still(self) -> None:
         """Note that readings of a while are missing because nobody took them."""
         self._stamps.clear()
         self.leaks.stop()
+
+    def _give_up(self, weakest: Channel) -> None:
+        """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""
+        self._regulator.reset()
+        at = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa"
+        timeout_s = self._settings.channel.jam_timeout_s
+        remedy = f"{REMEDIES[Reason.NOT_REACHED]}, then call ~/clear_fault"
+        seen = f"{at} with the pump at full duty for {timeout_s:g} s (jam_timeout_s): {remedy}"
+        self.fail((weakest.name,), seen, Reason.NOT_REACHED)
 
     def _note(self, place: str, pressure_pa: float, elapsed_s: float, command: ActuatorCommand) -> None:
         """Let what is vented tell of the atmosphere, and what is at rest of leaks."""

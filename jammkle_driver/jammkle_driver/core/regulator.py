@@ -8,6 +8,9 @@ from dataclasses import dataclass
 _DUTY_STEPS = 255
 """Duty is rounded to steps of an 8-bit PWM register, which keeps sensor noise off the topic."""
 
+_NEARLY_ALL = 0.9
+"""Duty from which a pump counts as working at full duty, 1: noise of 100 Pa moves the duty by a fortieth."""
+
 _LONGEST_STEP_S = 0.1
 """Longest time over which one sample counts for the integral, s; more is a gap in the data. Assumed."""
 
@@ -45,6 +48,13 @@ class PumpRegulator:
         self._settings = settings
         self._integral = 0.0
         self._resting = False
+        self._set_point_pa = 0.0
+        self._full_s = 0.0
+
+    @property
+    def full_s(self) -> float:
+        """For how long the pump has worked at full duty for one set point, without coming to it, s."""
+        return self._full_s
 
     @property
     def resting(self) -> bool:
@@ -52,9 +62,10 @@ class PumpRegulator:
         return self._resting
 
     def reset(self) -> None:
-        """Forget the integral."""
+        """Forget the integral, and how long the pump has worked."""
         self._integral = 0.0
         self._resting = False
+        self._full_s = 0.0
 
     def update(
         self,
@@ -87,18 +98,22 @@ class PumpRegulator:
         # A tight ankle holds its vacuum by itself; a pump that trickles would wear out for nothing.
         self._resting = error_pa <= (settings.rest_band_pa if self._resting else 0.0)
         if self._resting:
-            self._integral = 0.0
+            self._integral = self._full_s = 0.0
             return 0.0
         if manifold_vacuum_pa is not None:
             error_pa = min(error_pa, set_point_pa + settings.manifold_lead_pa - manifold_vacuum_pa)
         proportional = settings.proportional_gain_per_pa * error_pa
-        step = proportional * min(max(elapsed_s, 0.0), _LONGEST_STEP_S) / settings.integral_time_s
+        passed_s = min(max(elapsed_s, 0.0), _LONGEST_STEP_S)
+        step = proportional * passed_s / settings.integral_time_s
         unbounded = proportional + self._integral + step
         # Anti-windup: at a bound, only a step that leads back from it counts.
         saturated = (unbounded > 1.0 and step > 0.0) or (unbounded < 0.0 and step < 0.0)
         if not saturated:
             self._integral = min(max(self._integral + step, 0.0), 1.0)
         duty = min(max(proportional + self._integral, 0.0), 1.0)
+        goes_on = duty >= _NEARLY_ALL and set_point_pa == self._set_point_pa
+        self._full_s = self._full_s + passed_s if goes_on else 0.0
+        self._set_point_pa = set_point_pa
         return round(duty * _DUTY_STEPS) / _DUTY_STEPS
 
 

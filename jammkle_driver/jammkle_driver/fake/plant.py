@@ -41,6 +41,8 @@ class FakeFault(enum.Enum):
     """The reading stands still where it is; no size."""
     SENSOR_DRIFT = "sensor_drift"
     """Rate at which the reading runs away, Pa/s."""
+    SENSOR_BIAS = "sensor_bias"
+    """How much the sensor reads too high from now on, Pa."""
     SENSOR_OUT_OF_RANGE = "sensor_out_of_range"
     """What is read, Pa absolute."""
 
@@ -84,6 +86,7 @@ class FakePlant:
         self._dead: set[str] = set()
         self._stuck_pa: dict[str, float] = {}
         self._drift: dict[str, tuple[float, float]] = {}
+        self._bias_pa: dict[str, float] = {}
 
     @property
     def healthy_air(self) -> AirSettings:
@@ -119,6 +122,8 @@ class FakePlant:
             self._stuck_pa[place] = self._reading_pa(place)
         elif fault is FakeFault.SENSOR_DRIFT:
             self._drift[place] = (self.time_s, size)
+        elif fault is FakeFault.SENSOR_BIAS:
+            self._bias_pa[place] = size
         else:
             self._stuck_pa[place] = size
 
@@ -131,6 +136,7 @@ class FakePlant:
         self._dead.clear()
         self._stuck_pa.clear()
         self._drift.clear()
+        self._bias_pa.clear()
 
     def advance(self, duration_s: float) -> None:
         """Let time pass."""
@@ -156,6 +162,7 @@ class FakePlant:
     def _reading_pa(self, place: str) -> float:
         since_s, rate_pa_s = self._drift.get(place, (0.0, 0.0))
         error_pa = self._sensors.offsets_pa.get(place, 0.0) + rate_pa_s * (self.time_s - since_s)
+        error_pa += self._bias_pa.get(place, 0.0)
         return self.pressures_pa[place] + error_pa + self._random.gauss(0.0, self._sensors.noise_pa)
 
     def _step(self) -> None:
