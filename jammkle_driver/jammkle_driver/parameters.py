@@ -8,9 +8,9 @@ from jammkle_driver.core.air import AirSettings
 from jammkle_driver.core.ankle import AnkleSettings, FaultPolicy, SafeState
 from jammkle_driver.core.channel import ChannelSettings
 from jammkle_driver.core.diagnosis import DiagnosisSettings
-from jammkle_driver.core.driver import DriverSettings
 from jammkle_driver.core.regulator import RegulatorSettings
 from jammkle_driver.core.requests import VacuumLimits
+from jammkle_driver.core.settings import DriverSettings
 from jammkle_graph.constants import HELD_VACUUM_PA, STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_graph.parameters import ParameterError, parameter

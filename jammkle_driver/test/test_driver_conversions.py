@@ -12,7 +12,7 @@ from sensor_msgs.msg import FluidPressure
 
 from jammkle_driver import conversions
 from jammkle_driver.core.channel import ChannelState, ChannelStatus
-from jammkle_driver.core.driver import DriverStatus
+from jammkle_driver.core.status import DriverStatus
 from jammkle_driver.health import health_lines
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.diagnostics import Level

@@ -3,53 +3,31 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.ankle import Ankle, AnkleSettings, FaultPolicy, SafeState
-from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.faults import REMEDIES, Reason
-from jammkle_driver.core.hardware import MANIFOLD, REFERENCE_PA, ActuatorCommand, PressureSample, released
+from jammkle_driver.core.admission import INACTIVE, check_able, check_ready
+from jammkle_driver.core.ankle import Ankle, SafeState
+from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.hardware import REFERENCE_PA, ActuatorCommand, PressureSample, released
 from jammkle_driver.core.overload import OverloadStatus, OverloadWatch
 from jammkle_driver.core.requests import (
     RequestError,
-    VacuumLimits,
     Wish,
     check_shared_vacuum,
     checked_channels,
     checked_vacuum,
     checked_wishes,
 )
-from jammkle_driver.core.status import DriverStatus, Trouble
+from jammkle_driver.core.sensors import SensorWatch
+from jammkle_driver.core.status import DriverStatus, worst_trouble
 from jammkle_driver.core.stream import WishStream
 from jammkle_driver.core.watchdog import Instant, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-INACTIVE = "driver is not active"
-
-
-@dataclass(frozen=True)
-class DriverSettings:
-    """Everything that can be set about the driver.
-
-    Attributes:
-        limits: Vacuum that may be asked for.
-        ankle: What channels, pump and diagnosis go by.
-        command_timeout_s: Silence after which what a stream of wishes jammed is let go, s.
-        pressure_timeout_s: Silence after which a pressure counts as not measured, s.
-        emergency_stop_timeout_s: Silence of the emergency stop that counts as a stop, s; 0 = never.
-        tick_period_s: Time between two calls of `Driver.tick`, s.
-
-    """
-
-    limits: VacuumLimits
-    ankle: AnkleSettings
-    command_timeout_s: float
-    pressure_timeout_s: float
-    emergency_stop_timeout_s: float
-    tick_period_s: float
+    from jammkle_driver.core.requests import VacuumLimits
+    from jammkle_driver.core.settings import DriverSettings
 
 
 class Driver:
@@ -67,7 +45,7 @@ class Driver:
         self._limits = settings.limits
         self._ankle = Ankle(self._names, settings.ankle)
         self._stream = WishStream(settings.command_timeout_s)
-        self._silences = {place: Watchdog(settings.pressure_timeout_s) for place in (*self._names, MANIFOLD)}
+        self._sensors = SensorWatch(self._names, settings.pressure_timeout_s)
         self._stop_silence = Watchdog(settings.emergency_stop_timeout_s or math.inf)
         self._overload = OverloadWatch(settings.tick_period_s)
         self._steady_s = 0.0
@@ -107,7 +85,7 @@ class Driver:
             stop_reason=self._stop_reason,
             manifold_vacuum_pa=ankle.manifold_vacuum_pa,
             channels=tuple(channel.status for channel in ankle.channels.values()),
-            trouble=self._trouble(),
+            trouble=worst_trouble(ankle, self._sensors, self.own_pace),
             limits=self._limits,
             atmosphere=ankle.atmosphere.status,
             held=ankle.held,
@@ -144,8 +122,7 @@ class Driver:
     def reset(self) -> None:
         """Be as new, inactive; only an emergency stop stays."""
         self._ankle.reset()
-        for silence in self._silences.values():
-            silence.forget()
+        self._sensors.forget()
         self.deactivate()
 
     def jam(self, channels: Sequence[str], vacuum_pa: float, asked_by: str) -> str:
@@ -158,21 +135,8 @@ class Driver:
         """
         names = checked_channels(channels, self._names)
         vacuum_pa = checked_vacuum(vacuum_pa, self.limits)
-        self._check_ready("jam")
-        for name in names:
-            status = self._ankle.channels[name].status
-            if status.state is ChannelState.FAULT:
-                msg = f"channel '{name}' is in FAULT ({status.reason}); nothing was jammed"
-                raise RequestError(msg)
-            if not self._ankle.able(name):
-                failed = self._ankle.faulty[0].status
-                msg = (
-                    f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
-                )
-                raise RequestError(msg)
-            if status.state is ChannelState.UNKNOWN:
-                msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
-                raise RequestError(msg)
+        check_ready(active=self._active, stop_reason=self._stop_reason, board_waits=self._board_waits)
+        check_able(self._ankle, names)
         wishes = [Wish(name, vacuum_pa) for name in names]
         check_shared_vacuum(wishes, self._ankle.set_points_pa)
         for wish in wishes:
@@ -251,7 +215,7 @@ class Driver:
         faulty = self._ankle.faulty
         cleared = (["emergency stop"] if self._stop_reason else []) + [channel.name for channel in faulty]
         for channel in faulty:
-            if self._silences[channel.name].expired(now):
+            if self._sensors.silent(channel.name, now):
                 channel.forget_pressure()
         if cleared:
             self._ankle.clear(tuple(self._ankle.channels.values()) if self._stop_reason else faulty)
@@ -263,7 +227,7 @@ class Driver:
         """Take a pressure sample. One that is not a finite number counts as none."""
         if not math.isfinite(sample.vacuum_pa):
             return
-        self._silences[sample.place].feed(now)
+        self._sensors.hear(sample.place, now)
         self._ankle.measure(sample.place, REFERENCE_PA - sample.vacuum_pa, sample.stamp_s, now)
 
     @property
@@ -293,11 +257,11 @@ class Driver:
         stood_s = self._overload.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has heard nothing, and nobody is to blame for that.
-            for silence in (*self._silences.values(), self._stop_silence):
-                silence.excuse(stood_s)
+            self._sensors.excuse(stood_s)
+            self._stop_silence.excuse(stood_s)
             self._stream.excuse(stood_s)
             self._ankle.stood_still()
-        self._look_at_sensors(now)
+        self._sensors.look(self._ankle, now, active=self._active)
         for name in self._stream.fall_silent(now):
             reason = f"no accepted jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
             verb = "unjammed" if self._settings.ankle.safe_state is SafeState.VENT else "held"
@@ -305,63 +269,6 @@ class Driver:
         if self._active and not self._stop_reason and self._stop_silence.expired(now):
             self._stop(f"no emergency_stop for {self._stop_silence.timeout_s:g} s (emergency_stop_timeout_s)")
         self._ankle.regulate(0.0)
-
-    def _look_at_sensors(self, now: Instant) -> None:
-        silent = [
-            name
-            for name, channel in self._ankle.channels.items()
-            if channel.vacuum_pa is not None and self._silences[name].expired(now)
-        ]
-        if self._silences[MANIFOLD].expired(now):
-            self._ankle.manifold_vacuum_pa = None
-        for name in silent:
-            self._ankle.channels[name].forget_pressure()
-        if not silent or not self._active:
-            return
-        every = len(silent) == len(self._names) and self._ankle.manifold_vacuum_pa is None
-        fault = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
-        whose = "of any sensor " if every else ""
-        timeout_s = self._settings.pressure_timeout_s
-        remedy = "look at hardware or simulation" if every else REMEDIES[fault]
-        self._ankle.fail(
-            silent,
-            f"no valid pressure {whose}for {timeout_s:g} s (pressure_timeout_s): {remedy}, then call ~/clear_fault",
-            fault,
-        )
-
-    def _trouble(self) -> Trouble:
-        """Return the worst that is known of the whole ankle."""
-        ankle = self._ankle
-        faulty = ankle.faulty
-        if faulty:
-            acts = "kept as they were, pump off" if ankle.held else "vented"
-            others = "every channel" if self._settings.ankle.fault_policy is FaultPolicy.ANKLE else faulty[0].name
-            return Trouble(faulty[0].fault, faulty[0].status.reason, f"{others} {acts} until ~/clear_fault")
-        let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
-        if let_go:
-            acts = "kept as it was, pump off" if ankle.held else "vented"
-            names = ", ".join(channel.name for channel in let_go)
-            return Trouble(let_go[0].fault, let_go[0].status.reason, f"{names} {acts} until asked anew")
-        if self._silences[MANIFOLD].fed and ankle.manifold_vacuum_pa is None:
-            text = f"manifold: no pressure for {self._settings.pressure_timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
-            return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone")
-        own = self.own_pace
-        if own.overloaded:
-            stalls = f"it stood still {own.stalls} times, at most {own.longest_s:.2f} s"
-            text = f"the driver's work comes {own.late_s:.3f} s late; {stalls}"
-            return Trouble(Reason.EXECUTOR_OVERLOADED, text, "none: the board lets go where that lasts")
-        return Trouble()
-
-    def _check_ready(self, verb: str) -> None:
-        if not self._active:
-            msg = f"{INACTIVE}: cannot {verb}; activate it first (lifecycle transition 'activate')"
-            raise RequestError(msg)
-        if self._stop_reason:
-            msg = f"emergency stop ({self._stop_reason}): cannot {verb}; release it, then call ~/clear_fault"
-            raise RequestError(msg)
-        if self._board_waits:
-            msg = f"the board has let go and has not yet taken the release: cannot {verb}; ask again"
-            raise RequestError(msg)
 
     def _can_follow(self, channel: str) -> bool:
         return not self._stop_reason and self._ankle.able(channel)

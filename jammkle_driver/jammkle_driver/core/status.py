@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.ankle import FaultPolicy
+from jammkle_driver.core.faults import REMEDIES, Reason
 
 if TYPE_CHECKING:
+    from jammkle_driver.core.ankle import Ankle
     from jammkle_driver.core.atmosphere import AtmosphereStatus
     from jammkle_driver.core.channel import ChannelStatus
+    from jammkle_driver.core.overload import OverloadStatus
     from jammkle_driver.core.requests import VacuumLimits
+    from jammkle_driver.core.sensors import SensorWatch
 
 
 @dataclass(frozen=True)
@@ -53,3 +57,25 @@ class DriverStatus:
     limits: VacuumLimits | None = None
     atmosphere: AtmosphereStatus | None = None
     held: bool = False
+
+
+def worst_trouble(ankle: Ankle, sensors: SensorWatch, own_pace: OverloadStatus) -> Trouble:
+    """Return the worst that is known: a fault, then what was let go, a silent manifold, and the driver's own pace."""
+    faulty = ankle.faulty
+    if faulty:
+        acts = "kept as they were, pump off" if ankle.held else "vented"
+        others = "every channel" if ankle.settings.fault_policy is FaultPolicy.ANKLE else faulty[0].name
+        return Trouble(faulty[0].fault, faulty[0].status.reason, f"{others} {acts} until ~/clear_fault")
+    let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
+    if let_go:
+        acts = "kept as it was, pump off" if ankle.held else "vented"
+        names = ", ".join(channel.name for channel in let_go)
+        return Trouble(let_go[0].fault, let_go[0].status.reason, f"{names} {acts} until asked anew")
+    if sensors.manifold_heard and ankle.manifold_vacuum_pa is None:
+        text = f"manifold: no pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
+        return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone")
+    if own_pace.overloaded:
+        stalls = f"it stood still {own_pace.stalls} times, at most {own_pace.longest_s:.2f} s"
+        text = f"the driver's work comes {own_pace.late_s:.3f} s late; {stalls}"
+        return Trouble(Reason.EXECUTOR_OVERLOADED, text, "none: the board lets go where that lasts")
+    return Trouble()

@@ -18,8 +18,8 @@ from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from jammkle_driver.core.air import AirSettings
-    from jammkle_driver.core.driver import DriverSettings
     from jammkle_driver.core.hardware import ActuatorCommand
+    from jammkle_driver.core.settings import DriverSettings
 
 SAMPLE_S = 0.01
 _SAMPLES_PER_TICK = 5
