@@ -135,7 +135,9 @@ def test_the_demo_finds_what_it_was_not_told(landing: dict[str, Any]) -> None:
     named = {name for each in landing["diagnosis"]["set"] for name in (*each["names"], *each["equivalents"])}
     assert EFFECT in named
     gap = landing["diagnosis"]["gap"]
-    assert gap["corrected"] < 1.5 < gap["nominal"]
+    # How large the gap is hangs on the size that was drawn.
+    assert gap["corrected"] < gap["nominal"]
+    assert gap["closed"] > 0.5
     before, _, after = landing["text"].partition("in truth: ")
     assert f"verdict: {landing['diagnosis']['verdict'].replace('_', ' ')}" in before
     assert EFFECT in after
