@@ -89,7 +89,7 @@ def test_a_process_that_dies_is_named_with_its_exit_code_and_last_words() -> Non
 
 
 def test_a_killed_process_is_named_with_its_signal() -> None:
-    """A death by signal is told by the signal's name."""
+    """A death by signal is reported with the signal's name."""
     lines = Lines()
     with Supervisor([spec("sim", OBEDIENT)], lines.take) as supervisor:
         wait_until(lambda: lines.ready("sim"), "sim is ready")

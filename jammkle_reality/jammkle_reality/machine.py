@@ -60,7 +60,7 @@ class Pump:
     stroke_hz: float = 87.0
     """Strokes per second at full duty, falling with it. Assumed: 2600 per minute, both heads."""
     return_area_m2: float = 0.0
-    """Area through which air flows back through its valves, m^2. Assumed: none in good order."""
+    """Area through which air flows back through its valves, m^2. Assumed: none when healthy."""
 
 
 @dataclass(frozen=True)

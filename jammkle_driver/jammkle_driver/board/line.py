@@ -84,7 +84,7 @@ class Line:
             wiring: Baud rate, unit and timeout.
 
         """
-        # What goes wrong is counted here and told by the driver; pymodbus would tell it a hundred times a second.
+        # Errors are counted here and reported by the driver; pymodbus would log them a hundred times a second.
         logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
         self._port = port
         self._wiring = wiring

@@ -224,7 +224,7 @@ class Driver:
         return f"cleared: {', '.join(cleared)}" if cleared else "nothing to clear"
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
-        """Take a pressure sample. One that is not a finite number counts as none."""
+        """Take a pressure sample. One that is not a finite number is ignored."""
         if not math.isfinite(sample.vacuum_pa):
             return
         self._sensors.hear(sample.place, now)

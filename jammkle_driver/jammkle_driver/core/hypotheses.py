@@ -31,7 +31,7 @@ DEAD_PUMP = (0.0, 0.05)
 BLOCKED_LINE = (0.0, 0.3)
 SMALL_LEAK = (0.04, 0.3)
 LARGE_LEAK = (0.2, 1.5)
-"""Shares that are faults; what lies between is told by the nearer one. Leaks in two, for the range spans 1 to 40."""
+"""Shares that are faults; what lies between goes to the nearer one. Leaks in two, for the range spans 1 to 40."""
 
 JUMP_PA = 50e3
 """How far a sensor's reading may jump at once, Pa."""

@@ -48,6 +48,10 @@ class Constants:
     """Relative change of what is left, or of the parameters, at which a fit ends. Chosen: a tenth of a nat, of a
     hundred that are left."""
 
+    doubtful: float = 2.0
+    """What a fit of one parameter leaves per feature, in what healthy runs leave, above which it goes on. Chosen: an
+    effect that is exactly the machine's leaves 1, with a spread of 0.15 (`length_spread`)."""
+
     # Detection.
     false_alarm_rate: float = 0.01
     """Of the test for a gap, per diagnosis."""

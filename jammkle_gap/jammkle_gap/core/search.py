@@ -89,7 +89,7 @@ def search(
     doubtful = [
         fit
         for fit in singles[: constants.paired]
-        if len(fit.values) == 1 and fit.left > 2.0 * difference.healthy * difference.whitened.size
+        if len(fit.values) == 1 and fit.left > constants.doubtful * difference.healthy * difference.whitened.size
     ]
     if finished and doubtful:
         sharpened, finished = fitted(sharpened_fit, doubtful, "fitting")
