@@ -41,6 +41,7 @@ PURE = (
     "jammkle_sim.physics",
     "jammkle_sim.fit",
     "jammkle_sim.rigs",
+    "jammkle_sim.robots",
     "jammkle_sim.core",
     "jammkle_sim.paper",
     "jammkle_reality",
@@ -59,6 +60,7 @@ ALLOWED = {
     "jammkle_sim.physics": {"jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.fit": {"jammkle_sim.fit", "jammkle_sim.paper_tables", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.rigs": {"jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_sim.robots": {"jammkle_sim.robots", "jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
     "jammkle_sim.paper": {
         "jammkle_sim.paper",
         "jammkle_sim.paper_tables",

@@ -9,10 +9,20 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from jammkle_sim.physics.compiled import call_with_two_pointers, compiled
-from jammkle_sim.physics.records import BRANCHES, ELEMENTS, IMU_AXES, LOAD_CELL_AXES, TABLE_POINTS, VALVES, VOLUMES
+from jammkle_sim.physics.records import (
+    BRANCHES,
+    CONTACT_COLUMNS,
+    CONTACT_SLOTS,
+    ELEMENTS,
+    IMU_AXES,
+    LOAD_CELL_AXES,
+    TABLE_POINTS,
+    VALVES,
+    VOLUMES,
+)
 
 if TYPE_CHECKING:
-    from jammkle_sim.physics.records import Body, Laws, Probe, States
+    from jammkle_sim.physics.records import Ankle, Body, Laws, Probe, States
 
 SMALLEST_SHARE = 1e-6
 """Share of a time step below which a valve does not begin to move: the rounding of times that are whole steps."""
@@ -352,6 +362,61 @@ def advance_ankle(laws: Laws, states: States, body: Body, white: Any) -> int:
         call_with_two_pointers(step_2, model, data)
         filter_imu(laws.imu[0], states.imu[0], body.raw_imu, white[step])
     taken: int = white.shape[0] if is_stable(body.speed) else white.shape[0] - 1
+    return taken
+
+
+@compiled
+def watch_foot(contacts: Any, truth: Any) -> None:
+    """Take note of how hard a foot stands on the ground, and how it slides there.
+
+    Its speed is the mean of its contacts' tangential speeds, each counted by its share of the normal force: that at
+    which Coulomb friction takes energy away. A foot that rolls over its rounded corners does not slide.
+
+    Args:
+        contacts: Shape (CONTACT_SLOTS * CONTACT_COLUMNS,), as `records.Ankle` has them.
+        truth: One record of FOOT_TRUTH, changed in place.
+
+    """
+    normal_n, power_w = 0.0, 0.0
+    for slot in range(CONTACT_SLOTS):
+        at = slot * CONTACT_COLUMNS
+        force_n = abs(contacts[at])
+        normal_n += force_n
+        power_w += force_n * math.hypot(contacts[at + 4], contacts[at + 5])
+    truth.normal_force_n = normal_n
+    truth.sliding_speed_m_s = 0.0
+    if normal_n > truth.bearing_n:
+        truth.sliding_speed_m_s = power_w / normal_n
+        truth.sliding_distance_m += truth.sliding_speed_m_s * truth.step_s
+
+
+@compiled
+def advance_robot(ankles: tuple[Ankle, ...], addresses: Any, speed: Any, white: Any) -> int:
+    """Advance a robot and all its ankles, as `advance_ankle` does one.
+
+    Args:
+        ankles: Constants, memory and MuJoCo's side of each.
+        addresses: mj_step1, mj_step2, model, data.
+        speed: Joint speeds of the whole robot.
+        white: Standard normal numbers for the IMUs, shape (ankles, steps, 6).
+
+    Returns:
+        Steps taken; fewer than asked if the simulation became unstable.
+
+    """
+    step_1, step_2, model, data = addresses
+    for step in range(white.shape[1]):
+        if not is_stable(speed):
+            return step
+        call_with_two_pointers(step_1, model, data)
+        for ankle in ankles:
+            act(ankle.laws, ankle.states, ankle.body)
+        call_with_two_pointers(step_2, model, data)
+        for i in range(len(ankles)):
+            ankle = ankles[i]
+            filter_imu(ankle.laws.imu[0], ankle.states.imu[0], ankle.body.raw_imu, white[i, step])
+            watch_foot(ankle.contacts, ankle.truth[0])
+    taken: int = white.shape[1] if is_stable(speed) else white.shape[1] - 1
     return taken
 
 

@@ -179,6 +179,37 @@ class Body(NamedTuple):
     """Accelerometer and gyro, shape (6,)."""
 
 
+CONTACT_SLOTS = 12
+"""Contacts of one foot that are looked at: three for each of its four corners, as on a ridge of rough ground."""
+CONTACT_COLUMNS = 6
+"""Of each contact, in its own frame: force, N, and speed of the foot against the ground, m/s; each along the normal,
+then along both tangents."""
+
+FOOT_TRUTH = np.dtype(
+    [
+        ("bearing_n", np.float64),
+        ("step_s", np.float64),
+        ("normal_force_n", np.float64),
+        ("sliding_speed_m_s", np.float64),
+        ("sliding_distance_m", np.float64),
+    ],
+)
+"""What a foot truly does on the ground: from which force on it counts as standing, the time step, then the latest
+normal force and speed, and the way that it has slid since the start."""
+
+
+class Ankle(NamedTuple):
+    """One ankle of a robot, with all that is advanced with it."""
+
+    laws: Laws
+    states: States
+    body: Body
+    contacts: NDArray[np.float64]
+    """Contacts of the foot with the ground, shape (CONTACT_SLOTS * CONTACT_COLUMNS,), zeros where there are fewer."""
+    truth: NDArray[Any]
+    """Shape (1,) of FOOT_TRUTH."""
+
+
 class Probe(NamedTuple):
     """Where MuJoCo keeps what a recording holds beside the states: views of its own arrays."""
 

@@ -43,8 +43,47 @@ def all_channels(time_s: float, vacuum_pa: float) -> VacuumStep:
     return VacuumStep(time_s, CHANNELS, vacuum_pa)
 
 
+class VacuumRegulator:
+    """Makes set points of vacuum into commands: one at a time may differ from 0, as a 3/2 solenoid draws or vents."""
+
+    def __init__(self, ambient_pa: float) -> None:
+        """Start with everything vented.
+
+        Args:
+            ambient_pa: Pressure of the atmosphere, Pa.
+
+        """
+        self._ambient_pa = ambient_pa
+        self._integral = 0.0
+
+    def commands(
+        self, wanted_pa: Mapping[str, float], channel_pa: Mapping[str, float], manifold_pa: float, elapsed_s: float
+    ) -> Commands:
+        """Return what to command now.
+
+        Args:
+            wanted_pa: Vacuum by channel, every one of them, Pa; 0 vents.
+            channel_pa: Measured absolute pressure by channel, Pa.
+            manifold_pa: Measured absolute pressure of the manifold, Pa.
+            elapsed_s: Since the call before.
+
+        """
+        energised = tuple(wanted_pa[channel] > 0.0 for channel in CHANNELS)
+        if not any(energised):
+            self._integral = 0.0
+            return Commands(0.0, energised)
+        missing_pa = max(
+            wanted_pa[channel] - (self._ambient_pa - channel_pa[channel]) for channel in CHANNELS if wanted_pa[channel]
+        )
+        lead_pa = max(wanted_pa.values()) + MANIFOLD_LEAD_PA - (self._ambient_pa - manifold_pa)
+        proportional = GAIN_PER_PA * min(missing_pa, lead_pa)
+        if 0.0 < proportional + self._integral < 1.0:  # at a bound the integral stands still
+            self._integral = max(self._integral + proportional * elapsed_s / INTEGRAL_TIME_S, 0.0)
+        return Commands(min(max(proportional + self._integral, 0.0), 1.0), energised)
+
+
 class VacuumKeeper:
-    """Follows a schedule: one set point at a time may differ from 0, as a 3/2 solenoid can only draw or vent."""
+    """Follows a schedule of set points."""
 
     def __init__(self, schedule: tuple[VacuumStep, ...], ambient_pa: float) -> None:
         """Start with everything vented.
@@ -55,8 +94,7 @@ class VacuumKeeper:
 
         """
         self._schedule = schedule
-        self._ambient_pa = ambient_pa
-        self._integral = 0.0
+        self._regulator = VacuumRegulator(ambient_pa)
 
     def commands(
         self, time_s: float, channel_pa: Mapping[str, float], manifold_pa: float, elapsed_s: float
@@ -74,15 +112,4 @@ class VacuumKeeper:
         for step in self._schedule:
             if step.time_s <= time_s:
                 wanted_pa.update(dict.fromkeys(step.channels, step.vacuum_pa))
-        energised = tuple(wanted_pa[channel] > 0.0 for channel in CHANNELS)
-        if not any(energised):
-            self._integral = 0.0
-            return Commands(0.0, energised)
-        missing_pa = max(
-            wanted_pa[channel] - (self._ambient_pa - channel_pa[channel]) for channel in CHANNELS if wanted_pa[channel]
-        )
-        lead_pa = max(wanted_pa.values()) + MANIFOLD_LEAD_PA - (self._ambient_pa - manifold_pa)
-        proportional = GAIN_PER_PA * min(missing_pa, lead_pa)
-        if 0.0 < proportional + self._integral < 1.0:  # at a bound the integral stands still
-            self._integral = max(self._integral + proportional * elapsed_s / INTEGRAL_TIME_S, 0.0)
-        return Commands(min(max(proportional + self._integral, 0.0), 1.0), energised)
+        return self._regulator.commands(wanted_pa, channel_pa, manifold_pa, elapsed_s)
