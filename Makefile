@@ -5,7 +5,7 @@ BIN := .venv/bin
 
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help demo test bench blind faults soak firmware lint format readme lock set-up clean
+.PHONY: help demo test bench blind faults soak firmware docs lint format readme lock set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
@@ -15,10 +15,11 @@ help:
 	@echo "make soak   set up, jam for half a simulated hour with random faults, pester with 100,000 malformed requests"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
+	@echo "make docs   build the documentation as pages: docs/_build/index.html"
 	@echo "make lint   set up, ruff and mypy"
 	@echo "make format set up, format the code with ruff"
 	@echo "make readme set up, write anew what is made from the code: tables of the documents, the firmware's registers"
-	@echo "make lock   write requirements.lock anew from requirements.in"
+	@echo "make lock   write both requirements.lock anew from requirements.in"
 	@echo "make clean  remove everything that the other targets made"
 
 set-up:
@@ -56,6 +57,15 @@ lint: set-up
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 
+docs: .venv-docs/made
+	@.venv-docs/bin/sphinx-build --quiet --fail-on-warning --keep-going --jobs auto docs docs/_build
+	@echo "docs/_build/index.html"
+
+.venv-docs/made: docs/requirements.lock
+	@$(PYTHON) -m venv --clear .venv-docs
+	@.venv-docs/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r docs/requirements.lock
+	@touch $@
+
 readme: set-up
 	@$(BIN)/python test/readme_tables.py
 	@$(BIN)/python jammkle_bringup/scripts/write_parameter_file.py
@@ -68,7 +78,9 @@ lock: set-up
 	@$(BIN)/python -m pip install --quiet uv
 	@$(BIN)/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-header \
 		requirements.in --output-file requirements.lock
+	@$(BIN)/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-header \
+		docs/requirements.in --output-file docs/requirements.lock
 
 clean:
-	@rm -rf .venv runs bench.json jammkle_driver/firmware/build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@rm -rf .venv .venv-docs docs/_build runs bench.json jammkle_driver/firmware/build .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

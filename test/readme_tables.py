@@ -1,6 +1,9 @@
-"""What is made from the code: the tables of README.md and docs/hardware.md, and the firmware's header of registers.
+"""What is made from the code: parts of the pages in docs, and the firmware's header of registers.
 
-`python test/readme_tables.py` writes them; a test fails when they differ.
+`make readme` writes them; a test fails when they differ. A page says what it wants and where:
+
+    <!-- table: topics -->
+    <!-- end of table -->
 """
 
 from __future__ import annotations
@@ -8,6 +11,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from command_reference import command_text
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
@@ -18,9 +22,10 @@ from jammkle_sim.parameters import SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 
 ROOT = Path(__file__).parents[1]
-README = ROOT / "README.md"
-HARDWARE = ROOT / "docs" / "hardware.md"
+DOCS = ROOT / "docs"
+EXAMPLES = DOCS / "examples"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
+INTERFACES = {"Messages": "msg", "Services": "srv", "Actions": "action"}
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
@@ -63,7 +68,7 @@ def parameter_line(row: ParameterRow) -> tuple[str, ...]:
 
 
 def tables() -> dict[str, str]:
-    """Every table by the name of its place in the README."""
+    """Every part that is made from the code, by the name that a page asks for it by."""
     made = {
         "topics": table(
             ("topic", "type", "delivery", "what"),
@@ -86,25 +91,54 @@ def tables() -> dict[str, str]:
         made[f"options of rig {rig.name}"] = table(
             ("option", "default", "range", "what"), [option_line(row) for row in rows(rig.options)]
         )
+    made["registers"] = register_table()
+    made["command"] = command_text()
+    made["interfaces"] = interfaces_text()
+    made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
+    for example in EXAMPLES.glob("*.py"):
+        made[f"example {example.name}"] = f"```python\n{example.read_text()}```"
     return made
 
 
-def filled(path: Path) -> str:
-    """Return the text of a page with every table as the code has it."""
-    text = path.read_text()
-    for name, made in (tables() if path == README else {"registers": register_table()}).items():
-        begin, end = f"<!-- table: {name} -->", "<!-- end of table -->"
-        pattern = re.compile(rf"{re.escape(begin)}\n.*?{re.escape(end)}", re.DOTALL)
-        if not pattern.search(text):
-            msg = f"{path.name} has no place for the table '{name}': add the lines '{begin}' and '{end}'"
+def interfaces_text() -> str:
+    """Every interface of the project, as its file has it."""
+    parts = []
+    for title, folder in INTERFACES.items():
+        parts.append(f"## {title}")
+        parts.extend(
+            f"### {path.stem}\n\n```{{literalinclude}} ../{path.relative_to(ROOT)}\n:language: text\n```"
+            for path in sorted((ROOT / "jammkle_msgs" / folder).iterdir())
+        )
+    return "\n\n".join(parts)
+
+
+def pages() -> list[Path]:
+    """Every page of the documentation, and the one that leads there."""
+    return [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+
+
+def filled(path: Path, made: dict[str, str]) -> str:
+    """Return the text of a page with every part as the code has it.
+
+    Raises:
+        ValueError: the page asks for a part that nobody makes.
+
+    """
+
+    def part(match: re.Match[str]) -> str:
+        name = match["name"]
+        if name not in made:
+            msg = f"{path.name} asks for '{name}', and there is none; there are: {', '.join(made)}"
             raise ValueError(msg)
-        text = pattern.sub(lambda _, block=f"{begin}\n{made}\n{end}": block, text)
-    return text
+        return f"<!-- table: {name} -->\n{made[name]}\n<!-- end of table -->"
+
+    return re.sub(r"<!-- table: (?P<name>.+?) -->\n.*?<!-- end of table -->", part, path.read_text(), flags=re.DOTALL)
 
 
 def made() -> dict[Path, str]:
     """Return every file that is made from the code, whole or in part, with its text."""
-    return {README: filled(README), HARDWARE: filled(HARDWARE), HEADER: header_text()}
+    parts = tables()
+    return {**{path: filled(path, parts) for path in pages()}, HEADER: header_text()}
 
 
 if __name__ == "__main__":

@@ -1,52 +1,113 @@
-"""The README says what the code does."""
+"""README and pages say what the code does, and every line of the command that they show is one."""
 
 from __future__ import annotations
 
 import re
-import subprocess
+import shlex
 from pathlib import Path
 
-from graph import COMMAND
-from readme_tables import README, made
+import pytest
 
-ROOT = README.parent
+from command_reference import NAME, parse
+from readme_tables import ROOT, made, pages
+
+DOCUMENTS = [*pages(), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+SEPARATORS = {"&&", "||", ";", "&", "|", "(", ")"}
+REDIRECTIONS = {">", ">>", ">&", "<"}
 
 
-def test_the_tables_are_those_of_the_code() -> None:
-    """Tables of the documents and the firmware's registers are as the code has them; `make readme` writes them."""
+def lines_of(text: str) -> list[list[str]]:
+    """Words of every call of the command in a shell script, without what the shell takes of it."""
+    calls: list[list[str]] = []
+    for line in re.sub(r"\$\([^()]*\)", "", text.replace("\\\n", " ")).splitlines():
+        lexer = shlex.shlex(line, posix=True, punctuation_chars=True)
+        lexer.whitespace_split = True
+        calls.append([])
+        taken = True
+        for word in lexer:
+            if word in SEPARATORS:
+                calls.append([])
+            taken = word in SEPARATORS or (taken and word not in REDIRECTIONS)
+            if taken and word not in SEPARATORS:
+                calls[-1].append(word)
+    return [[NAME, *words[1:]] for words in calls if words and Path(words[0]).name == NAME]
+
+
+def shown_calls() -> list[tuple[str, list[str]]]:
+    """Every call of the command in a shell block of a document, with the document's name."""
+    return [
+        (path.name, words)
+        for path in DOCUMENTS
+        for block in re.findall(r"```bash\n(.*?)```", path.read_text(), re.DOTALL)
+        for words in lines_of(block)
+    ]
+
+
+def test_what_is_made_from_the_code_is_as_the_code_has_it() -> None:
+    """Tables, reference and examples of the pages, and the firmware's registers; `make readme` writes them."""
     for path, text in made().items():
         assert path.read_text() == text, path.name
 
 
-def test_every_row_has_the_cells_of_its_head() -> None:
-    """No stray bar breaks a table where the README is shown."""
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_every_row_has_the_cells_of_its_head(path: Path) -> None:
+    """No stray bar breaks a table where a document is shown."""
     width = 0
-    for line in README.read_text().splitlines():
+    for line in path.read_text().splitlines():
         cells = len(re.findall(r"(?<!\\)\|", line)) if line.startswith("|") else 0
         assert not (cells and width) or cells == width, line
         width = cells
 
 
-def test_every_subcommand_that_is_shown_exists() -> None:
-    """Each `jammkle NAME` of the README's code blocks answers `--help`."""
-    blocks = re.findall(r"```bash\n(.*?)```", README.read_text(), re.DOTALL)
-    names = sorted(set(re.findall(r"(?:^|[ /])jammkle ([a-z]+)", "\n".join(blocks), re.MULTILINE)))
-    assert {"info", "jam", "record", "status", "unjam", "up"} <= set(names)
-    for name in names:
-        help_text = subprocess.run([COMMAND, name, "--help"], capture_output=True, text=True, check=True).stdout
-        assert "Usage" in help_text
+def test_the_shell_is_read_as_a_shell_reads_it() -> None:
+    """What the examples are cut into calls by knows comments, redirections, and what runs one after the other."""
+    script = f"""
+export PATH=x
+.venv/bin/{NAME} up --speed 0 > up.log 2>&1 &   # started; and left alone
+{NAME} gap diagnose a $(printf -- '--reference %s ' b_*) \\
+    -o "c d" && {NAME} info c
+"""
+    assert lines_of(script) == [
+        [NAME, "up", "--speed", "0"],
+        [NAME, "gap", "diagnose", "a", "-o", "c d"],
+        [NAME, "info", "c"],
+    ]
+
+
+def test_every_verb_is_shown() -> None:
+    """No verb is without an example."""
+    shown = {words[1] for _, words in shown_calls()}
+    assert {"gap", "hardware", "info", "jam", "paper", "record", "rig", "status", "unjam", "up"} <= shown
+
+
+@pytest.mark.parametrize("call", sorted({(name, shlex.join(words)) for name, words in shown_calls()}), ids=" ".join)
+def test_a_call_that_is_shown_is_one(call: tuple[str, str]) -> None:
+    """Verb and options of an example exist, and take what they are given."""
+    parse(shlex.split(call[1]))
+
+
+def test_a_call_that_is_none_is_noticed() -> None:
+    """An option, a verb or a value that does not exist fails."""
+    for words in (["jam", "--vacuum", "3"], ["rig", "drop", "--food", "jammed"], ["frob"], ["up", "--robot", "cat"]):
+        with pytest.raises(Exception, match=r"[Nn]o such|no command|Invalid value|is not one of"):
+            parse([NAME, *words])
 
 
 def test_every_make_target_that_is_shown_exists() -> None:
-    """Each `make NAME` of the README and of CONTRIBUTING.md is a target of the Makefile."""
+    """Each `make NAME` of a document is a target of the Makefile."""
     makefile = (ROOT / "Makefile").read_text()
-    for name in ("README.md", "CONTRIBUTING.md"):
-        for target in set(re.findall(r"(?:^|`)make ([a-z-]+)", (ROOT / name).read_text(), re.MULTILINE)):
-            assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"{name} shows make {target}"
+    for path in DOCUMENTS:
+        for target in set(re.findall(r"(?:^|`)make ([a-z][a-z-]*)", path.read_text(), re.MULTILINE)):
+            assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"{path.name} shows make {target}"
 
 
 def test_every_file_that_is_linked_exists() -> None:
-    """Each relative link of the documents leads to a file of the project."""
-    for document in ROOT.glob("*.md"):
-        for target in re.findall(r"\]\((?!https?://|#)([^)#]+)", document.read_text()):
-            assert (ROOT / Path(target)).exists(), f"{document.name} links to {target}"
+    """Each relative link or picture of a document leads to a file of the project; `make docs` checks the headings."""
+    for path in DOCUMENTS:
+        for target in re.findall(r"\]\((?!https?://|#)([^)#]+)", path.read_text()):
+            assert (path.parent / target).exists(), f"{path.name} links to {target}"
+
+
+def test_the_readme_is_one_screen() -> None:
+    """What it is, a picture, two commands, a first session, where to read on: the rest stands on the pages."""
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 60

@@ -45,7 +45,7 @@ def check_machine():
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
         raise SetUpError(
             "The ROS 2 wheels are built for Linux on x86_64, and this is %s on %s: use a sourced ROS 2 Jazzy instead "
-            "(README, 'In a sourced ROS 2 Jazzy')." % (platform.system(), platform.machine())
+            "(docs/start.md, 'In a sourced ROS 2 Jazzy')." % (platform.system(), platform.machine())
         )
     if not importlib.util.find_spec("ensurepip"):
         raise SetUpError("This Python has no `ensurepip`: install it, for example `apt install python3-venv`.")
