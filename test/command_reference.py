@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from typer.main import get_command
 
 from jammkle_graph.command.main import app
+from jammkle_graph.command.vocabulary import typed_row
 from jammkle_graph.parameters import rows
 from jammkle_sim.commands.rig_options import rig_app
 from jammkle_sim.rigs.catalogue import RIGS
@@ -72,7 +73,7 @@ def rig_sections() -> Iterator[str]:
     """What all rigs have in common."""
     yield "\n".join(["| rig | what |", "|---|---|", *(f"| `{name}` | {kind.title} |" for name, kind in RIGS.items())])
     name, kind = next(iter(RIGS.items()))
-    own = {row.name for row in rows(kind.options)}
+    own = {typed_row(row).name for row in rows(kind.options)}
     command = rigs().commands[name]
     command.params = [each for each in command.params if each.name not in own]
     yield from usage(command, context(command, name), f"{NAME} {RIG} RIG")

@@ -16,6 +16,7 @@ from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
+from jammkle_graph.command.vocabulary import typed_row
 from jammkle_graph.names import ACTIONS, CHANNELS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_sim.parameters import SimParameters
@@ -56,7 +57,7 @@ def value_text(value: Value) -> str:
 
 def option_line(row: ParameterRow) -> tuple[str, ...]:
     """One line of a table of options of the command."""
-    name, *rest = parameter_line(row)
+    name, *rest = parameter_line(typed_row(row))
     return (f"`--{name.strip('`').replace('_', '-')}`", *rest)
 
 

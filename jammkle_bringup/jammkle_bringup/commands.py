@@ -35,8 +35,10 @@ def up(
     speed: Annotated[
         float | None, typer.Option(help="Simulated time per real time; 0: as fast as possible.", show_default="1")
     ] = None,
-    record: Annotated[Path | None, typer.Option(help="Record everything into this new bag.")] = None,
-    params: Annotated[list[Path] | None, typer.Option(help="ROS parameter file (YAML); may be repeated.")] = None,
+    record: Annotated[Path | None, typer.Option(help="Record everything into this new bag.", metavar="DIR")] = None,
+    params: Annotated[
+        list[Path] | None, typer.Option(help="ROS parameter file (YAML); may be repeated.", metavar="FILE")
+    ] = None,
     monitor: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--monitor", help="Let a simulated twin follow the robot and warn when it is left.")
     ] = False,
@@ -108,7 +110,7 @@ def status(
 
 @app.command()
 def record(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the new bag.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the new bag.", metavar="DIR")],
     namespace: NamespaceOption = "/",
     clock: Annotated[
         str, typer.Option(help="Log times: sim (/clock), system, or auto: /clock if somebody publishes it.")
@@ -150,9 +152,9 @@ def info(
 
 @app.command()
 def demo(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.")] = Path(
-        "runs"
-    ),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.", metavar="DIR")
+    ] = Path("runs"),
     namespace: NamespaceOption = "/",
     effect: Annotated[
         str | None,

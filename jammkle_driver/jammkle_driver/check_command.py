@@ -34,9 +34,12 @@ def group() -> None:
 def check(
     port: Annotated[str, typer.Option(help="A serial device, or tcp://HOST[:PORT].", metavar="DEV")],
     board_file: Annotated[
-        Path | None, typer.Option(help="How the board is wired (YAML).", show_default="the project's own board")
+        Path | None,
+        typer.Option(help="How the board is wired (YAML).", show_default="the project's own board", metavar="FILE"),
     ] = None,
-    output: Annotated[Path | None, typer.Option(help="Where the calibrated board file of a bought board goes.")] = None,
+    save_board_file: Annotated[
+        Path | None, typer.Option(help="Where the calibrated board file of a bought board goes.", metavar="FILE")
+    ] = None,
     yes: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--yes", help="Ask nothing: start at once, and leave the calibration as it is.")
     ] = False,
@@ -51,7 +54,7 @@ def check(
     from jammkle_graph.command import results
 
     results.check_writable(json)
-    results.check_writable(output, "--output")
+    results.check_writable(save_board_file, "--save-board-file")
     try:
         check_port(port)
         wiring = load_wiring(board_file)
@@ -60,7 +63,7 @@ def check(
         raise InputError(msg) from error
     if not yes:
         typer.confirm("Pump and valves will run: the ankle stiffens and softens. Go on?", default=True, abort=True)
-    options = WalkOptions(port, wiring, board_file, output, calibrates=not yes)
+    options = WalkOptions(port, wiring, board_file, save_board_file, calibrates=not yes)
     try:
         rows = asyncio.run(walk(options, _Typist()))
     except LineError as error:

@@ -24,7 +24,9 @@ gap_app.add_typer(blind_app, name="blind")
 app = typer.Typer()
 app.add_typer(gap_app, name="gap")
 
-LibraryOption = Annotated[Path | None, typer.Option(help="Effects of your own (YAML), beside the built-in ones.")]
+LibraryOption = Annotated[
+    Path | None, typer.Option(help="Effects of your own (YAML), beside the built-in ones.", metavar="FILE")
+]
 
 
 class Sensors(enum.Enum):
@@ -40,7 +42,10 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     bags: Annotated[list[Path], typer.Argument(help="Recordings: repeats, or several settings.", metavar="BAG")],
     reference: Annotated[
         list[Path] | None,
-        typer.Option(help="Recording of the same machine while healthy, same setting; five are good. May be repeated."),
+        typer.Option(
+            help="Recording of the same machine while healthy, same setting; five are good. May be repeated.",
+            metavar="BAG",
+        ),
     ] = None,
     rig: Annotated[
         list[str] | None,
@@ -75,7 +80,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     ] = None,
     simulate: Annotated[str | None, typer.Option(hidden=True)] = None,
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.")
+        Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.", metavar="DIR")
     ] = Path("runs/gap"),
     namespace: Annotated[str | None, typer.Option(help="Namespace of the ankle, if the bags hold several.")] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes.", show_default="one per core where that pays")] = None,

@@ -16,6 +16,7 @@ from jammkle_gap.core.effects import BadEffectError, Library
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.signals import Interrupted
+from jammkle_graph.command.vocabulary import as_typed, typed_name
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def recordings_of(
                 runs = load_recordings(bag, request.rig, options=request.options, namespace=namespace)
                 found.append((bag, tuple(selected(each, sensors or headline_set(each)) for each in runs)))
             except BadRecordingError as error:
-                raise InputError(str(error)) from error
+                raise InputError(as_typed(str(error), "--set ")) from error
             except UnstableSimulationError as error:
                 msg = f"bag {bag}: {error}"
                 raise GraphError(msg) from error
@@ -161,6 +162,7 @@ def _check_options(found: Sequence[tuple[Path, Sequence[Recording]]], requests: 
         own = {name for name, _ in inputs.options}
         unknown = sorted(name for name in request.options if name not in (own if name in request.own else every))
         if unknown:
-            known = ", ".join(name for name, _ in inputs.options)
-            msg = f"--set {unknown[0]} is no option of rig {inputs.rig}; it has: {known}"
+            known = ", ".join(typed_name(name) for name, _ in inputs.options)
+            wrong = typed_name(unknown[0])
+            msg = f"--set {wrong} is no option of rig {inputs.rig}; it has: {known}"
             raise InputError(msg)

@@ -19,7 +19,7 @@ def test_what_is_said_of_all_and_of_one() -> None:
     found = requests_for(
         BAGS,
         ["tensile", "drop=drop"],
-        ["vacuum_pa=50000", "drop:foot=jammed", "day_2/pull:vacuum-pa=3e4", "drop:friction=0.2"],
+        ["vacuum-kpa=50", "drop:foot=jammed", "day_2/pull:vacuum_kpa=3e1", "drop:friction=0.2"],
     )
     assert [each.rig for each in found] == ["tensile", "tensile", "drop"]
     assert [dict(each.options) for each in found] == [
@@ -47,12 +47,13 @@ def test_nothing_said_leaves_everything_to_the_bags() -> None:
         ),
         (["nowhere=tensile"], [], "--rig 'nowhere=tensile' names no bag; name one of these"),
         (["tensile", "drop"], [], "--rig is given twice for all bags, as 'tensile' and 'drop'"),
-        ([], ["vacuum_pa"], "--set 'vacuum_pa' must be NAME=VALUE or BAG:NAME=VALUE, such as"),
-        ([], ["vacuum_pa="], "must be NAME=VALUE"),
-        ([], [":vacuum_pa=3"], "must be NAME=VALUE"),
+        ([], ["vacuum-kpa"], "--set 'vacuum-kpa' must be NAME=VALUE or BAG:NAME=VALUE, such as"),
+        ([], ["vacuum-kpa="], "must be NAME=VALUE"),
+        ([], [":vacuum-kpa=3"], "must be NAME=VALUE"),
         ([], ["drop:=3"], "must be NAME=VALUE"),
-        ([], ["drop:vacuum_pa=["], "has a value that cannot be read; write a number or a word"),
-        ([], ["pull:vacuum_pa=3"], "--set 'pull:vacuum_pa=3' names 2 bags"),
+        ([], ["drop:vacuum-kpa=["], "has a value that cannot be read; write a number or a word"),
+        ([], ["pull:vacuum-kpa=3"], "--set 'pull:vacuum-kpa=3' names 2 bags"),
+        ([], ["vacuum_pa=50000"], "--set 'vacuum_pa=50000': vacuum-pa is vacuum-kpa now, in kPa: 50 for 50000 Pa"),
         ([], ["=drop:a=3"], "must be NAME=VALUE"),
     ],
 )

@@ -250,7 +250,7 @@ def test_what_missing_references_cost_is_in_the_answer(leaking: Path, tmp_path: 
 def test_what_cannot_be_told_apart_is_said_to_be(tmp_path: Path) -> None:
     """One soft tendon pulled without vacuum may be warm or short of fibres: all are named, and the page says so."""
     (tmp_path / "soft.yaml").write_text("tendon_stiffness: {scale: 0.8}", encoding="utf-8")
-    pull = ["rig", "tensile", "--speed-m-s", "0.02", "--extension-m", "0.01"]
+    pull = ["rig", "tensile", "--speed-mm-s", "20", "--extension-mm", "10"]
     assert main([*pull, "--repeats", "3", "--seed", "5", "-o", f"{tmp_path}/healthy"]) == 0
     assert main([*pull, "--effects", str(tmp_path / "soft.yaml"), "-o", f"{tmp_path}/pull"]) == 0
     call = ["gap", "diagnose", f"{tmp_path}/pull", *few(("tendon_stiffness", "fibre_loss_peroneal_left", "pump_wear"))]
@@ -324,9 +324,9 @@ def test_the_command_knows_the_sets_of_sensors() -> None:
         (["{bag}", "--rig", "catapult"], "known are: tensile"),
         (["{bag}", "--rig", "tensile"], "was recorded on rig 'pressure'"),
         (["{bag}", "--set", "colour=red"], "no option of rig pressure"),
-        (["{bag}", "--set", "vacuum_pa"], "NAME=VALUE"),
-        (["{bag}", "--set", "vacuum_pa=["], "cannot be read"),
-        (["{bag}", "--set", "vacuum_pa=-5"], "6000 to 75000 Pa"),
+        (["{bag}", "--set", "vacuum-kpa"], "NAME=VALUE"),
+        (["{bag}", "--set", "vacuum-kpa=["], "cannot be read"),
+        (["{bag}", "--set", "vacuum-kpa=-5"], "--set vacuum-kpa is -5; it must be 6 to 75 kPa"),
         (["{bag}", "--reference", "{folder}/gone"], "gone does not exist"),
         (["{bag}", "--library", "{folder}/fails.yaml"], "fails with KeyError: 'stifness'; mend it in"),
         (["{bag}", "--jobs", "0"], "1 or more"),

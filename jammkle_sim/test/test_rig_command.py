@@ -13,16 +13,16 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from jammkle_graph.command.main import main
+from jammkle_graph.command.vocabulary import option_name
 from jammkle_graph.names import CHANNELS, PRESSURES, SOLENOIDS, TOPICS
 from jammkle_graph.parameters import rows
-from jammkle_sim.commands.rig_options import option_name
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-SHORT_PULL = ("rig", "tensile", "--vacuum-pa", "50000", "--extension-m", "0.01", "--speed-m-s", "0.05")
+SHORT_PULL = ("rig", "tensile", "--vacuum-kpa", "50", "--extension-mm", "10", "--speed-mm-s", "50")
 LIFT_M = 0.05
 
 
@@ -168,7 +168,7 @@ def test_a_drop_is_recorded_as_height_and_specific_force(tmp_path: Path) -> None
 
 def test_a_torn_tendon_is_said_and_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line names it, tendon_states turns to BROKEN for good, and /diagnostics to ERROR at the same time."""
-    arguments = ["rig", "tensile", "--extension-m", "0.06", "--speed-m-s", "0.2", "-o", str(tmp_path / "bag")]
+    arguments = ["rig", "tensile", "--extension-mm", "60", "--speed-mm-s", "200", "-o", str(tmp_path / "bag")]
     assert main([*arguments, "--json", str(tmp_path / "rig.json")]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("broken")]
     assert "peroneal_left" in line
@@ -188,7 +188,7 @@ def test_a_torn_tendon_is_said_and_recorded(tmp_path: Path, capsys: pytest.Captu
 
 def test_a_sensor_at_the_end_of_its_range_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A stiff tendon pulled beyond 245 N and a hard landing say which sensor clipped; a soft landing says nothing."""
-    pull = ("tensile", "--material", "a85", "--extension-m", "0.05", "--speed-m-s", "1", "--vacuum-pa", "75000")
+    pull = ("tensile", "--material", "a85", "--extension-mm", "50", "--speed-mm-s", "1000", "--vacuum-kpa", "75")
     told = {}
     for name, options in (
         ("pull", pull),
@@ -214,7 +214,7 @@ def test_help_says_what_a_saved_model_lacks(capsys: pytest.CaptureFixture[str]) 
 
 def test_a_ball_pressed_flat_is_told_in_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run that its foot cannot bear ends with exit code 1 and one line whose way out is written as options."""
-    arguments = ["rig", "drop", "--foot", "squash_ball", "--mass-kg", "20", "--drop-height-m", "0.5"]
+    arguments = ["rig", "drop", "--foot", "squash_ball", "--mass-kg", "20", "--drop-height-mm", "500"]
     assert main([*arguments, "-o", str(tmp_path / "bag")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "limit is 28.9 mm; give --mass-kg of 0.79 or less (it is 20)" in line

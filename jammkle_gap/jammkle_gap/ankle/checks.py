@@ -10,6 +10,7 @@ from jammkle_gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
 from jammkle_gap.ankle.signals import CARRIAGE
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
+from jammkle_graph.command.vocabulary import typed_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -107,7 +108,7 @@ def check_course_is_known(bag: str, told: Told) -> None:
     missing = [name for name in needed if name not in told.given]
     if missing:
         msg = f"bag {bag} does not tell how the carriage of rig '{told.rig}' was driven"
-        msg += f"; record '{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}, or give --set {missing[0]}=..."
+        msg += f"; record '{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}, or give --set {typed_name(missing[0])}=..."
         raise BadRecordingError(msg)
 
 

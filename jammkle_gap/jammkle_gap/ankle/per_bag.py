@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from jammkle_graph.command.vocabulary import in_si, option_name, parameter_of, renamed
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:
@@ -76,20 +77,26 @@ def _rigs(bags: Sequence[str], rigs: Sequence[str]) -> tuple[str | None, dict[in
 
 
 def _setting(text: str) -> tuple[str | None, str, Any]:
-    """Return bag, None for all, name and value of one setting."""
+    """Return bag, None for all, parameter and value, in SI, of one setting."""
     left, sign, value = text.partition("=")
     bag, colon, name = left.rpartition(":")
     if not name or not sign or not value or (colon and not bag):
-        msg = f"--set '{text}' must be NAME=VALUE or BAG:NAME=VALUE, such as vacuum_pa=50000 or run_3:vacuum_pa=50000"
+        msg = f"--set '{text}' must be NAME=VALUE or BAG:NAME=VALUE, such as vacuum-kpa=50 or run_3:vacuum-kpa=50"
         raise BadRequestError(msg)
     try:
         read = yaml.safe_load(value)
     except yaml.YAMLError as error:
-        msg = f"--set '{text}' has a value that cannot be read; write a number or a word, such as vacuum_pa=50000"
+        msg = f"--set '{text}' has a value that cannot be read; write a number or a word, such as vacuum-kpa=50"
         raise BadRequestError(msg) from error
     if isinstance(read, bool):  # YAML takes yes and no for something else than the rigs do
         read = value
-    return (bag if colon else None), name.replace("-", "_"), _number(read)
+    typed = f"--{name.replace('_', '-')}"
+    moved = renamed(typed, {option_name(name.replace("-", "_"))})
+    if moved is not None:
+        msg = f"--set '{text}': {moved.replace('--', '')}"
+        raise BadRequestError(msg)
+    parameter = parameter_of(name)
+    return (bag if colon else None), parameter, in_si(parameter, _number(read))
 
 
 def _number(value: Any) -> Any:

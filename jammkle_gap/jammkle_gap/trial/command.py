@@ -21,7 +21,9 @@ TrialArgument = Annotated[Path, typer.Argument(help="Folder of the trial.", meta
 JobsOption = Annotated[int | None, typer.Option(help="Processes, each for one case.", show_default="one per core")]
 RealOption = Annotated[
     Path | None,
-    typer.Option(help="Folder of real recordings (leak_down, pressure_friction, servo_friction): diagnosed too."),
+    typer.Option(
+        help="Folder of real recordings (leak_down, pressure_friction, servo_friction): diagnosed too.", metavar="DIR"
+    ),
 ]
 SchedulerOption = Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs of each diagnosis.")
@@ -32,9 +34,11 @@ SchedulerOption = Annotated[
 def make(
     seed: Annotated[int, typer.Option(help="Everything is drawn from it; below 1000: settings for development.")],
     cases: Annotated[int, typer.Option(help="How many cases; their kinds are shared out as in the standard trial.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the trial.")],
-    key: Annotated[Path | None, typer.Option(help="File of the key.", show_default="beside the folder")] = None,
-    rig: Annotated[list[str] | None, typer.Option(help="Only this rig; may be repeated.")] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the trial.", metavar="DIR")],
+    key: Annotated[
+        Path | None, typer.Option(help="File of the key.", show_default="beside the folder", metavar="FILE")
+    ] = None,
+    rig: Annotated[list[str] | None, typer.Option(help="Only this rig; may be repeated.", metavar="RIG")] = None,
     live: Annotated[int, typer.Option(help="Further cases, recorded from the live graph in real time.")] = 0,
     jobs: JobsOption = None,
 ) -> int:
@@ -50,7 +54,9 @@ def run(
     trial: TrialArgument,
     key: Annotated[
         Path | None,
-        typer.Option(help="Open the key once all is diagnosed, and try the true effects alone and left out."),
+        typer.Option(
+            help="Open the key once all is diagnosed, and try the true effects alone and left out.", metavar="FILE"
+        ),
     ] = None,
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
@@ -65,10 +71,10 @@ def run(
 @blind_app.command()
 def score(
     trial: TrialArgument,
-    key: Annotated[Path, typer.Option(help="File of the key.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the page, blind.html.")] = Path(
-        "runs/blind"
-    ),
+    key: Annotated[Path, typer.Option(help="File of the key.", metavar="FILE")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the page, blind.html.", metavar="DIR")
+    ] = Path("runs/blind"),
     json: JsonOption = None,
     real: RealOption = None,
 ) -> int:
@@ -81,7 +87,9 @@ def score(
 
 @blind_app.command()
 def standard(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of trial, key and page.")] = Path("runs/blind"),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of trial, key and page.", metavar="DIR")
+    ] = Path("runs/blind"),
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = None,

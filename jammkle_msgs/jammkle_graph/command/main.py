@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.provided import COMMANDS, entries
 from jammkle_graph.command.signals import Interrupted
+from jammkle_graph.command.vocabulary import renamed
 
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
@@ -65,8 +66,18 @@ def main(arguments: list[str] | None = None) -> int:
     except Exception as error:
         if not isinstance(error, _UsageProblem):
             raise
-        return failed(f"{error.format_message()} (see --help)", error.exit_code)
+        return failed(_where_it_went(error) or f"{error.format_message()} (see --help)", error.exit_code)
     return code if isinstance(code, int) else 0
+
+
+def _where_it_went(error: Exception) -> str | None:
+    """Return the line on an option that has another name now, if that is what the parser did not know."""
+    context: Any = getattr(error, "ctx", None)
+    option: str | None = getattr(error, "option_name", None)
+    if context is None or option is None:
+        return None
+    known = [name for parameter in context.command.params for name in parameter.opts]
+    return renamed(option, known, context.command_path)
 
 
 @app.callback(invoke_without_command=True)

@@ -7,5 +7,7 @@ from typing import Annotated
 
 import typer
 
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the results to this file as JSON too.")]
+JsonOption = Annotated[
+    Path | None, typer.Option("--json", help="Write the results to this file as JSON too.", metavar="FILE")
+]
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="ROS namespace of the ankle, for example lf_ankle.")]

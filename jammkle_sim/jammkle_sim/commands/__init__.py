@@ -30,9 +30,9 @@ def rig(
 
 @app.command()
 def paper(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.")] = Path(
-        "runs/paper"
-    ),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.", metavar="DIR")
+    ] = Path("runs/paper"),
     repeats: Annotated[int, typer.Option(help=f"Scattered repeats of each test, 2 to {MAX_REPEATS}.")] = 5,
     seed: Annotated[int, typer.Option(help=f"Seed of scatter and noise, 0 to {MAX_SEED}.")] = 0,
     refit: Annotated[  # noqa: FBT002 - a switch of the command line

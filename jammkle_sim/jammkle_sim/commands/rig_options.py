@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.options import JsonOption, NamespaceOption
+from jammkle_graph.command.vocabulary import as_typed, in_si, typed_row
 from jammkle_graph.constants import MAX_REPEATS
 from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.rigs.catalogue import RIGS
@@ -44,7 +45,12 @@ _COMMON: dict[str, tuple[Any, Any]] = {
     "output": (
         Annotated[
             Path | None,
-            typer.Option("-o", "--output", help="Folder of the new bag; with --repeats one each: NAME_0, NAME_1, ..."),
+            typer.Option(
+                "-o",
+                "--output",
+                help="Folder of the new bag; with --repeats one each: NAME_0, NAME_1, ...",
+                metavar="DIR",
+            ),
         ],
         None,
     ),
@@ -55,31 +61,30 @@ _COMMON: dict[str, tuple[Any, Any]] = {
         ],
         1,
     ),
-    "namespace": (Annotated[str, typer.Option(help="ROS namespace of the ankle, for example lf_ankle.")], "/"),
+    "namespace": (NamespaceOption, "/"),
     "effects": (
         Annotated[
             Path | None,
-            typer.Option(help="File of effects to put into the rig, such as the corrected.yaml of a gap diagnosis."),
+            typer.Option(
+                help="File of effects to put into the rig, such as the corrected.yaml of a gap diagnosis.",
+                metavar="FILE",
+            ),
         ],
         None,
     ),
-    "json": (Annotated[Path | None, typer.Option(help="Write the results to this file as JSON too.")], None),
+    "json": (JsonOption, None),
     "save_mjcf": (
         Annotated[
             Path | None,
             typer.Option(
                 help="Write the model that is simulated to this file (MJCF): bodies and contacts, without the law of "
-                "the tendons, the air, or the release and drive of the carriage."
+                "the tendons, the air, or the release and drive of the carriage.",
+                metavar="FILE",
             ),
         ],
         None,
     ),
 }
-
-
-def option_name(row_name: str) -> str:
-    """Return the option of a parameter: `--vacuum-pa`."""
-    return f"--{row_name.replace('_', '-')}"
 
 
 def rig_app(run: Callable[[RigRequest], int]) -> typer.Typer:
@@ -99,9 +104,9 @@ def rig_app(run: Callable[[RigRequest], int]) -> typer.Typer:
 
 def _command(kind: RigKind, run: Callable[[RigRequest], int]) -> Callable[..., int]:
     """Make the function whose signature typer turns into options."""
+    typed = {row.name: typed_row(row) for row in rows(kind.options)}
     own = {
-        row.name: (Annotated[type(row.default), typer.Option(help=_help(row))], row.default)
-        for row in rows(kind.options)
+        row.name: (Annotated[type(row.default), typer.Option(help=_help(row))], row.default) for row in typed.values()
     }
     parameters = {**_COMMON, **own}
 
@@ -109,7 +114,7 @@ def _command(kind: RigKind, run: Callable[[RigRequest], int]) -> Callable[..., i
         return run(
             RigRequest(
                 rig=kind.name,
-                options=checked(kind, {name: values[name] for name in own}),
+                options=checked(kind, {name: in_si(name, values[row.name]) for name, row in typed.items()}),
                 bag=values["output"],
                 repeats=values["repeats"],
                 namespace=values["namespace"],
@@ -130,7 +135,7 @@ def _command(kind: RigKind, run: Callable[[RigRequest], int]) -> Callable[..., i
 
 
 def checked(kind: RigKind, values: dict[str, Any]) -> Any:
-    """Return the options of a rig.
+    """Return the options of a rig from values in SI.
 
     Raises:
         InputError: a value is out of range or not one of the choices.
@@ -139,12 +144,7 @@ def checked(kind: RigKind, values: dict[str, Any]) -> Any:
     try:
         return from_mapping(kind.options, values)
     except ParameterError as error:
-        raise InputError(as_options(str(error))) from error
-
-
-def as_options(message: str) -> str:
-    """Write the parameters that a message names as the options they are here."""
-    return re.sub(r"parameter '(\w+)'", lambda match: option_name(match[1]), message)
+        raise InputError(as_typed(str(error))) from error
 
 
 def _help(row: ParameterRow) -> str:

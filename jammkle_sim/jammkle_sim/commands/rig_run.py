@@ -15,11 +15,12 @@ from jammkle_graph.command import results
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.signals import Interrupted, StopRequest
+from jammkle_graph.command.vocabulary import as_typed
 from jammkle_graph.constants import MAX_REPEATS
 from jammkle_graph.namespace import normalised
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.commands.rig_bag import write_bag
-from jammkle_sim.commands.rig_options import RigRequest, as_options, rig_app
+from jammkle_sim.commands.rig_options import RigRequest, rig_app
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.effects_file import load_change
 from jammkle_sim.rigs.catalogue import as_it_is, run_rig, save_mjcf, scattered
@@ -108,7 +109,7 @@ def _check(request: RigRequest) -> list[Path | None]:
         try:
             save_mjcf(request.rig, request.options, request.mjcf)
         except ParameterError as error:
-            raise InputError(as_options(str(error))) from error
+            raise InputError(as_typed(str(error))) from error
         except OSError as error:
             msg = f"--save-mjcf {request.mjcf} cannot be written: {error.strerror}"
             raise InputError(msg) from error
@@ -142,13 +143,13 @@ def _run(
     try:
         return run_rig(name, options, on_progress, stop, change)
     except ParameterError as error:
-        raise InputError(as_options(str(error))) from error
+        raise InputError(as_typed(str(error))) from error
     except BadChangeError as error:
         raise InputError(str(error)) from error
     except RigCancelledError as error:
         raise Interrupted from error
     except UnstableSimulationError as error:
-        raise GraphError(as_options(str(error))) from error
+        raise GraphError(as_typed(str(error))) from error
 
 
 def _show(request: RigRequest, done: list[_Done]) -> None:

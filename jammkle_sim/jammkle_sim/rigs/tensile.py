@@ -48,7 +48,7 @@ class TensileOptions:
     speed_m_s: float = parameter(0.005, "Speed of the crosshead, up and back", "m/s", 0.0005, 1.0)
     extension_m: float = parameter(
         0.020,
-        "Where the crosshead turns; a tendon breaks at 0.055",
+        "Where the crosshead turns; a tendon breaks at 55 mm",
         "m",
         0.001,
         0.08,
