@@ -108,7 +108,8 @@ def check_course_is_known(bag: str, told: Told) -> None:
     missing = [name for name in needed if name not in told.given]
     if missing:
         msg = f"bag {bag} does not tell how the carriage of rig '{told.rig}' was driven"
-        msg += f"; record '{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}, or give --set {typed_name(missing[0])}=..."
+        msg += f"; record '{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}"
+        msg += f", or give --set {typed_name(missing[0])}=..."
         raise BadRecordingError(msg)
 
 
