@@ -32,8 +32,8 @@ setup(
     entry_points={
         "console_scripts": ["jammkle = jammkle_bringup.__main__:main"],
         "jammkle.commands": [
-            f"{verb} = jammkle_bringup.commands:app"
-            for verb in ("demo", "info", "jam", "record", "status", "unjam", "up")
+            *(f"{verb} = jammkle_bringup.commands:app" for verb in ("demo", "jam", "record", "status", "unjam", "up")),
+            *(f"{verb} = jammkle_bringup.bag_commands:app" for verb in ("info", "recover")),
         ],
         "jammkle.landing": ["record = jammkle_bringup.demo:record_landing"],
     },

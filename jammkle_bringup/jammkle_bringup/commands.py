@@ -128,29 +128,6 @@ def record(
 
 
 @app.command()
-def info(
-    bag: Annotated[Path, typer.Argument(help="The bag.", metavar="BAG")],
-    json: JsonOption = None,
-) -> int:
-    """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
-    from jammkle_bringup import report
-    from jammkle_bringup.core.bag_info import bag_info
-    from jammkle_graph.command import results
-    from jammkle_graph.command.progress import progress_bar
-
-    results.check_writable(json)
-    with progress_bar(f"reading {bag}") as show:
-        found = bag_info(bag, lambda share: show(share, ""))
-    console = results.console()
-    for table in report.info_tables(found):
-        console.print(table)
-    for key, value in found.custom_data.items():
-        console.print(f"{key}:\n{value.rstrip()}", markup=False)
-    results.write_json(json, found.as_json())
-    return 0
-
-
-@app.command()
 def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.", metavar="DIR")

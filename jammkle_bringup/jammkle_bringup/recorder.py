@@ -19,8 +19,8 @@ from std_msgs.msg import String
 
 from jammkle_bringup.conversions import clock_ns, message_class
 from jammkle_graph.bags.offered import bag_qos
-from jammkle_graph.bags.writing import BagLog, TimeSource
-from jammkle_graph.command.errors import GraphError, InputError
+from jammkle_graph.bags.writing import FLUSH_PERIOD_S, BagLog, TimeSource
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS
 from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.qos import publisher_qos
@@ -68,7 +68,7 @@ class Recorder(Node):
 
         """
         self.path = options.path
-        self._failure: OSError | None = None
+        self._failed = False
         self._log = BagLog(options.path, definitions, options.source)
         super().__init__("recorder", namespace=options.namespace, start_parameter_services=False)
         self._namespace = options.namespace
@@ -83,26 +83,27 @@ class Recorder(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover, clock=steady)
         self._decision = self.create_timer(_UNDECIDED_S, self._decide, clock=steady)
+        self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
         self._discover()
 
     def counts(self) -> BagCounts:
         """Return how many messages came so far."""
         return self._log.counts()
 
-    def check(self) -> None:
-        """Notice that a message could not be written, or that the bag's folder is gone, which writing does not show.
-
-        Raises:
-            OSError: one of the two.
-
-        """
-        if self._failure is not None:
-            raise self._failure
-        if not self.path.is_dir():
-            raise FileNotFoundError(errno.ENOENT, "its folder is gone", str(self.path))
+    def can_go_on(self) -> bool:
+        """Return False if a message could not be written, or the bag's folder is gone, which writing does not show."""
+        if not self._failed and not self.path.is_dir():
+            self._failed = True
+            self._log.fail(FileNotFoundError(errno.ENOENT, "its folder is gone", str(self.path)))
+        return not self._failed
 
     def close(self) -> BagCounts:
-        """Complete the bag."""
+        """Complete the bag.
+
+        Raises:
+            GraphError: it could not be written to its end.
+
+        """
         return self._log.close()
 
     def _discover(self) -> None:
@@ -125,7 +126,8 @@ class Recorder(Node):
         if name in _OUTSIDE:
             return True
         inside = relative(self._namespace, name)
-        return inside is not None and name not in _LEFT_OUT
+        hidden = any(part.startswith("_") for part in name.split("/"))  # of actions; ros2 bag leaves them out as well
+        return inside is not None and name not in _LEFT_OUT and not hidden
 
     def _subscribe(self, name: str, message_type: str, offered: QoSProfile) -> None:
         try:
@@ -155,14 +157,18 @@ class Recorder(Node):
         """Keep an error for the loop: the executor would print it in its own words, and go on."""
         try:
             yield
-        except OSError as error:
-            self._failure = self._failure or error
+        except OSError:  # the bag knows which
+            self._failed = True
 
     def _take(self, name: str, data: bytes) -> None:
         with self._keeping_failure():
             self._log.write(name, data)
-        if name == self._sim_parameters:
-            self._log.set_custom_data(SIM_PARAMETERS.name, _text(data))
+            if name == self._sim_parameters:
+                self._log.set_custom_data(SIM_PARAMETERS.name, _text(data))
+
+    def _flush(self) -> None:
+        with self._keeping_failure():
+            self._log.flush()
 
     def _take_clock(self, data: bytes) -> None:
         with self._keeping_failure():
@@ -186,22 +192,15 @@ def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
         GraphError: the bag cannot be written any more; what could be saved of it was.
 
     """
-    try:
-        while not stop:
-            executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
-            node.check()
-        end_s = time.monotonic() + _DRAIN_S
-        before = -1
-        while node.counts().messages > before and time.monotonic() < end_s:
-            before = node.counts().messages
-            executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
-            executor.spin_once(timeout_sec=0)
-        node.close()
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            node.close()
-        msg = f"bag {node.path} cannot be written: {error.strerror or error}; it ends there"
-        raise GraphError(msg) from error
+    while not stop and node.can_go_on():
+        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+    end_s = time.monotonic() + _DRAIN_S
+    before = -1
+    while node.can_go_on() and node.counts().messages > before and time.monotonic() < end_s:
+        before = node.counts().messages
+        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+        executor.spin_once(timeout_sec=0)
+    node.close()
 
 
 def _text(data: bytes) -> str:

@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from jammkle_bringup.conversions import HealthStatus, JamStatus
     from jammkle_bringup.core.bag_info import BagInfo
     from jammkle_bringup.core.run_summary import RunSummary
+    from jammkle_graph.bags.recovery import Recovered
 
 _PA_PER_KPA = 1e3
+_ALIKE = 0.02
 _REAL_TIME_FACTOR = "achieved real-time factor"
 _STATE_STYLES = {"JAMMED": "green", "JAMMING": "yellow", "VENTING": "yellow", "FAULT": "bold red", "UNKNOWN": "dim"}
 _LEVEL_STYLES = {"OK": "green", "WARN": "yellow", "ERROR": "bold red", "STALE": "dim"}
@@ -58,19 +60,39 @@ def info_tables(info: BagInfo) -> list[Table]:
     """Return the table of `jammkle info`."""
     title = (
         f"{escape(info.bag)}: {info.messages} messages in {info.duration_s:.3f} s from ROS time {info.start_s:.3f} s"
+        f"{_other_clock(info)}"
     )
     topics = Table(title=title, title_justify="left")
     # names break where a person would break them; the type stands below its topic, so that both fit in 80 columns
     topics.add_column("topic, type", no_wrap=True)
     for heading in ("count", "rate, Hz"):
         topics.add_column(heading, justify="right", no_wrap=True)
+    topics.add_column("by", no_wrap=True)
     topics.add_column("offered as")
     for topic in info.topics:
         durability = topic.durability.replace("transient_local", "latched")
         offered = ", ".join(part for part in (topic.reliability, durability) if part)
         name = f"{escape(topic.name)}\n  [dim]{escape(topic.message_type)}[/dim]"
-        topics.add_row(name, str(topic.count), f"{topic.rate_hz:.1f}", offered)
+        rate = "" if topic.rate_hz is None else f"{topic.rate_hz:.1f}"
+        topics.add_row(name, str(topic.count), rate, topic.rate_by if rate else "", offered)
     return [topics]
+
+
+def _other_clock(info: BagInfo) -> str:
+    """Return a word on data that has another time than its log."""
+    if not info.duration_s or abs(info.data_duration_s / info.duration_s - 1.0) < _ALIKE:
+        return ""
+    return f"; its data span {info.data_duration_s:.3f} s by their own clock"
+
+
+def recovery_text(done: Recovered) -> str:
+    """Return the lines of `jammkle recover`."""
+    holds = f"{done.bag}: {done.messages} messages in {done.duration_s:.3f} s"
+    if done.was_whole:
+        return f"{holds}; it is whole, nothing was to be done"
+    torn = f"; {done.torn_bytes} bytes at the end were torn and are cut off" if done.torn_bytes else ""
+    lost = f"; {done.given_up} messages at the end were given up for room" if done.given_up else ""
+    return f"{holds}; it is whole now{torn}{lost}"
 
 
 def summary_table(summary: RunSummary) -> Table:

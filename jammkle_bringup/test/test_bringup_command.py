@@ -195,8 +195,32 @@ def test_info_tells_what_is_in_a_bag(
     assert found["duration_s"] == pytest.approx(1.0)
     fast, once = found["topics"]
     assert (fast["name"], fast["message_type"], fast["count"]) == ("/fast", "std_msgs/msg/Float32", 11)
-    assert fast["rate_hz"] == pytest.approx(11.0)
-    assert (once["name"], once["count"]) == ("/once", 1)
+    assert (fast["rate_hz"], fast["rate_by"]) == (pytest.approx(10.0), "log")
+    assert (once["name"], once["count"], once["rate_hz"]) == ("/once", 1, None)
+
+
+def test_info_tells_rates_by_the_clock_that_the_data_have(
+    bag_maker: Callable[[str], Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a simulation at four times real time, logged by the clock of the machine: its own 100 Hz, not 400."""
+    maker = bag_maker("bag")
+    wall_s, speed = 1.7e9, 4.0
+    for step in range(101):
+        own_s = 1.0 + step * 0.01
+        log_s = wall_s + step * 0.01 / speed
+        time = maker.make("builtin_interfaces/msg/Time", *divmod(round(own_s * 1e9), 10**9))
+        maker.write("/clock", log_s, maker.make("rosgraph_msgs/msg/Clock", time))
+        maker.write("/pressure", log_s, maker.make("sensor_msgs/msg/FluidPressure", maker.header(own_s), 1e5, 0.0))
+        maker.write("/duty", log_s, maker.make("std_msgs/msg/Float32", 0.5))
+    path = maker.close()
+    assert main(["info", str(path), "--json", str(tmp_path / "info.json")]) == 0
+    assert "its data span 1.000 s by their own clock" in " ".join(capsys.readouterr().out.split())
+    found = json.loads((tmp_path / "info.json").read_text())
+    assert {each["name"]: (round(each["rate_hz"], 6), each["rate_by"]) for each in found["topics"]} == {
+        "/clock": (100.0, "stamp"),
+        "/pressure": (100.0, "stamp"),
+        "/duty": (100.0, "/clock"),
+    }
 
 
 def test_info_of_an_empty_bag_is_no_error(bag_maker: Callable[[str], Any]) -> None:

@@ -15,6 +15,7 @@ import pytest
 import rclpy
 import yaml
 from builtin_interfaces.msg import Time
+from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -26,7 +27,9 @@ from std_msgs.msg import Bool, Float32, String
 
 from jammkle_graph import names
 from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
+from jammkle_graph.bags.recovery import recover
 from jammkle_graph.qos import publisher_qos
+from jammkle_msgs.action import RunRig
 from jammkle_msgs.msg import ChannelJamState, JamState
 
 if TYPE_CHECKING:
@@ -300,7 +303,40 @@ def test_a_full_disk_ends_the_recorder_with_one_line(node: Node, record: Callabl
     assert recording.process.returncode == 1
     (line,) = recording.said()
     assert str(recording.bag) in line
-    assert "File too large" in line
+    assert "File too large; it is whole up to there" in line
+    assert f"with {len(recording.messages())} messages" in line
+
+
+def test_a_killed_recorder_leaves_what_came_until_a_moment_before(node: Node, record: Callable[..., Recording]) -> None:
+    """After SIGKILL everything that was heard a second before is there once the bag is recovered, and it opens."""
+    publisher = node.create_publisher(String, "chatter", QoSProfile(depth=100))
+    recording = record("--clock", "system")
+    recording.hears(node, "/chatter")
+    wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
+    words = [f"word {number:03}" for number in range(100)]
+    for word in words:
+        publisher.publish(String(data=word))
+    file = recording.bag / "bag.mcap"
+    wait_until(lambda: words[-1].encode() in file.read_bytes(), "it is flushed without another message")
+    recording.process.kill()
+    recording.process.wait(TIMEOUT_S)
+    assert recover(recording.bag, lambda _: None).messages == len(words)
+    assert [message.data for _, _, message in recording.messages()] == words
+
+
+def test_hidden_topics_of_actions_are_left_out_without_a_word(node: Node, record: Callable[..., Recording]) -> None:
+    """An action server beside the recorder, as the simulation has one, makes no warning and no topic in the bag."""
+    server = ActionServer(node, RunRig, "sim/run_rig", lambda _: RunRig.Result())
+    publisher = node.create_publisher(String, "chatter", QoSProfile(depth=100))
+    recording = record("--clock", "system")
+    recording.hears(node, "/chatter")  # it has looked at the graph
+    wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
+    publisher.publish(String(data="x"))
+    reached(publisher)
+    recording.end()
+    server.destroy()
+    assert {topic for topic, _, _ in recording.messages()} == {"/chatter"}
+    assert not [line for line in recording.said() if "not recorded" in line]
 
 
 def test_a_removed_folder_ends_the_recorder_with_one_line(node: Node, record: Callable[..., Recording]) -> None:

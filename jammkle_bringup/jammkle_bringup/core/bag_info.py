@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rosbags.interfaces import ConnectionExtRosbag2
 
 from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
@@ -23,23 +24,40 @@ _PROGRESS_MESSAGES = 10_000
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One topic: count, mean rate over the bag's duration (0 for a bag of one instant), and how it was offered."""
+    """One topic.
+
+    Attributes:
+        name: Absolute name.
+        message_type: `package/msg/Name`.
+        count: Messages.
+        rate_hz: Mean rate between its first and its last message; None for fewer than two moments.
+        rate_by: Whose time that is: `stamp`, `/clock` or `log`.
+        reliability: As it was offered.
+        durability: As it was offered.
+
+    """
 
     name: str
     message_type: str
     count: int
-    rate_hz: float
+    rate_hz: float | None
+    rate_by: str
     reliability: str
     durability: str
 
 
 @dataclass(frozen=True)
 class BagInfo:
-    """One bag. Start is ROS time, s; custom data is what the recorder added, as text."""
+    """One bag. Start is ROS time, s; custom data is what the recorder added, as text.
+
+    `duration_s` is that of the log, `data_duration_s` that of stamps and /clock, which differs where a simulation did
+    not run in real time and the log has the time of the machine.
+    """
 
     bag: str
     start_s: float
     duration_s: float
+    data_duration_s: float
     messages: int
     topics: tuple[TopicInfo, ...]
     custom_data: dict[str, str]
@@ -47,6 +65,28 @@ class BagInfo:
     def as_json(self) -> dict[str, Any]:
         """Return a mapping for JSON."""
         return asdict(self)
+
+
+@dataclass
+class _Span:
+    """Messages of one topic so far, and their first and last time, ns."""
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+    def take(self, time_ns: int) -> None:
+        self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
+        self.last_ns = max(self.last_ns, time_ns) if self.count else time_ns
+        self.count += 1
+
+    @property
+    def duration_s(self) -> float:
+        return (self.last_ns - self.first_ns) / NANOSECONDS_PER_SECOND
+
+    @property
+    def rate_hz(self) -> float | None:
+        return (self.count - 1) / self.duration_s if self.duration_s > 0 else None
 
 
 def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
@@ -62,24 +102,29 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
     """
     with opened(path) as reader:
         empty = reader.message_count == 0
-        for count, _ in enumerate(messages(reader, path)):
-            if count % _PROGRESS_MESSAGES == 0:
-                on_progress(count / reader.message_count)
-        duration_s = 0.0 if empty else reader.duration / NANOSECONDS_PER_SECOND
+        times, whole = BagTimes(reader), _Span()
+        spans = {connection.topic: _Span() for connection in reader.connections}
+        for number, (connection, log_ns, data) in enumerate(messages(reader, path)):
+            time_ns = times.time_ns(connection, log_ns, data)
+            spans[connection.topic].take(time_ns)
+            whole.take(time_ns)
+            if number % _PROGRESS_MESSAGES == 0:
+                on_progress(number / reader.message_count)
         return BagInfo(
             bag=str(path),
             start_s=0.0 if empty else reader.start_time / NANOSECONDS_PER_SECOND,
-            duration_s=duration_s,
+            duration_s=0.0 if empty else reader.duration / NANOSECONDS_PER_SECOND,
+            data_duration_s=whole.duration_s,
             messages=reader.message_count,
             topics=tuple(
-                _topic(connection, duration_s)
+                _topic(connection, spans[connection.topic], times)
                 for connection in sorted(reader.connections, key=lambda connection: connection.topic)
             ),
             custom_data=_custom_data(reader),
         )
 
 
-def _topic(connection: Connection, duration_s: float) -> TopicInfo:
+def _topic(connection: Connection, span: _Span, times: BagTimes) -> TopicInfo:
     profiles: list[Qos] = []
     if isinstance(connection.ext, ConnectionExtRosbag2):
         profiles = connection.ext.offered_qos_profiles
@@ -87,7 +132,8 @@ def _topic(connection: Connection, duration_s: float) -> TopicInfo:
         name=connection.topic,
         message_type=connection.msgtype,
         count=connection.msgcount,
-        rate_hz=connection.msgcount / duration_s if duration_s > 0 else 0.0,
+        rate_hz=span.rate_hz,
+        rate_by=times.source(connection).value,
         reliability=", ".join(sorted({profile.reliability.name.lower() for profile in profiles})),
         durability=", ".join(sorted({profile.durability.name.lower() for profile in profiles})),
     )

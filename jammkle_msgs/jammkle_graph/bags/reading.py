@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
+from jammkle_graph.bags.recovery import files_of, is_unfinished, unfinished_text
 from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ def opened(path: Path) -> Iterator[AnyReader]:
 
     """
     try:
-        there, whole = path.exists(), not path.is_dir() or (path / _METADATA).is_file()
+        there, whole = path.exists(), not path.is_dir() or (path / _METADATA).is_file() or bool(files_of(path))
+        unfinished = there and is_unfinished(path)
     except OSError as error:  # a name too long, a folder that may not be looked into
         raise InputError(_unreadable(path, error)) from error
     if not there:
@@ -37,6 +39,8 @@ def opened(path: Path) -> Iterator[AnyReader]:
     if not whole:
         msg = f"{path} is not a bag: it holds no {_METADATA}"
         raise InputError(msg)
+    if unfinished:
+        raise InputError(unfinished_text(path))
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()

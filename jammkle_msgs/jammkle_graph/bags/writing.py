@@ -9,16 +9,22 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.rosbag2.storage_mcap import McapWriter
 
-from jammkle_graph.command.errors import InputError
+from jammkle_graph.bags import metadata
+from jammkle_graph.bags.recovery import lock, recover
+from jammkle_graph.command.errors import GraphError, InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from rosbags.interfaces import Connection, Qos
 
     from jammkle_graph.bags.definitions import MessageDefinitions
+
+FLUSH_PERIOD_S = 0.5
+"""How often a recorder calls `flush`: what a killed one loses is at most this much and what its queues hold."""
 
 
 class TimeSource(enum.Enum):
@@ -60,7 +66,10 @@ class _Held:
 
 
 class BagLog:
-    """An open bag. Not safe for use from several threads."""
+    """An open bag. Not safe for use from several threads.
+
+    Whatever was flushed survives the process. `recover` makes a bag whole that was not closed.
+    """
 
     def __init__(self, path: Path, definitions: MessageDefinitions, source: TimeSource) -> None:
         """Create the bag.
@@ -75,14 +84,18 @@ class BagLog:
 
         """
         check_free(path)
+        self._path = path
         self._definitions = definitions
         self._source = source
         self._topics: dict[str, _Topic] = {}
         self._held: list[_Held] = []
         self._clock_ns: int | None = None
-        self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._failure: OSError | None = None
+        self._writer = Writer(path, version=metadata.VERSION, storage_plugin=StoragePlugin.MCAP)
         try:
             self._writer.open()
+            lock(self._storage.bio)
+            self._write_metadata()
         except (OSError, WriterError) as error:
             msg = f"bag {path} cannot be made: {error}"
             raise InputError(msg) from error
@@ -137,12 +150,33 @@ class BagLog:
         now_ns = self._now_ns()
         if now_ns is None:
             self._held.append(_Held(topic, data, time.time_ns()))
-        else:
+            return
+        with self._noticing_failure():
             self._writer.write(entry.connection, now_ns, data)
 
+    def flush(self) -> None:
+        """Hand everything over to the operating system, so that it outlives this process.
+
+        Raises:
+            OSError: it cannot be written.
+
+        """
+        with self._noticing_failure():
+            if self._storage.chunk.msgs:
+                self._storage.close_chunk()
+            self._storage.bio.flush()
+
     def set_custom_data(self, key: str, value: str) -> None:
-        """Put text into the bag's metadata."""
-        self._writer.set_custom_data(key, value)
+        """Put text into the bag's metadata.
+
+        Raises:
+            OSError: it cannot be written.
+
+        """
+        if self._writer.custom_data.get(key) != value:
+            self._writer.set_custom_data(key, value)
+            with self._noticing_failure():
+                self._write_metadata()
 
     def counts(self) -> BagCounts:
         """Return how many messages came so far, held ones included."""
@@ -152,23 +186,62 @@ class BagLog:
     def close(self) -> BagCounts:
         """Complete the bag. Messages that still wait for /clock get time zero: it never began.
 
+        A bag that could not be written on is ended where that began.
+
         Raises:
-            OSError: it cannot be written; what there is on disk is closed.
+            GraphError: it could not be written to its end; one line on what is in it.
 
         """
-        if self._source is TimeSource.UNDECIDED:
+        if self._source is TimeSource.UNDECIDED and self._failure is None:
             self.decide(TimeSource.SYSTEM)
         if self._clock_ns is None:
             self._clock_ns = 0
-        try:
-            self._write_held()
-            self._writer.close()
-        except OSError:
+        if self._failure is None:
+            with contextlib.suppress(OSError), self._noticing_failure():
+                self._write_held()
+                self._writer.close()
+        if self._failure is not None:
             # an open file would be flushed, and fail, once more when Python ends
             with contextlib.suppress(OSError):
                 self._writer.abort()
-            raise
+            msg = f"bag {self._path} cannot be written: {self._failure.strerror or self._failure}; {self._ended()}"
+            raise GraphError(msg) from self._failure
         return self.counts()
+
+    def fail(self, failure: OSError) -> None:
+        """Note why this bag cannot be written on; `close` then ends it here."""
+        self._failure = self._failure or failure
+
+    def _ended(self) -> str:
+        """End the bag where writing failed, and say in words what is in it."""
+        try:
+            ended = recover(self._path, lambda _: None)
+        except (InputError, OSError) as error:
+            return f"nor ended: {error}"
+        lost = f"; {ended.given_up} at the end were given up for room" if ended.given_up else ""
+        return f"it is whole up to there, with {ended.messages} messages in {ended.duration_s:.1f} s{lost}"
+
+    @property
+    def _storage(self) -> McapWriter:
+        storage = self._writer.storage
+        if not isinstance(storage, McapWriter):
+            msg = f"bag {self._path} is closed"
+            raise TypeError(msg)
+        return storage
+
+    @contextlib.contextmanager
+    def _noticing_failure(self) -> Iterator[None]:
+        """Note that writing has failed: the file ends in the middle of a record then, and must not go on."""
+        if self._failure is not None:
+            raise self._failure
+        try:
+            yield
+        except OSError as error:
+            self.fail(error)
+            raise
+
+    def _write_metadata(self) -> None:
+        metadata.write(self._path, metadata.begun(self._storage.path.name, self._writer.custom_data))
 
     def _now_ns(self) -> int | None:
         if self._source is TimeSource.SYSTEM:
@@ -184,7 +257,8 @@ class BagLog:
             connection = self._topics[message.topic].connection
             if connection is not None:
                 at_ns = message.system_time_ns if self._source is TimeSource.SYSTEM else simulated_ns
-                self._writer.write(connection, at_ns, message.data)
+                with self._noticing_failure():
+                    self._writer.write(connection, at_ns, message.data)
 
 
 def check_free(path: Path) -> None:

@@ -1,0 +1,72 @@
+"""Arguments of the verbs that work on bags. What they do stands in modules of their own."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for ROS, NumPy and Matplotlib
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jammkle_graph.command.main import EXIT_FAILED, failed
+from jammkle_graph.command.options import JsonOption
+
+app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
+
+BagArgument = Annotated[Path, typer.Argument(help="The bag: its folder, or one MCAP file.", metavar="BAG")]
+
+
+@app.command()
+def info(
+    bag: BagArgument,
+    json: JsonOption = None,
+) -> int:
+    """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
+    from jammkle_bringup import report
+    from jammkle_bringup.core.bag_info import bag_info
+    from jammkle_graph.command import results
+    from jammkle_graph.command.progress import progress_bar
+
+    results.check_writable(json)
+    with progress_bar(f"reading {bag}") as show:
+        found = bag_info(bag, lambda share: show(share, ""))
+    console = results.console()
+    for table in report.info_tables(found):
+        console.print(table)
+    for key, value in found.custom_data.items():
+        console.print(f"{key}:\n{value.rstrip()}", markup=False)
+    results.write_json(json, found.as_json())
+    return 0
+
+
+@app.command()
+def recover(
+    bag: BagArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="Folder of the whole bag; the one that was torn stays as it is.",
+            metavar="DIR",
+            show_default="the bag itself is completed",
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> int:
+    """Make a bag whole that its recorder could not complete: killed, out of power, or on a full disk."""
+    from jammkle_bringup import report
+    from jammkle_graph.bags.recovery import recover as make_whole
+    from jammkle_graph.command import results
+    from jammkle_graph.command.progress import progress_bar
+
+    results.check_writable(json)
+    try:
+        with progress_bar(f"reading {bag}") as show:
+            done = make_whole(bag, lambda share: show(share, ""), output)
+    except OSError as error:
+        return failed(f"bag {bag} cannot be recovered: {error.strerror or error}", EXIT_FAILED)
+    results.console().print(report.recovery_text(done), markup=False)
+    results.write_json(json, done.as_json())
+    return 0

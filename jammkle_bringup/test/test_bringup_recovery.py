@@ -1,0 +1,178 @@
+"""What is left of a bag whose recorder was killed or found no room, and how it is made whole."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
+from jammkle_graph.bags.ending import scanned
+from jammkle_graph.bags.recovery import recover
+from jammkle_graph.bags.writing import BagLog, TimeSource
+from jammkle_graph.command.main import main
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FILL_THE_DISK = """
+import subprocess, sys
+from pathlib import Path
+from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
+from jammkle_graph.bags.writing import BagLog, TimeSource
+from jammkle_graph.command.errors import GraphError
+from rosbags.highlevel import AnyReader
+
+disk = Path(sys.argv[1])
+subprocess.run(["mount", "-t", "tmpfs", "-o", "size=400k", "none", str(disk)], check=True)
+log = BagLog(disk / "bag", MessageDefinitions(share_folders()), TimeSource.SYSTEM)
+log.add_topic("/chatter", "std_msgs/msg/String", lambda: [])
+written = 0
+try:
+    while True:
+        log.write("/chatter", bytes(int(sys.argv[2])))
+        written += 1
+        if written % 10 == 0:
+            log.flush()
+except OSError:
+    pass
+try:
+    log.close()
+except GraphError as error:
+    print(error)
+assert (disk / "bag" / "metadata.yaml").is_file()
+with AnyReader([disk / "bag"]) as reader:
+    assert len(list(reader.messages())) == reader.message_count
+    print(written, reader.message_count)
+"""
+
+
+def contents(bag: Path) -> list[tuple[str, int, bytes]]:
+    """Topic, log time and data of every message."""
+    with AnyReader([bag]) as reader:
+        return [(connection.topic, log_ns, bytes(data)) for connection, log_ns, data in reader.messages()]
+
+
+@pytest.fixture
+def torn(tmp_path: Path) -> Path:
+    """Make the bag of a recorder that died after 60 messages of two topics in six chunks."""
+    log = BagLog(tmp_path / "torn", MessageDefinitions(share_folders()), TimeSource.SIMULATED)
+    for topic in ("/left", "/right"):
+        log.add_topic(topic, "std_msgs/msg/Float32", list)
+    log.set_custom_data("sim_parameters", "rig: drop")
+    for number in range(30):
+        log.tick(number * 10**7)
+        for topic in ("/left", "/right"):
+            log.write(topic, b"\0\1\0\0" + bytes([number, 0, 0, 0]))
+        if number % 5 == 4:
+            log.flush()
+    shutil.copytree(tmp_path / "torn", tmp_path / "dead")
+    log.close()
+    return tmp_path / "dead"
+
+
+def test_what_was_flushed_is_whole_after_recovery(torn: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`info` names `recover`; then all is there for three readers, custom data, counts and hashes included."""
+    assert main(["info", str(torn)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"`jammkle recover {torn}`" in line
+    assert main(["recover", str(torn)]) == 0
+    assert "60 messages in 0.290 s; it is whole now" in capsys.readouterr().out
+    assert contents(torn) == contents(torn.with_name("torn"))
+    with (torn / "torn.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert sum(1 for _ in reader.iter_messages()) == 60
+        summary = reader.get_summary()
+        assert summary is not None
+        assert (summary.statistics.message_count, len(summary.chunk_indexes)) == (60, 6)
+    told = {}
+    for name in ("dead", "torn"):
+        assert main(["info", str(torn.with_name(name)), "--json", str(torn.with_name("info.json"))]) == 0
+        told[name] = json.loads(torn.with_name("info.json").read_text())
+        del told[name]["bag"]
+    assert told["dead"] == told["torn"]
+    assert told["dead"]["custom_data"] == {"sim_parameters": "rig: drop"}
+    capsys.readouterr()
+    before = (torn / "torn.mcap").read_bytes()
+    assert main(["recover", str(torn)]) == 0
+    assert "nothing was to be done" in capsys.readouterr().out
+    assert (torn / "torn.mcap").read_bytes() == before
+
+
+def test_wherever_a_bag_is_cut_it_is_recovered_up_to_there(torn: Path) -> None:
+    """Cut inside a head, a chunk, an index, the ending: a beginning of the messages is there, at most a chunk less."""
+    whole, file = contents(torn.with_name("torn")), torn / "torn.mcap"
+    data = (torn.with_name("torn") / "torn.mcap").read_bytes()
+    first = data.index(b"/left")
+    counts = []
+    for length in range(first - 400, len(data), 97):
+        file.write_bytes(data[:length] + bytes(length % 20 if length % 3 == 0 else 0))  # zeros: power was lost
+        (torn / "metadata.yaml").unlink(missing_ok=True)
+        done = recover(torn, lambda _: None)
+        found = contents(torn) if done.messages else []
+        assert found == whole[: len(found)]
+        assert len(found) == done.messages
+        counts.append(len(found))
+    assert counts == sorted(counts)
+    assert set(counts) == {0, 10, 20, 30, 40, 50, 60}
+
+
+def test_the_torn_bag_stays_where_another_folder_is_asked_for(torn: Path, tmp_path: Path) -> None:
+    """With -o the whole bag goes there, and what was torn is as it was."""
+    before = {path.name: path.read_bytes() for path in torn.iterdir()}
+    assert main(["recover", str(torn), "-o", str(tmp_path / "whole")]) == 0
+    assert {path.name: path.read_bytes() for path in torn.iterdir()} == before
+    assert len(contents(tmp_path / "whole")) == 60
+    assert main(["recover", str(torn), "-o", str(tmp_path / "whole")]) == 2
+
+
+def test_what_cannot_be_recovered_is_refused(torn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No bag, no MCAP, a bag that is being recorded, damage before the end: one line, and nothing is changed."""
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text.mcap").write_text("just text")
+    with (torn / "torn.mcap").open("r+b") as stream:
+        begin = scanned(stream, lambda _: None).chunks[2].index.chunk_start_offset
+        stream.seek(begin)
+        stream.write(b"\x70")
+    log = BagLog(tmp_path / "running", MessageDefinitions(share_folders()), TimeSource.SYSTEM)
+    refused = {
+        "none": "does not exist",
+        "empty": "no *.mcap",
+        "text.mcap": "no MCAP file",
+        "running": "being recorded",
+        "dead": f"damaged at byte {begin}",
+    }
+    before = (torn / "torn.mcap").read_bytes()
+    for name, said in refused.items():
+        assert main(["recover", str(tmp_path / name)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert said in line
+    assert (torn / "torn.mcap").read_bytes() == before
+    assert main(["info", str(tmp_path / "running")]) == 2
+    assert "still being recorded" in capsys.readouterr().err
+    log.close()
+
+
+@pytest.mark.parametrize("size", [200, 9000])
+def test_a_full_disk_leaves_a_whole_bag(tmp_path: Path, size: int) -> None:
+    """On a real file system without room, the bag is ended where writing failed; what that costs is said."""
+    enter = ["unshare", "--map-root-user", "--mount"]
+    if subprocess.run(
+        [*enter, "mount", "-t", "tmpfs", "none", str(tmp_path)], check=False, capture_output=True
+    ).returncode:
+        pytest.skip("no file system can be mounted here")
+    script = [*enter, sys.executable, "-c", FILL_THE_DISK, str(tmp_path), str(size)]
+    done = subprocess.run(script, check=True, capture_output=True, text=True)
+    line, counts = done.stdout.splitlines()
+    written, there = map(int, counts.split())
+    assert "No space left on device; it is whole up to there" in line
+    assert f"with {there} messages" in line
+    assert 0 < there <= written
+    room_of_an_ending, unflushed = 64 * 1024, 10
+    assert (written - there - unflushed) * size < room_of_an_ending
