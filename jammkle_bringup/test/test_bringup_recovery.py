@@ -12,8 +12,8 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from jammkle_graph.bags.data_section import scanned
 from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.bags.ending import scanned
 from jammkle_graph.bags.recovery import recover
 from jammkle_graph.bags.writing import BagLog, TimeSource
 from jammkle_graph.command.main import main

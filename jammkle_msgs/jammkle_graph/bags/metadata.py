@@ -7,20 +7,20 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from jammkle_graph.bags.ending import DataSection
+from jammkle_graph.bags.data_section import DataSection
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
 FILE_NAME = "metadata.yaml"
-VERSION = 9
+VERSION: Literal[9] = 9
 UNFINISHED = "jammkle_unfinished"
 """Key in the custom data of a bag whose recorder has not completed it."""
 

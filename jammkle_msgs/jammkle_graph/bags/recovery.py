@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from jammkle_graph.bags import metadata
-from jammkle_graph.bags.ending import MAGIC, NO_ROOM, DataSection, NoMcapError, complete, scanned
+from jammkle_graph.bags.data_section import MAGIC, DataSection, NoMcapError, scanned
+from jammkle_graph.bags.ending import NO_ROOM, complete
 from jammkle_graph.bags.metadata import BagFile
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
