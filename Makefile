@@ -5,7 +5,7 @@ BIN := .venv/bin
 
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help demo test bench blind faults soak firmware docs lint format readme lock set-up clean
+.PHONY: help demo test bench blind faults soak firmware docs lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
@@ -20,6 +20,8 @@ help:
 	@echo "make format set up, format the code with ruff"
 	@echo "make readme set up, write anew what is made from the code: tables of the documents, the firmware's registers"
 	@echo "make lock   write both requirements.lock anew from requirements.in"
+	@echo "make wheels build the wheels of this version into dist; make try-wheels uses them in clean environments"
+	@echo "make release VERSION=1.2.3  write version and changelog, commit, tag, build the wheels"
 	@echo "make clean  remove everything that the other targets made"
 
 set-up:
@@ -81,6 +83,16 @@ lock: set-up
 	@$(BIN)/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-header \
 		docs/requirements.in --output-file docs/requirements.lock
 
+wheels: set-up
+	@$(BIN)/python jammkle_bringup/scripts/wheels.py
+
+try-wheels: wheels
+	@PYTHON=$(PYTHON) bash test/try_wheels.sh
+
+release: set-up
+	@$(BIN)/python jammkle_bringup/scripts/release.py $(VERSION)
+	@$(MAKE) --no-print-directory wheels
+
 clean:
-	@rm -rf .venv .venv-docs docs/_build runs bench.json jammkle_driver/firmware/build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@rm -rf .venv .venv-docs docs/_build dist runs bench.json jammkle_driver/firmware/build .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,10 +1,12 @@
 """Build of jammkle_bringup, for colcon."""
 
+import re
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
 NAME = "jammkle_bringup"
+VERSION = re.search("<version>(.*)</version>", Path(__file__).resolve().with_name("package.xml").read_text())[1]
 
 
 def files_in(folder: str) -> tuple[str, list[str]]:
@@ -14,7 +16,7 @@ def files_in(folder: str) -> tuple[str, list[str]]:
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version=VERSION,
     packages=find_packages(exclude=["test"]),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

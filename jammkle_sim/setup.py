@@ -1,12 +1,16 @@
 """Build of jammkle_sim, for colcon."""
 
+import re
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 NAME = "jammkle_sim"
+VERSION = re.search("<version>(.*)</version>", Path(__file__).resolve().with_name("package.xml").read_text())[1]
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version=VERSION,
     packages=find_packages(exclude=["test"]),
     package_data={f"{NAME}.paper": ["*.j2"]},
     data_files=[

@@ -1,4 +1,4 @@
-"""What is made from the code: parts of the pages in docs, and the firmware's header of registers.
+"""What is made from the code: parts of the pages in docs, the firmware's header of registers, versions in manifests.
 
 `make readme` writes them; a test fails when they differ. A page says what it wants and where:
 
@@ -19,6 +19,7 @@ from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_graph.command.vocabulary import typed_row
 from jammkle_graph.names import ACTIONS, CHANNELS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
+from jammkle_graph.version import VERSION
 from jammkle_sim.parameters import SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 
@@ -136,10 +137,18 @@ def filled(path: Path, made: dict[str, str]) -> str:
     return re.sub(r"<!-- table: (?P<name>.+?) -->\n.*?<!-- end of table -->", part, path.read_text(), flags=re.DOTALL)
 
 
+def manifests() -> dict[Path, str]:
+    """The manifest of every package with the project's version in it."""
+    return {
+        path: re.sub("<version>.*</version>", f"<version>{VERSION}</version>", path.read_text())
+        for path in sorted(ROOT.glob("jammkle_*/package.xml"))
+    }
+
+
 def made() -> dict[Path, str]:
     """Return every file that is made from the code, whole or in part, with its text."""
     parts = tables()
-    return {**{path: filled(path, parts) for path in pages()}, HEADER: header_text()}
+    return {**{path: filled(path, parts) for path in pages()}, HEADER: header_text(), **manifests()}
 
 
 if __name__ == "__main__":

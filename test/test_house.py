@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from jammkle_graph.messages import ROS_MODULES
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -28,7 +30,12 @@ PURE = (
     "jammkle_graph.constants",
     "jammkle_graph.names",
     "jammkle_graph.namespace",
+    "jammkle_graph.delivery",
+    "jammkle_graph.health",
+    "jammkle_graph.messages",
     "jammkle_graph.bags.definitions",
+    "jammkle_graph.bags.delivered",
+    "jammkle_graph.bags.plain",
     "jammkle_graph.bags.reading",
     "jammkle_graph.bags.serialisation",
     "jammkle_graph.bags.writing",
@@ -44,6 +51,7 @@ PURE = (
     "jammkle_sim.robots",
     "jammkle_sim.core",
     "jammkle_sim.paper",
+    "jammkle_sim.commands",
     "jammkle_reality",
     "jammkle_gap.core",
     "jammkle_gap.ankle",
@@ -92,17 +100,13 @@ ALLOWED = {
 }
 OWN = ("jammkle_sim.commands", "jammkle_sim.paper", "jammkle_bringup")
 """Verbs and pages: nobody's but their package's."""
-BLOCKED = (
-    "rclpy", "jammkle_msgs", "std_msgs", "sensor_msgs", "geometry_msgs", "diagnostic_msgs", "rosgraph_msgs",
-    "builtin_interfaces", "rcl_interfaces", "lifecycle_msgs", "std_srvs",
-)  # fmt: skip
 IMPORT_PURE = f"""
 import importlib, pkgutil, sys
 
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {BLOCKED!r}:
-            raise ImportError(name + " is blocked")
+        if name.split(".")[0] in {ROS_MODULES!r}:
+            raise ModuleNotFoundError(name + " is blocked", name=name)
         return None
 
 sys.meta_path.insert(0, Blocker())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jammkle_graph.diagnostics import Health, Level
+from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
     from jammkle_controller.core.controller import AnkleController

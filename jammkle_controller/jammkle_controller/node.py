@@ -20,7 +20,7 @@ from jammkle_controller.health import StreamTrouble, imu_health, policy_health
 from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change
-from jammkle_graph.diagnostics import DiagnosticsPublisher, Health
+from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.names import CONTACT_EVENTS, CONTROLLER_NODE, IMU, JAM_COMMAND, JAM_STATE, SET_AUTO
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_graph.roll_call import RollCall
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rclpy.parameter import Parameter
+
+    from jammkle_graph.health import Health
 
 HARDWARE_ID = "ankle"
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState
-from jammkle_graph.diagnostics import Health, Level
+from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
     from jammkle_driver.core.ankle import Ankle

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from jammkle_driver.core.hardware import Hardware, PressureSample
-    from jammkle_graph.diagnostics import Health
+    from jammkle_graph.health import Health
     from jammkle_graph.names import Service
 
 CLOCK_TIMEOUT_S = 1.5

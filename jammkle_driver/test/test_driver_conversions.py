@@ -15,7 +15,7 @@ from jammkle_driver.core.channel import ChannelState, ChannelStatus
 from jammkle_driver.core.status import DriverStatus
 from jammkle_driver.health import health_lines
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.diagnostics import Level
+from jammkle_graph.health import Level
 from jammkle_graph.parameters import ParameterError, from_mapping
 from jammkle_msgs.msg import ChannelJamState
 

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import enum
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 
+from jammkle_graph.health import Health, Level, diagnostic_array
 from jammkle_graph.names import DIAGNOSTICS
 from jammkle_graph.qos import publisher_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from builtin_interfaces.msg import Time
     from rclpy.node import Node
@@ -26,25 +25,6 @@ FAREWELL = ": stopped"
 """End of the name under which a node that is stopped in order reports for the last time."""
 
 _FAREWELL_TIMEOUT_S = 0.2
-
-
-class Level(enum.Enum):
-    """Severity, as in diagnostic_msgs."""
-
-    OK = DiagnosticStatus.OK
-    WARN = DiagnosticStatus.WARN
-    ERROR = DiagnosticStatus.ERROR
-    STALE = DiagnosticStatus.STALE
-
-
-@dataclass(frozen=True)
-class Health:
-    """One line of health: what it is about, how bad, one sentence, and values for people (with units in the key)."""
-
-    about: str
-    level: Level
-    message: str
-    values: Mapping[str, str] = field(default_factory=dict)
 
 
 class DiagnosticsPublisher:
@@ -95,31 +75,6 @@ class DiagnosticsPublisher:
         self._last = _signature(health)
         name = self._node.get_fully_qualified_name()
         self._publisher.publish(diagnostic_array(self._stamp(), name, self._hardware_id, health))
-
-
-def diagnostic_array(stamp: Time, node_name: str, hardware_id: str, health: Sequence[Health]) -> DiagnosticArray:
-    """Return health as a message.
-
-    Args:
-        stamp: The graph's time.
-        node_name: Absolute name of the node that reports.
-        hardware_id: What the health is about, as in diagnostic_msgs.
-        health: The lines.
-
-    """
-    array = DiagnosticArray()
-    array.header.stamp = stamp
-    array.status = [
-        DiagnosticStatus(
-            name=f"{node_name}: {line.about}",
-            level=line.level.value,
-            message=line.message,
-            hardware_id=hardware_id,
-            values=[KeyValue(key=key, value=value) for key, value in line.values.items()],
-        )
-        for line in health
-    ]
-    return array
 
 
 def _signature(health: Sequence[Health]) -> tuple[tuple[str, Level, str], ...]:

@@ -1,57 +1,50 @@
-"""QoS profiles for both ends of every kind of topic. The one place where they are chosen."""
+"""QoS profiles of both ends of every topic, as `jammkle_graph.delivery` chooses them."""
 
 from __future__ import annotations
 
+import dataclasses
+from typing import TYPE_CHECKING
+
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from jammkle_graph.names import Topic, TopicKind
+from jammkle_graph.delivery import Delivery, published, subscribed
 
-_SENSOR_DEPTH = 100
-_EVENT_DEPTH = 100
+if TYPE_CHECKING:
+    from jammkle_graph.names import Topic
+
 _PATIENT_DEPTH = 1000
 """Two seconds of 500 Hz: longer than a process on a busy machine waits for its turn. Assumed."""
+_CHANGES_DEPTH = 100
 _LIVE_DEPTH = 10
 """So that a stop which is taken back at once is still seen."""
 
-_LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-_EVENT = QoSProfile(depth=_EVENT_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-_CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-_PUBLISHER = {
-    TopicKind.SENSOR: QoSProfile(depth=_SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE),
-    TopicKind.COMMAND: _COMMAND,
-    TopicKind.STATE: _LATCHED,
-    TopicKind.EVENT: _EVENT,
-    TopicKind.CLOCK: _CLOCK,
-}
-_SUBSCRIBER = {
-    **_PUBLISHER,
-    TopicKind.SENSOR: QoSProfile(depth=_SENSOR_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
-}
+def _profile(delivery: Delivery) -> QoSProfile:
+    return QoSProfile(
+        depth=delivery.depth,
+        reliability=ReliabilityPolicy.RELIABLE if delivery.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if delivery.latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 def publisher_qos(topic: Topic) -> QoSProfile:
     """Profile with which this project publishes `topic`."""
-    return _PUBLISHER[topic.kind]
+    return _profile(published(topic))
 
 
 def subscriber_qos(topic: Topic) -> QoSProfile:
     """Profile with which this project subscribes to `topic`; it matches any publisher of the ecosystem for sensors."""
-    return _SUBSCRIBER[topic.kind]
+    return _profile(subscribed(topic))
 
 
 def every_change_qos() -> QoSProfile:
     """Latched profile for those who must miss no change of a state, such as a pump's duty, while they are busy."""
-    return QoSProfile(
-        depth=_SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-    )
+    return _profile(Delivery(_CHANGES_DEPTH, reliable=True, latched=True))
 
 
 def patient_qos(topic: Topic) -> QoSProfile:
     """Profile of `subscriber_qos` with a queue so long that a subscriber may be busy for seconds and miss nothing."""
-    given = _SUBSCRIBER[topic.kind]
-    return QoSProfile(depth=_PATIENT_DEPTH, reliability=given.reliability, durability=given.durability)
+    return _profile(dataclasses.replace(subscribed(topic), depth=_PATIENT_DEPTH))
 
 
 def live_qos() -> QoSProfile:
@@ -60,4 +53,4 @@ def live_qos() -> QoSProfile:
     A latched subscription never sees such a publisher. Where missing one is dangerous (the emergency stop),
     subscribe twice: with `subscriber_qos` for late joining, and with this.
     """
-    return QoSProfile(depth=_LIVE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+    return _profile(Delivery(_LIVE_DEPTH, reliable=True))

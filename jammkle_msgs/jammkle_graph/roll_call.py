@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from jammkle_graph.diagnostics import FAREWELL, PERIOD_S, Health, Level
+from jammkle_graph.diagnostics import FAREWELL, PERIOD_S
+from jammkle_graph.health import Health, Level
 from jammkle_graph.names import CONTROLLER_NODE, DIAGNOSTICS, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
 from jammkle_graph.qos import subscriber_qos
 

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from jammkle_graph.diagnostics import FAREWELL, Level
+from jammkle_graph.diagnostics import FAREWELL
+from jammkle_graph.health import Level
 from jammkle_graph.roll_call import RollCall
 
 

@@ -10,25 +10,30 @@ import math
 from typing import TYPE_CHECKING
 
 import yaml
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import WrenchStamped
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import FluidPressure, Imu, JointState
-from std_msgs.msg import Header, String
 
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_graph.messages import message_class
 from jammkle_graph.names import IMU_FRAME, LOAD_CELL_FRAME, TENDONS
-from jammkle_msgs.action import RunRig
-from jammkle_msgs.msg import ActuatorStates, RigFigure, TendonState, TendonStates
-from jammkle_sim.core.rig_goal import RigGoal
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from std_msgs.msg import Float32
 
-    from jammkle_sim.core.rig_goal import Figure
     from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+
+# Those of ROS for the node; a rig without the graph fills the same where no ROS is installed.
+ActuatorStates = message_class("jammkle_msgs/msg/ActuatorStates")
+Clock = message_class("rosgraph_msgs/msg/Clock")
+FluidPressure = message_class("sensor_msgs/msg/FluidPressure")
+Header = message_class("std_msgs/msg/Header")
+Imu = message_class("sensor_msgs/msg/Imu")
+JointState = message_class("sensor_msgs/msg/JointState")
+String = message_class("std_msgs/msg/String")
+TendonState = message_class("jammkle_msgs/msg/TendonState")
+TendonStates = message_class("jammkle_msgs/msg/TendonStates")
+Time = message_class("builtin_interfaces/msg/Time")
+WrenchStamped = message_class("geometry_msgs/msg/WrenchStamped")
 
 _NO_ORIENTATION = -1.0
 """REP-145 and sensor_msgs/Imu: the first element of a covariance that belongs to nothing measured."""
@@ -124,30 +129,6 @@ def actuator_states(time_ns: int, duty: float, energised: Mapping[str, bool], *,
 def parameters_message(description: Mapping[str, object]) -> String:
     """Return all parameters of rig and simulation as YAML, for people and for a bag."""
     return String(data=yaml.safe_dump(dict(description), sort_keys=False, allow_unicode=True))
-
-
-def rig_goal_from(request: RunRig.Goal) -> RigGoal:
-    """Return what a goal of ~/run_rig asks for.
-
-    Raises:
-        ParameterError: an unknown rig or option, or a value out of range.
-
-    """
-    return RigGoal(request.rig, list(request.options), request.repeats, request.seed)
-
-
-def rig_feedback(progress: float, time_s: float) -> RunRig.Feedback:
-    """Return the share of all runs that is done, and the simulated time, s, of the present one."""
-    return RunRig.Feedback(progress=progress, simulated_time_s=time_s)
-
-
-def rig_result(message: str, figures: Iterable[Figure], *, success: bool) -> RunRig.Result:
-    """Return the end of a goal: what happened and what was measured, SI."""
-    return RunRig.Result(
-        success=success,
-        message=message,
-        figures=[RigFigure(name=each.name, unit=each.unit, values=list(each.values)) for each in figures],
-    )
 
 
 def duty_from(message: Float32) -> float:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.diagnostics import Health, Level
+from jammkle_graph.health import Health, Level
 from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE
 from jammkle_sim.core.run_control import RunState
 from jammkle_sim.inputs import WATCHDOG_S

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from rclpy.executors import Executor
 
-    from jammkle_graph.diagnostics import Health
+    from jammkle_graph.health import Health
     from jammkle_graph.runner import StopFlag
     from jammkle_sim.rigs.simulation import Simulation
 

@@ -16,9 +16,9 @@ from rclpy.action.server import GoalEvent
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError
 from jammkle_msgs.action import RunRig
-from jammkle_sim.conversions import rig_feedback, rig_goal_from, rig_result
 from jammkle_sim.core.rig_goal import RigRows, periods_of
 from jammkle_sim.core.run_control import RefusedError
+from jammkle_sim.goal_messages import rig_feedback, rig_goal_from, rig_result
 
 if TYPE_CHECKING:
     from collections.abc import Callable

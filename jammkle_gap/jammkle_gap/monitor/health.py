@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from jammkle_gap.monitor.core.monitor import GapState
-from jammkle_graph.diagnostics import Health, Level
+from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
     from jammkle_gap.monitor.core.monitor import SubsystemReport

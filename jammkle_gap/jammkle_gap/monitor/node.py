@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.qos import QoSProfile
 
-    from jammkle_graph.diagnostics import Health
+    from jammkle_graph.health import Health
     from jammkle_graph.names import Topic
     from jammkle_graph.runner import StopFlag
 

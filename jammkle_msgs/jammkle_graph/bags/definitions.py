@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from jammkle_graph.command.errors import InputError
 
@@ -27,10 +27,14 @@ class MessageDefinition:
     type_hash: str
 
 
+_BROUGHT = Path(__file__).parents[1] / "share"
+"""Definitions of the project's own messages beside its code, as a wheel brings them where no ROS is."""
+
+
 def share_folders() -> tuple[Path, ...]:
-    """Return the share folders of the sourced workspaces and of this Python environment."""
+    """Return the share folders of the sourced workspaces, of this Python environment and of the wheel."""
     prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    return tuple(prefix / "share" for prefix in (*prefixes, Path(sys.prefix)))
+    return (*(prefix / "share" for prefix in (*prefixes, Path(sys.prefix))), _BROUGHT)
 
 
 class MessageDefinitions:
@@ -58,7 +62,10 @@ class MessageDefinitions:
         return self._known[message_type]
 
     def _texts(self, message_type: str) -> dict[str, str] | None:
-        """Return the text of a type and of all types inside it, or None if one of them is not installed."""
+        """Return the text of a type and of all types inside it, or None if it is not installed.
+
+        A standard type inside it comes from the bag library where it is not installed, as on a machine without ROS.
+        """
         texts: dict[str, str] = {}
         pending = [message_type]
         while pending:
@@ -66,8 +73,10 @@ class MessageDefinitions:
             if name in texts:
                 continue
             text = self._text(name)
-            if text is None:
+            if text is None and not texts:
                 return None
+            if text is None:
+                text = self._standard(name).text.partition(_SEPARATOR)[0]
             texts[name] = text
             pending += sorted(_types_inside(name, text))
         return texts
@@ -87,7 +96,7 @@ class MessageDefinitions:
         try:
             text, _ = self._jazzy.generate_msgdef(message_type, ros_version=2)
             return MessageDefinition(text, self._jazzy.hash_rihs01(message_type))
-        except KeyError:
+        except (KeyError, TypesysError):
             msg = f"type {message_type} is not installed here: build its package and source the workspace"
             raise InputError(msg) from None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import typer
 from typer.core import TyperGroup
@@ -12,6 +12,10 @@ from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.provided import COMMANDS, entries
 from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.command.vocabulary import renamed
+from jammkle_graph.messages import ROS_MODULES
+from jammkle_graph.version import VERSION
+
+_NO_ROS = "this works on the graph, and so needs ROS 2 Jazzy: pip install 'jammkle[ros]', or source an installation"
 
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
@@ -63,6 +67,10 @@ def main(arguments: list[str] | None = None) -> int:
         return failed(str(error), EXIT_FAILED)
     except (Interrupted, KeyboardInterrupt, typer.Abort):
         return failed("interrupted", EXIT_INTERRUPTED)
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] not in ROS_MODULES:
+            raise
+        return failed(f"{_NO_ROS} (there is no {error.name})", EXIT_FAILED)
     except Exception as error:
         if not isinstance(error, _UsageProblem):
             raise
@@ -80,8 +88,19 @@ def _where_it_went(error: Exception) -> str | None:
     return renamed(option, known, context.command_path)
 
 
+def _show_version(wanted: bool) -> None:  # noqa: FBT001 - as the library calls it
+    if wanted:
+        typer.echo(f"jammkle {VERSION}")
+        raise typer.Exit
+
+
 @app.callback(invoke_without_command=True)
-def start(context: typer.Context) -> None:
+def start(
+    context: typer.Context,
+    version: Annotated[  # noqa: ARG001, FBT002 - a switch of the command line, which ends it
+        bool, typer.Option("--version", help="Show the version and exit.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
     """Show the help if no subcommand is given."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())

@@ -6,12 +6,12 @@ import functools
 import json
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.bags.offered import bag_qos
+from jammkle_graph.bags.delivered import bag_delivery
 from jammkle_graph.bags.serialisation import Serialiser
 from jammkle_graph.bags.writing import BagLog, TimeSource
+from jammkle_graph.delivery import published
 from jammkle_graph.names import CLOCK, SIM_PARAMETERS, TOPICS
 from jammkle_graph.namespace import resolved
-from jammkle_graph.qos import publisher_qos
 from jammkle_sim.commands.rig_messages import messages
 from jammkle_sim.conversions import OutgoingMessages
 
@@ -73,4 +73,4 @@ def write_bag(run: RigRun, path: Path, namespace: str, definitions: MessageDefin
 
 
 def _offered(topic: Topic) -> Sequence[Qos]:
-    return [bag_qos(publisher_qos(topic))]
+    return [bag_delivery(published(topic))]

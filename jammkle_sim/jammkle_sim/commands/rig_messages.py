@@ -7,10 +7,9 @@ import heapq
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from std_msgs.msg import Bool, Float32
-
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.diagnostics import Health, Level, diagnostic_array
+from jammkle_graph.health import Health, Level, diagnostic_array
+from jammkle_graph.messages import message_class
 from jammkle_graph.names import (
     CHANNELS,
     DIAGNOSTICS,
@@ -34,6 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from jammkle_sim.rigs.run import RigRun, Series
+
+Bool = message_class("std_msgs/msg/Bool")
+Float32 = message_class("std_msgs/msg/Float32")
 
 _HARDWARE_ID = "jammkle_sim"
 _DIAGNOSTICS_PERIOD_S = 1.0

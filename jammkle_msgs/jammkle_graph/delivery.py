@@ -1,0 +1,43 @@
+"""How each kind of topic is delivered, at both ends: the one place where that is chosen. Does not import rclpy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jammkle_graph.names import Topic, TopicKind
+
+_SENSOR_DEPTH = 100
+_EVENT_DEPTH = 100
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What is asked of the middleware for one end of a topic."""
+
+    depth: int
+    """Messages that wait for a receiver that is busy."""
+    reliable: bool
+    """Whether a lost message is sent again."""
+    latched: bool = False
+    """Whether one who joins late gets the last messages (transient local)."""
+
+
+_LATCHED = Delivery(1, reliable=True, latched=True)
+_PUBLISHED = {
+    TopicKind.SENSOR: Delivery(_SENSOR_DEPTH, reliable=True),
+    TopicKind.COMMAND: Delivery(1, reliable=True),
+    TopicKind.STATE: _LATCHED,
+    TopicKind.EVENT: Delivery(_EVENT_DEPTH, reliable=True),
+    TopicKind.CLOCK: Delivery(1, reliable=False),
+}
+_SUBSCRIBED = {**_PUBLISHED, TopicKind.SENSOR: Delivery(_SENSOR_DEPTH, reliable=False)}
+
+
+def published(topic: Topic) -> Delivery:
+    """Return how this project publishes `topic`."""
+    return _PUBLISHED[topic.kind]
+
+
+def subscribed(topic: Topic) -> Delivery:
+    """Return how this project subscribes to `topic`; it matches any publisher of the ecosystem for sensors."""
+    return _SUBSCRIBED[topic.kind]

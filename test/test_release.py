@@ -1,0 +1,120 @@
+"""What is released: its changelog, what its wheel asks for, and what works where no ROS is installed."""
+
+from __future__ import annotations
+
+import ast
+import datetime as dt
+import subprocess
+import sys
+from importlib.metadata import packages_distributions
+from typing import TYPE_CHECKING
+
+import pytest
+from release import ReleaseError, numbers, released
+from rosbags.highlevel import AnyReader
+from wheels import EXTRAS, PACKAGES, requirements
+
+from jammkle_graph.messages import ROS_MODULES
+from readme_tables import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DAY = dt.date(2027, 1, 2)
+BROUGHT = {"markupsafe": "jinja2", "llvmlite": "numba"}
+"""Modules that a requirement brings along, and says so."""
+WITHOUT_ROS = f"""
+import sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {ROS_MODULES!r}:
+            raise ModuleNotFoundError(name + " is blocked", name=name)
+
+sys.meta_path.insert(0, Blocker())
+from jammkle_graph.command.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def run_without_ros(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command where no module of ROS can be imported."""
+    command = [sys.executable, "-c", WITHOUT_ROS, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_release_moves_what_is_unreleased_under_its_version() -> None:
+    """New entries go under version and day, older releases stay, and nothing is unreleased."""
+    text = "# Changelog\n\n## Unreleased\n\n### Added\n\n- A.\n\n## 0.1.0 - 2026-01-01\n\n- B.\n"
+    assert released(text, "0.2.0", DAY) == (
+        "# Changelog\n\n## Unreleased\n\n## 0.2.0 - 2027-01-02\n\n### Added\n\n- A.\n\n## 0.1.0 - 2026-01-01\n\n- B.\n"
+    )
+
+
+def test_there_is_no_release_of_nothing() -> None:
+    """A changelog without new entries, or a version that is none, ends it before anything is written."""
+    once = released("## Unreleased\n\n- A.\n", "0.2.0", DAY)
+    with pytest.raises(ReleaseError, match="nothing to release"):
+        released(once, "0.3.0", DAY)
+    for version in ("", "1.2", "v1.2.3", "1.2.3rc1"):
+        with pytest.raises(ReleaseError, match=r"1\.2\.3"):
+            numbers(version)
+
+
+def test_the_wheel_asks_for_all_that_it_imports() -> None:
+    """Each foreign module that a package imports comes from a requirement of the wheel or of one of its extras."""
+    sections = requirements()
+    asked = {line.split("=")[0].rstrip(">") for name in ("base", *EXTRAS) for line in sections.get(name, ())}
+    known = packages_distributions()
+    for package in PACKAGES:
+        for path in (ROOT / package).glob("jammkle_*/**/*.py"):
+            if path.name != "testing.py":  # what only tests need
+                for name in foreign_imports(path):
+                    owners = {BROUGHT.get(name), *(each.lower() for each in known[name])}
+                    assert owners & asked, f"{path.relative_to(ROOT)} imports {name}"
+
+
+def foreign_imports(path: Path) -> set[str]:
+    """Top-level names of foreign modules that a file imports while it runs: not of Python, ROS or this project."""
+    found: set[str] = set()
+    pending: list[ast.AST] = [ast.parse(path.read_text())]
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            pending += node.orelse
+            continue
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module.partition(".")[0])
+        pending += ast.iter_child_nodes(node)
+    ours = {name for name in found if name.startswith("jammkle")}
+    return found - ours - set(sys.stdlib_module_names) - set(ROS_MODULES)
+
+
+def test_a_rig_writes_the_same_messages_without_ros(tmp_path: Path) -> None:
+    """Where no ROS is installed, a bag holds the same messages, byte by byte, with the same hashes of their types."""
+    for folder, run in (("with", run_with_ros), ("without", run_without_ros)):
+        done = run("rig", "drop", "-o", str(tmp_path / folder))
+        assert done.returncode == 0, done.stderr
+    assert content(tmp_path / "with") == content(tmp_path / "without")
+
+
+def run_with_ros(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command as it is."""
+    command = [sys.executable, "-m", "jammkle_graph.command", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def content(bag: Path) -> list[tuple[str, str, int, bytes]]:
+    """Every message of a bag, with its topic, the hash of its type and its time."""
+    with AnyReader([bag]) as reader:
+        return [(each.topic, each.digest, time_ns, data) for each, time_ns, data in reader.messages()]
+
+
+def test_a_verb_that_needs_ros_says_so() -> None:
+    """Without ROS, a verb of the graph ends with one line that tells how to get it."""
+    done = run_without_ros("status")
+    assert done.returncode == 1
+    assert "pip install 'jammkle[ros]'" in done.stderr
+    assert done.stderr.count("\n") == 1
