@@ -12,7 +12,7 @@ help:
 	@echo "make test   set up, run every test"
 	@echo "make bench  set up, measure speed; writes bench.json"
 	@echo "make faults set up, inject 500 random faults and jam a healthy ankle for an hour; writes docs/faults.md, 10 minutes"
-	@echo "make soak   set up, jam for half a simulated hour with random faults, pester with 100,000 malformed requests"
+	@echo "make soak   set up, jam for half a simulated hour with random faults; then 100,000 malformed requests"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make docs   build the documentation as pages: docs/_build/index.html"
@@ -41,6 +41,7 @@ faults: set-up
 
 soak: set-up
 	@$(BIN)/python -m jammkle_driver.fake soak
+	@$(BIN)/python -m pytest -q --hypothesis-profile soak jammkle_driver/test/test_driver_requests_fuzz.py
 
 blind: set-up
 	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json \

@@ -7,17 +7,24 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
 from graph import Probe, environment
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import (
+    ACHILLES,
     CHANNELS,
     CLEAR_FAULT,
     DIAGNOSTICS,
     EMERGENCY_STOP,
+    IMU,
+    IMU_FRAME,
     JAM_ALL,
     JAM_COMMAND,
     JAM_STATE,
@@ -28,13 +35,15 @@ from jammkle_sim.board_bench import BoardBench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
 EVERYTHING = 0b111
 SUPPLY_PIN = 4
+SENSOR_PIN = CHANNELS.index(ACHILLES)
 SAGGED_UV = 2_000_000
 """8 V of 12 V at the divider of the supply."""
 STREAM_PERIOD_S = 0.02
+IMU_PERIOD_S = 0.01
+REST_SAMPLES, FLIGHT_SAMPLES, IMPACT_M_S2 = 100, 30, 40.0
 HELD_VACUUM_PA = 50e3
 
 
@@ -49,19 +58,24 @@ class Scene:
         self.probe.listen(JAM_STATE, DIAGNOSTICS, MANIFOLD_PRESSURE)
         self.stream = self.probe.publisher(JAM_COMMAND)
         self.stop = self.probe.publisher(EMERGENCY_STOP)
+        self.controller: subprocess.Popen[bytes] | None = None
+        self._imu = self.probe.publisher(IMU)
+        self._imu_samples = 0
+        self.probe.node.create_timer(IMU_PERIOD_S, self._land)
         self._parameters = {"hardware": "modbus", "port": str(port), **parameters}
         self.driver = self.start_driver()
 
     def start_driver(self) -> subprocess.Popen[bytes]:
         """Start a driver process; what it was before does not matter."""
         given = [word for name, value in self._parameters.items() for word in ("-p", f"{name}:={value}")]
-        arguments = [sys.executable, "-m", "jammkle_driver", "--ros-args", *given]
+        arguments = [sys.executable, str(Path(__file__).with_name("hanging_driver.py")), "--ros-args", *given]
         self.ended = False
         self.driver = subprocess.Popen(arguments, env=environment(self.domain_id))
         return self.driver
 
     def close(self) -> None:
         """End everything."""
+        self.end_controller()
         if self.driver.poll() is None:
             os.kill(self.driver.pid, signal.SIGCONT)
             self.driver.kill()
@@ -90,6 +104,34 @@ class Scene:
         self.probe.spin_until(jammed, "everything is energised at the pins")
         self.probe.wait_for_channels(ChannelJamState.JAMMED)
 
+    def jam_by_controller(self) -> None:
+        """Let a controller feel a landing, and jam; it holds everything by its stream of commands."""
+        self.probe.call(CLEAR_FAULT)
+        arguments = [sys.executable, "-m", "jammkle_controller"]
+        self.controller = subprocess.Popen(arguments, env=environment(self.domain_id))
+        self.probe.spin_until(
+            lambda: self.channels_in(ChannelJamState.JAMMED) and self.bench.edges[-1].solenoids == EVERYTHING,
+            "a controller holds everything",
+        )
+
+    def end_controller(self) -> None:
+        """End the controller, if there is one."""
+        if self.controller is not None:
+            self.controller.kill()
+            self.controller.wait()
+            self.controller = None
+
+    def _land(self) -> None:
+        """Play the IMU of a robot that rests, falls, hits the ground, and rests; it falls as long as nothing jams."""
+        at = self._imu_samples % (REST_SAMPLES + FLIGHT_SAMPLES)
+        self._imu_samples += not (at == 1 and self.channels_in(ChannelJamState.JAMMED))
+        message = Imu()
+        message.header.stamp = self.probe.node.get_clock().now().to_msg()
+        message.header.frame_id = IMU_FRAME
+        message.orientation_covariance[0] = -1.0
+        message.linear_acceleration.z = IMPACT_M_S2 if at == 0 else STANDARD_GRAVITY_M_S2 if at < REST_SAMPLES else 0.0
+        self._imu.publish(message)
+
     def stream_jam(self) -> float:
         """Jam everything by a stream of commands; return when its last message left, s."""
         wish = JamCommand(channels=[ChannelJamCommand(channel=name, vacuum_pa=HELD_VACUUM_PA) for name in CHANNELS])
@@ -101,6 +143,10 @@ class Scene:
             sent_s = time.monotonic()
             self.probe.executor.spin_once(timeout_sec=STREAM_PERIOD_S)
         return sent_s
+
+    def manifold_pa(self) -> float:
+        """Return the latest pressure of the manifold, Pa absolute."""
+        return float(self.probe.last(MANIFOLD_PRESSURE).fluid_pressure)
 
     def channels_in(self, state: int) -> bool:
         """Whether every channel reports a state."""
@@ -158,6 +204,29 @@ def sigstop(scene: Scene) -> float:
     return at_s
 
 
+def hang(scene: Scene) -> float:
+    """Let the driver's node hang while its threads live."""
+    at_s = time.monotonic()
+    os.kill(scene.driver.pid, signal.SIGUSR1)
+    return at_s
+
+
+def kill_controller(scene: Scene) -> float:
+    """Kill the controller that holds everything."""
+    at_s = time.monotonic()
+    if scene.controller is not None:
+        scene.controller.kill()
+    return at_s
+
+
+def stop_controller(scene: Scene) -> float:
+    """Let the controller that holds everything stand still."""
+    at_s = time.monotonic()
+    if scene.controller is not None:
+        os.kill(scene.controller.pid, signal.SIGSTOP)
+    return at_s
+
+
 def cable(scene: Scene) -> float:
     """Pull the cable."""
     at_s = time.monotonic()
@@ -186,6 +255,13 @@ def supply(scene: Scene) -> float:
     return at_s
 
 
+def sensor(scene: Scene) -> float:
+    """Break the wire of one channel's sensor: 0 V."""
+    at_s = time.monotonic()
+    scene.bench.override_uv[SENSOR_PIN] = 0
+    return at_s
+
+
 def emergency_stop(scene: Scene) -> float:
     """Ask for a stop on the graph."""
     at_s = time.monotonic()
@@ -198,6 +274,7 @@ def repair(scene: Scene) -> None:
     scene.bench.override_uv.clear()
     scene.bench.tell("plug")
     scene.stop.publish(Bool(data=False))
+    scene.end_controller()
     if scene.ended:
         scene.driver.wait()
         scene.start_driver()
@@ -205,14 +282,34 @@ def repair(scene: Scene) -> None:
         os.kill(scene.driver.pid, signal.SIGCONT)
 
 
-EVENTS: dict[str, tuple[Callable[[Scene], float], float]] = {
-    "emergency stop": (emergency_stop, 0.1),
-    "cable pulled": (cable, 0.25),
-    "board reset": (reset, 0.05),
-    "brown-out of the controller": (brown_out, 0.05),
-    "supply of pump and valves sags": (supply, 0.05),
-    "SIGSTOP of the driver": (sigstop, 0.25),
-    "SIGTERM of the driver": (sigterm, 0.25),
-    "kill -9 of the driver": (sigkill, 0.25),
+@dataclass(frozen=True)
+class Event:
+    """What may happen to a jammed ankle.
+
+    Attributes:
+        happen: Does it, and returns when, s of the monotonic clock.
+        bound_s: Within how long everything is off at the pins: of the watchdogs involved, and one cycle or tick each.
+        jam: Jams everything before.
+
+    """
+
+    happen: Callable[[Scene], float]
+    bound_s: float
+    jam: Callable[[Scene], None] = Scene.jam
+
+
+EVENTS = {
+    "emergency stop": Event(emergency_stop, 0.05),
+    "sensor of a channel breaks": Event(sensor, 0.1),
+    "cable pulled": Event(cable, 0.21),
+    "board reset": Event(reset, 0.01),
+    "brown-out of the controller": Event(brown_out, 0.01),
+    "supply of pump and valves sags": Event(supply, 0.02),
+    "SIGSTOP of the driver": Event(sigstop, 0.21),
+    "driver's node hangs, its threads live": Event(hang, 0.42),
+    "kill -9 of the controller": Event(kill_controller, 0.6, Scene.jam_by_controller),
+    "SIGSTOP of the controller": Event(stop_controller, 0.6, Scene.jam_by_controller),
+    "SIGTERM of the driver": Event(sigterm, 0.05),
+    "kill -9 of the driver": Event(sigkill, 0.21),
 }
-"""What may happen, and within how long everything must be off at the pins, s."""
+"""What may happen."""

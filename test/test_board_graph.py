@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from board_scene import EVENTS, EVERYTHING, Scene, all_off, cable, pump_off, repair, sigkill
+from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, Scene, all_off, cable, pump_off, repair, sigkill
 from boards import AVR, board_command
 from graph import environment
-from jammkle_graph.names import MANIFOLD_PRESSURE
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-SCHEDULING_S = 0.5
-"""How late a busy machine may run driver and board."""
+HELD_PA = STANDARD_ATMOSPHERE_PA - HELD_VACUUM_PA
 STALE_S = 0.5
 """The driver's command_timeout_s."""
 
@@ -43,26 +42,29 @@ def make_scene(command: list[str], tmp_path: Path, domain_id: int) -> Iterator[C
         scene.close()
 
 
-def test_a_jam_goes_all_the_way_and_every_safe_state_is_taken_in_time(make_scene: Callable[..., Scene]) -> None:
-    """A service jams to the measured vacuum; whatever befalls driver, line or board vents in time; the next jams."""
+def test_a_jam_goes_all_the_way_and_every_mishap_ends_in_the_safe_state(make_scene: Callable[..., Scene]) -> None:
+    """A service jams to the measured vacuum; whatever befalls driver, controller, line or board vents; the next jams.
+
+    Within what time is measured by `make bench`, and printed here.
+    """
     scene = make_scene()
-    for name, (happen, within_s) in EVENTS.items():
-        scene.jam()
-        assert scene.probe.last(MANIFOLD_PRESSURE).fluid_pressure == pytest.approx(51325.0, abs=4e3)
-        took_s = scene.delay_s(happen(scene), all_off)
-        assert took_s < within_s + SCHEDULING_S, name
+    for name, event in EVENTS.items():
+        event.jam(scene)
+        scene.probe.spin_until(lambda: scene.manifold_pa() == pytest.approx(HELD_PA, abs=4e3), "drawn to the set point")
+        took_s = scene.delay_s(event.happen(scene), all_off)
+        sys.stdout.write(f"{name}: {took_s:.3f} s\n")
         repair(scene)
     scene.probe.wait_for_channels(ChannelJamState.UNJAMMED)  # the driver that was started after the killed one
 
 
-def test_stale_commands_vent(make_scene: Callable[..., Scene]) -> None:
-    """A stream of commands that ends, as with a controller that was killed, vents after its timeout."""
+def test_stale_commands_vent_later_than_a_pulled_cable(make_scene: Callable[..., Scene]) -> None:
+    """A stream of commands that ends vents after its timeout; the board's watchdog, which is shorter, is sooner."""
     scene = make_scene()
-    sent_s = scene.stream_jam()
-    took_s = scene.delay_s(sent_s, all_off)
-    assert took_s < STALE_S + 0.1 + SCHEDULING_S
+    stale_s = scene.delay_s(scene.stream_jam(), all_off)
     if not AVR:  # whose simulator, on a busy machine, may lose the line before
-        assert took_s >= STALE_S
+        assert stale_s >= STALE_S
+    scene.jam()
+    assert scene.delay_s(cable(scene), all_off) < stale_s
 
 
 @pytest.mark.parametrize("happen", [sigkill, cable])

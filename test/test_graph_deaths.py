@@ -103,6 +103,11 @@ class Witness:
         """Whether the board has let go by itself; a driver that regulates releases a solenoid now and then, too."""
         return self.probe.last(ACTUATOR_STATES).host_silent and not self.energised()
 
+    def pump_off(self) -> bool:
+        """Whether the board drives no pump."""
+        last = self.probe.last(ACTUATOR_STATES)
+        return bool(last) and last.pump_duty == 0.0
+
     def vacuum_pa(self) -> float:
         return AMBIENT_PA - max(self.probe.last(topic).fluid_pressure for topic in PRESSURES.values())
 
@@ -176,6 +181,15 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     processes.start("controller", "use_sim_time:=true")
     witness.until("controller again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
 
+    # The controller stands still: the same, and it goes on by itself.
+    stood_s = processes.send("controller", signal.SIGSTOP)
+    witness.until(
+        "controller stopped: released", stood_s, lambda: witness.faults() == stale and not witness.energised()
+    )
+    processes.send("controller", signal.SIGCONT)
+    woken_s = time.monotonic()
+    witness.until("controller goes on: jammed again", woken_s, lambda: witness.energised() and witness.jammed())
+
     # The driver is stopped in order: it releases everything before it ends, and nobody misses it.
     ended_s = processes.send("driver", signal.SIGTERM)
     probe.spin_until(lambda: processes.running["driver"].poll() is not None, "the driver has ended")
@@ -207,6 +221,25 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     stop.publish(Bool(data=False))
     probe.spin_until(lambda: probe.call(CLEAR_FAULT).success, "the stop is cleared")
     assert not witness.energised()
+
+    # The simulation stands still: FAULT, as nobody answers for the ankle; afterwards it is cleared, and jams.
+    stood_s = processes.send("sim", signal.SIGSTOP)
+    unplugged = {Fault.BOARD_UNPLUGGED}
+    witness.until("sim stopped: FAULT", stood_s, lambda: witness.faults() == unplugged)
+    processes.send("sim", signal.SIGCONT)
+    probe.spin_until(lambda: probe.call(CLEAR_FAULT).success and not witness.faults() & unplugged, "cleared")
+
+    # safe_state hold: without a controller the solenoids stay, with the pump off, until somebody vents.
+    processes.send("driver", signal.SIGTERM)
+    probe.spin_until(lambda: processes.running["driver"].poll() is not None, "the driver has ended again")
+    processes.start("driver", "use_sim_time:=true", "safe_state:=hold")
+    probe.spin_until(lambda: witness.energised() and witness.jammed(), "a driver that holds jams")
+    dead_s = processes.send("controller", signal.SIGKILL)
+    witness.until("hold, controller killed: pump off", dead_s, lambda: witness.faults() == stale and witness.pump_off())
+    assert witness.energised()
+    assert probe.call(UNJAM_ALL).success
+    probe.spin_until(lambda: not witness.energised(), "a held ankle is vented by ~/unjam_all")
+    processes.start("controller", "use_sim_time:=true")
 
     # The simulation dies: nobody answers for the ankle any more, and a stop says so.
     dead_s = processes.send("sim", signal.SIGKILL)

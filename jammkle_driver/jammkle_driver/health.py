@@ -27,7 +27,6 @@ def health_lines(
     lifecycle_state: str,
     refused_command: str,
     link: LinkStatus | None = None,
-    noise: str = "",
 ) -> tuple[Health, ...]:
     """Return one line for the driver, one each for link, jam_command and manifold, and one per channel.
 
@@ -36,12 +35,11 @@ def health_lines(
         lifecycle_state: Label of the node's lifecycle state.
         refused_command: Why the last jam_command was refused; empty if it was taken, or none came.
         link: What is known of the hardware's other end; None where the driver is not configured.
-        noise: What is wrong with the line; empty where nothing is.
 
     """
     return (
         _driver_line(status, lifecycle_state),
-        *(() if link is None else (_link_line(link, noise),)),
+        *(() if link is None else (_link_line(link, status.line_noise),)),
         Health("jam_command", Level.WARN, refused_command) if refused_command else Health("jam_command", Level.OK, ""),
         _manifold_line(status),
         *(_channel_line(channel) for channel in status.channels),
@@ -141,7 +139,7 @@ def _link_line(link: LinkStatus, noise: str) -> Health:
         level = Level.ERROR
         message = f"safe state latched: {', '.join(sorted(cause.value for cause in link.latched))}"
     elif noise:
-        level, message = Level.WARN, f"{Reason.LINE_NOISE.name}: {noise}; look at cable, shield and baud rate"
+        level, message = Level.WARN, f"{Reason.LINE_NOISE.name}: {noise}"
     elif link.faults:
         level = Level.WARN
         message = ", ".join(sorted(fault.value for fault in link.faults))

@@ -149,8 +149,10 @@ class DriverNode(LifecycleNode):
         self._hardware.apply(self._driver.command)
         self._outputs.repeat_command(self._driver.command)
         self._outputs.repeat_state(self._driver.status, self._refused_command)
+        # The hardware first: rclpy keeps Python's lock while it waits for a subscriber, and a killed one never answers.
+        self._hardware.close()
         self._outputs.deliver()
-        for close in (*self._closers, self._hardware.close, self._outputs.close):
+        for close in (*self._closers, self._outputs.close):
             close()
         self._closers.clear()
         self._hardware = None
@@ -248,6 +250,7 @@ class DriverNode(LifecycleNode):
         self._driver.tick(self._now())
         if self._hardware is not None:
             self._look_at_link(self._hardware)
+            self._driver.note_line_noise(self._noise.look(self._hardware.link, seconds(self._steady.now())))
         if self._outputs is not None and self._hardware is not None:
             self._hardware.apply(self._driver.command)
             self._outputs.repeat_command(self._driver.command)
@@ -282,8 +285,7 @@ class DriverNode(LifecycleNode):
     def _health(self) -> tuple[Health, ...]:
         _identifier, label = self._state_machine.current_state
         link = None if self._hardware is None else self._hardware.link
-        noise = "" if link is None else self._noise.look(link, seconds(self._steady.now()))
-        lines = health_lines(self._driver.status, label, self._refused_command, link, noise)
+        lines = health_lines(self._driver.status, label, self._refused_command, link)
         return (*lines, *ankle_lines(self._driver), self._roll_call.health())
 
     def _now(self) -> Instant:

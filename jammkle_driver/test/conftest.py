@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
@@ -14,6 +15,9 @@ from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
     from jammkle_driver.core.channel import ChannelStatus
+
+settings.register_profile("soak", max_examples=2000, stateful_step_count=50, deadline=None)
+"""100,000 requests: `make soak`."""
 
 CHANNELS = ("left", "right", "achilles")
 

@@ -21,7 +21,7 @@ from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.fake.bench import FaultBench
 from jammkle_driver.fake.plant import FakeFault
 from jammkle_driver.fake.script import ScriptError, read_script
-from jammkle_driver.fake.soak import pester, soak
+from jammkle_driver.fake.soak import soak
 from jammkle_driver.fake.trial import ELSEWHERE, PLACED, alarms, inject
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.names import CHANNELS
@@ -291,14 +291,11 @@ def test_late_work_is_told() -> None:
     assert watch.status(20.0).late_s == pytest.approx(0.05, abs=0.005)
 
 
-def test_random_faults_and_requests_leave_everything_safe() -> None:
-    """Some of `make soak`: no unsafe command, no channel that does not come back."""
+def test_random_faults_leave_everything_safe() -> None:
+    """Some of `make soak`: no missed safe state, no channel that does not come back."""
     result = soak(20.0, 3)
     assert result.faults > 0
     assert result.missed == ()
-    refused, unsafe = pester(5000, 1)
-    assert refused > 500
-    assert unsafe == []
 
 
 def test_a_script_of_faults_is_read_or_refused_in_one_line() -> None:

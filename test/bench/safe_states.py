@@ -13,14 +13,17 @@ from jammkle_graph.testing import own_domain
 
 ROUNDS = 7
 STALE = "commands stale (last jam_command)"
+STALE_BOUND_S = 0.56
+"""command_timeout_s, one tick, one cycle of the line."""
 
 
 @dataclass(frozen=True)
 class SafeState:
-    """What happened, and the median and the longest time until all was off at the pins, s."""
+    """What happened, the bound, and the median and the longest time until all was off at the pins, s."""
 
     event: str
     rounds: int
+    bound_s: float
     median_s: float
     longest_s: float
 
@@ -35,10 +38,14 @@ def measure_safe_states() -> list[SafeState]:
                 scene = Scene(command, Path(folder, f"board_{each}"), domain_id)
                 try:
                     took_s[STALE].append(scene.delay_s(scene.stream_jam(), all_off))
-                    for name, (happen, _) in EVENTS.items():
-                        scene.jam()
-                        took_s[name].append(scene.delay_s(happen(scene), all_off))
+                    for name, event in EVENTS.items():
+                        event.jam(scene)
+                        took_s[name].append(scene.delay_s(event.happen(scene), all_off))
                         repair(scene)
                 finally:
                     scene.close()
-    return [SafeState(name, ROUNDS, statistics.median(values), max(values)) for name, values in took_s.items()]
+    bounds_s = {STALE: STALE_BOUND_S, **{name: event.bound_s for name, event in EVENTS.items()}}
+    return [
+        SafeState(name, ROUNDS, bounds_s[name], statistics.median(values), max(values))
+        for name, values in took_s.items()
+    ]

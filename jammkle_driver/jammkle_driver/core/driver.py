@@ -53,6 +53,7 @@ class Driver:
         self._stop_asked = False
         self._stop_reason = ""
         self._board_waits = False
+        self._line_noise = ""
 
     @property
     def limits(self) -> VacuumLimits:
@@ -85,10 +86,11 @@ class Driver:
             stop_reason=self._stop_reason,
             manifold_vacuum_pa=ankle.manifold_vacuum_pa,
             channels=tuple(channel.status for channel in ankle.channels.values()),
-            trouble=worst_trouble(ankle, self._sensors, self.own_pace),
+            trouble=worst_trouble(ankle, self._sensors, self._line_noise, self.own_pace),
             limits=self._limits,
             atmosphere=ankle.atmosphere.status,
             held=ankle.held,
+            line_noise=self._line_noise,
         )
 
     @property
@@ -242,6 +244,10 @@ class Driver:
     def wait_for_board(self, *, wait: bool) -> None:
         """Jam nothing while the board, which had let go, has not yet taken the release; a stream's wish then counts."""
         self._board_waits = wait
+
+    def note_line_noise(self, text: str) -> None:
+        """Take what is wrong with the line to the board; empty where nothing is. It is told, and nothing is let go."""
+        self._line_noise = text
 
     def was_let_go(self, reason: str) -> None:
         """Note that the hardware has let go of everything by itself; a stream that goes on jams anew."""

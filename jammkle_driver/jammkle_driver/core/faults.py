@@ -49,6 +49,7 @@ REMEDIES: dict[Reason, str] = {
     Reason.BOARD_UNPLUGGED: "look at cable and supply",
     Reason.BOARD_REBOOTED: "look at the supply",
     Reason.BROWN_OUT: "look at the supply",
+    Reason.LINE_NOISE: "look at cable, shield and baud rate",
     Reason.NOT_REACHED: "look for a leak, a weak pump or a bad valve",
     Reason.NOT_VENTED: "look for a stuck valve",
 }

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
-from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.faults import REMEDIES, Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
 
 NOISE_WINDOW_S = 5.0
@@ -88,16 +89,19 @@ class NoiseMeter:
 
     def __init__(self) -> None:
         """Make one that has heard nothing."""
-        self._marks: list[tuple[float, int, int]] = []
+        self._marks: deque[tuple[float, int, int]] = deque()
 
     def look(self, link: LinkStatus, steady_s: float) -> str:
         """Return what is wrong with the line now, with numbers; empty where nothing is."""
         self._marks.append((steady_s, link.crc_errors, link.exchanges))
         while self._marks[0][0] < steady_s - NOISE_WINDOW_S:
-            self._marks.pop(0)
+            self._marks.popleft()
         errors = link.crc_errors - self._marks[0][1]
         telegrams = errors + link.exchanges - self._marks[0][2]
         if errors <= 0 or errors < NOISE_SHARE * telegrams:
             return ""
         share = 100.0 * errors / max(telegrams, 1)
-        return f"line noise: {share:.0f} % of telegrams had a wrong check sum in the last {NOISE_WINDOW_S:g} s"
+        return (
+            f"line noise: {share:.0f} % of telegrams had a wrong check sum in the last {NOISE_WINDOW_S:g} s: "
+            f"{REMEDIES[Reason.LINE_NOISE]}"
+        )

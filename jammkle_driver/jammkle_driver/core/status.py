@@ -46,6 +46,7 @@ class DriverStatus:
         limits: Vacuum that may be asked for; None where nobody asks.
         atmosphere: What vacuum is counted from; None where nobody asks.
         held: Whether solenoids are kept as they were, the pump off.
+        line_noise: What is wrong with the line to the board; empty where nothing is.
 
     """
 
@@ -57,10 +58,11 @@ class DriverStatus:
     limits: VacuumLimits | None = None
     atmosphere: AtmosphereStatus | None = None
     held: bool = False
+    line_noise: str = ""
 
 
-def worst_trouble(ankle: Ankle, sensors: SensorWatch, own_pace: OverloadStatus) -> Trouble:
-    """Return the worst that is known: a fault, then what was let go, a silent manifold, and the driver's own pace."""
+def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: str, own_pace: OverloadStatus) -> Trouble:
+    """Return the worst that is known: a fault, what was let go, a silent manifold, a noisy line, the own pace."""
     faulty = ankle.faulty
     if faulty:
         acts = "kept as they were, pump off" if ankle.held else "vented"
@@ -74,6 +76,8 @@ def worst_trouble(ankle: Ankle, sensors: SensorWatch, own_pace: OverloadStatus) 
     if sensors.manifold_heard and ankle.manifold_vacuum_pa is None:
         text = f"manifold: no pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
         return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone")
+    if line_noise:
+        return Trouble(Reason.LINE_NOISE, line_noise, "none: the line repeats what is lost")
     if own_pace.overloaded:
         stalls = f"it stood still {own_pace.stalls} times, at most {own_pace.longest_s:.2f} s"
         text = f"the driver's work comes {own_pace.late_s:.3f} s late; {stalls}"

@@ -60,7 +60,6 @@ class FaultBench:
         self.guard = LinkGuard()
         self.noise = NoiseMeter()
         self.noisy = False
-        self.noise_text = ""
         self.streams = False
         self.rests = 0.0
         """Share of the actions after which nothing is asked for a quarter of a minute or so."""
@@ -118,7 +117,7 @@ class FaultBench:
             self.driver.was_let_go(verdict.let_go)
         if verdict.acknowledge:
             self.link = replace(self.link, latched=frozenset())
-        self.noise_text = self.noise.look(self.link, now.steady_s)
+        self.driver.note_line_noise(self.noise.look(self.link, now.steady_s))
 
     def wander(self) -> None:
         """Jam and vent at random: mostly all channels, now and then one or two."""
@@ -145,8 +144,6 @@ class FaultBench:
         if status.trouble.reason is not Reason.NONE:
             faulty = [channel.name for channel in self.driver.ankle.faulty]
             return status.trouble.reason, faulty[0] if faulty else MANIFOLD
-        if self.noise_text:
-            return Reason.LINE_NOISE, MANIFOLD
         return Reason.NONE, ""
 
     @staticmethod

@@ -1,25 +1,21 @@
-"""Half an hour of jamming with a random fault every few seconds, and malformed requests by the thousand."""
+"""Half an hour of jamming with a random fault every few seconds."""
 
 from __future__ import annotations
 
-import math
-import random
 import resource
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, PressureSample, released
-from jammkle_driver.core.requests import RequestError, Wish
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.hardware import LinkState, LinkStatus, released
+from jammkle_driver.core.requests import RequestError
 from jammkle_driver.fake.bench import FaultBench
 from jammkle_driver.fake.trial import PLACED, drawn_size
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    import random
 
 _BETWEEN_S = (2.0, 8.0)
 _RECOVERY_S = 4.0
@@ -107,50 +103,3 @@ def _recover(bench: FaultBench) -> list[str]:
 
 def _most_held_kib() -> float:
     return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-
-
-def pester(count: int, seed: int) -> tuple[int, list[str]]:
-    """Send so many requests, most of them malformed; return how many were refused, and every unsafe command."""
-    draw = random.Random(seed)  # noqa: S311 - a fuzzer and no secret
-    driver = Driver(CHANNELS, DriverParameters(diagnose=False).settings())
-    unsafe: list[str] = []
-    refused = 0
-    steady_s = 0.0
-    driver.activate(Instant(0.0, 0.0))
-    for number in range(count):
-        steady_s += draw.choice([0.0, 0.01, 0.01, 0.3])
-        now = Instant(steady_s, steady_s, draw.random() < 0.95)  # noqa: PLR2004 - a share
-        try:
-            _one(driver, draw, now)()
-        except RequestError:
-            refused += 1
-        command, status = driver.command, driver.status
-        wanted = any(channel.commanded_vacuum_pa for channel in status.channels)
-        at_rest = command == released(CHANNELS)
-        if not 0.0 <= command.pump_duty <= 1.0:
-            unsafe.append(f"request {number}: duty {command.pump_duty}")
-        if not at_rest and (not status.active or status.stop_reason or driver.ankle.faulty or not wanted):
-            why = status.trouble.text or status.stop_reason or "nothing is wanted"
-            unsafe.append(f"request {number}: {command} although {why}")
-    return refused, unsafe
-
-
-def _one(driver: Driver, draw: random.Random, now: Instant) -> Callable[[], object]:
-    names = [draw.choice([*CHANNELS, "knee", "", "achilles ", "\x00"]) for _ in range(draw.randrange(4))]
-    vacuum_pa = draw.choice([0.0, 50e3, 30e3, -1.0, 1e9, math.nan, math.inf, -math.inf, draw.uniform(-1e5, 2e5)])
-    place = draw.choice([*CHANNELS, MANIFOLD])
-    reading_pa = draw.choice([0.0, 50e3, math.nan, math.inf, draw.uniform(-2e5, 2e5)])
-    sample = PressureSample(place, reading_pa, now.graph_s - draw.choice([0.0, 0.0, 5.0, -5.0]))
-    return draw.choice(
-        [
-            lambda: driver.jam(names, vacuum_pa, "fuzz"),
-            lambda: driver.unjam(names, "fuzz"),
-            lambda: driver.follow([Wish(name, vacuum_pa) for name in names], now, "fuzz"),
-            lambda: driver.measure(sample, now),
-            lambda: driver.measure(sample, now),
-            lambda: driver.tick(now),
-            lambda: driver.emergency_stop(stop=draw.random() < 0.3, now=now),  # noqa: PLR2004 - a share
-            lambda: driver.clear_fault(now),
-            lambda: driver.deactivate() if draw.random() < 0.1 else driver.activate(now),  # noqa: PLR2004 - a share
-        ]
-    )

@@ -1,0 +1,99 @@
+"""Requests of any kind and order, most of them malformed: the driver refuses them, and drives nothing unsafe.
+
+`make soak` runs the same machine over 100,000 requests (profile `soak` in conftest.py).
+"""
+
+from __future__ import annotations
+
+import contextlib
+
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.hardware import MANIFOLD, PressureSample, released
+from jammkle_driver.core.requests import RequestError, Wish
+from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.names import CHANNELS
+
+NAME = st.one_of(st.sampled_from(CHANNELS), st.text(max_size=12))
+NAMES = st.one_of(st.just([]), st.lists(st.sampled_from(CHANNELS), max_size=4), st.lists(NAME, max_size=4))
+PASCALS = st.one_of(st.sampled_from((0.0, 30e3, 50e3)), st.floats(-1e5, 2e5), st.floats())
+"""Often one that could be meant; else any float, NaN and infinities among them."""
+
+
+class Requests(RuleBasedStateMachine):
+    """A driver that anybody may ask anything, on an ankle whose sensors say anything."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.driver = Driver(CHANNELS, DriverParameters(diagnose=False).settings())
+        self.now = Instant(0.0, 0.0)
+        self.driver.activate(self.now)
+
+    @rule(names=NAMES, vacuum_pa=PASCALS)
+    def jam(self, names: list[str], vacuum_pa: float) -> None:
+        with contextlib.suppress(RequestError):
+            self.driver.jam(names, vacuum_pa, "test")
+
+    @rule(names=NAMES)
+    def unjam(self, names: list[str]) -> None:
+        with contextlib.suppress(RequestError):
+            self.driver.unjam(names, "test")
+
+    @rule(wishes=st.lists(st.builds(Wish, NAME, PASCALS), max_size=4))
+    def follow(self, wishes: list[Wish]) -> None:
+        with contextlib.suppress(RequestError):
+            self.driver.follow(wishes, self.now, "test")
+
+    @rule(place=st.sampled_from((*CHANNELS, MANIFOLD)), vacuum_pa=PASCALS, age_s=st.sampled_from((0.0, 5.0, -5.0)))
+    def measure(self, place: str, vacuum_pa: float, age_s: float) -> None:
+        self.driver.measure(PressureSample(place, vacuum_pa, self.now.graph_s - age_s), self.now)
+
+    @rule()
+    def measure_all(self) -> None:
+        """Let every sensor say something that can be, so that jams are not only refused."""
+        for place in (*CHANNELS, MANIFOLD):
+            self.driver.measure(PressureSample(place, 100.0, self.now.graph_s), self.now)
+
+    @rule(passed_s=st.sampled_from((0.0, 0.01, 0.05, 0.3, 2.0)), runs=st.booleans())
+    def tick(self, passed_s: float, *, runs: bool) -> None:
+        steady_s = self.now.steady_s + passed_s
+        self.now = Instant(steady_s, self.now.graph_s + (passed_s if runs else 0.0), runs)
+        self.driver.tick(self.now)
+
+    @rule(stop=st.booleans())
+    def emergency_stop(self, *, stop: bool) -> None:
+        self.driver.emergency_stop(stop=stop, now=self.now)
+
+    @rule()
+    def clear_fault(self) -> None:
+        with contextlib.suppress(RequestError):
+            self.driver.clear_fault(self.now)
+
+    @rule(reason=st.sampled_from((Reason.BOARD_UNPLUGGED, Reason.BROWN_OUT)))
+    def fail(self, reason: Reason) -> None:
+        self.driver.fail("the board does not answer", reason)
+
+    @rule(active=st.booleans())
+    def change_state(self, *, active: bool) -> None:
+        if active:
+            self.driver.activate(self.now)
+        else:
+            self.driver.deactivate()
+
+    @invariant()
+    def nothing_unsafe_is_driven(self) -> None:
+        command, status = self.driver.command, self.driver.status
+        assert 0.0 <= command.pump_duty <= 1.0
+        if command == released(CHANNELS):
+            return
+        assert status.active
+        assert not status.stop_reason
+        assert not self.driver.ankle.faulty
+        assert any(channel.commanded_vacuum_pa for channel in status.channels)
+
+
+TestRequests = Requests.TestCase
