@@ -92,27 +92,28 @@ class Scene:
         return DiagnosticStatus()
 
     def jam(self) -> None:
-        """Clear whatever is to be cleared, and jam everything until it is so at the pins."""
+        """Jam everything, until the pins and the driver say so; clear whatever comes between."""
 
         def jammed() -> bool:
-            if self.bench.edges and self.bench.edges[-1].solenoids == EVERYTHING:
-                return True
+            if self.all_on():
+                return self.channels_in(ChannelJamState.JAMMED)
             if not self.probe.call(JAM_ALL).success:
                 self.probe.call(CLEAR_FAULT)
             return False
 
-        self.probe.spin_until(jammed, "everything is energised at the pins")
-        self.probe.wait_for_channels(ChannelJamState.JAMMED)
+        self.probe.spin_until(jammed, "everything is jammed")
 
     def jam_by_controller(self) -> None:
         """Let a controller feel a landing, and jam; it holds everything by its stream of commands."""
-        self.probe.call(CLEAR_FAULT)
         arguments = [sys.executable, "-m", "jammkle_controller"]
         self.controller = subprocess.Popen(arguments, env=environment(self.domain_id))
-        self.probe.spin_until(
-            lambda: self.channels_in(ChannelJamState.JAMMED) and self.bench.edges[-1].solenoids == EVERYTHING,
-            "a controller holds everything",
-        )
+
+        def held() -> bool:
+            if ChannelJamState.FAULT in self.probe.channel_states().values():
+                self.probe.call(CLEAR_FAULT)
+            return self.all_on() and self.channels_in(ChannelJamState.JAMMED)
+
+        self.probe.spin_until(held, "a controller holds everything")
 
     def end_controller(self) -> None:
         """End the controller, if there is one."""
@@ -137,12 +138,16 @@ class Scene:
         wish = JamCommand(channels=[ChannelJamCommand(channel=name, vacuum_pa=HELD_VACUUM_PA) for name in CHANNELS])
         end_s = time.monotonic() + 30.0
         sent_s = 0.0
-        while not (self.channels_in(ChannelJamState.JAMMED) and self.bench.edges[-1].solenoids == EVERYTHING):
+        while not (self.channels_in(ChannelJamState.JAMMED) and self.all_on()):
             assert time.monotonic() < end_s, self.probe.channel_states()
             self.stream.publish(wish)
             sent_s = time.monotonic()
             self.probe.executor.spin_once(timeout_sec=STREAM_PERIOD_S)
         return sent_s
+
+    def all_on(self) -> bool:
+        """Whether every solenoid is energised at the pins."""
+        return bool(self.bench.edges) and self.bench.edges[-1].solenoids == EVERYTHING
 
     def manifold_pa(self) -> float:
         """Return the latest pressure of the manifold, Pa absolute."""

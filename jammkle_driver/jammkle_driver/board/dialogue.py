@@ -20,6 +20,9 @@ HOLD = "hold"
 _NEAR = 16
 """Registers that lie so close together are read in one request: a request costs more than these."""
 
+_STATE_EVERY = 10
+"""Cycles from one reading of what the board says of itself to the next: ten times a second at 100 Hz."""
+
 _LATCHED = {"host_silent": SafeCause.HOST_SILENT, "supply_low": SafeCause.SUPPLY_LOW, "reset": SafeCause.RESET}
 _FAULTS = {"supply_low": BoardFault.SUPPLY_LOW, "calibration_lost": BoardFault.CALIBRATION_LOST}
 _RESET_CAUSES = {
@@ -31,6 +34,26 @@ _RESET_CAUSES = {
 
 
 @dataclass(frozen=True)
+class BoardState:
+    """What the board says of itself.
+
+    Attributes:
+        faults: What it finds wrong now.
+        reset_cause: What has last reset it.
+        uptime_s: Time since it has started, s.
+        supply_v: Voltage of the supply, V.
+        crc_errors: Frames that it threw away since it started.
+
+    """
+
+    faults: frozenset[BoardFault]
+    reset_cause: ResetCause
+    uptime_s: float
+    supply_v: float
+    crc_errors: int
+
+
+@dataclass(frozen=True)
 class Exchange:
     """What one cycle brought.
 
@@ -39,11 +62,7 @@ class Exchange:
         numbers: What each sensor's register holds, by place.
         taken: What the board drives now, as far as it tells; None where it does not and nothing was written.
         latched: Why the board is in its safe state.
-        faults: What the board finds wrong now.
-        reset_cause: What has last reset it; None where it does not tell.
-        uptime_s: Time since it has started, s; None where it does not tell.
-        supply_v: Voltage of the supply, V; None where it does not tell.
-        crc_errors: Frames that the board threw away since it started.
+        state: What the board says of itself; None where it was not asked in this cycle, or cannot tell.
 
     """
 
@@ -51,11 +70,7 @@ class Exchange:
     numbers: Mapping[str, int]
     taken: ActuatorCommand | None
     latched: frozenset[SafeCause] = frozenset()
-    faults: frozenset[BoardFault] = frozenset()
-    reset_cause: ResetCause | None = None
-    uptime_s: float | None = None
-    supply_v: float | None = None
-    crc_errors: int = 0
+    state: BoardState | None = None
 
 
 class Dialogue(Protocol):
@@ -84,7 +99,11 @@ def dialogue(line: Line, wiring: Wiring, safe_state: str) -> Dialogue:
 
 
 class OwnDialogue:
-    """The project's firmware: one request per cycle writes the outputs and reads everything (function 23)."""
+    """The project's firmware: one request per cycle writes the outputs and reads all sensors (function 23).
+
+    What the board says of itself is read every tenth cycle, and as soon as it has latched something else: without it a
+    cycle is shorter by a tenth, and so is the wait of a command for the cycle that is on the line.
+    """
 
     def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
         """Make a dialogue over a line; `safe_state` is `vent` or `hold`."""
@@ -92,7 +111,9 @@ class OwnDialogue:
         self._wiring = wiring
         self._holds = safe_state == HOLD
         self._registers = register_list()
-        self._count = self._registers.input("check_sum_errors").address + 1
+        self._short = self._registers.input("pump_duty_driven").address + 1
+        self._whole = self._registers.input("check_sum_errors").address + 1
+        self._cycles = 0
         self._latched_bits = 0
 
     async def open(self) -> str:
@@ -119,16 +140,23 @@ class OwnDialogue:
         return f"firmware {firmware >> 8}.{firmware & 0xFF}"
 
     async def exchange(self, command: ActuatorCommand | None) -> Exchange:
-        """Write the outputs and read everything. A board that refuses tells why by what is read after."""
-        if command is not None:
-            first = self._registers.holding("outputs").address
-            try:
-                return self._exchange(
-                    await self._line.write_and_read(first, self._outputs(command), self._registers.mirror, self._count)
-                )
-            except RefusedError:
-                pass
-        return self._exchange(await self._line.read("input", 0, self._count))
+        """Write the outputs and read what is due. A board that refuses tells why by what is read after."""
+        count = self._whole if self._cycles % _STATE_EVERY == 0 else self._short
+        self._cycles += 1
+        numbers = await self._write_and_read(command, count)
+        if numbers is None or (count < self._whole and self._latched(numbers) != self._latched_bits):
+            numbers = await self._line.read("input", 0, self._whole)
+        return self._exchange(numbers)
+
+    async def _write_and_read(self, command: ActuatorCommand | None, count: int) -> Sequence[int] | None:
+        """Return so many input registers; None where the board refuses what was to be written, or nothing was."""
+        if command is None:
+            return None
+        first = self._registers.holding("outputs").address
+        try:
+            return await self._line.write_and_read(first, self._outputs(command), self._registers.mirror, count)
+        except RefusedError:
+            return None
 
     async def acknowledge(self) -> None:
         """Write back what the board has latched, as it was last read: what has come since is not acknowledged."""
@@ -140,22 +168,30 @@ class OwnDialogue:
         )
         return bits, self._wiring.pump.number(command.pump_duty)
 
+    def _latched(self, numbers: Sequence[int]) -> int:
+        return numbers[self._registers.input("latched").address]
+
     def _exchange(self, numbers: Sequence[int]) -> Exchange:
-        names = [register.name for register in self._registers.tables["input_registers"][: self._count]]
+        names = [register.name for register in self._registers.tables["input_registers"][: len(numbers)]]
         inputs = dict(zip(names, numbers, strict=True))
         self._latched_bits = inputs["latched"]
         places = {name: numbers[sensor.register] for name, sensor in self._wiring.sensors.items()}
         driven = inputs["outputs_driven"]
         solenoids = {name: bool(driven >> each.coil & 1) for name, each in self._wiring.solenoids.items()}
-        reset = self._set_bits("reset_cause", inputs["reset_cause"])
-        causes = [cause for name, cause in _RESET_CAUSES.items() if name in reset]
         duty = self._registers.input("pump_duty_driven").value(inputs["pump_duty_driven"])
-        uptime_ms = inputs["uptime_high"] << 16 | inputs["uptime_low"]
         return Exchange(
             sensors_pa=_pascals(self._wiring, places),
             numbers=places,
             taken=ActuatorCommand(solenoids, duty),
             latched=frozenset(_LATCHED[name] for name in self._set_bits("latched", inputs["latched"])),
+            state=self._state(inputs) if len(numbers) == self._whole else None,
+        )
+
+    def _state(self, inputs: Mapping[str, int]) -> BoardState:
+        reset = self._set_bits("reset_cause", inputs["reset_cause"])
+        causes = [cause for name, cause in _RESET_CAUSES.items() if name in reset]
+        uptime_ms = inputs["uptime_high"] << 16 | inputs["uptime_low"]
+        return BoardState(
             faults=frozenset(_FAULTS[name] for name in self._set_bits("faults", inputs["faults"])),
             reset_cause=causes[0] if causes else ResetCause.UNKNOWN,
             uptime_s=uptime_ms / 1000.0,

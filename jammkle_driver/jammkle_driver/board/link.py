@@ -214,26 +214,31 @@ class BoardLink:
 
     def _take(self, exchange: Exchange) -> None:
         now_s = time.monotonic()
-        started = int(self._has_started(exchange.uptime_s, now_s))
         self._measure_rate(now_s)
-        self._last = (now_s, exchange.uptime_s or 0.0)
+        state = exchange.state
+        if state is None:
+            self._tell(latched=exchange.latched)
+            self._count()
+            return
+        started = int(self._has_started(state.uptime_s, now_s))
+        self._last = (now_s, state.uptime_s)
         at_board = 0
         if self._board_crc_errors is not None and not started:
-            at_board = (exchange.crc_errors - self._board_crc_errors) % _COUNTER_SIZE
-        self._board_crc_errors = exchange.crc_errors
+            at_board = (state.crc_errors - self._board_crc_errors) % _COUNTER_SIZE
+        self._board_crc_errors = state.crc_errors
         self._tell(
             starts=self._status.starts + started,
-            reset_cause=exchange.reset_cause,
+            reset_cause=state.reset_cause,
             latched=exchange.latched,
-            faults=exchange.faults,
-            supply_v=exchange.supply_v,
+            faults=state.faults,
+            supply_v=state.supply_v,
         )
         self._count(at_board)
 
-    def _has_started(self, uptime_s: float | None, now_s: float) -> bool:
+    def _has_started(self, uptime_s: float, now_s: float) -> bool:
         """Whether the board has started since it was last heard; its uptime turns over after 50 days."""
-        if uptime_s is None or self._last is None:
-            return uptime_s is not None
+        if self._last is None:
+            return True
         heard_s, last_uptime_s = self._last
         missing_s = (last_uptime_s + now_s - heard_s - uptime_s) % _UPTIME_SIZE_S
         back_s = (last_uptime_s - uptime_s) % _UPTIME_SIZE_S

@@ -124,9 +124,9 @@ async def _link_row(probe: Probe, said: str) -> CheckRow:
     if not came:
         msg = "no reply"
         raise LineError(msg)
-    _, last = came[-1]
-    supply = "" if last.supply_v is None else f", supply {last.supply_v:.1f} V"
-    low = last.supply_v is not None and last.supply_v < _LOW_SUPPLY_V
+    states = [exchange.state for _, exchange in came if exchange.state is not None]
+    supply = f", supply {states[-1].supply_v:.1f} V" if states else ""
+    low = bool(states) and states[-1].supply_v < _LOW_SUPPLY_V
     to_do = "supply of pump and valves: is it on? divider at its pin, `supply_minimum`" if low else ""
     return CheckRow("board", passed=not low, measured=f"{said}{supply}", to_do=to_do)
 
