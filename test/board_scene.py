@@ -109,8 +109,7 @@ class Scene:
         self.controller = subprocess.Popen(arguments, env=environment(self.domain_id))
 
         def held() -> bool:
-            if ChannelJamState.FAULT in self.probe.channel_states().values():
-                self.probe.call(CLEAR_FAULT)
+            self._clear()
             return self.all_on() and self.channels_in(ChannelJamState.JAMMED)
 
         self.probe.spin_until(held, "a controller holds everything")
@@ -121,6 +120,11 @@ class Scene:
             self.controller.kill()
             self.controller.wait()
             self.controller = None
+
+    def _clear(self) -> None:
+        """Clear a FAULT: a busy machine may run the board so late that it counts as lost."""
+        if ChannelJamState.FAULT in self.probe.channel_states().values():
+            self.probe.call(CLEAR_FAULT)
 
     def _land(self) -> None:
         """Play the IMU of a robot that rests, falls, hits the ground, and rests; it falls as long as nothing jams."""
@@ -140,6 +144,7 @@ class Scene:
         sent_s = 0.0
         while not (self.channels_in(ChannelJamState.JAMMED) and self.all_on()):
             assert time.monotonic() < end_s, self.probe.channel_states()
+            self._clear()
             self.stream.publish(wish)
             sent_s = time.monotonic()
             self.probe.executor.spin_once(timeout_sec=STREAM_PERIOD_S)
