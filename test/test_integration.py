@@ -1,0 +1,155 @@
+"""What the page on integration says is tried: a robot's own stack around one ankle, whose hardware is plain numbers."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Bool
+
+from graph import Probe, environment
+from jammkle_graph.names import (
+    ACHILLES,
+    CHANNEL_JAMS,
+    CHANNELS,
+    CONTACT_EVENTS,
+    DIAGNOSTICS,
+    JAM_STATE,
+    PRESSURES,
+    UNJAM_ALL,
+    Service,
+)
+from jammkle_msgs.msg import ChannelJamState, ContactEvent, JamState
+from readme_tables import EXAMPLES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+NAMESPACE = "/lf_ankle"
+IN_NAMESPACE = ("--ros-args", "-r", f"__ns:={NAMESPACE}")
+CHANGE_STATE = Service("driver", "change_state", "lifecycle_msgs/srv/ChangeState", "")
+ACHILLES_JAMMED_PA = 80e3
+"""Between the atmosphere and the default vacuum."""
+
+
+@pytest.fixture
+def run(domain_id: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start Python with arguments in the test's domain and namespace; what still runs at the end is stopped."""
+    started: list[subprocess.Popen[str]] = []
+
+    def begin(*arguments: Any) -> subprocess.Popen[str]:
+        command = [sys.executable, *arguments]
+        started.append(
+            subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(domain_id)
+            )
+        )
+        return started[-1]
+
+    yield begin
+    for process in started:
+        if process.poll() is None:
+            process.terminate()
+        output, _ = process.communicate(timeout=30)
+        sys.stdout.write(output)
+
+
+@pytest.fixture
+def probe(run: Callable[..., subprocess.Popen[str]], make_probe: Callable[..., Probe]) -> Probe:
+    """Look on from the namespace while its driver waits for a manager."""
+    run("-m", "jammkle_driver", *IN_NAMESPACE, "-p", "hardware:=fake", "-p", "autostart:=false")
+    looking_on = make_probe(NAMESPACE)
+    looking_on.listen(JAM_STATE, DIAGNOSTICS, PRESSURES[ACHILLES])
+    return looking_on
+
+
+def example(name: str) -> Any:
+    """Load an example as a module."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def change(probe: Probe, transition: int) -> bool:
+    """Ask the driver for a transition, as a manager does."""
+    return bool(probe.call(CHANGE_STATE, transition=Transition(id=transition)).success)
+
+
+def test_a_stack_around_one_ankle(run: Callable[..., subprocess.Popen[str]], probe: Probe) -> None:
+    """A manager brings the driver up, a mission jams and lets go, and so does a client with standard types alone."""
+    refused = run(EXAMPLES / "mission.py", *IN_NAMESPACE)
+    assert refused.wait(timeout=60) == 1
+    assert "mission: " in refused.stdout.read()
+    assert change(probe, Transition.TRANSITION_CONFIGURE)
+    assert change(probe, Transition.TRANSITION_ACTIVATE)
+    probe.wait_for_channels(ChannelJamState.UNJAMMED)
+    mission = run(EXAMPLES / "mission.py", *IN_NAMESPACE)
+    assert mission.wait(timeout=60) == 0
+    assert mission.stdout.read() == "stiff\nsoft\n"
+    assert probe.call(CHANNEL_JAMS[ACHILLES], data=True).success
+    probe.spin_until(
+        lambda: probe.last(PRESSURES[ACHILLES]).fluid_pressure < ACHILLES_JAMMED_PA, "the channel's own pressure falls"
+    )
+    wanted = f"{NAMESPACE}/driver: {ACHILLES}"
+    probe.spin_until(
+        lambda: any(
+            line.name == wanted and line.message.startswith("JAMMED")
+            for array in probe.heard[DIAGNOSTICS.name]
+            for line in array.status
+        ),
+        "/diagnostics says JAMMED in words",
+    )
+    assert probe.call(UNJAM_ALL).success
+    probe.wait_for_channels(ChannelJamState.UNJAMMED)
+
+
+def test_the_controller_hears_an_imu_of_another_name(
+    run: Callable[..., subprocess.Popen[str]], make_probe: Callable[..., Probe]
+) -> None:
+    """Remapped, it takes the trunk's IMU and no other, and the foot's state follows from its events."""
+    run("-m", "jammkle_controller", *IN_NAMESPACE, "-r", "imu/data:=/trunk/imu")
+    run(EXAMPLES / "foot_contact.py", *IN_NAMESPACE)
+    probe = make_probe(NAMESPACE)
+    probe.spin_until(lambda: probe.node.count_subscribers("/trunk/imu") == 1, "the controller hears the trunk's IMU")
+    assert probe.node.count_subscribers(f"{NAMESPACE}/imu/data") == 0
+    events = probe.publisher(CONTACT_EVENTS)
+    probe.spin_until(lambda: events.get_subscription_count() > 0, "the events are heard")
+    for kind, contact in ((ContactEvent.IMPACT, True), (ContactEvent.LIFTOFF, False)):
+        events.publish(ContactEvent(type=kind))
+        late = make_probe(NAMESPACE)
+        heard: list[bool] = []
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        late.node.create_subscription(Bool, "contact", lambda message, heard=heard: heard.append(message.data), latched)
+        late.spin_until(lambda heard=heard, contact=contact: heard[-1:] == [contact], "the latched state is heard")
+
+
+def test_commands_of_ros2_control_are_those_of_the_driver() -> None:
+    """Groups become channels, `vacuum` their set point; states go back with the same names; what is torn is refused."""
+    bridge = example("gpio_bridge")
+    values = SimpleNamespace(interface_names=["vacuum", "other"], values=[40e3, 1.0])
+    message = SimpleNamespace(
+        interface_groups=[ACHILLES, "lamp"],
+        interface_values=[values, SimpleNamespace(interface_names=["on"], values=[1.0])],
+    )
+    wanted = bridge.wishes(message)
+    assert wanted == {ACHILLES: 40e3}
+    sent = bridge.command(wanted, JamState().header.stamp)
+    assert [(each.channel, each.vacuum_pa) for each in sent.channels] == [(ACHILLES, 40e3)]
+    report = JamState(
+        channels=[
+            ChannelJamState(channel=name, state=ChannelJamState.JAMMED, measured_vacuum_pa=4e4) for name in CHANNELS
+        ]
+    )
+    assert bridge.states(report) == dict.fromkeys(CHANNELS, (4e4, float(ChannelJamState.JAMMED)))
+    values.values.pop()
+    with pytest.raises(ValueError, match="zip"):
+        bridge.wishes(message)
