@@ -27,6 +27,8 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 EXAMPLES = DOCS / "examples"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
+OF_THE_DISTRIBUTION = ("numpy", "pyyaml")
+"""Requirements that a sourced ROS has by itself."""
 INTERFACES = {"Messages": "msg", "Services": "srv", "Actions": "action"}
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
@@ -96,10 +98,26 @@ def tables() -> dict[str, str]:
     made["registers"] = register_table()
     made["command"] = command_text()
     made["interfaces"] = interfaces_text()
+    made["sourced workspace"] = workspace_text()
     made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
     for example in EXAMPLES.glob("*.py"):
         made[f"example {example.name}"] = f"```python\n{example.read_text()}```"
     return made
+
+
+def workspace_text() -> str:
+    """Lines that build the packages in a sourced Jazzy, with what the distribution does not have."""
+    asked = re.search(
+        r"^# \[base\].*?$(.*?)(?=^# \[)", (ROOT / "requirements.in").read_text(), re.MULTILINE | re.DOTALL
+    )
+    lines = asked[1].splitlines() if asked else []
+    needed = [line.split()[0] for line in lines if line and line.split()[0] not in OF_THE_DISTRIBUTION]
+    return f"""```bash
+python3 -m venv --system-site-packages venv && source venv/bin/activate && touch venv/COLCON_IGNORE
+pip install {" ".join(needed)}
+python -m colcon build --symlink-install && source install/setup.bash
+ros2 launch jammkle_bringup ankle.launch.py
+```"""
 
 
 def interfaces_text() -> str:
