@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import time
 from typing import TYPE_CHECKING
 
@@ -12,9 +13,10 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
-from graph import TIMEOUT_S, messages_of
+from graph import COMMAND, TIMEOUT_S, environment, messages_of
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
 from jammkle_msgs.msg import ChannelJamState, ContactEvent
+from readme_tables import EXAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,15 +37,37 @@ def graph(start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone
     return up, probe
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_up_stops_cleanly(graph: tuple[Up, Probe], number: signal.Signals) -> None:
-    """After Ctrl-C or SIGTERM: exit code 0, no traceback, no process left, every solenoid released, pump off."""
+def test_the_first_session(domain_id: int, make_probe: Callable[..., Probe], tmp_path: Path) -> None:
+    """What the README shows, pasted: every command is answered, and Ctrl-C ends it with every solenoid released."""
+    (tmp_path / ".venv").symlink_to(COMMAND.parents[1])
+    probe = make_probe()
+    probe.listen(PUMP_DUTY, *SOLENOIDS.values())
+    session = subprocess.Popen(
+        ["/usr/bin/env", "bash", "-m", EXAMPLES / "first_session.sh"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=tmp_path,
+        env=environment(domain_id),
+    )
+    said, _ = session.communicate(timeout=2 * TIMEOUT_S)
+    assert session.returncode == 0, said
+    for words in (*CHANNELS, "unjamming", "jamming achilles at 40000 Pa"):
+        assert words in said
+    assert (tmp_path / "up.log").read_text().endswith("jammkle: stopped\n")
+    probe.spin_until(lambda: all(probe.heard[topic.name] for topic in SOLENOIDS.values()), "the solenoids are heard")
+    probe.spin_until(lambda: not any(probe.last(topic).data for topic in SOLENOIDS.values()), "all solenoids released")
+    probe.spin_until(lambda: probe.last(PUMP_DUTY).data == 0.0, "the pump is off")
+
+
+def test_up_stops_cleanly(graph: tuple[Up, Probe]) -> None:
+    """After SIGTERM: exit code 0, no traceback, no process left, every solenoid released, pump off."""
     up, probe = graph
     probe.call(JAM)
     probe.wait_for_channels(ChannelJamState.JAMMED)
     children = up.children()
     assert len(children) >= 3
-    assert up.stop(number) == 0
+    assert up.stop(signal.SIGTERM) == 0
     assert not any(child.is_running() and child.status() != psutil.STATUS_ZOMBIE for child in children)
     assert "Traceback" not in up.text()
     probe.spin_until(lambda: not any(probe.last(topic).data for topic in SOLENOIDS.values()), "all solenoids released")
