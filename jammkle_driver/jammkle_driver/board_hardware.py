@@ -20,7 +20,7 @@ from jammkle_driver.conversions import (
     vacuum_from_pressure,
 )
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
-from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES
+from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
 from jammkle_graph.parameters import ParameterError
 from jammkle_graph.qos import publisher_qos
 from jammkle_msgs.msg import ActuatorStates
@@ -111,7 +111,7 @@ class BoardHardware:
 
     def _publish(self, exchange: Exchange) -> None:
         now = self._context.node.get_clock().now()
-        ambient_pa = self._context.ambient_pa()
+        ambient_pa, namespace = self._context.ambient_pa(), self._context.node.get_namespace()
         if exchange.taken is not None:
             self._taken.publish(actuator_states_message(exchange.taken, now.to_msg()))
         for place, measured_pa in exchange.sensors_pa.items():
@@ -119,5 +119,6 @@ class BoardHardware:
             vacuum_pa = measured_pa if gauge else vacuum_from_pressure(measured_pa, ambient_pa)
             if math.isfinite(vacuum_pa):
                 absolute_pa = pressure_from_vacuum(vacuum_pa, ambient_pa)
-                self._pressures[place].publish(pressure_message(absolute_pa, now.to_msg()))
+                message = pressure_message(absolute_pa, now.to_msg(), frame(namespace, place))
+                self._pressures[place].publish(message)
             self._context.take(PressureSample(place, vacuum_pa, seconds(now)))

@@ -50,9 +50,10 @@ def pressure_sample(place: str, message: FluidPressure, ambient_pa: float, recei
     return PressureSample(place, vacuum_from_pressure(message.fluid_pressure, ambient_pa), stamp_s)
 
 
-def pressure_message(absolute_pa: float, stamp: Time) -> FluidPressure:
-    """Return the message for one pressure, absolute, Pa; its variance is not known."""
+def pressure_message(absolute_pa: float, stamp: Time, frame_id: str) -> FluidPressure:
+    """Return the message for one pressure, absolute, Pa, in a frame; its variance is not known."""
     message = FluidPressure(fluid_pressure=absolute_pa)
+    message.header.frame_id = frame_id
     message.header.stamp = stamp
     return message
 

@@ -22,7 +22,7 @@ from jammkle_driver.core.hardware import (
 )
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.script import ScriptError, read_script
-from jammkle_graph.names import ACTUATOR_STATES, CHANNELS, MANIFOLD_PRESSURE, PRESSURES
+from jammkle_graph.names import ACTUATOR_STATES, CHANNELS, MANIFOLD_PRESSURE, PRESSURES, frame
 from jammkle_graph.parameters import ParameterError
 from jammkle_graph.qos import publisher_qos
 from jammkle_msgs.msg import ActuatorStates
@@ -120,7 +120,8 @@ class FakeHardware:
                 self._plant.inject(entry.fault, entry.place, entry.size)
         now = self._context.node.get_clock().now()
         self._taken.publish(actuator_states_message(self._command, now.to_msg()))
+        namespace = self._context.node.get_namespace()
         for place, pressure_pa in self._plant.readings_pa().items():
-            self._pressures[place].publish(pressure_message(pressure_pa, now.to_msg()))
+            self._pressures[place].publish(pressure_message(pressure_pa, now.to_msg(), frame(namespace, place)))
             vacuum_pa = vacuum_from_pressure(pressure_pa, self._context.ambient_pa())
             self._context.take(PressureSample(place, vacuum_pa, seconds(now)))

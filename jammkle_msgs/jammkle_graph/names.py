@@ -39,6 +39,9 @@ CARRIAGE_JOINT = "carriage"
 
 IMU_FRAME = "imu"
 LOAD_CELL_FRAME = "load_cell"
+MANIFOLD_FRAME = "manifold"
+FOOT_FRAME = "foot"
+"""Frames of one ankle; a channel's pressure is in a frame of the channel's name. `frame` puts them into a namespace."""
 
 
 class TopicKind(enum.Enum):
@@ -116,6 +119,12 @@ SIMULATOR_GAP = Topic(
     TopicKind.STATE,
     "how far the robot is from its simulator, per subsystem, in units of the noise; from the gap monitor",
 )
+TRUE_CONTACT = Topic(
+    "true_contact",
+    "jammkle_msgs/msg/TrueContact",
+    TopicKind.SENSOR,
+    "what a simulated robot's foot truly does on the ground: force, sliding",
+)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TopicKind.CLOCK, "simulated time, after the state it belongs to")
 DIAGNOSTICS = Topic(
     "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TopicKind.EVENT, "health of every node, 1 Hz and on change"
@@ -157,6 +166,19 @@ TOPICS: tuple[Topic, ...] = (
     CLOCK,
 )
 """Every topic of one ankle's graph: what a complete recording holds."""
+
+ROBOT_TOPICS: tuple[Topic, ...] = (TRUE_CONTACT,)
+"""What there is besides, for each ankle of a simulated leg or quadruped."""
+
+
+def below(within: str, topic: Topic) -> str:
+    """Return a topic's name in a namespace below a node's own, such as that of one ankle of several; empty: in that."""
+    return topic.name if topic.name.startswith("/") or not within else f"{within}/{topic.name}"
+
+
+def frame(namespace: str, name: str) -> str:
+    """Return a frame of an ankle in a namespace: `lf_ankle/imu`; as it is in the root."""
+    return "/".join(part for part in (namespace.strip("/"), name) if part)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def main() -> int:
     """Run the sim node until SIGINT or SIGTERM and return the exit code."""
-    return run(_make_node, loop=_drive, shut_down=_shut_down)
+    return run(_make_node, loop=drive, shut_down=shut_down)
 
 
 def _make_node() -> SimNode:
@@ -28,11 +28,13 @@ def _make_node() -> SimNode:
     return SimNode(make_simulation)
 
 
-def _drive(node: SimNode, executor: Executor, stop: StopFlag) -> None:
+def drive(node: SimNode, executor: Executor, stop: StopFlag) -> None:
+    """Let the node drive itself."""
     node.drive(executor, stop)
 
 
-def _shut_down(node: SimNode) -> None:
+def shut_down(node: SimNode) -> None:
+    """Let the node answer whoever waits."""
     node.shut_down()
 
 

@@ -13,7 +13,7 @@ import yaml
 
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.messages import message_class
-from jammkle_graph.names import IMU_FRAME, LOAD_CELL_FRAME, TENDONS
+from jammkle_graph.names import FOOT_FRAME, IMU_FRAME, LOAD_CELL_FRAME, TENDONS, frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from std_msgs.msg import Float32
 
     from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+    from jammkle_sim.robots.ankle_view import FootTruth
 
 # Those of ROS for the node; a rig without the graph fills the same where no ROS is installed.
 ActuatorStates = message_class("jammkle_msgs/msg/ActuatorStates")
@@ -33,6 +34,7 @@ String = message_class("std_msgs/msg/String")
 TendonState = message_class("jammkle_msgs/msg/TendonState")
 TendonStates = message_class("jammkle_msgs/msg/TendonStates")
 Time = message_class("builtin_interfaces/msg/Time")
+TrueContact = message_class("jammkle_msgs/msg/TrueContact")
 WrenchStamped = message_class("geometry_msgs/msg/WrenchStamped")
 
 _NO_ORIENTATION = -1.0
@@ -50,15 +52,18 @@ class BadCommandError(ValueError):
 class OutgoingMessages:
     """The messages that the sim node publishes at a rate, each made once and filled again and again."""
 
-    def __init__(self, tendons: Sequence[str] = TENDONS) -> None:
-        """Make the messages, tendon_states for these tendons."""
+    def __init__(self, tendons: Sequence[str] = TENDONS, namespace: str = "/") -> None:
+        """Make the messages, tendon_states for these tendons, with frames of an ankle in a namespace."""
+        self._namespace = namespace
         self._clock = Clock()
-        self._imu = Imu(header=Header(frame_id=IMU_FRAME))
+        self._imu = Imu(header=Header(frame_id=frame(namespace, IMU_FRAME)))
         self._imu.orientation_covariance[0] = _NO_ORIENTATION
         self._pressure = FluidPressure()
         self._joints = JointState()
         self._tendons = TendonStates(tendons=[TendonState(name=name) for name in tendons])
-        self._wrench = WrenchStamped(header=Header(frame_id=LOAD_CELL_FRAME))
+        self._wrench = WrenchStamped(header=Header(frame_id=frame(namespace, LOAD_CELL_FRAME)))
+
+        self._contact = TrueContact(header=Header(frame_id=frame(namespace, FOOT_FRAME)))
 
     def clock(self, time_ns: int) -> Clock:
         """Return the tick of a simulated time, ns."""
@@ -71,10 +76,11 @@ class OutgoingMessages:
         _fill_vector(self._imu.angular_velocity, sample.angular_velocity_rad_s)
         return _stamped(self._imu, self._imu.header.stamp, time_ns)
 
-    def pressure(self, time_ns: int, pressure_pa: float) -> FluidPressure:
-        """Return one absolute pressure, Pa. Zero variance stands for unknown."""
+    def pressure(self, time_ns: int, pressure_pa: float, place: str) -> FluidPressure:
+        """Return one absolute pressure, Pa, in a place: channel or manifold. Zero variance stands for unknown."""
         _check_finite("a pressure", (pressure_pa,))
         self._pressure.fluid_pressure = pressure_pa
+        self._pressure.header.frame_id = frame(self._namespace, place)
         return _stamped(self._pressure, self._pressure.header.stamp, time_ns)
 
     def joint_states(self, time_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]) -> JointState:
@@ -96,6 +102,15 @@ class OutgoingMessages:
             message.extension_rate_m_s = tendon.extension_rate_m_s
             message.tension_n = tendon.tension_n
         return _stamped(self._tendons, self._tendons.header.stamp, time_ns)
+
+    def true_contact(self, time_ns: int, foot: FootTruth) -> TrueContact:
+        """Return what the foot truly does on the ground: N, m/s, m."""
+        _check_finite("a foot", (foot.normal_force_n, foot.sliding_speed_m_s, foot.sliding_distance_m))
+        self._contact.stands = foot.stands
+        self._contact.normal_force_n = foot.normal_force_n
+        self._contact.sliding_speed_m_s = foot.sliding_speed_m_s
+        self._contact.sliding_distance_m = foot.sliding_distance_m
+        return _stamped(self._contact, self._contact.header.stamp, time_ns)
 
     def wrench(self, time_ns: int, force_n: tuple[float, float, float]) -> WrenchStamped:
         """Return the force between rig and leg, N, tension positive on z. The load cell measures no torque."""

@@ -39,13 +39,21 @@ def simulation_health(engine: Engine) -> Health:
     return Health("simulation", Level.OK, control.state.value, values)
 
 
-def tendon_health(broken: Sequence[str], rig: str) -> Health:
-    """Whether every tendon is whole, of the ankle or of the rig that runs in its place (empty: none does)."""
+def tendon_health(broken: Sequence[str], rig: str, ankle: str = "") -> Health:
+    """Whether every tendon is whole.
+
+    Args:
+        broken: Names of those that are not.
+        rig: Name of the rig that runs in the ankle's place; empty if none does.
+        ankle: Which of several; empty: there is but one.
+
+    """
+    about = f"{ankle} tendons".strip()
     values = {"broken tendons": ", ".join(broken) or "none"}
     if broken:
         way_out = f"the next run of rig '{rig}' starts with whole ones" if rig else "~/reset makes them whole"
-        return Health("tendons", Level.ERROR, f"broken: {', '.join(broken)}; {way_out}", values)
-    return Health("tendons", Level.OK, "whole", values)
+        return Health(about, Level.ERROR, f"broken: {', '.join(broken)}; {way_out}", values)
+    return Health(about, Level.OK, "whole", values)
 
 
 def rig_health(running: str, trouble: str) -> Health:
@@ -63,17 +71,19 @@ def rig_health(running: str, trouble: str) -> Health:
     return Health("rig", Level.OK, "none running")
 
 
-def command_health(refused: str, *, let_go: bool) -> Health:
+def command_health(refused: str, ankle: str = "", *, let_go: bool) -> Health:
     """Whether the latest command was followed, and the driver is heard.
 
     Args:
         refused: Why the latest command was refused; empty when it was followed.
+        ankle: Which of several; empty: there is but one.
         let_go: Whether the simulated board has let go as it had not heard the driver.
 
     """
+    about = f"{ankle} commands".strip()
     if let_go:
         message = f"no command for {WATCHDOG_S:g} s while something was on: everything released, until told to release"
-        return Health("commands", Level.ERROR, message)
+        return Health(about, Level.ERROR, message)
     if refused:
-        return Health("commands", Level.WARN, refused)
-    return Health("commands", Level.OK, "followed")
+        return Health(about, Level.WARN, refused)
+    return Health(about, Level.OK, "followed")

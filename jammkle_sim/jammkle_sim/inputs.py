@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from std_msgs.msg import Bool, Float32
 
 from jammkle_graph import names
+from jammkle_graph.names import below
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ActuatorStates
 from jammkle_sim.conversions import BadCommandError, actuator_states, duty_from
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from jammkle_sim.rigs.simulation import Simulation
 
 WATCHDOG_S = 0.2
 """Silence of the driver after which the simulated board lets go, s of the machine's steady clock: the firmware's
@@ -31,15 +31,26 @@ _LOOKS = 4
 which stood still itself, and has heard nobody, does not blame the driver."""
 
 
+class AnkleHardware(Protocol):
+    """What obeys: pump and solenoids of one simulated ankle."""
+
+    def set_pump_duty(self, duty: float) -> None:
+        """Set the pump's duty, 0 to 1."""
+
+    def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001 - the state of a coil, as Bool is
+        """Energise or release a channel's solenoid."""
+
+
 class Commands:
     """Subscriptions of the simulated hardware, and its acknowledgement."""
 
     def __init__(
         self,
         node: Node,
-        simulation: Simulation,
+        simulation: AnkleHardware,
         on_refused_change: Callable[[], None],
         runs: Callable[[], bool],
+        within: str = "",
     ) -> None:
         """Subscribe on `node`.
 
@@ -48,6 +59,7 @@ class Commands:
             simulation: What obeys.
             on_refused_change: Called when `refused` or `let_go` becomes something else.
             runs: Tells whether simulated time runs; while it stands, so does the simulated board, and its watchdog.
+            within: Namespace of the ankle below the node's own; empty: that.
 
         """
         self._runs = runs
@@ -65,10 +77,12 @@ class Commands:
         self._wanted = dict.fromkeys(names.CHANNELS, False)
         node.create_timer(WATCHDOG_S / _LOOKS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         qos = publisher_qos(names.ACTUATOR_STATES)
-        self._acknowledged = node.create_publisher(ActuatorStates, names.ACTUATOR_STATES.name, qos)
-        node.create_subscription(Float32, names.PUMP_DUTY.name, self._take_duty, subscriber_qos(names.PUMP_DUTY))
+        self._acknowledged = node.create_publisher(ActuatorStates, below(within, names.ACTUATOR_STATES), qos)
+        duty = names.PUMP_DUTY
+        node.create_subscription(Float32, below(within, duty), self._take_duty, subscriber_qos(duty))
         for channel, topic in names.SOLENOIDS.items():
-            node.create_subscription(Bool, topic.name, partial(self._take_solenoid, channel), subscriber_qos(topic))
+            take = partial(self._take_solenoid, channel)
+            node.create_subscription(Bool, below(within, topic), take, subscriber_qos(topic))
 
     @property
     def refused(self) -> str:

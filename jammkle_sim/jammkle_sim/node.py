@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
@@ -17,26 +17,28 @@ from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.qos import publisher_qos
 from jammkle_graph.roll_call import RollCall
+from jammkle_sim.ankles import Ankles
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
 from jammkle_sim.core.run_control import RunControl, RunState
 from jammkle_sim.core.schedule import Output, steps_per_output
-from jammkle_sim.health import command_health, rig_health, simulation_health, tendon_health
-from jammkle_sim.inputs import Commands
-from jammkle_sim.outputs import Outputs
-from jammkle_sim.parameters import MAX_RATE_HZ, PRESSURE_RATE_HZ, SimParameters
-from jammkle_sim.rig_action import RigAction
+from jammkle_sim.health import rig_health, simulation_health
+from jammkle_sim.kinds import RIG, SimKind
+from jammkle_sim.outputs import ClockOutput
+from jammkle_sim.parameters import MAX_RATE_HZ, PRESSURE_RATE_HZ
+from jammkle_sim.rig_action import NoRigAction, RigAction
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.services import Services
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from rclpy.executors import Executor
 
     from jammkle_graph.health import Health
     from jammkle_graph.runner import StopFlag
+    from jammkle_sim.parameters import RunParameters
     from jammkle_sim.rigs.simulation import Simulation
 
 _LONGEST_WORK_S = 0.001
@@ -53,11 +55,12 @@ _STANDING_CLOCK_PERIOD_S = 0.5
 class SimNode(Node):
     """Runs one simulation at its pace and puts it on the graph. `drive` drives it."""
 
-    def __init__(self, make_simulation: Callable[[SimParameters], Simulation]) -> None:
-        """Make the node, its rig and all its topics and services.
+    def __init__(self, make_simulation: Callable[[Any], Any], kind: SimKind = RIG) -> None:
+        """Make the node, what it simulates and all its topics and services.
 
         Args:
-            make_simulation: Builds the rig from the node's parameters.
+            make_simulation: Builds it from the node's parameters.
+            kind: What is simulated.
 
         Raises:
             ParameterError: an unknown parameter, or one out of range.
@@ -66,28 +69,34 @@ class SimNode(Node):
         # Who makes the clock must not listen to it, whatever a launch file sets for all nodes.
         own_time = Parameter("use_sim_time", value=False)
         super().__init__(names.SIM_NODE, parameter_overrides=[own_time])
-        parameters = declare(self, SimParameters)
+        parameters = declare(self, kind.parameters)
+        self._kind = kind
         self._simulation = make_simulation(parameters)
-        self._engine = _make_engine(self._simulation, parameters)
-        self._outputs = Outputs(self, self._simulation, publish_clock=parameters.publish_clock)
-        self._reported_broken: tuple[str, ...] = ()
+        self._engine = _make_engine(self._simulation, parameters, kind.outputs)
+        self._clock_output = ClockOutput(self, is_ours=parameters.publish_clock)
         self._description = self.create_publisher(
             String, names.SIM_PARAMETERS.name, publisher_qos(names.SIM_PARAMETERS)
         )
-        self._show(None)
         self._diagnostics = DiagnosticsPublisher(
             self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
         )
         self._roll_call = RollCall(self)
-        self._commands = Commands(
-            self, self._simulation, self._diagnostics.check, lambda: self._engine.control.state is RunState.RUNNING
+        self._ankles = Ankles(
+            self,
+            kind.ankles_of(self._simulation),
+            kind.outputs,
+            self._diagnostics.check,
+            lambda: self._engine.control.state is RunState.RUNNING,
         )
+        self._describe(self._simulation)
         self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
-        self._rigs = RigAction(self, self._engine, self._show, self._diagnostics.check)
+        self._rigs: RigAction | NoRigAction = NoRigAction()
+        if kind.runs_rigs:
+            self._rigs = RigAction(self, self._engine, self._show, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._clock_repeater = self.create_timer(_STANDING_CLOCK_PERIOD_S, self._repeat_standing_clock, clock=steady)
         self.add_on_set_parameters_callback(self._refuse_late_start_time)
-        on_change(self, SimParameters, self._take_changes)
+        on_change(self, kind.parameters, self._take_changes)
 
     @property
     def time_ns(self) -> int:
@@ -111,20 +120,19 @@ class SimNode(Node):
         """Advance to the next due outputs and publish them, if their time has come; return the time until the next."""
         own = not self._rigs.place  # a rig follows no driver
         if own:
-            self._commands.acknowledge(self._engine.time_ns)
+            self._ankles.acknowledge(self._engine.time_ns)
         try:
             tick = self._engine.cycle()
             if tick is not None:
                 if own and Output.PRESSURES in tick.outputs:
-                    self._commands.repeat(tick.time_ns)
-                self._outputs.publish(tick)
+                    self._ankles.repeat(tick.time_ns)
+                self._ankles.publish(tick)
+                self._clock_output.publish(tick.time_ns)
         except (UnstableSimulationError, NotFiniteError) as error:
             self._fail(str(error))
         self._rigs.go_on()
         self._answers.answer_finished_steps()
-        if self._outputs.broken_tendons != self._reported_broken:
-            self._reported_broken = self._outputs.broken_tendons
-            self._diagnostics.check()
+        self._ankles.tell_breaks()
         return self._engine.wait_s()
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:
@@ -154,7 +162,7 @@ class SimNode(Node):
             return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
-    def _take_changes(self, changed: SimParameters) -> None:
+    def _take_changes(self, changed: RunParameters) -> None:
         self._engine.set_speed(changed.speed)
         if not self._engine.begun:
             self._engine.set_start_time(changed.start_time_s)
@@ -163,7 +171,7 @@ class SimNode(Node):
         """Publish the standing /clock again, so that a node which joins during a pause knows the time."""
         standing = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
         if standing and self._engine.time_ns > 0:
-            self._outputs.publish_clock(self._engine.time_ns)
+            self._clock_output.publish(self._engine.time_ns)
 
     def _fail(self, why: str) -> None:
         """Stop what cannot be simulated any further: the rig, and else the ankle."""
@@ -178,25 +186,27 @@ class SimNode(Node):
     def _show(self, rig: Simulation | None) -> None:
         """Publish the outputs of a rig, or of the ankle again, and say what it is."""
         simulation = self._simulation if rig is None else rig
-        self._outputs.show(simulation)
+        self._ankles.show(self._kind.ankles_of(simulation))
+        self._describe(simulation)
+
+    def _describe(self, simulation: Any) -> None:
         self._description.publish(parameters_message(simulation.description()))
 
     def _reset(self) -> None:
         self._engine.reset()
         self._rigs.forget_trouble()
-        self._commands.apply()
+        self._ankles.apply()
 
     def _health(self) -> list[Health]:
         return [
             simulation_health(self._engine),
-            tendon_health(self._outputs.broken_tendons, self._engine.control.rig),
-            command_health(self._commands.refused, let_go=self._commands.let_go),
+            *self._ankles.health(self._engine.control.rig),
             rig_health(self._rigs.place, self._rigs.trouble),
             self._roll_call.health(),
         ]
 
 
-def _make_engine(simulation: Simulation, parameters: SimParameters) -> Engine:
+def _make_engine(simulation: Any, parameters: RunParameters, outputs: Collection[Output]) -> Engine:
     """Make the engine; that rates and time step fit each other was checked with the parameters."""
     timestep_s = simulation.timestep_s
     state = steps_per_output(parameters.state_rate_hz, timestep_s, MAX_RATE_HZ)
@@ -205,8 +215,10 @@ def _make_engine(simulation: Simulation, parameters: SimParameters) -> Engine:
         Output.JOINT_STATES: state,
         Output.TENDON_STATES: state,
         Output.LOAD_CELL: state,
+        Output.TRUE_CONTACT: state,
         Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
     }
+    periods = {output: period for output, period in periods.items() if output in outputs}
     control, pacer = RunControl(start_paused=parameters.start_paused), Pacer(parameters.speed)
     engine = Engine(simulation, periods, control, pacer, time.monotonic)
     engine.set_start_time(parameters.start_time_s)

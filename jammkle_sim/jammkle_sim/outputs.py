@@ -1,100 +1,165 @@
-"""Publishes what is due: sensors and states of one tick, and after them its /clock."""
+"""Publishes what is due of one ankle: sensors and states of one tick; and the graph's clock."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
 
 from geometry_msgs.msg import WrenchStamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu, JointState
 
 from jammkle_graph import names
+from jammkle_graph.names import MANIFOLD_FRAME
+from jammkle_graph.namespace import resolved
 from jammkle_graph.qos import publisher_qos
-from jammkle_msgs.msg import TendonStates
+from jammkle_msgs.msg import TendonStates, TrueContact
 from jammkle_sim.conversions import OutgoingMessages
 from jammkle_sim.core.schedule import Output
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
     from jammkle_sim.core.engine import Tick
-    from jammkle_sim.rigs.simulation import Simulation
+    from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+    from jammkle_sim.robots.ankle_view import FootTruth
+
+
+class AnkleSensors(Protocol):
+    """What is published of one simulated ankle."""
+
+    def imu(self) -> ImuSample:
+        """Latest output of the IMU."""
+
+    def channel_pressures_pa(self) -> dict[str, float]:
+        """Absolute pressure per channel, Pa."""
+
+    def manifold_pressure_pa(self) -> float:
+        """Absolute pressure in the manifold, Pa."""
+
+    def joint_positions(self) -> dict[str, float]:
+        """Angles, rad, and slides, m."""
+
+    def joint_velocities(self) -> dict[str, float]:
+        """Rates of the same."""
+
+    def tendons(self) -> tuple[TendonSample, ...]:
+        """Every tendon."""
+
+
+class WithLoadCell(AnkleSensors, Protocol):
+    """An ankle on a rig."""
+
+    def load_cell_force_n(self) -> tuple[float, float, float]:
+        """Force between rig and leg, N."""
+
+
+class WithTruth(AnkleSensors, Protocol):
+    """An ankle of a robot."""
+
+    def foot(self) -> FootTruth:
+        """What the foot truly does on the ground."""
 
 
 class Outputs:
-    """Publishers of one simulation's outputs, sampled at the moment of publishing."""
+    """Publishers of one ankle's outputs, sampled at the moment of publishing."""
 
-    def __init__(self, node: Node, simulation: Simulation, *, publish_clock: bool) -> None:
-        """Make the publishers on `node`; without `publish_clock` somebody else keeps the graph's time."""
-        self.show(simulation)
-        self._imu = _publisher(node, Imu, names.IMU)
-        self._joint_states = _publisher(node, JointState, names.JOINT_STATES)
-        self._tendon_states = _publisher(node, TendonStates, names.TENDON_STATES)
-        self._load_cell = _publisher(node, WrenchStamped, names.LOAD_CELL)
-        self._manifold = _publisher(node, FluidPressure, names.MANIFOLD_PRESSURE)
+    def __init__(self, node: Node, ankle: AnkleSensors, outputs: Collection[Output], within: str = "") -> None:
+        """Make the publishers on `node`.
+
+        Args:
+            node: The sim node.
+            ankle: What is sampled; `WithLoadCell` or `WithTruth` where such an output is among them.
+            outputs: What it can publish.
+            within: Namespace of the ankle below the node's own; empty: that.
+
+        """
+        self._namespace = resolved(node.get_namespace(), within).rstrip("/") or "/"
+        self._ankle: Any
+        self.show(ankle)
+        publisher = partial(_publisher, node, within)
         self._pressures = {
-            channel: _publisher(node, FluidPressure, topic) for channel, topic in names.PRESSURES.items()
+            channel: publisher(FluidPressure, topic)
+            for channel, topic in {MANIFOLD_FRAME: names.MANIFOLD_PRESSURE, **names.PRESSURES}.items()
         }
-        self._clock = _publisher(node, Clock, names.CLOCK) if publish_clock else None
-        self._publish: dict[Output, Callable[[int], None]] = {
-            Output.IMU: self._publish_imu,
-            Output.PRESSURES: self._publish_pressures,
-            Output.JOINT_STATES: self._publish_joint_states,
-            Output.TENDON_STATES: self._publish_tendon_states,
-            Output.LOAD_CELL: self._publish_load_cell,
+        self._publish: dict[Output, Callable[[int], None]] = {Output.PRESSURES: self._publish_pressures}
+        made: dict[Output, tuple[type, names.Topic, Callable[[int], Any]]] = {
+            Output.IMU: (Imu, names.IMU, self._imu),
+            Output.JOINT_STATES: (JointState, names.JOINT_STATES, self._joint_states),
+            Output.TENDON_STATES: (TendonStates, names.TENDON_STATES, self._tendon_states),
+            Output.LOAD_CELL: (WrenchStamped, names.LOAD_CELL, self._load_cell),
+            Output.TRUE_CONTACT: (TrueContact, names.TRUE_CONTACT, self._true_contact),
         }
+        for output, (message_type, topic, make) in made.items():
+            if output in outputs:
+                self._publish[output] = _publishing(publisher(message_type, topic), make)
 
     @property
     def broken_tendons(self) -> tuple[str, ...]:
         """Names of the tendons that were broken when last looked at."""
         return self._broken_tendons
 
-    def show(self, simulation: Simulation) -> None:
-        """Sample this simulation from now on."""
-        self._simulation = simulation
-        tendons = simulation.tendons()
-        self._messages = OutgoingMessages([tendon.name for tendon in tendons])
+    def show(self, ankle: AnkleSensors) -> None:
+        """Sample this ankle from now on."""
+        self._ankle = ankle
+        tendons = ankle.tendons()
+        self._messages = OutgoingMessages([tendon.name for tendon in tendons], self._namespace)
         self._broken_tendons = tuple(tendon.name for tendon in tendons if tendon.broken)
 
     def publish(self, tick: Tick) -> None:
-        """Publish a tick's outputs, then its /clock.
+        """Publish a tick's outputs.
 
         Raises:
-            NotFiniteError: the simulation gave NaN or infinity; neither it nor the tick's /clock was published.
+            NotFiniteError: the simulation gave NaN or infinity; it was not published.
 
         """
         for output in tick.outputs:
             self._publish[output](tick.time_ns)
-        self.publish_clock(tick.time_ns)
 
-    def publish_clock(self, time_ns: int) -> None:
-        """Publish /clock alone."""
-        if self._clock is not None:
-            self._clock.publish(self._messages.clock(time_ns))
-
-    def _publish_imu(self, time_ns: int) -> None:
-        self._imu.publish(self._messages.imu(time_ns, self._simulation.imu()))
+    def _imu(self, time_ns: int) -> Imu:
+        return self._messages.imu(time_ns, self._ankle.imu())
 
     def _publish_pressures(self, time_ns: int) -> None:
-        for channel, pressure_pa in self._simulation.channel_pressures_pa().items():
-            self._pressures[channel].publish(self._messages.pressure(time_ns, pressure_pa))
-        self._manifold.publish(self._messages.pressure(time_ns, self._simulation.manifold_pressure_pa()))
+        pressures_pa = {MANIFOLD_FRAME: self._ankle.manifold_pressure_pa(), **self._ankle.channel_pressures_pa()}
+        for place, pressure_pa in pressures_pa.items():
+            self._pressures[place].publish(self._messages.pressure(time_ns, pressure_pa, place))
 
-    def _publish_joint_states(self, time_ns: int) -> None:
-        positions, velocities = self._simulation.joint_positions(), self._simulation.joint_velocities()
-        self._joint_states.publish(self._messages.joint_states(time_ns, positions, velocities))
+    def _joint_states(self, time_ns: int) -> JointState:
+        positions, velocities = self._ankle.joint_positions(), self._ankle.joint_velocities()
+        return self._messages.joint_states(time_ns, positions, velocities)
 
-    def _publish_tendon_states(self, time_ns: int) -> None:
-        tendons = self._simulation.tendons()
-        self._tendon_states.publish(self._messages.tendon_states(time_ns, tendons))
+    def _tendon_states(self, time_ns: int) -> TendonStates:
+        tendons = self._ankle.tendons()
         self._broken_tendons = tuple(tendon.name for tendon in tendons if tendon.broken)
+        return self._messages.tendon_states(time_ns, tendons)
 
-    def _publish_load_cell(self, time_ns: int) -> None:
-        self._load_cell.publish(self._messages.wrench(time_ns, self._simulation.load_cell_force_n()))
+    def _load_cell(self, time_ns: int) -> WrenchStamped:
+        return self._messages.wrench(time_ns, self._ankle.load_cell_force_n())
+
+    def _true_contact(self, time_ns: int) -> TrueContact:
+        return self._messages.true_contact(time_ns, self._ankle.foot())
 
 
-def _publisher(node: Node, message_type: type, topic: names.Topic) -> Publisher:
-    return node.create_publisher(message_type, topic.name, publisher_qos(topic))
+class ClockOutput:
+    """The graph's clock, if it is this node's to make."""
+
+    def __init__(self, node: Node, *, is_ours: bool) -> None:
+        """Make the publisher on `node`, unless somebody else keeps the graph's time."""
+        self._publisher = _publisher(node, "", Clock, names.CLOCK) if is_ours else None
+        self._messages = OutgoingMessages(())
+
+    def publish(self, time_ns: int) -> None:
+        """Publish a tick."""
+        if self._publisher is not None:
+            self._publisher.publish(self._messages.clock(time_ns))
+
+
+def _publishing(publisher: Publisher, make: Callable[[int], Any]) -> Callable[[int], None]:
+    return lambda time_ns: publisher.publish(make(time_ns))
+
+
+def _publisher(node: Node, within: str, message_type: type, topic: names.Topic) -> Publisher:
+    return node.create_publisher(message_type, names.below(within, topic), publisher_qos(topic))

@@ -1,4 +1,4 @@
-"""Parameters of the sim node: one table that is declared, bounded, validated and documented from here."""
+"""Parameters of the sim node, one table per kind: declared, bounded, validated and documented from here."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from jammkle_sim.rigs.options import (
     slope_option,
     timestep_option,
 )
+from jammkle_sim.robots.options import ROBOTS, RobotOptions
 
 MAX_RATE_HZ = 1000
 """Highest rate of an output: what the IMU of the paper's robot gives."""
@@ -25,8 +26,8 @@ PRESSURE_RATE_HZ = 100
 
 
 @dataclass(frozen=True)
-class SimParameters:
-    """What can be set on the sim node."""
+class RunParameters:
+    """What can be set on every sim node, whatever it simulates: its pace, its clock, its rates."""
 
     speed: float = parameter(
         1.0, "Simulated time per real time; 0 is as fast as possible", "s/s", 0.0, 100.0, dynamic=True
@@ -51,6 +52,27 @@ class SimParameters:
         50,
         MAX_RATE_HZ,
     )
+
+
+def check_rates(parameters: RunParameters, timestep_s: float) -> None:
+    """Check that rates and time step fit each other.
+
+    Raises:
+        ParameterError: a rate does not divide the step rate, or the step is not a whole number of nanoseconds.
+
+    """
+    try:
+        timestep_ns(timestep_s)
+        for rate_hz in (parameters.imu_rate_hz, parameters.state_rate_hz, PRESSURE_RATE_HZ):
+            steps_per_output(rate_hz, timestep_s, MAX_RATE_HZ)
+    except RateError as error:
+        raise ParameterError(str(error)) from error
+
+
+@dataclass(frozen=True)
+class SimParameters(RunParameters):
+    """What can be set on the sim node that simulates an ankle on its rig."""
+
     timestep_s: float = timestep_option("every rate must divide the step rate")
     seed: int = seed_option()
     parameter_set: str = parameter_set_option()
@@ -70,9 +92,27 @@ class SimParameters:
             ParameterError: a rate does not divide the step rate, or the step is not a whole number of nanoseconds.
 
         """
-        try:
-            timestep_ns(self.timestep_s)
-            for rate_hz in (self.imu_rate_hz, self.state_rate_hz, PRESSURE_RATE_HZ):
-                steps_per_output(rate_hz, self.timestep_s, MAX_RATE_HZ)
-        except RateError as error:
-            raise ParameterError(str(error)) from error
+        check_rates(self, self.timestep_s)
+
+
+@dataclass(frozen=True)
+class RobotParameters(RobotOptions, RunParameters):
+    """What can be set on the sim node that simulates a robot."""
+
+    state_rate_hz: int = parameter(
+        100,
+        "Rate of joint_states, tendon_states and true_contact of each ankle; must divide the step rate",
+        "Hz",
+        50,
+        MAX_RATE_HZ,
+    )
+    robot: str = parameter("leg", "What is simulated", choices=ROBOTS)
+
+    def __post_init__(self) -> None:
+        """Check what the values say of each other; each alone was checked before.
+
+        Raises:
+            ParameterError: as for SimParameters.
+
+        """
+        check_rates(self, self.timestep_s)

@@ -167,6 +167,25 @@ class RigAction:
         raise NotImplementedError
 
 
+class NoRigAction:
+    """Stands for the action on a node that runs no rigs: its robot has no place for one."""
+
+    place = ""
+    trouble = ""
+
+    def go_on(self) -> None:
+        """Nothing is due."""
+
+    def fail(self, why: str) -> None:
+        """Nothing can fail."""
+
+    def forget_trouble(self) -> None:
+        """There was none."""
+
+    def destroy(self) -> None:
+        """There is nothing on the graph."""
+
+
 def _ended(conclude: Callable[[], None], result: RunRig.Result) -> RunRig.Result:
     conclude()
     return result

@@ -57,7 +57,7 @@ def test_the_imu_follows_rep_145(force: tuple[float, float, float], rate: tuple[
 @given(st.floats(0.0, 2e5))
 def test_pressures_are_absolute(pressure_pa: float) -> None:
     """A pressure leaves as it is: absolute, Pa."""
-    assert OutgoingMessages().pressure(0, pressure_pa).fluid_pressure == pressure_pa
+    assert OutgoingMessages().pressure(0, pressure_pa, names.MANIFOLD_FRAME).fluid_pressure == pressure_pa
 
 
 def test_joints_keep_name_position_and_rate_together() -> None:
@@ -91,7 +91,7 @@ def test_what_is_not_finite_does_not_leave(bad: float) -> None:
     messages = OutgoingMessages()
     attempts = {
         "IMU": lambda: messages.imu(0, ImuSample((0.0, bad, 0.0), (0.0, 0.0, 0.0))),
-        "pressure": lambda: messages.pressure(0, bad),
+        "pressure": lambda: messages.pressure(0, bad, names.MANIFOLD_FRAME),
         "joint": lambda: messages.joint_states(0, {"a": 0.0}, {"a": bad}),
         "tendon 'peroneal_left'": lambda: messages.tendon_states(0, tendons(bad)),
         "load cell": lambda: messages.wrench(0, (0.0, 0.0, bad)),

@@ -8,7 +8,8 @@ import pytest
 from jammkle_graph.names import ACHILLES, CHANNELS
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.robots.attach import AnkleFitting, ImuPlace, attach_ankle
+from jammkle_sim.robots.attach import AnkleFitting, attach_ankle
+from jammkle_sim.robots.options import ImuPlace
 from jammkle_sim.robots.robot import robot_of
 from jammkle_sim.robots.simulation import RobotSimulation
 

@@ -16,6 +16,7 @@ from jammkle_graph.names import (
     IMU,
     JOINT_STATES,
     LOAD_CELL,
+    MANIFOLD_FRAME,
     MANIFOLD_PRESSURE,
     PRESSURES,
     PUMP_DUTY,
@@ -39,7 +40,6 @@ Float32 = message_class("std_msgs/msg/Float32")
 
 _HARDWARE_ID = "jammkle_sim"
 _DIAGNOSTICS_PERIOD_S = 1.0
-_PRESSURE_TOPICS = (MANIFOLD_PRESSURE, *PRESSURES.values())
 
 Timed = tuple[int, int, Topic, Callable[[], Any]]
 """Time, ns since the start of the rig; rank of the topic among those of one time; topic; what makes the message."""
@@ -63,15 +63,15 @@ def messages(run: RigRun, namespace: str) -> Iterator[tuple[int, Topic, Any]]:
     """
     present = {name.partition(".")[0] for name in _columns(run, TENDON_STATES)}
     tendons = tuple(tendon for tendon in TENDONS if tendon in present)
-    outgoing = OutgoingMessages(tendons)
+    outgoing = OutgoingMessages(tendons, namespace)
     makers: list[tuple[Topic, Callable[[int, dict[str, float]], Any]]] = [
         (IMU, lambda time_ns, row: outgoing.imu(time_ns, _imu(row))),
         (JOINT_STATES, lambda time_ns, row: outgoing.joint_states(time_ns, *_joints(row))),
         (TENDON_STATES, lambda time_ns, row: outgoing.tendon_states(time_ns, _tendons(row, tendons))),
         (LOAD_CELL, lambda time_ns, row: outgoing.wrench(time_ns, _vector(row, "force_{}_n"))),
         *(
-            (topic, lambda time_ns, row: outgoing.pressure(time_ns, row["fluid_pressure_pa"]))
-            for topic in _PRESSURE_TOPICS
+            (topic, lambda time_ns, row, place=place: outgoing.pressure(time_ns, row["fluid_pressure_pa"], place))
+            for place, topic in {MANIFOLD_FRAME: MANIFOLD_PRESSURE, **PRESSURES}.items()
         ),
         (PUMP_DUTY, lambda _, row: Float32(data=row["data"])),
         *((SOLENOIDS[channel], lambda _, row: Bool(data=row["data"] > 0.0)) for channel in CHANNELS),

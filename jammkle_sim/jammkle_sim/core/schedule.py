@@ -19,6 +19,7 @@ class Output(enum.Enum):
     JOINT_STATES = "joint_states"
     TENDON_STATES = "tendon_states"
     LOAD_CELL = "load_cell"
+    TRUE_CONTACT = "true_contact"
     PRESSURES = "pressures"
     IMU = "imu"
 

@@ -9,7 +9,6 @@ Everything that is added carries the ankle's name and a slash: `left_ankle/foot`
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -21,6 +20,7 @@ from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.rig import ACCELEROMETER, GYRO
+from jammkle_sim.robots.options import ImuPlace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,15 +32,6 @@ _LARGEST_STEP_S = 1e-3
 """Longest time step, s: the one beyond which landings read too high (`rigs.options.timestep_option`)."""
 _LOCK_IMPEDANCE = 0.9999
 """MuJoCo's hardest constraint, so that a locked ankle gives by less than a milliradian."""
-
-
-class ImuPlace(str, enum.Enum):
-    """Where the IMU of an ankle is mounted."""
-
-    FOOT = "foot"
-    SHANK = "shank"
-    BODY = "body"
-    """On the robot's body, one for all ankles."""
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_graph.parameters import ParameterError
 from jammkle_sim.robots.leg import leg
+from jammkle_sim.robots.options import ROBOTS
 from jammkle_sim.robots.quadruped import quadruped
 from jammkle_sim.robots.simulation import RobotSimulation
 
@@ -15,8 +16,7 @@ if TYPE_CHECKING:
     from jammkle_sim.robots.options import RobotOptions
     from jammkle_sim.robots.robot import Robot
 
-ROBOTS: dict[str, Callable[[RobotOptions], Robot]] = {"leg": leg, "quadruped": quadruped}
-"""What builds each."""
+_BUILT_BY: dict[str, Callable[[RobotOptions], Robot]] = dict(zip(ROBOTS, (leg, quadruped), strict=True))
 
 
 def robot(name: str, options: RobotOptions) -> Robot:
@@ -26,10 +26,10 @@ def robot(name: str, options: RobotOptions) -> Robot:
         ParameterError: there is no such robot, or an option out of range.
 
     """
-    if name not in ROBOTS:
+    if name not in _BUILT_BY:
         msg = f"robot '{name}' does not exist; known are: {', '.join(ROBOTS)}"
         raise ParameterError(msg)
-    return ROBOTS[name](options)
+    return _BUILT_BY[name](options)
 
 
 def robot_simulation(name: str, options: RobotOptions) -> RobotSimulation:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.robots.attach import AnkleFitting, ImuPlace, attach_ankle
+from jammkle_sim.robots.attach import AnkleFitting, attach_ankle
 from jammkle_sim.robots.kinematics import Segments
-from jammkle_sim.robots.options import AnkleKind
+from jammkle_sim.robots.options import AnkleKind, ImuPlace
 
 if TYPE_CHECKING:
     from jammkle_sim.physics.ankle import AnkleParameters

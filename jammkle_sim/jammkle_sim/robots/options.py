@@ -7,7 +7,18 @@ from dataclasses import dataclass
 
 from jammkle_graph.parameters import parameter
 from jammkle_sim.rigs.options import drop_height_option, parameter_set_option, seed_option, timestep_option
-from jammkle_sim.robots.attach import ImuPlace
+
+ROBOTS = ("leg", "quadruped")
+"""Our robots by name."""
+
+
+class ImuPlace(str, enum.Enum):
+    """Where the IMU of an ankle is mounted."""
+
+    FOOT = "foot"
+    SHANK = "shank"
+    BODY = "body"
+    """On the robot's body, one for all ankles."""
 
 
 class Behaviour(str, enum.Enum):

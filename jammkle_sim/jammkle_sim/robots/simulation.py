@@ -32,7 +32,8 @@ from jammkle_sim.rigs.assembly import imu_at_rest
 from jammkle_sim.rigs.model import ankle_laws
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.ankle_view import AnkleSample, AnkleView
-from jammkle_sim.robots.attach import ImuPlace, tendon_names
+from jammkle_sim.robots.attach import tendon_names
+from jammkle_sim.robots.options import ImuPlace
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

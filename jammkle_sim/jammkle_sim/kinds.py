@@ -1,0 +1,39 @@
+"""What a sim node can simulate: an ankle on its rig, or a robot on its ankles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from jammkle_sim.ankles import RIG_OUTPUTS, ROBOT_OUTPUTS
+from jammkle_sim.parameters import RobotParameters, RunParameters, SimParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from jammkle_sim.ankles import Ankle
+    from jammkle_sim.core.schedule import Output
+
+
+@dataclass(frozen=True)
+class SimKind:
+    """One kind of simulation on the graph."""
+
+    parameters: type[RunParameters]
+    """Table of the node's parameters."""
+    outputs: tuple[Output, ...]
+    """What each of its ankles can publish."""
+    ankles_of: Callable[[Any], Mapping[str, Ankle]]
+    """Gives the ankles of such a simulation, by namespace below the node's own."""
+    runs_rigs: bool
+    """Whether ~/run_rig can put a rig in its place."""
+
+
+def _of_robot(simulation: Any) -> Mapping[str, Ankle]:
+    """Return a robot's ankles by their names; a single one is in the node's own namespace."""
+    ankles: Mapping[str, Ankle] = simulation.ankles
+    return ankles if len(ankles) > 1 else {"": next(iter(ankles.values()))}
+
+
+RIG = SimKind(SimParameters, RIG_OUTPUTS, lambda simulation: {"": simulation}, runs_rigs=True)
+ROBOT = SimKind(RobotParameters, ROBOT_OUTPUTS, _of_robot, runs_rigs=False)
