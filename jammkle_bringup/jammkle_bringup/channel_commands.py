@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -13,13 +13,14 @@ from jammkle_bringup.conversions import HealthStatus, JamStatus, health_status, 
 from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, no_answer
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM
+from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.qos import subscriber_qos
 from jammkle_graph.roll_call import ROLL_CALL_LINE, SILENT_FOR
 from jammkle_msgs.msg import JamState
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 _MAX_VACUUM = "max_vacuum_pa"
 _PA_PER_KPA = 1e3
@@ -41,6 +42,21 @@ class Answer:
     def as_json(self) -> dict[str, Any]:
         """Return a mapping for JSON."""
         return asdict(self)
+
+
+def together(answers: Mapping[str, Answer]) -> tuple[Answer, dict[str, Any]]:
+    """Return what several drivers said as one answer, and all of it for JSON.
+
+    Args:
+        answers: By ankle; a single one under an empty name.
+
+    """
+    first = next(iter(answers.values()))
+    if len(answers) == 1:
+        return first, first.as_json()
+    message = "; ".join(f"{ankle}: {answer.message}" for ankle, answer in answers.items())
+    whole = replace(first, success=all(answer.success for answer in answers.values()), message=message)
+    return whole, {**whole.as_json(), "ankles": {ankle: answer.as_json() for ankle, answer in answers.items()}}
 
 
 def check_channels(channels: Sequence[str]) -> None:
@@ -68,8 +84,10 @@ def check_vacuum(vacuum_kpa: float) -> None:
         raise InputError(msg)
 
 
-def jam(namespace: str, channels: Sequence[str], vacuum_kpa: float, asked_to_stop: Callable[[], bool]) -> Answer:
-    """Ask the driver to jam channels; none means all.
+def jam(
+    namespace: str, channels: Sequence[str], vacuum_kpa: float, asked_to_stop: Callable[[], bool]
+) -> dict[str, Answer]:
+    """Ask the driver, or that of each of a robot's ankles, to jam channels; none means all.
 
     Raises:
         InputError: an unknown channel, or a vacuum beyond the driver's limit.
@@ -78,21 +96,27 @@ def jam(namespace: str, channels: Sequence[str], vacuum_kpa: float, asked_to_sto
     """
     check_channels(channels)
     check_vacuum(vacuum_kpa)
+    wish = Jam.Request(channels=list(channels), vacuum_pa=pa_from_kpa(vacuum_kpa))
+    limits = GetParameters.Request(names=[_MAX_VACUUM])
+    answers: dict[str, Answer] = {}
     with GraphClient(namespace, asked_to_stop) as client:
-        request = GetParameters.Request(names=[_MAX_VACUUM])
-        values = client.call_path(f"{DRIVER_NODE}/get_parameters", GetParameters, request).values
-        largest_pa = values[0].double_value if values else math.inf
-        if pa_from_kpa(vacuum_kpa) > largest_pa:
-            limit = f"the driver's {_MAX_VACUUM} of {largest_pa / _PA_PER_KPA:g} kPa"
-            msg = f"--vacuum-kpa {vacuum_kpa:g} is beyond {limit}: ask for less"
-            raise InputError(msg)
-        wish = Jam.Request(channels=list(channels), vacuum_pa=pa_from_kpa(vacuum_kpa))
-        answer = client.call(JAM, Jam, wish)
-    return Answer(answer.success, answer.message, tuple(channels) or CHANNELS, vacuum_kpa)
+        ankles = client.ankles()
+        for ankle in ankles:  # before any of them is jammed
+            path = _path(ankle, f"{DRIVER_NODE}/get_parameters")
+            values = client.call_path(path, GetParameters, limits).values
+            largest_pa = values[0].double_value if values else math.inf
+            if pa_from_kpa(vacuum_kpa) > largest_pa:
+                limit = f"the driver's {_MAX_VACUUM} of {largest_pa / _PA_PER_KPA:g} kPa"
+                msg = f"--vacuum-kpa {vacuum_kpa:g} is beyond {limit}: ask for less"
+                raise InputError(msg)
+        for ankle in ankles:
+            answer = client.call_path(_path(ankle, JAM.path), Jam, wish)
+            answers[ankle] = Answer(answer.success, answer.message, tuple(channels) or CHANNELS, vacuum_kpa)
+    return answers
 
 
-def unjam(namespace: str, channels: Sequence[str], asked_to_stop: Callable[[], bool]) -> Answer:
-    """Ask the driver to vent channels; none means all.
+def unjam(namespace: str, channels: Sequence[str], asked_to_stop: Callable[[], bool]) -> dict[str, Answer]:
+    """Ask the driver, or that of each of a robot's ankles, to vent channels; none means all.
 
     Raises:
         InputError: an unknown channel.
@@ -100,44 +124,61 @@ def unjam(namespace: str, channels: Sequence[str], asked_to_stop: Callable[[], b
 
     """
     check_channels(channels)
+    wish = Unjam.Request(channels=list(channels))
+    answers: dict[str, Answer] = {}
     with GraphClient(namespace, asked_to_stop) as client:
-        answer = client.call(UNJAM, Unjam, Unjam.Request(channels=list(channels)))
-    return Answer(answer.success, answer.message, tuple(channels) or CHANNELS, 0.0)
+        for ankle in client.ankles():
+            answer = client.call_path(_path(ankle, UNJAM.path), Unjam, wish)
+            answers[ankle] = Answer(answer.success, answer.message, tuple(channels) or CHANNELS, 0.0)
+    return answers
 
 
-def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[JamStatus, tuple[HealthStatus, ...]]:
-    """Return what the driver says of its channels, and what every node of the namespace says of its health.
+def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[dict[str, JamStatus], tuple[HealthStatus, ...]]:
+    """Return what each ankle's driver says of its channels, and what every node says of its health.
 
     Raises:
         GraphError: no driver is heard.
 
     """
-    states: list[JamState] = []
+    states: dict[str, JamState] = {}
     health: dict[str, HealthStatus] = {}
-
-    def take_health(array: DiagnosticArray) -> None:
-        prefix = f"{namespace.rstrip('/')}/"
-        for line in health_status(array):
-            inside = line.name.removeprefix(prefix).partition(":")[0]
-            if line.name.startswith(prefix) and "/" not in inside:
-                health[line.name] = line
-
     with GraphClient(namespace, asked_to_stop) as client:
-        client.subscribe(JamState, JAM_STATE, states.append, subscriber_qos(JAM_STATE))
+        ankles = client.ankles()
+        places = {"", *ankles}  # a robot's simulation is in the namespace above its ankles
+
+        def take_health(array: DiagnosticArray) -> None:
+            for line in health_status(array):
+                inside = relative(namespace, line.name.partition(":")[0])
+                if inside is not None and inside.rpartition("/")[0] in places:
+                    health[line.name] = line
+
+        def taking(ankle: str) -> Callable[[JamState], None]:
+            return lambda state: states.update({ankle: state})
+
+        for ankle in ankles:
+            name = resolved(namespace, _path(ankle, JAM_STATE.name))
+            client.node.create_subscription(JamState, name, taking(ankle), subscriber_qos(JAM_STATE))
         client.subscribe(DiagnosticArray, DIAGNOSTICS, take_health, subscriber_qos(DIAGNOSTICS))
-        if not client.wait_until(lambda: bool(states), ANSWER_TIMEOUT_S):
-            raise GraphError(no_answer(JAM_STATE.name, namespace, ANSWER_TIMEOUT_S))
+        if not client.wait_until(lambda: len(states) == len(ankles), ANSWER_TIMEOUT_S):
+            silent = next(ankle for ankle in ankles if ankle not in states)
+            raise GraphError(no_answer(_path(silent, JAM_STATE.name), namespace, ANSWER_TIMEOUT_S))
         client.wait_until(lambda: False, _HEALTH_S)
         client.wait_until(lambda: not _unheard(health.values()), _LATEST_S - _HEALTH_S)
-    return jam_status(states[-1]), tuple(health[name] for name in sorted(health))
+    return {ankle: jam_status(states[ankle]) for ankle in ankles}, tuple(health[name] for name in sorted(health))
+
+
+def _path(ankle: str, name: str) -> str:
+    """Return a name of an ankle as seen from the graph's namespace."""
+    return f"{ankle}/{name}" if ankle else name
 
 
 def _unheard(health: Iterable[HealthStatus]) -> set[str]:
     """Return nodes that others have heard lately and we have not; each node tells in its line `nodes` whom it hears."""
     lines = list(health)
-    heard = {line.name.rpartition("/")[2].partition(":")[0] for line in lines}
+    heard = {line.name.partition(":")[0] for line in lines}
     known: set[str] = set()
     for line in lines:
         if line.name.endswith(ROLL_CALL_LINE):
-            known |= {key.removesuffix(SILENT_FOR) for key in line.values if key.endswith(SILENT_FOR)}
+            place = line.name.rpartition("/")[0]
+            known |= {f"{place}/{key.removesuffix(SILENT_FOR)}" for key in line.values if key.endswith(SILENT_FOR)}
     return known - heard

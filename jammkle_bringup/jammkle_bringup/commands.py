@@ -23,8 +23,10 @@ ChannelsArgument = Annotated[
 
 
 @app.command()
-def up(
-    robot: Annotated[Robot, typer.Option(help="What to bring up.")] = Robot.ANKLE,  # noqa: ARG001 - one kind so far
+def up(  # noqa: PLR0913, PLR0917 - as many as it has options
+    robot: Annotated[
+        Robot, typer.Option(help="What to bring up: one ankle, a leg on one, or a quadruped on four.")
+    ] = Robot.ANKLE,
     hardware: Annotated[
         str, typer.Option(help="What stands behind the driver: sim, modbus, or what an installed package brings along.")
     ] = SIM_HARDWARE,
@@ -39,16 +41,22 @@ def up(
     params: Annotated[
         list[Path] | None, typer.Option(help="ROS parameter file (YAML); may be repeated.", metavar="FILE")
     ] = None,
+    behaviour: Annotated[
+        str | None,
+        typer.Option(help="What a simulated leg or quadruped does: stand, walk, drop, slip.", show_default="stand"),
+    ] = None,
     monitor: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--monitor", help="Let a simulated twin follow the robot and warn when it is left.")
     ] = False,
 ) -> int:
     """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
-    from jammkle_bringup.up import GraphOptions, given_values
+    from jammkle_bringup.up import GraphOptions, given_values, robot_values
     from jammkle_bringup.up import up as run_graph
 
     values = given_values(hardware, speed, port)
-    options = GraphOptions(normalised(namespace), hardware, tuple(params or ()), record, values, monitor)
+    for node, chosen in robot_values(robot, behaviour, hardware).items():
+        values[node] = {**values.get(node, {}), **chosen}
+    options = GraphOptions(normalised(namespace), hardware, tuple(params or ()), record, values, robot, monitor)
     try:
         return run_graph(options, StopRequest())
     except Interrupted:  # while it was still starting: asked to stop, and nothing is left
@@ -67,8 +75,8 @@ def jam(
     from jammkle_graph.command import results
 
     results.check_writable(json)
-    answer = channel_commands.jam(normalised(namespace), channels or [], vacuum_kpa, StopRequest())
-    return _answered(answer, json)
+    answers = channel_commands.jam(normalised(namespace), channels or [], vacuum_kpa, StopRequest())
+    return _answered(*channel_commands.together(answers), json)
 
 
 @app.command()
@@ -78,8 +86,8 @@ def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", j
     from jammkle_graph.command import results
 
     results.check_writable(json)
-    answer = channel_commands.unjam(normalised(namespace), channels or [], StopRequest())
-    return _answered(answer, json)
+    answers = channel_commands.unjam(normalised(namespace), channels or [], StopRequest())
+    return _answered(*channel_commands.together(answers), json)
 
 
 @app.command()
@@ -97,14 +105,17 @@ def status(
     from jammkle_graph.command import results
 
     results.check_writable(json)
-    jam_status, health = channel_commands.status(normalised(namespace), StopRequest())
+    ankles, health = channel_commands.status(normalised(namespace), StopRequest())
     console = results.console()
-    if jam_status.emergency_stopped:
-        console.print("emergency stop: everything is released until driver/clear_fault")
-    for table in report.status_tables(jam_status, health, verbose=verbose):
+    for ankle, jam_status in ankles.items():
+        if jam_status.emergency_stopped:
+            driver = f"{ankle}/driver" if ankle else "driver"
+            console.print(f"emergency stop: everything is released until {driver}/clear_fault")
+    for table in report.status_tables(ankles, health, verbose=verbose):
         console.print(table)
-    content = dataclasses.asdict(jam_status)
-    results.write_json(json, {**content, "health": [dataclasses.asdict(line) for line in health]})
+    content = {ankle: dataclasses.asdict(jam_status) for ankle, jam_status in ankles.items()}
+    of_all = content.get("", {"ankles": content})
+    results.write_json(json, {**of_all, "health": [dataclasses.asdict(line) for line in health]})
     return 0
 
 
@@ -167,11 +178,11 @@ def demo(
     return result.exit_code
 
 
-def _answered(answer: Any, json: Path | None) -> int:
-    """Show what the driver said to a request."""
+def _answered(answer: Any, content: dict[str, Any], json: Path | None) -> int:
+    """Show what the driver, or each of a robot's, said to a request."""
     from jammkle_graph.command import results
 
-    results.write_json(json, answer.as_json())
+    results.write_json(json, content)
     if not answer.success:
         return failed(answer.message, EXIT_FAILED)
     typer.echo(answer.message)

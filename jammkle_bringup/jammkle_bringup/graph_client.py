@@ -13,7 +13,8 @@ from rclpy.signals import SignalHandlerOptions
 from jammkle_bringup.core.namespace_lock import ros_domain
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.namespace import resolved
+from jammkle_graph.names import DRIVER_NODE
+from jammkle_graph.namespace import relative, resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,6 +29,8 @@ ANSWER_TIMEOUT_S = 5.0
 """How long the command waits for the graph. Assumed; discovery on one machine takes about 0.3 s."""
 
 _SPIN_S = 0.05
+_TOGETHER_S = 1.0
+"""Time after one of a robot's drivers was seen in which the next is. Assumed: they are seen within 0.3 s as a rule."""
 
 
 class GraphClient:
@@ -111,6 +114,30 @@ class GraphClient:
             return future.result()
         finally:
             self.node.destroy_client(client)
+
+    def ankles(self) -> tuple[str, ...]:
+        """Return the namespaces, below the client's own, of the ankles that have a driver; the one in that is empty.
+
+        A robot's ankles are one level below.
+
+        Raises:
+            GraphError: no driver is seen.
+            Interrupted: the command was asked to stop.
+
+        """
+
+        def found() -> set[str]:
+            inside = {relative(self.namespace, name) or "" for name in self.nodes()}
+            return {name.rpartition("/")[0] for name in inside if name.rpartition("/")[2] == DRIVER_NODE}
+
+        if not self.wait_until(lambda: bool(found()), ANSWER_TIMEOUT_S):
+            raise GraphError(no_answer(DRIVER_NODE, self.namespace, ANSWER_TIMEOUT_S))
+        seen: set[str] = set()
+        while "" not in found() and found() != seen:
+            seen = found()
+            self.wait_until(lambda seen=seen: found() != seen, _TOGETHER_S)  # type: ignore[misc]  # ours to bind
+        below = sorted(name for name in found() if name and "/" not in name)
+        return ("",) if "" in found() or not below else tuple(below)
 
     def nodes(self) -> set[str]:
         """Return the full names of all nodes seen so far."""

@@ -33,11 +33,13 @@ from jammkle_graph.names import (
     SIM_NODE,
     SOLENOIDS,
 )
-from jammkle_graph.namespace import resolved
+from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.qos import subscriber_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Sequence
+
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from jammkle_bringup.core.supervisor import Death, Supervisor
     from jammkle_bringup.graph_client import GraphClient
@@ -98,21 +100,26 @@ class Startup:
             raise GraphError(msg)
         return held
 
-    def wait_until_connected(self, members: Collection[str]) -> None:
+    def wait_until_connected(self, members: Collection[str], ankles: Sequence[str] = ("",)) -> None:
         """Wait until these nodes are connected to each other.
+
+        Args:
+            members: Names relative to the graph's namespace: `sim`, `driver`, `lf_ankle/driver`.
+            ankles: Namespaces of the ankles, below that one.
 
         Raises:
             GraphError: a process died, or the time is up.
             Interrupted: the command was asked to stop.
 
         """
-        if not self.wait(lambda: not _missing(self.client, members), READY_TIMEOUT_S):
-            missing = ", ".join(_missing(self.client, members))
-            msg = f"not ready after {READY_TIMEOUT_S:g} s, missing: {missing}{self.hint}"
+        timeout_s = READY_TIMEOUT_S * len(ankles)
+        if not self.wait(lambda: not _missing(self.client, members, ankles), timeout_s):
+            missing = ", ".join(_missing(self.client, members, ankles))
+            msg = f"not ready after {timeout_s:g} s, missing: {missing}{self.hint}"
             raise GraphError(msg)
 
-    def wait_until_active(self) -> None:
-        """Wait until the driver is active.
+    def wait_until_active(self, driver: str = DRIVER_NODE) -> None:
+        """Wait until a driver, by its name relative to the graph's namespace, is active.
 
         Raises:
             GraphError: a process died, or the time is up.
@@ -124,16 +131,14 @@ class Startup:
         def active() -> bool:
             nonlocal state
             try:
-                answer = self.client.call_path(
-                    f"{DRIVER_NODE}/get_state", GetState, GetState.Request(), _STATE_TIMEOUT_S
-                )
+                answer = self.client.call_path(f"{driver}/get_state", GetState, GetState.Request(), _STATE_TIMEOUT_S)
             except GraphError:  # not yet; a driver that died is noticed by `wait`
                 return False
             state = answer.current_state.id
             return bool(state == State.PRIMARY_STATE_ACTIVE)
 
         if not self.wait(active, READY_TIMEOUT_S):
-            msg = f"the driver is not active after {READY_TIMEOUT_S:g} s (lifecycle state {state}){self.hint}"
+            msg = f"{driver} is not active after {READY_TIMEOUT_S:g} s (lifecycle state {state}){self.hint}"
             raise GraphError(msg)
 
     def join_clock(self) -> None:
@@ -172,28 +177,28 @@ class Startup:
             raise GraphError(msg)
 
 
-def _missing(client: GraphClient, members: Collection[str]) -> list[str]:
+def _missing(client: GraphClient, members: Collection[str], ankles: Sequence[str]) -> list[str]:
     """Return which ends of a topic between these nodes are not there yet."""
     missing = []
-    for topic, publisher, subscribers in _CONNECTIONS:
-        if publisher not in members:
-            continue
-        name = resolved(client.namespace, topic)
-        publishing = {
-            info.node_name
-            for info in client.node.get_publishers_info_by_topic(name)
-            if info.node_namespace == client.namespace
-        }
-        listening = {
-            info.node_name
-            for info in client.node.get_subscriptions_info_by_topic(name)
-            if info.node_namespace == client.namespace
-        }
-        if publisher not in publishing:
-            missing.append(f"{publisher} ({topic})")
-        missing += [
-            f"{subscriber} ({topic})"
-            for subscriber in subscribers
-            if subscriber in members and subscriber not in listening
-        ]
+    for ankle in ankles:
+        for topic, publisher, subscribers in _CONNECTIONS:
+            # the recorder and a simulation of several ankles are not in the namespace of one of them
+            source, *listeners = (
+                name if name in (SIM_NODE, RECORDER) or not ankle else f"{ankle}/{name}"
+                for name in (publisher, *subscribers)
+            )
+            if source not in members:
+                continue
+            path = f"{ankle}/{topic}" if ankle else topic
+            full = resolved(client.namespace, path)
+            publishing = _names(client, client.node.get_publishers_info_by_topic(full))
+            listening = _names(client, client.node.get_subscriptions_info_by_topic(full))
+            if source not in publishing:
+                missing.append(f"{source} ({path})")
+            missing += [f"{name} ({path})" for name in listeners if name in members and name not in listening]
     return missing
+
+
+def _names(client: GraphClient, ends: Sequence[TopicEndpointInfo]) -> set[str | None]:
+    """Return the nodes at these ends, relative to the graph's namespace."""
+    return {relative(client.namespace, resolved(end.node_namespace, end.node_name)) for end in ends}

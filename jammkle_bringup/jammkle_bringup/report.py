@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from jammkle_bringup.conversions import HealthStatus, JamStatus
     from jammkle_bringup.core.bag_info import BagInfo
@@ -22,9 +22,21 @@ _STATE_STYLES = {"JAMMED": "green", "JAMMING": "yellow", "VENTING": "yellow", "F
 _LEVEL_STYLES = {"OK": "green", "WARN": "yellow", "ERROR": "bold red", "STALE": "dim"}
 
 
-def status_tables(status: JamStatus, health: Sequence[HealthStatus], *, verbose: bool) -> list[Table]:
-    """Return the tables of `jammkle status`; `verbose` shows every value that nodes report."""
-    channels = Table(title="Channels", title_justify="left")
+def status_tables(ankles: Mapping[str, JamStatus], health: Sequence[HealthStatus], *, verbose: bool) -> list[Table]:
+    """Return the tables of `jammkle status`, one for each ankle; `verbose` shows every value that nodes report."""
+    tables = [_channels(ankle, status) for ankle, status in ankles.items()]
+    lines = Table(title="Health", title_justify="left")
+    for heading in ("node: what", "level", "message"):
+        lines.add_column(heading, overflow="fold")
+    for line in health:
+        values = _shown_values(line, verbose=verbose)
+        text = "\n".join([line.message, *(f"{key}: {value}" for key, value in values.items())])
+        lines.add_row(escape(line.name), _styled(line.level, _LEVEL_STYLES), escape(text))
+    return [*tables, lines] if health else tables
+
+
+def _channels(ankle: str, status: JamStatus) -> Table:
+    channels = Table(title=f"Channels of {ankle}" if ankle else "Channels", title_justify="left")
     for heading in ("channel", "state"):
         channels.add_column(heading)
     for heading in ("commanded, kPa", "measured, kPa"):
@@ -39,14 +51,7 @@ def status_tables(status: JamStatus, health: Sequence[HealthStatus], *, verbose:
             escape(channel.reason),
         )
     channels.add_row("manifold", "", "", _kpa(status.manifold_vacuum_kpa), "")
-    lines = Table(title="Health", title_justify="left")
-    for heading in ("node: what", "level", "message"):
-        lines.add_column(heading, overflow="fold")
-    for line in health:
-        values = _shown_values(line, verbose=verbose)
-        text = "\n".join([line.message, *(f"{key}: {value}" for key, value in values.items())])
-        lines.add_row(escape(line.name), _styled(line.level, _LEVEL_STYLES), escape(text))
-    return [channels, lines] if health else [channels]
+    return channels
 
 
 def _shown_values(line: HealthStatus, *, verbose: bool) -> dict[str, str]:

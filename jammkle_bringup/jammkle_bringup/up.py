@@ -11,6 +11,7 @@ from jammkle_bringup.core.node_table import (
     GAP_MONITOR,
     NODES,
     SIM_HARDWARE,
+    Robot,
     check_hardware,
     command_of,
     nodes_for,
@@ -50,13 +51,14 @@ class GraphOptions:
     parameter_files: tuple[Path, ...] = ()
     bag: Path | None = None
     values: dict[str, dict[str, ParameterValue]] = field(default_factory=dict)
+    robot: Robot = Robot.ANKLE
     monitor: bool = False
     """Whether a simulated twin follows the robot."""
 
     @property
     def nodes(self) -> tuple[NodeEntry, ...]:
         """Nodes to start; the one that looks on is the first to start and the last to stop."""
-        return (*((GAP_MONITOR,) if self.monitor else ()), *nodes_for(self.hardware))
+        return (*((GAP_MONITOR,) if self.monitor else ()), *nodes_for(self.hardware, self.robot))
 
 
 def check(options: GraphOptions) -> None:
@@ -67,6 +69,7 @@ def check(options: GraphOptions) -> None:
 
     """
     check_hardware(options.hardware)
+    check_robot(options)
     check_parameter_files(options.parameter_files, options.namespace, options.nodes, options.values)
     named = given_value(options, DRIVER_NODE, "hardware")
     if named not in (None, options.hardware):
@@ -74,6 +77,43 @@ def check(options: GraphOptions) -> None:
         raise InputError(msg)
     if options.bag is not None:
         check_free(options.bag)
+
+
+def check_robot(options: GraphOptions) -> None:
+    """Refuse what a robot does not have.
+
+    Raises:
+        InputError: there is no twin of it, or its ankles would share one board.
+
+    """
+    name = options.robot.value
+    if options.monitor and options.robot is not Robot.ANKLE:
+        msg = f"--monitor needs --robot ankle: the twin of the gap monitor is one ankle on its rig, not a {name}"
+        raise InputError(msg)
+    if len(options.robot.ankles) > 1 and "port" in options.values.get(DRIVER_NODE, {}):
+        section = f"/{options.robot.ankles[0]}/driver: {{ros__parameters: {{port: DEV}}}}"
+        msg = (
+            f"--port is one board, a {name} has {len(options.robot.ankles)}: give --params FILE with one {section} each"
+        )
+        raise InputError(msg)
+
+
+def robot_values(robot: Robot, behaviour: str | None, hardware: str) -> dict[str, dict[str, ParameterValue]]:
+    """Return what the options of the command say of a simulated robot, by node.
+
+    Raises:
+        InputError: a behaviour of what has none.
+
+    """
+    if behaviour is not None and (robot is Robot.ANKLE or hardware != SIM_HARDWARE):
+        msg = f"--behaviour {behaviour} needs a simulated --robot leg or quadruped: nothing else moves by itself"
+        raise InputError(msg)
+    if robot is Robot.ANKLE or hardware != SIM_HARDWARE:
+        return {}
+    chosen: dict[str, ParameterValue] = {"robot": robot.value}
+    if behaviour is not None:
+        chosen["behaviour"] = behaviour
+    return {SIM_NODE: chosen}
 
 
 def given_values(hardware: str, speed: float | None, port: str | None) -> dict[str, dict[str, ParameterValue]]:
@@ -125,7 +165,7 @@ def beside_others(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> G
         InputError: a node of the same name is there.
 
     """
-    names = {resolved(options.namespace, entry.name) for entry in options.nodes}
+    names = {resolved(options.namespace, entry.path) for entry in options.nodes}
     with GraphClient(options.namespace, asked_to_stop) as client:
         client.wait_until(lambda: bool(names & client.nodes()), _DISCOVERY_S)
         there = sorted(names & client.nodes())
@@ -155,7 +195,7 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
         values = dict(options.values.get(entry.name, {}))
         if simulated_time(entry, options.hardware):
             values["use_sim_time"] = True
-        specs.append(ChildSpec(entry.name, command_of(entry, options.namespace, values, files)))
+        specs.append(ChildSpec(entry.path, command_of(entry, options.namespace, values, files)))
     return tuple(specs)
 
 
@@ -211,9 +251,11 @@ def begin(
     with GraphClient(options.namespace, asked_to_stop) as client:
         startup = Startup(client, supervisor)
         # a driver that waits to be configured has no topics yet
-        startup.wait_until_connected(members if by_itself else members - {DRIVER_NODE})
+        drivers = [entry.path for entry in options.nodes if entry.name == DRIVER_NODE]
+        startup.wait_until_connected(members if by_itself else members - set(drivers), options.robot.ankles)
         if by_itself:
-            startup.wait_until_active()
+            for driver in drivers:
+                startup.wait_until_active(driver)
         supervisor.loaded()
         others_clock = given_value(options, SIM_NODE, "publish_clock") is False
         if others_clock and given_value(options, SIM_NODE, "start_time_s") is None:

@@ -1,10 +1,11 @@
-"""Write config/ankle.yaml anew from the nodes' parameter tables: `.venv/bin/python` with this file."""
+"""Write config/ankle.yaml and config/robot.yaml anew from the nodes' parameter tables."""
 
 from pathlib import Path
 
-from jammkle_bringup.core.node_table import NODES
+from jammkle_bringup.core.node_table import NODES, ROBOT_NODES
 from jammkle_bringup.core.parameter_file import parameter_file_text
 
 if __name__ == "__main__":
-    target = Path(__file__).resolve().parents[1] / "config" / "ankle.yaml"
-    target.write_text(parameter_file_text(NODES), encoding="utf-8")
+    folder = Path(__file__).resolve().parents[1] / "config"
+    for name, nodes in (("ankle.yaml", NODES), ("robot.yaml", ROBOT_NODES)):
+        (folder / name).write_text(parameter_file_text(nodes), encoding="utf-8")

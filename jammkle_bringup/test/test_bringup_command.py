@@ -82,7 +82,9 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("status --json {folder}/no/where.json", ("where.json", "no folder")),
         ("status --json {folder}", ("--json", "is a folder")),
         ("up --robot frog", ("frog", "ankle")),
-        ("up --robot leg", ("leg", "ankle")),
+        ("up --robot hexapod", ("hexapod", "quadruped")),
+        ("up --behaviour walk", ("--behaviour walk", "quadruped")),
+        ("up --robot leg --monitor", ("--monitor", "ankle")),
         ("up --hardware serial", ("serial", "modbus", "sim")),
         ("up --hardware modbus --speed 2", ("--speed", "sim")),
         ("up --port /dev/ttyUSB0", ("--port", "modbus")),
@@ -172,7 +174,7 @@ def test_a_client_without_a_graph_says_so(
     ros_domain: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 1 and one line with namespace, domain and the way out."""
-    monkeypatch.setattr("jammkle_bringup.channel_commands.ANSWER_TIMEOUT_S", 0.3)
+    monkeypatch.setattr("jammkle_bringup.graph_client.ANSWER_TIMEOUT_S", 0.3)
     assert main(["status", "--namespace", "lf_ankle"]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     for word in ("/lf_ankle", f"domain {ros_domain}", "jammkle up"):

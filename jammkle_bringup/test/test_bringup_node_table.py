@@ -12,9 +12,9 @@ import pytest
 import rclpy
 import yaml
 
-from jammkle_bringup.core.node_table import NODES, command_of, nodes_for, simulated_time
+from jammkle_bringup.core.node_table import NODES, ROBOT_NODES, Robot, command_of, nodes_for, simulated_time
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
-from jammkle_bringup.up import GraphOptions, child_specs
+from jammkle_bringup.up import GraphOptions, check, child_specs, robot_values
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import GAP_MONITOR_NODE
 from jammkle_graph.parameters import from_mapping
@@ -152,7 +152,18 @@ def launch_file(monkeypatch: pytest.MonkeyPatch) -> Any:
     substitutions: Any = types.ModuleType("launch.substitutions")
     substitutions.LaunchConfiguration = Configuration
     monkeypatch.setitem(sys.modules, "launch.substitutions", substitutions)
-    spec = importlib.util.spec_from_file_location("ankle_launch", PACKAGE / "launch" / "ankle.launch.py")
+    return load("ankle")
+
+
+@pytest.fixture
+def robot_launch_file(launch_file: Any) -> Any:
+    """Load the robots' launch file with the same stand-ins."""
+    assert launch_file
+    return load("robot")
+
+
+def load(name: str) -> Any:
+    spec = importlib.util.spec_from_file_location(f"{name}_launch", PACKAGE / "launch" / f"{name}.launch.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -174,6 +185,55 @@ def test_the_launch_file_starts_what_the_command_starts(launch_file: Any) -> Non
         (values,) = given["parameters"]
         assert ("use_sim_time:=true" in command) == values.get("use_sim_time", False)
         assert ("speed:=2.0" in command) == (values.get("speed") == 2.0)
+
+
+def test_a_quadruped_is_one_simulation_and_a_set_for_each_ankle(robot_launch_file: Any) -> None:
+    """One sim above, four controllers, then four drivers, each in its ankle's namespace; the launch file the same."""
+    robot = robot_values(Robot.QUADRUPED, "walk", "sim")
+    specs = child_specs(GraphOptions("/robot", robot=Robot.QUADRUPED, values=robot))
+    legs = [f"{leg}_ankle" for leg in ("lf", "rf", "lh", "rh")]
+    controllers, drivers = ([f"{leg}/{node}" for leg in legs] for node in ("controller", "driver"))
+    assert [spec.name for spec in specs] == ["sim", *controllers, *drivers]
+    assert "robot:='quadruped'" in specs[0].command
+    assert "__ns:=/robot" in specs[0].command
+    assert "__ns:=/robot/lf_ankle" in specs[1].command
+    defaults = {name: default for name, (default, _) in robot_launch_file.ARGUMENTS.items()}
+    launched = robot_launch_file.nodes({**defaults, "namespace": "robot", "behaviour": "walk"})
+    for spec, node in zip(specs, launched, strict=True):
+        assert f"__ns:={node.named['namespace']}" in spec.command
+        assert spec.name.endswith(node.named["name"])
+    installed = (PACKAGE.parent / "jammkle_sim" / "setup.py").read_text()
+    assert f'"{launched[0].named["executable"]} = jammkle_sim.robot_main:main"' in installed
+
+
+def test_the_parameter_file_of_robots_is_made_from_the_tables() -> None:
+    """config/robot.yaml fits a leg, and every ankle of a quadruped; a section may be one ankle's."""
+    path = PACKAGE / "config" / "robot.yaml"
+    assert path.read_text() == parameter_file_text(ROBOT_NODES), "out of date: run scripts/write_parameter_file.py"
+    for robot in (Robot.LEG, Robot.QUADRUPED):
+        check_parameter_files([path], "/", nodes_for("sim", robot))
+
+
+def test_a_section_may_be_that_of_one_ankle(tmp_path: Path) -> None:
+    """The port of one leg's board is its own; an error names the ankle."""
+    path = tmp_path / "ports.yaml"
+    path.write_text("/lh_ankle/driver: {ros__parameters: {port: /dev/lh}}\n")
+    lf, _, lh, _ = [entry for entry in nodes_for("modbus", Robot.QUADRUPED) if entry.name == "driver"]
+    assert merged_values([path], "/", lf) == {}
+    assert merged_values([path], "/", lh) == {"port": "/dev/lh"}
+    path.write_text("/lh_ankle/driver: {ros__parameters: {safe_state: melt}}\n")
+    with pytest.raises(InputError, match=r"lh_ankle/driver: .*'melt'"):
+        check_parameter_files([path], "/", nodes_for("sim", Robot.QUADRUPED))
+
+
+def test_what_a_robot_does_not_have_is_refused() -> None:
+    """One board for four ankles, a twin of a quadruped, a behaviour of an ankle on its rig."""
+    with pytest.raises(InputError, match=r"--port is one board, a quadruped has 4: .*/lf_ankle/driver"):
+        check(GraphOptions("/", "modbus", robot=Robot.QUADRUPED, values={"driver": {"port": "/dev/one"}}))
+    with pytest.raises(InputError, match="--monitor needs --robot ankle"):
+        check(GraphOptions("/", robot=Robot.LEG, monitor=True))
+    with pytest.raises(InputError, match="--behaviour walk needs a simulated --robot leg or quadruped"):
+        robot_values(Robot.ANKLE, "walk", "sim")
 
 
 def test_the_launch_file_starts_the_monitor_where_asked(launch_file: Any) -> None:

@@ -43,11 +43,11 @@ def test_info_breaks_no_name_in_80_columns() -> None:
 
 def test_status_shows_values_where_something_is_wrong() -> None:
     """Of lines that are OK only the pace is shown; all values with verbose."""
-    brief = shown(*report.status_tables(STATUS, HEALTH, verbose=False))
+    brief = shown(*report.status_tables({"": STATUS}, HEALTH, verbose=False))
     assert "achieved real-time factor: 0.998" in brief
     assert "duty: 1.0" in brief
     assert "late cycles" not in brief
-    assert "late cycles: 3" in shown(*report.status_tables(STATUS, HEALTH, verbose=True))
+    assert "late cycles: 3" in shown(*report.status_tables({"": STATUS}, HEALTH, verbose=True))
 
 
 @pytest.mark.parametrize(

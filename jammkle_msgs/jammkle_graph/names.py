@@ -31,6 +31,9 @@ TENDONS_OF_CHANNEL: dict[str, tuple[str, ...]] = {
 TENDONS: tuple[str, ...] = tuple(tendon for channel in CHANNELS for tendon in TENDONS_OF_CHANNEL[channel])
 """Tendons of one ankle, in the order every message uses."""
 
+QUADRUPED_ANKLES: tuple[str, ...] = ("lf_ankle", "rf_ankle", "lh_ankle", "rh_ankle")
+"""Ankles of a quadruped, each the namespace of its topics: left and right, fore and hind."""
+
 ANKLE_JOINTS: tuple[str, ...] = ("ankle_roll", "ankle_pitch", "ankle_yaw")
 """Angles of the ball joint in joint_states, rad; ankle_pitch is positive toe-down."""
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import enum
 import importlib
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.provided import HARDWARE, entries
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
+from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, QUADRUPED_ANKLES, SIM_NODE
+from jammkle_graph.namespace import resolved
 
 if TYPE_CHECKING:
     from jammkle_graph.parameters import ParameterClass
@@ -20,6 +21,14 @@ class Robot(enum.Enum):
     """What is simulated or driven."""
 
     ANKLE = "ankle"
+    """One ankle on its rig, dropped onto a slope."""
+    LEG = "leg"
+    QUADRUPED = "quadruped"
+
+    @property
+    def ankles(self) -> tuple[str, ...]:
+        """Namespaces of its ankles below the graph's own; a single one is in that."""
+        return QUADRUPED_ANKLES if self is Robot.QUADRUPED else ("",)
 
 
 SIM_HARDWARE = "sim"
@@ -38,6 +47,7 @@ class NodeEntry:
         simulates: True if the node is the simulated hardware, and so only started with it.
         follows_simulated_time: True if the node runs on /clock while the hardware is simulated.
         module: What `python -m` starts; empty: the Python package of the same name as the ROS package.
+        within: Namespace below the graph's own: that of the node's ankle, where there are several.
 
     """
 
@@ -48,6 +58,12 @@ class NodeEntry:
     follows_simulated_time: bool
     simulates: bool = False
     module: str = ""
+    within: str = ""
+
+    @property
+    def path(self) -> str:
+        """Name relative to the graph's namespace: `driver`, `lf_ankle/driver`."""
+        return f"{self.within}/{self.name}" if self.within else self.name
 
     def parameters(self) -> type[ParameterClass]:
         """Return the node's parameter table. Imported only when asked for, to keep the command quick."""
@@ -82,6 +98,20 @@ NODES: tuple[NodeEntry, ...] = (
 )
 """In the order in which they start; they stop in the reverse order, so that the simulation sees the release."""
 
+ROBOT_SIM = NodeEntry(
+    package="jammkle_sim",
+    executable="robot",
+    name=SIM_NODE,
+    parameter_table="jammkle_sim.parameters:RobotParameters",
+    follows_simulated_time=False,
+    simulates=True,
+    module="jammkle_sim.robot_main",
+)
+"""The simulation of a leg or a quadruped: one for all of its ankles."""
+
+ROBOT_NODES = (ROBOT_SIM, *(entry for entry in NODES if not entry.simulates))
+"""Each kind of node of a leg or a quadruped once."""
+
 GAP_MONITOR = NodeEntry(
     package="jammkle_gap",
     executable="gap_monitor",
@@ -108,9 +138,12 @@ def check_hardware(hardware: str) -> None:
         raise InputError(msg)
 
 
-def nodes_for(hardware: str) -> tuple[NodeEntry, ...]:
-    """Return the nodes of a graph, in the order in which they start."""
-    return tuple(entry for entry in NODES if hardware == SIM_HARDWARE or not entry.simulates)
+def nodes_for(hardware: str, robot: Robot = Robot.ANKLE) -> tuple[NodeEntry, ...]:
+    """Return the nodes of a graph, in the order in which they start: one simulation, and a set for each ankle."""
+    kinds = NODES if robot is Robot.ANKLE else ROBOT_NODES
+    simulated = [entry for entry in kinds if entry.simulates and hardware == SIM_HARDWARE]
+    of_ankles = [replace(entry, within=ankle) for entry in kinds if not entry.simulates for ankle in robot.ankles]
+    return (*simulated, *of_ankles)
 
 
 def simulated_time(entry: NodeEntry, hardware: str) -> bool:
@@ -128,12 +161,13 @@ def command_of(
 
     Args:
         entry: The node.
-        namespace: Normalised namespace.
+        namespace: Normalised namespace of the graph.
         values: Parameters that win over the files.
         parameter_files: YAML files, the last one wins.
 
     """
-    arguments = ["-r", f"__ns:={namespace}"]
+    full = resolved(namespace, entry.within) if entry.within else namespace
+    arguments = ["-r", f"__ns:={full}"]
     for file in parameter_files:
         arguments += ["--params-file", file]
     for name, value in values.items():

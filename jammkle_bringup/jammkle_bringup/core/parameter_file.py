@@ -61,11 +61,11 @@ def check_parameter_files(
         try:
             from_mapping(entry.parameters(), of_table(merged))
         except ParameterError as error:
-            full_name = resolved(namespace, entry.name)
+            full_name = resolved(namespace, entry.path)
             sources = [
                 str(path) for path in paths if any(_matches(each, full_name) for each, _ in _read_sections(path))
             ]
-            msg = f"{', '.join(sources) or 'given'}: {entry.name}: {error}"
+            msg = f"{', '.join(sources) or 'given'}: {entry.path}: {error}"
             raise InputError(msg) from error
 
 
@@ -76,7 +76,7 @@ def merged_values(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> di
         InputError: a file cannot be read.
 
     """
-    full_name = resolved(namespace, entry.name)
+    full_name = resolved(namespace, entry.path)
     merged: dict[str, object] = {}
     for path in paths:
         for pattern, values in _read_sections(path):
@@ -176,7 +176,7 @@ def _check_sections(path: Path, namespace: str, nodes: Sequence[NodeEntry]) -> N
             msg = f"{path}: no node '{node}' in this graph (section '{pattern}'); known are: {', '.join(sorted(names))}"
             raise InputError(msg)
     if patterns and not any(
-        _matches(pattern, resolved(namespace, entry.name)) for pattern in patterns for entry in nodes
+        _matches(pattern, resolved(namespace, entry.path)) for pattern in patterns for entry in nodes
     ):
         msg = (
             f"{path}: no section fits namespace {namespace} (sections: {', '.join(patterns)}); "

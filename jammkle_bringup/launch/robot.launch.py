@@ -1,0 +1,62 @@
+"""A leg or a quadruped: one simulation, and driver and controller of each ankle, as `jammkle up --robot` starts them.
+
+ros2 launch jammkle_bringup robot.launch.py robot:=quadruped behaviour:=walk params:=robot.yaml
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from jammkle_bringup.core.node_table import SIM_HARDWARE, Robot, check_hardware, nodes_for, simulated_time
+from jammkle_graph.names import DRIVER_NODE, SIM_NODE
+from jammkle_graph.namespace import normalised, resolved
+
+ARGUMENTS = {
+    "robot": (Robot.QUADRUPED.value, "What to bring up: leg, quadruped."),
+    "behaviour": ("", "What a simulated one does: stand, walk, drop, slip; empty: what params say, or stand."),
+    "hardware": (SIM_HARDWARE, "What stands behind the drivers: sim, modbus (a port each in params), or a package's."),
+    "namespace": ("/", "ROS namespace of the robot; several ankles are in namespaces below, as lf_ankle."),
+    "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
+    "publish_clock": ("true", "Whether this simulation makes /clock; false where another one does."),
+    "params": ("", "ROS parameter file (YAML); config/robot.yaml is one to start from."),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, (default, description) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    robot, hardware, namespace = Robot(given["robot"]), given["hardware"], normalised(given["namespace"])
+    check_hardware(hardware)
+    actions = []
+    for entry in nodes_for(hardware, robot):
+        values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
+        if entry.name == SIM_NODE:
+            values["robot"] = robot.value
+            values.update({"behaviour": given["behaviour"]} if given["behaviour"] else {})
+            values["speed"] = float(given["speed"])
+            values["publish_clock"] = given["publish_clock"].lower() == "true"
+        if entry.name == DRIVER_NODE:
+            values["hardware"] = hardware
+        files = [given["params"]] if given["params"] else []
+        actions.append(
+            Node(
+                package=entry.package,
+                executable=entry.executable,
+                name=entry.name,
+                namespace=resolved(namespace, entry.within) if entry.within else namespace,
+                parameters=[*files, values],
+                output="screen",
+                # as in ankle.launch.py: a graph without one of its nodes is worse than none
+                on_exit=EmitEvent(event=Shutdown(reason=f"{entry.path} ended")),
+            )
+        )
+    return actions
