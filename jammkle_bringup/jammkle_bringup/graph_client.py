@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 from jammkle_bringup.core.namespace_lock import ros_domain
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.names import DRIVER_NODE
+from jammkle_graph.names import DRIVER_NODE, PUMP_DUTY, SIM_NODE
 from jammkle_graph.namespace import relative, resolved
 
 if TYPE_CHECKING:
@@ -29,8 +29,12 @@ ANSWER_TIMEOUT_S = 5.0
 """How long the command waits for the graph. Assumed; discovery on one machine takes about 0.3 s."""
 
 _SPIN_S = 0.05
-_TOGETHER_S = 1.0
-"""Time after one of a robot's drivers was seen in which the next is. Assumed: they are seen within 0.3 s as a rule."""
+_TOGETHER_S = 0.5
+"""Time in which the ankles of one simulation are seen, once the first was. Assumed: they come in one announcement."""
+
+DISCOVERY_S = 3.5
+"""How long to look for other nodes. They are seen after 0.15 s as a rule, but at times only with their next
+announcement, which the DDS of ROS 2 (Fast DDS) sends every 3 s."""
 
 
 class GraphClient:
@@ -116,28 +120,39 @@ class GraphClient:
             self.node.destroy_client(client)
 
     def ankles(self) -> tuple[str, ...]:
-        """Return the namespaces, below the client's own, of the ankles that have a driver; the one in that is empty.
+        """Return the namespaces, below the client's own, of the ankles that there are; the one in that is empty.
 
-        A robot's ankles are one level below.
+        A robot's ankles are one level below. None may be missed, so as long as it is looked as discovery takes; a
+        simulation tells of all its ankles at once.
 
         Raises:
-            GraphError: no driver is seen.
+            GraphError: none is seen.
             Interrupted: the command was asked to stop.
 
         """
-
-        def found() -> set[str]:
-            inside = {relative(self.namespace, name) or "" for name in self.nodes()}
-            return {name.rpartition("/")[0] for name in inside if name.rpartition("/")[2] == DRIVER_NODE}
-
-        if not self.wait_until(lambda: bool(found()), ANSWER_TIMEOUT_S):
+        if not self.wait_until(lambda: bool(self._ankles()), ANSWER_TIMEOUT_S):
             raise GraphError(no_answer(DRIVER_NODE, self.namespace, ANSWER_TIMEOUT_S))
+        simulation = resolved(self.namespace, SIM_NODE)
+        self.wait_until(lambda: "" in self._ankles() or simulation in self.nodes(), DISCOVERY_S)
         seen: set[str] = set()
-        while "" not in found() and found() != seen:
-            seen = found()
-            self.wait_until(lambda seen=seen: found() != seen, _TOGETHER_S)  # type: ignore[misc]  # ours to bind
-        below = sorted(name for name in found() if name and "/" not in name)
-        return ("",) if "" in found() or not below else tuple(below)
+        while "" not in self._ankles() and self._ankles() != seen:
+            seen = self._ankles()
+            self.wait_until(lambda seen=seen: self._ankles() != seen, _TOGETHER_S)  # type: ignore[misc]  # ours to bind
+        return ("",) if "" in self._ankles() else tuple(sorted(self._ankles()))
+
+    def _ankles(self) -> set[str]:
+        """Return what is seen so far: every ankle has a pump, told by a driver, which a simulation may obey."""
+        found = set()
+        for name, _ in self.node.get_topic_names_and_types():
+            inside = relative(self.namespace, name) or ""
+            place = inside.removesuffix(PUMP_DUTY.name).rstrip("/")
+            if not inside.endswith(PUMP_DUTY.name) or "/" in place:
+                continue
+            told_by = {end.node_name for end in self.node.get_publishers_info_by_topic(name)}
+            obeyed_by = {end.node_name for end in self.node.get_subscriptions_info_by_topic(name)}
+            if DRIVER_NODE in told_by or SIM_NODE in obeyed_by:
+                found.add(place)
+        return found
 
     def nodes(self) -> set[str]:
         """Return the full names of all nodes seen so far."""

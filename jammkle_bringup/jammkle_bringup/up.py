@@ -19,7 +19,7 @@ from jammkle_bringup.core.node_table import (
 )
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
-from jammkle_bringup.graph_client import GraphClient
+from jammkle_bringup.graph_client import DISCOVERY_S, GraphClient
 from jammkle_bringup.readiness import RECORDER, Startup
 from jammkle_graph.bags.writing import check_free
 from jammkle_graph.command.errors import GraphError, InputError
@@ -34,10 +34,6 @@ if TYPE_CHECKING:
 
     from jammkle_bringup.core.node_table import NodeEntry, ParameterValue
     from jammkle_bringup.core.supervisor import Death
-
-_DISCOVERY_S = 3.5
-"""How long to look for other graphs. They are seen after 0.15 s as a rule, but at times only with their next
-announcement, which the DDS of ROS 2 (Fast DDS) sends every 3 s."""
 
 _RECORDER_STOP_TIMEOUT_S = 30.0  # a killed recorder leaves a bag without its end
 
@@ -167,7 +163,7 @@ def beside_others(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> G
     """
     names = {resolved(options.namespace, entry.path) for entry in options.nodes}
     with GraphClient(options.namespace, asked_to_stop) as client:
-        client.wait_until(lambda: bool(names & client.nodes()), _DISCOVERY_S)
+        client.wait_until(lambda: bool(names & client.nodes()), DISCOVERY_S)
         there = sorted(names & client.nodes())
         clocks = client.node.get_publishers_info_by_topic(CLOCK.name)
     if there:

@@ -46,7 +46,7 @@ class Ankles:
         ankles: Mapping[str, Ankle],
         outputs: Collection[Output],
         on_change: Callable[[], None],
-        runs: Callable[[], bool],
+        time_s: Callable[[], float],
     ) -> None:
         """Put the ankles on the graph.
 
@@ -55,15 +55,20 @@ class Ankles:
             ankles: By namespace below the node's own; a single one under an empty name is in that.
             outputs: What each of them can publish.
             on_change: Called when the health of one has become something else.
-            runs: Tells whether simulated time runs.
+            time_s: Gives simulated time, s.
 
         """
         self._on_change = on_change
         self._all = [
-            _OnGraph(name, Outputs(node, ankle, outputs, name), Commands(node, ankle, on_change, runs, name))
+            _OnGraph(name, Outputs(node, ankle, outputs, name), Commands(node, ankle, on_change, time_s, name))
             for name, ankle in ankles.items()
         ]
         self._reported_broken: list[tuple[str, ...]] = []
+
+    @property
+    def heard(self) -> int:
+        """How many messages of the drivers have come."""
+        return sum(each.commands.heard for each in self._all)
 
     def show(self, ankles: Mapping[str, AnkleSensors]) -> None:
         """Sample these from now on, by the names of the start."""

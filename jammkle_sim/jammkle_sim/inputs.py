@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 
 WATCHDOG_S = 0.2
-"""Silence of the driver after which the simulated board lets go, s of the machine's steady clock: the firmware's
-default of watchdog_ms."""
+"""Silence of the driver after which the simulated board lets go, s of the machine's steady clock and of simulated time
+both: the firmware's default of watchdog_ms."""
 
 _LOOKS = 4
 """How often silence is looked for in that time. One look counts for no more than two such periods, so that a simulation
@@ -49,7 +49,7 @@ class Commands:
         node: Node,
         simulation: AnkleHardware,
         on_refused_change: Callable[[], None],
-        runs: Callable[[], bool],
+        time_s: Callable[[], float],
         within: str = "",
     ) -> None:
         """Subscribe on `node`.
@@ -58,13 +58,15 @@ class Commands:
             node: The sim node.
             simulation: What obeys.
             on_refused_change: Called when `refused` or `let_go` becomes something else.
-            runs: Tells whether simulated time runs; while it stands, so does the simulated board, and its watchdog.
+            time_s: Gives simulated time, s; while it stands, so does the simulated board, and its watchdog, and where
+                it is slow, so are both: the driver, which lives in it, is then no less diligent.
             within: Namespace of the ankle below the node's own; empty: that.
 
         """
-        self._runs = runs
+        self._time_s = time_s
         self._simulation = simulation
         self._on_refused_change = on_refused_change
+        self._heard = 0
         self._refused = ""
         self._duty = 0.0
         self._energised = dict.fromkeys(names.CHANNELS, False)
@@ -72,6 +74,7 @@ class Commands:
         self._told_lately = False
         self._silent_s = 0.0
         self._looked_s = time.monotonic()
+        self._looked_simulated_s = time_s()
         self._let_go = False
         self._wanted_duty = 0.0
         self._wanted = dict.fromkeys(names.CHANNELS, False)
@@ -83,6 +86,11 @@ class Commands:
         for channel, topic in names.SOLENOIDS.items():
             take = partial(self._take_solenoid, channel)
             node.create_subscription(Bool, below(within, topic), take, subscriber_qos(topic))
+
+    @property
+    def heard(self) -> int:
+        """How many messages of the driver have come."""
+        return self._heard
 
     @property
     def refused(self) -> str:
@@ -118,16 +126,16 @@ class Commands:
         self._told_lately = True
 
     def _look(self) -> None:
-        now_s = time.monotonic()
-        passed_s = min(now_s - self._looked_s, 2.0 * WATCHDOG_S / _LOOKS)
-        self._looked_s = now_s
-        self._silent_s += passed_s if self._runs() else 0.0
+        now_s, simulated_s = time.monotonic(), self._time_s()
+        passed_s = min(now_s - self._looked_s, simulated_s - self._looked_simulated_s, 2.0 * WATCHDOG_S / _LOOKS)
+        self._looked_s, self._looked_simulated_s = now_s, simulated_s
+        self._silent_s += max(passed_s, 0.0)
         if self._silent_s > WATCHDOG_S and not self._let_go and (self._duty > 0.0 or any(self._energised.values())):
             self._set_let_go(let_go=True)
             self._obey(0.0, dict.fromkeys(names.CHANNELS, False))
 
     def _take_duty(self, message: Float32) -> None:
-        self._silent_s = 0.0
+        self._hear()
         try:
             duty = duty_from(message)
         except BadCommandError as error:
@@ -138,9 +146,13 @@ class Commands:
         self._follow()
 
     def _take_solenoid(self, channel: str, message: Bool) -> None:
-        self._silent_s = 0.0
+        self._hear()
         self._wanted[channel] = message.data
         self._follow()
+
+    def _hear(self) -> None:
+        self._heard += 1
+        self._silent_s = 0.0
 
     def _follow(self) -> None:
         """Do what is wanted, unless the board has let go and was not yet told to release everything."""

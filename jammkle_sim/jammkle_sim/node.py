@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 from jammkle_graph import names
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.qos import publisher_qos
@@ -44,6 +45,9 @@ if TYPE_CHECKING:
 _LONGEST_WORK_S = 0.001
 """Real time, s, for which outputs are worked off before callbacks are served again, should they be due back to back.
 Serving costs 70 us even when there is nothing to serve, as much as a step; so not after every output."""
+
+_MOST_CALLBACKS = 16
+"""Most callbacks that are served after one another: all commands of four drivers' ticks, about a millisecond."""
 
 _LONGEST_WAIT_S = 0.1
 """Real time, s, after which the loop looks at its stop flag."""
@@ -86,7 +90,7 @@ class SimNode(Node):
             kind.ankles_of(self._simulation),
             kind.outputs,
             self._diagnostics.check,
-            lambda: self._engine.control.state is RunState.RUNNING,
+            lambda: self._engine.time_ns / NANOSECONDS_PER_SECOND,
         )
         self._describe(self._simulation)
         self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
@@ -140,6 +144,19 @@ class SimNode(Node):
         self._engine.restart_pace()  # making the node has taken time that nobody wants to catch up
         while not stop:
             executor.spin_once(timeout_sec=self.cycle())
+            self._serve_drivers(executor)
+
+    def _serve_drivers(self, executor: Executor) -> None:
+        """Serve what the drivers have sent meanwhile.
+
+        One callback a cycle is too few when time is short, and a driver that is not heard is taken for dead.
+        """
+        heard = -1
+        for _ in range(_MOST_CALLBACKS):
+            if self._ankles.heard == heard:
+                return
+            heard = self._ankles.heard
+            executor.spin_once(timeout_sec=0)
 
     def shut_down(self) -> None:
         """Answer whoever still waits for steps or for a rig."""
