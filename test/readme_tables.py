@@ -17,10 +17,10 @@ from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_graph.command.vocabulary import typed_row
-from jammkle_graph.names import ACTIONS, CHANNELS, SERVICES, TOPICS
+from jammkle_graph.names import ACTIONS, CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_graph.version import VERSION
-from jammkle_sim.parameters import SimParameters
+from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 
 ROOT = Path(__file__).parents[1]
@@ -34,6 +34,7 @@ NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
     "sim": SimParameters,
+    "sim, of a robot": RobotParameters,
     "gap_monitor": GapMonitorParameters,
 }
 
@@ -77,6 +78,10 @@ def tables() -> dict[str, str]:
         "topics": table(
             ("topic", "type", "delivery", "what"),
             [(f"`{any_channel(t.name)}`", f"`{t.message_type}`", t.kind.value, t.note) for t in TOPICS],
+        ),
+        "topics of robots": table(
+            ("topic", "type", "delivery", "what"),
+            [(f"`{t.name}`", f"`{t.message_type}`", t.kind.value, t.note) for t in ROBOT_TOPICS],
         ),
         "services": table(
             ("service", "type", "what"),
