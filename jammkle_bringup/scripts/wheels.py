@@ -112,14 +112,16 @@ def command_tree(folder: Path) -> None:
     (folder / "README.md").write_text(readme_alone())
     lines = [
         "[build-system]",
-        'requires = ["setuptools>=70"]',
+        'requires = ["setuptools>=77"]',
         'build-backend = "setuptools.build_meta"',
         "[project]",
         f"name = {toml(COMMAND)}",
         f"version = {toml(VERSION)}",
         'description = "Legged robots with jammable ankles: driver, controller, simulation, and where it is wrong."',
         'readme = "README.md"',
-        'license = { text = "Apache-2.0" }',
+        'license = "Apache-2.0"',
+        'license-files = ["LICENSE"]',
+        'authors = [{ name = "Jammkle maintainers", email = "maintainers@jammkle.example" }]',
         f"requires-python = {toml('>={}.{}'.format(*OLDEST_PYTHON))}",
         f"dependencies = {toml(sections[BASE])}",
         f"optional-dependencies = {toml(extras)}",
@@ -186,15 +188,18 @@ setup(
 
 
 def main() -> int:
-    """Build both wheels."""
+    """Build both wheels, and of the pure one its source distribution."""
     DIST.mkdir(exist_ok=True)
     for lay_out in (command_tree, interfaces_tree):
         with tempfile.TemporaryDirectory() as folder:
             lay_out(Path(folder))
             pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet"]
             subprocess.run([*pip, "--no-deps", "--no-build-isolation", "--wheel-dir", DIST, folder], check=True)
-    for wheel in sorted(DIST.glob(f"*-{VERSION}-*.whl")):
-        sys.stdout.write(f"{wheel.relative_to(ROOT)}\n")
+            if lay_out is command_tree:
+                source = f"from setuptools.build_meta import build_sdist; build_sdist({str(DIST)!r})"
+                subprocess.run([sys.executable, "-c", source], check=True, cwd=folder, stdout=subprocess.DEVNULL)
+    for file in sorted(DIST.glob(f"*-{VERSION}[-.]*")):
+        sys.stdout.write(f"{file.relative_to(ROOT)}\n")
     return 0
 
 
