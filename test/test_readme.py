@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import re
 import shlex
 from pathlib import Path
@@ -91,6 +93,27 @@ def test_a_call_that_is_none_is_noticed() -> None:
     for words in (["jam", "--vacuum", "3"], ["rig", "drop", "--food", "jammed"], ["frob"], ["up", "--robot", "cat"]):
         with pytest.raises(Exception, match=r"[Nn]o such|no command|Invalid value|is not one of"):
             parse([NAME, *words])
+
+
+def shown_imports() -> list[tuple[str, str, str]]:
+    """Every name that Python on a page imports from the project: page, module, name."""
+    return sorted(
+        {
+            (path.name, str(node.module), alias.name)
+            for path in DOCUMENTS
+            for block in re.findall(r"```python\n(.*?)```", path.read_text(), re.DOTALL)
+            for node in ast.walk(ast.parse(block))
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("jammkle_")
+            for alias in node.names
+        }
+    )
+
+
+@pytest.mark.parametrize("shown", shown_imports(), ids=" ".join)
+def test_python_that_is_shown_imports_what_there_is(shown: tuple[str, str, str]) -> None:
+    """It is Python, and every name that it takes from the project is there."""
+    _, module, name = shown
+    assert hasattr(importlib.import_module(module), name)
 
 
 def test_every_make_target_that_is_shown_exists() -> None:
