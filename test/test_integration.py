@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
 NAMESPACE = "/lf_ankle"
 IN_NAMESPACE = ("--ros-args", "-r", f"__ns:={NAMESPACE}")
 CHANGE_STATE = Service("driver", "change_state", "lifecycle_msgs/srv/ChangeState", "")
+STAND_IN = Path(__file__).with_name("stand_in")
 ACHILLES_JAMMED_PA = 80e3
 """Between the atmosphere and the default vacuum."""
 
@@ -130,6 +133,15 @@ def test_the_controller_hears_an_imu_of_another_name(
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         late.node.create_subscription(Bool, "contact", lambda message, heard=heard: heard.append(message.data), latched)
         late.spin_until(lambda heard=heard, contact=contact: heard[-1:] == [contact], "the latched state is heard")
+
+
+def test_the_mission_in_cpp_fits_the_messages() -> None:
+    """It compiles with the headers of the project's messages; what it uses of rclcpp is declared."""
+    headers = [f"-I{folder}" for folder in (Path(sys.prefix) / "include").iterdir()]
+    command = [os.environ.get("CXX", "/usr/bin/c++"), "-fsyntax-only", "-Wall", "-Wextra", "-Werror", "-std=c++17"]
+    command += [f"-I{STAND_IN}", *headers, str(EXAMPLES / "mission.cpp")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_commands_of_ros2_control_are_those_of_the_driver() -> None:

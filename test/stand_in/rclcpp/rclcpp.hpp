@@ -1,0 +1,42 @@
+// What docs/examples/mission.cpp uses of rclcpp, declared alone: there is no rclcpp among the wheels of ROS.
+// The messages that it is compiled with are those of the project.
+#pragma once
+#include <chrono>
+#include <cstdio>
+#include <functional>
+#include <future>
+#include <memory>
+#include <string>
+namespace rclcpp
+{
+struct QoS {explicit QoS(int) {} QoS & transient_local() {return *this;}};
+struct Logger {};
+template<typename M> struct Subscription {};
+template<typename S> struct Client
+{
+  struct FutureAndRequestId {std::shared_ptr<typename S::Response> get();};
+  bool wait_for_service(std::chrono::seconds);
+  const char * get_service_name();
+  FutureAndRequestId async_send_request(std::shared_ptr<typename S::Request>);
+};
+struct Node
+{
+  explicit Node(const std::string &);
+  Logger get_logger();
+  template<typename M, typename F> std::shared_ptr<Subscription<M>> create_subscription(const std::string &, QoS, F && take)
+  {
+    std::function<void(const M &)> checked = take;
+    return nullptr;
+  }
+  template<typename S> std::shared_ptr<Client<S>> create_client(const std::string &);
+};
+enum class FutureReturnCode {SUCCESS, INTERRUPTED, TIMEOUT};
+template<typename F> FutureReturnCode spin_until_future_complete(std::shared_ptr<Node>, F &, std::chrono::seconds);
+void spin_some(std::shared_ptr<Node>);
+void sleep_for(std::chrono::milliseconds);
+void init(int, char **);
+void shutdown();
+bool ok();
+}
+#define RCLCPP_ERROR(logger, ...) std::snprintf(nullptr, 0, __VA_ARGS__)
+#define RCLCPP_INFO(logger, ...) std::snprintf(nullptr, 0, __VA_ARGS__)
