@@ -35,7 +35,7 @@ setup(
         "console_scripts": ["jammkle = jammkle_bringup.__main__:main"],
         "jammkle.commands": [
             *(f"{verb} = jammkle_bringup.commands:app" for verb in ("demo", "jam", "record", "status", "unjam", "up")),
-            *(f"{verb} = jammkle_bringup.bag_commands:app" for verb in ("info", "recover")),
+            *(f"{verb} = jammkle_bringup.bag_commands:app" for verb in ("export", "info", "plot", "recover")),
         ],
         "jammkle.landing": ["record = jammkle_bringup.demo:record_landing"],
     },

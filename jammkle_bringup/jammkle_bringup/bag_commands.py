@@ -70,3 +70,39 @@ def recover(
     results.console().print(report.recovery_text(done), markup=False)
     results.write_json(json, done.as_json())
     return 0
+
+
+@app.command()
+def export(
+    bag: BagArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", help="New folder of the tables.", metavar="DIR")],
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV, the default.")] = False,  # noqa: FBT002 - a switch
+    parquet: Annotated[bool, typer.Option("--parquet", help="Write Parquet.")] = False,  # noqa: FBT002 - a switch
+    rate_hz: Annotated[
+        float | None,
+        typer.Option(
+            help="Put all sampled topics on one time base, in one table, with so many rows per second.",
+            show_default="a table for each topic, with its own times",
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> int:
+    """Write a bag as tables, with units in the names of the columns."""
+    from jammkle_bringup.export import export as write_tables
+
+    return write_tables(bag, output, wants_csv=csv, wants_parquet=parquet, rate_hz=rate_hz, json=json)
+
+
+@app.command()
+def plot(
+    bag: BagArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the pictures, run.html and run.png.", metavar="DIR")
+    ] = Path("runs/plot"),
+    namespace: Annotated[str | None, typer.Option(help="Namespace of the ankle, if the bag holds several.")] = None,
+    json: JsonOption = None,
+) -> int:
+    """Draw a run: vacuum and states, pump, IMU with events, tension against extension; as a page and as PNG."""
+    from jammkle_bringup.plot import plot as draw
+
+    return draw(bag, output, namespace, json)

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 COMMANDS = (
-    "up", "jam", "unjam", "status", "record", "info", "rig", "rig tensile", "paper", "demo", "gap", "gap diagnose",
-    "gap effects", "gap blind", "gap blind make", "gap blind run", "gap blind score", "gap blind standard",
+    "up", "jam", "unjam", "status", "record", "info", "recover", "export", "plot", "rig", "rig tensile", "paper",
+    "demo", "gap", "gap diagnose", "gap effects", "gap blind", "gap blind make", "gap blind run",
+    "gap blind score", "gap blind standard",
 )  # fmt: skip
 
 LONG = "x" * 300
@@ -114,6 +115,14 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("info {folder}", ("{folder}", "metadata.yaml")),
         ("info {folder}/broken_bag", ("broken_bag", "cannot be read")),
         ("info {folder}/text.yaml", ("text.yaml", "cannot be read")),
+        ("recover {folder}/none", ("none", "does not exist")),
+        ("recover {folder}", ("{folder}", "not a bag")),
+        ("export {folder}/none -o {folder}/out", ("none", "does not exist")),
+        ("export {folder}/none", ("--output",)),
+        ("export {folder}/none -o {folder}", ("{folder}", "exists")),
+        ("export {folder}/none -o {folder}/out --csv --parquet", ("--csv", "--parquet", "one of them")),
+        ("export {folder}/none -o {folder}/out --rate-hz 0", ("--rate-hz 0", "above 0")),
+        ("plot {folder}/none -o {folder}/out", ("none", "does not exist")),
         ("rig sled -o {folder}/bag", ("sled",)),
         ("rig tensile", ("--output", "--save-mjcf")),
         ("rig tensile -o {folder}", ("{folder}", "exists")),

@@ -1,0 +1,101 @@
+"""`jammkle plot`: what is in the picture of a run, and that no peak is lost in it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jammkle_bringup.core.envelope import STRETCHES, Envelope
+from jammkle_bringup.core.run_panels import run_picture
+from jammkle_graph.command.main import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+PNG_HEAD = b"\x89PNG"
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1e4), st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=1, max_size=300))
+def test_an_envelope_keeps_the_extremes(points: list[tuple[float, float, float]]) -> None:
+    """Whatever comes in whatever order: the extremes of every coordinate are there, and all that is there came."""
+    envelope = Envelope(2)
+    for point in points:
+        envelope.add(*point)
+    kept = envelope.points()
+    for axis in (1, 2):
+        for extreme in (min, max):
+            assert extreme(point[axis] for point in kept) == extreme(point[axis] for point in points)
+    assert set(kept) <= set(points)
+
+
+def test_an_envelope_does_not_grow() -> None:
+    """Of a million milliseconds no more than a fixed number of points is kept, and the one peak among them."""
+    envelope = Envelope()
+    for step in range(200_000):
+        envelope.add(step * 5e-3, 7.0 if step == 123_456 else 0.001 * (step % 10))
+    assert len(envelope.points()) <= 4 * STRETCHES
+    assert (123_456 * 5e-3, 7.0) in envelope.points()
+
+
+@pytest.fixture
+def bag(bag_maker: Callable[[str], Any]) -> Path:
+    """Make a bag of a second: a channel that is jammed, a pull of one tendon round a rectangle, an impact."""
+    maker = bag_maker("bag")
+    loop = [(0.0, 0.0), (0.01, 0.0), (0.01, 20.0), (0.0, 20.0), (0.0, 0.0)]
+    for step in range(101):
+        time_s = 5.0 + step * 0.01
+        vacuum_pa = 0.0 if step < 30 else 5e4
+        maker.write("/achilles/solenoid", time_s, maker.make("std_msgs/msg/Bool", step >= 30))
+        pressure = maker.make("sensor_msgs/msg/FluidPressure", maker.header(time_s), 101_000.0 - vacuum_pa, 0.0)
+        maker.write("/achilles/pressure", time_s, pressure)
+        if step % 25 == 0:
+            tendon = maker.make(
+                "jammkle_msgs/msg/TendonState", "achilles_left", 1, loop[step // 25][0], 0.0, loop[step // 25][1]
+            )
+            maker.write(
+                "/tendon_states", time_s, maker.make("jammkle_msgs/msg/TendonStates", maker.header(time_s), [tendon])
+            )
+        if step in {0, 30, 60}:
+            word = {0: 1, 30: 2, 60: 3}[step]
+            fault = maker.make("jammkle_msgs/msg/Fault", 0, "", "")
+            channel = maker.make("jammkle_msgs/msg/ChannelJamState", "achilles", word, vacuum_pa, 0.0, "", 0)
+            state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "")
+            maker.write("/jam_state", time_s, maker.make("jammkle_msgs/msg/JamState", *state))
+    event = maker.make("jammkle_msgs/msg/ContactEvent", maker.header(5.25), 1, 30.0, "m/s^2", 0.002)
+    maker.write("/contact_events", 6.0, event)
+    return maker.close()
+
+
+def test_the_picture_tells_what_happened(bag: Path) -> None:
+    """Vacuum from the sensor's own zero, states from when to when, the event at its stamp, the loop and its work."""
+    picture = run_picture(bag, None, lambda _: None, lambda: False)
+    assert picture is not None
+    vacuum, state, tension, loop = picture.panels
+    curves = {curve.name: {round(x, 6): y for x, y in zip(curve.x, curve.y, strict=True)} for curve in vacuum.curves}
+    assert curves["achilles"][0.2] == pytest.approx(0.0)
+    assert curves["achilles"][0.9] == pytest.approx(50.0)
+    assert max(curves["achilles, set point"].values()) == 50.0
+    assert [(bar.name, round(bar.begin_s, 6), round(bar.end_s, 6)) for bar in state.bars] == [
+        ("UNJAMMED", 0.0, 0.3),
+        ("JAMMING", 0.3, 0.6),
+        ("JAMMED", 0.6, 1.0),
+    ]
+    assert [(mark.name, round(mark.time_s, 6)) for mark in picture.marks] == [("IMPACT", 0.25)]
+    assert tension.with_marks
+    (curve,) = loop.curves
+    assert curve.name == "achilles_left: -0.2 J taken up"
+    assert list(zip(curve.x, curve.y, strict=True)) == [(0, 0), (10, 0), (10, 20), (0, 20), (0, 0)]
+
+
+def test_page_and_png_are_written_and_need_no_network(bag: Path, tmp_path: Path) -> None:
+    """A folder with a page that loads nothing from elsewhere, and a PNG."""
+    assert main(["plot", str(bag), "-o", str(tmp_path / "out")]) == 0
+    page = (tmp_path / "out" / "run.html").read_text(encoding="utf-8")
+    assert "src=" not in page.replace("src='data:", "").partition("<body>")[0]
+    assert 'src="http' not in page
+    assert "set point" in page
+    assert (tmp_path / "out" / "run.png").read_bytes().startswith(PNG_HEAD)
