@@ -5,8 +5,8 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from plotly import graph_objects as go
-from plotly.subplots import make_subplots
+from plotly import graph_objects as go  # type: ignore[import-untyped]  # carries no types
+from plotly.subplots import make_subplots  # type: ignore[import-untyped]  # carries no types
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,9 +5,9 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING, Any, Protocol
 
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
+import pyarrow as pa  # type: ignore[import-untyped]  # carries no types
+import pyarrow.csv  # type: ignore[import-untyped]  # carries no types
+import pyarrow.parquet  # type: ignore[import-untyped]  # carries no types
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
