@@ -5,7 +5,7 @@ BIN := .venv/bin
 
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help demo test bench blind faults soak firmware docs lint format readme lock wheels try-wheels release set-up clean
+.PHONY: help demo test bench blind faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
@@ -16,6 +16,7 @@ help:
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make docs   build the documentation as pages: docs/_build/index.html"
+	@echo "make pictures set up, take the pictures of the page in the browser anew, where there is Chromium"
 	@echo "make lint   set up, ruff and mypy"
 	@echo "make format set up, format the code with ruff"
 	@echo "make readme set up, write anew what is made from the code: tables of the documents, the firmware's registers"
@@ -72,6 +73,9 @@ docs: .venv-docs/made
 readme: set-up
 	@$(BIN)/python test/readme_tables.py
 	@$(BIN)/python jammkle_bringup/scripts/write_parameter_file.py
+
+pictures: set-up
+	@$(BIN)/python test/view_pictures.py
 
 format: set-up
 	@$(BIN)/ruff check --fix

@@ -22,6 +22,7 @@ from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_graph.version import VERSION
 from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
+from jammkle_view.parameters import ViewerParameters
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -36,6 +37,7 @@ NODES: dict[str, type[ParameterClass]] = {
     "sim": SimParameters,
     "sim, of a robot": RobotParameters,
     "gap_monitor": GapMonitorParameters,
+    "viewer": ViewerParameters,
 }
 
 

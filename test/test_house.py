@@ -23,6 +23,7 @@ PACKAGES = (
     "jammkle_sim",
     "jammkle_reality",
     "jammkle_gap",
+    "jammkle_view",
     "jammkle_bringup",
 )
 NODE_LINES = 300
@@ -58,6 +59,9 @@ PURE = (
     "jammkle_gap.monitor.core",
     "jammkle_gap.report",
     "jammkle_gap.trial",
+    "jammkle_view.core",
+    "jammkle_view.page",
+    "jammkle_view.playback",
     "jammkle_bringup.core",
 )
 ALLOWED = {
@@ -88,8 +92,12 @@ ALLOWED = {
         "jammkle_graph",
     },
     "jammkle_gap.trial": {"jammkle_gap", "jammkle_reality", "jammkle_sim", "jammkle_graph"},
+    "jammkle_view": {"jammkle_view", "jammkle_gap", "jammkle_sim", "jammkle_graph", "jammkle_msgs"},
+    "jammkle_view.core": {"jammkle_view.core", "jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_view.page": {"jammkle_view.page", "jammkle_view.core", "jammkle_view.parameters", "jammkle_graph"},
     "jammkle_bringup": {
         "jammkle_bringup",
+        "jammkle_view",
         "jammkle_gap",
         "jammkle_sim",
         "jammkle_driver",

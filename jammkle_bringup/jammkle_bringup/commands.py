@@ -48,15 +48,24 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     monitor: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--monitor", help="Let a simulated twin follow the robot and warn when it is left.")
     ] = False,
+    view: Annotated[  # noqa: FBT002 - as above
+        bool, typer.Option("--view", help="Show the robot on a page in the browser, with buttons to jam and unjam.")
+    ] = False,
+    view_port: Annotated[
+        int | None, typer.Option(help="TCP port of that page.", show_default="the first free one from 8080 on")
+    ] = None,
+    view_host: Annotated[
+        str | None, typer.Option(help="Address it listens on; 0.0.0.0: every network.", show_default="this machine")
+    ] = None,
 ) -> int:
     """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
-    from jammkle_bringup.up import GraphOptions, given_values, robot_values
+    from jammkle_bringup.up import GraphOptions, given_values, robot_values, viewer_values
     from jammkle_bringup.up import up as run_graph
 
-    values = given_values(hardware, speed, port)
+    values = given_values(hardware, speed, port) | viewer_values(robot, view_host, view_port, view=view)
     for node, chosen in robot_values(robot, behaviour, hardware).items():
         values[node] = {**values.get(node, {}), **chosen}
-    options = GraphOptions(normalised(namespace), hardware, tuple(params or ()), record, values, robot, monitor)
+    options = GraphOptions(normalised(namespace), hardware, tuple(params or ()), record, values, robot, monitor, view)
     try:
         return run_graph(options, StopRequest())
     except Interrupted:  # while it was still starting: asked to stop, and nothing is left

@@ -11,6 +11,7 @@ from jammkle_bringup.core.node_table import (
     GAP_MONITOR,
     NODES,
     SIM_HARDWARE,
+    VIEWER,
     Robot,
     check_hardware,
     command_of,
@@ -24,7 +25,7 @@ from jammkle_bringup.readiness import RECORDER, Startup
 from jammkle_graph.bags.writing import check_free
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.names import CLOCK, DRIVER_NODE, SIM_NODE
+from jammkle_graph.names import CLOCK, DRIVER_NODE, SIM_NODE, VIEWER_NODE
 from jammkle_graph.namespace import resolved
 from jammkle_graph.parameters import ParameterError, rows
 
@@ -50,11 +51,14 @@ class GraphOptions:
     robot: Robot = Robot.ANKLE
     monitor: bool = False
     """Whether a simulated twin follows the robot."""
+    view: bool = False
+    """Whether there is a page in the browser."""
 
     @property
     def nodes(self) -> tuple[NodeEntry, ...]:
-        """Nodes to start; the one that looks on is the first to start and the last to stop."""
-        return (*((GAP_MONITOR,) if self.monitor else ()), *nodes_for(self.hardware, self.robot))
+        """Nodes to start; those that look on are the first to start and the last to stop."""
+        watchers = (*((GAP_MONITOR,) if self.monitor else ()), *((VIEWER,) if self.view else ()))
+        return (*watchers, *nodes_for(self.hardware, self.robot))
 
 
 def check(options: GraphOptions) -> None:
@@ -130,6 +134,25 @@ def given_values(hardware: str, speed: float | None, port: str | None) -> dict[s
             raise InputError(msg)
         values[DRIVER_NODE]["port"] = port
     return values
+
+
+def viewer_values(
+    robot: Robot, host: str | None, port: int | None, *, view: bool
+) -> dict[str, dict[str, ParameterValue]]:
+    """Return what the options of the command say of the page in the browser.
+
+    Raises:
+        InputError: there is no page.
+
+    """
+    values: dict[str, ParameterValue] = {"ankles": ",".join(robot.ankles)} if view and any(robot.ankles) else {}
+    for name, value in (("host", host), ("port", port)):
+        if value is not None and not view:
+            msg = f"--view-{name} {value} needs --view: there is no page without"
+            raise InputError(msg)
+        if value is not None:
+            values[name] = value
+    return {VIEWER_NODE: values} if values else {}
 
 
 def check_speed(speed: float, hardware: str) -> float:

@@ -1,4 +1,4 @@
-"""Set up `.venv`: locked requirements, the seven packages built into it, and the `jammkle` command.
+"""Set up `.venv`: locked requirements, the eight packages built into it, and the `jammkle` command.
 
 Standard library only, since it runs before anything is installed. What is done already is skipped:
 the requirements while the lock file is the same, the build while nothing that is built has changed.
@@ -24,6 +24,7 @@ PACKAGES = (
     "jammkle_sim",
     "jammkle_reality",
     "jammkle_gap",
+    "jammkle_view",
     "jammkle_bringup",
 )
 OLDEST_PYTHON = (3, 10)
@@ -137,7 +138,7 @@ def point_exports_here():
 
 
 def build():
-    """Build the seven packages with colcon into the environment itself, and link the command into its bin."""
+    """Build the eight packages with colcon into the environment itself, and link the command into its bin."""
     environment = clean_environment()
     environment["PATH"] = "%s%s%s" % (VENV / "bin", os.pathsep, environment["PATH"])
     environment["VIRTUAL_ENV"] = str(VENV)

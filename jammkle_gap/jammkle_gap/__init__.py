@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from jammkle_gap.ankle.effects import ankle_library
     from jammkle_gap.ankle.loading import load_recordings
     from jammkle_gap.ankle.problem import ankle_problem
+    from jammkle_gap.ankle.rerun import Rerun, rerun
     from jammkle_gap.ankle.setting import with_settings
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import BadRecordingError, Phase, Recording, Signal
@@ -33,6 +34,7 @@ _HOMES = {
     "Phase": "core.data",
     "Problem": "core.simulate",
     "Recording": "core.data",
+    "Rerun": "ankle.rerun",
     "Riddle": "landing",
     "Signal": "core.data",
     "SimulatorError": "core.simulate",
@@ -42,6 +44,7 @@ _HOMES = {
     "as_dict": "core.result",
     "diagnose": "core.diagnose",
     "load_recordings": "ankle.loading",
+    "rerun": "ankle.rerun",
     "with_settings": "ankle.setting",
 }
 
@@ -59,6 +62,7 @@ __all__ = [
     "Phase",
     "Problem",
     "Recording",
+    "Rerun",
     "Riddle",
     "Signal",
     "SimulatorError",
@@ -68,6 +72,7 @@ __all__ = [
     "as_dict",
     "diagnose",
     "load_recordings",
+    "rerun",
     "with_settings",
 ]
 

@@ -13,6 +13,7 @@ DRIVER_NODE = "driver"
 CONTROLLER_NODE = "controller"
 SIM_NODE = "sim"
 GAP_MONITOR_NODE = "gap_monitor"
+VIEWER_NODE = "viewer"
 
 PERONEAL_LEFT = "peroneal_left"
 PERONEAL_RIGHT = "peroneal_right"

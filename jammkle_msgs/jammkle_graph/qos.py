@@ -47,6 +47,14 @@ def patient_qos(topic: Topic) -> QoSProfile:
     return _profile(dataclasses.replace(subscribed(topic), depth=_PATIENT_DEPTH))
 
 
+def newest_qos(depth: int) -> QoSProfile:
+    """Profile for those who look at a stream of measurements now and then, and want the newest `depth` alone.
+
+    It matches any publisher, and what was not looked at costs no more than its way into the queue.
+    """
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
 def live_qos() -> QoSProfile:
     """Volatile profile that also matches publishers that do not latch (`ros2 topic pub` by default does not).
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_sim.ankles import RIG_OUTPUTS, ROBOT_OUTPUTS
+from jammkle_sim.landing import landing_options
 from jammkle_sim.parameters import RobotParameters, RunParameters, SimParameters
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ class SimKind:
     """Gives the ankles of such a simulation, by namespace below the node's own."""
     runs_rigs: bool
     """Whether ~/run_rig can put a rig in its place."""
+    reset_by: Callable[[Any], object]
+    """Gives of the parameters what a reset builds the simulation anew for, once it is something else."""
 
 
 def _of_robot(simulation: Any) -> Mapping[str, Ankle]:
@@ -35,5 +38,5 @@ def _of_robot(simulation: Any) -> Mapping[str, Ankle]:
     return ankles if len(ankles) > 1 else {"": next(iter(ankles.values()))}
 
 
-RIG = SimKind(SimParameters, RIG_OUTPUTS, lambda simulation: {"": simulation}, runs_rigs=True)
-ROBOT = SimKind(RobotParameters, ROBOT_OUTPUTS, _of_robot, runs_rigs=False)
+RIG = SimKind(SimParameters, RIG_OUTPUTS, lambda simulation: {"": simulation}, runs_rigs=True, reset_by=landing_options)
+ROBOT = SimKind(RobotParameters, ROBOT_OUTPUTS, _of_robot, runs_rigs=False, reset_by=lambda _: None)

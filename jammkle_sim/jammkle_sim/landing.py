@@ -32,13 +32,18 @@ def make_simulation(parameters: SimParameters) -> Simulation:
 
     """
     change = _effects(parameters.effects_file)
-    options = LandingOptions(**{field.name: getattr(parameters, field.name) for field in fields(LandingOptions)})
+    options = landing_options(parameters)
     # The first step of a process compiles or loads the laws. It is taken by a rig that is thrown away, or else the
     # simulated time of the real one would start with a backlog.
     warm_up = Simulation(change(landing_parts(options)))
     warm_up.advance(1)
     warm_up.record(1, 1)  # what a rig of ~/run_rig takes
     return Simulation(change(landing_parts(options)))
+
+
+def landing_options(parameters: SimParameters) -> LandingOptions:
+    """Return what the parameters say of the rig; speed and rates are none of its business."""
+    return LandingOptions(**{field.name: getattr(parameters, field.name) for field in fields(LandingOptions)})
 
 
 def _effects(file: str) -> Callable[[Rig], Rig]:

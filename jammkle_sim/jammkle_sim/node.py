@@ -75,6 +75,8 @@ class SimNode(Node):
         super().__init__(names.SIM_NODE, parameter_overrides=[own_time])
         parameters = declare(self, kind.parameters)
         self._kind = kind
+        self._make_simulation = make_simulation
+        self._wanted = self._built = parameters
         self._simulation = make_simulation(parameters)
         self._engine = _make_engine(self._simulation, parameters, kind.outputs)
         self._clock_output = ClockOutput(self, is_ours=parameters.publish_clock)
@@ -180,6 +182,7 @@ class SimNode(Node):
         return SetParametersResult(successful=True)
 
     def _take_changes(self, changed: RunParameters) -> None:
+        self._wanted = changed
         self._engine.set_speed(changed.speed)
         if not self._engine.begun:
             self._engine.set_start_time(changed.start_time_s)
@@ -211,6 +214,10 @@ class SimNode(Node):
 
     def _reset(self) -> None:
         self._engine.reset()
+        if self._kind.reset_by(self._wanted) != self._kind.reset_by(self._built):
+            self._simulation.exchange(self._make_simulation(self._wanted).rig)
+            self._built = self._wanted
+            self._show(None)
         self._rigs.forget_trouble()
         self._ankles.apply()
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.provided import HARDWARE, entries
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, QUADRUPED_ANKLES, SIM_NODE
+from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, QUADRUPED_ANKLES, SIM_NODE, VIEWER_NODE
 from jammkle_graph.namespace import resolved
 
 if TYPE_CHECKING:
@@ -121,6 +121,15 @@ GAP_MONITOR = NodeEntry(
     module="jammkle_gap.monitor",
 )
 """Looks on, and is started where it is asked for."""
+
+VIEWER = NodeEntry(
+    package="jammkle_view",
+    executable="viewer",
+    name=VIEWER_NODE,
+    parameter_table="jammkle_view.parameters:ViewerParameters",
+    follows_simulated_time=False,
+)
+"""The page in the browser; looks on as well, and hands on what is clicked."""
 
 ParameterValue = bool | int | float | str
 

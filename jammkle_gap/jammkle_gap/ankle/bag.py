@@ -9,6 +9,7 @@ import numpy as np
 
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
+from jammkle_graph.bags.namespaces import namespaces_in
 from jammkle_graph.bags.reading import opened
 from jammkle_graph.command.errors import InputError
 
@@ -63,21 +64,6 @@ class Bag:
     """/clock, column `clock_s`."""
     acknowledged: bool = False
     """Whether commands have the times at which the hardware took them, by the clock of the measurements."""
-
-
-def namespaces_in(topics: set[str]) -> tuple[str, ...]:
-    """Return the namespaces in which topics of an ankle stand, sorted; `/` for the outermost."""
-    known: tuple[names.Topic, ...] = (
-        names.IMU,
-        names.LOAD_CELL,
-        names.JOINT_STATES,
-        names.MANIFOLD_PRESSURE,
-        names.PUMP_DUTY,
-    )
-    known += (*names.PRESSURES.values(), *names.SOLENOIDS.values())
-    endings = tuple(f"/{topic.name}" for topic in known)
-    found = {topic[: -len(end)] or "/" for topic in topics for end in endings if topic.endswith(end)}
-    return tuple(sorted(found))
 
 
 def read_bag(path: Path, namespace: str | None = None) -> Bag:

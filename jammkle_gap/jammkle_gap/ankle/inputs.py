@@ -48,6 +48,8 @@ class AnkleInputs:
     """When the carriage was let go, s, as the sensor that saw it read it; None: by the rig's programme, or never."""
     release_seen_by: str = ""
     """Topic of that sensor: if it is late, the carriage was let go earlier. Empty: nobody saw it, it was set."""
+    began_s: float = 0.0
+    """Stamp of the start of the rig, s: what the recording's times count from."""
     exact: bool = True
     """Commands have the times at which they were taken, by the clock of the measurements; else those of a recorder."""
     known: frozenset[str] = frozenset()

@@ -184,7 +184,7 @@ def _recording(name: str, bag: Bag, topics: Mapping[str, Samples], told: Told, s
     commands = commands_of(topics, span.start_s)
     signals = _signals(name, topics, span, nominal_rig(inputs))
     checks.check_signals(name, signals, commands.solenoids)
-    inputs = dataclasses.replace(inputs, commands=commands, exact=is_exact(bag))
+    inputs = dataclasses.replace(inputs, commands=commands, began_s=span.start_s, exact=is_exact(bag))
     built = nominal_rig(inputs)
     checks.check_rig(name, built, signals, assembled(built).joints, _start_m(built))
     inputs = _with_motion(inputs, topics, span, built)

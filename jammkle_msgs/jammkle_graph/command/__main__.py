@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_ENDED_BY_SIGNAL = ("up", "record")
+_ENDED_BY_SIGNAL = ("up", "record", "view")
 """Subcommands that run until a signal comes: one that comes early is no failure of theirs."""
 
 _EXIT_INTERRUPTED = 130

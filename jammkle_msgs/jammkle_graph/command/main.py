@@ -15,6 +15,8 @@ from jammkle_graph.command.vocabulary import renamed
 from jammkle_graph.messages import ROS_MODULES
 from jammkle_graph.version import VERSION
 
+_VIEW_MODULES = ("viser", "trimesh")
+_NO_PAGE = "this opens a page in the browser, and so needs viser: pip install 'jammkle[view]'"
 _NO_ROS = "this works on the graph, and so needs ROS 2 Jazzy: pip install 'jammkle[ros]', or source an installation"
 
 EXIT_FAILED = 1
@@ -68,9 +70,11 @@ def main(arguments: list[str] | None = None) -> int:
     except (Interrupted, KeyboardInterrupt, typer.Abort):
         return failed("interrupted", EXIT_INTERRUPTED)
     except ModuleNotFoundError as error:
-        if str(error.name).partition(".")[0] not in ROS_MODULES:
+        missing = str(error.name).partition(".")[0]
+        if missing not in (*ROS_MODULES, *_VIEW_MODULES):
             raise
-        return failed(f"{_NO_ROS} (there is no {error.name})", EXIT_FAILED)
+        why = _NO_PAGE if missing in _VIEW_MODULES else _NO_ROS
+        return failed(f"{why} (there is no {error.name})", EXIT_FAILED)
     except Exception as error:
         if not isinstance(error, _UsageProblem):
             raise

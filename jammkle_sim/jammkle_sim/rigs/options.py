@@ -11,6 +11,8 @@ from jammkle_sim.physics.constants import TENDON_SETS
 
 P = TypeVar("P", bound=ParameterClass)
 
+_FROM_RESET = "; a change holds from the next `~/reset` on"
+
 
 def seed_option() -> Any:
     """Make the field `seed`."""
@@ -46,14 +48,16 @@ def jammed_vacuum_option() -> Any:
     return parameter(HELD_VACUUM_PA, "Vacuum of the jammed ankle", "Pa", 5e3, 75e3)
 
 
-def drop_height_option(ground: str) -> Any:
+def drop_height_option(ground: str, *, dynamic: bool = False) -> Any:
     """Make the field `drop_height_m`; the paper's drop test has 50 mm.
 
     Args:
         ground: What it falls onto.
+        dynamic: Whether it may be changed for the next reset.
 
     """
-    return parameter(0.05, f"Fall of the foot's lowest point onto the {ground}", "m", 0.0, 0.5)
+    description = f"Fall of the foot's lowest point onto the {ground}{_FROM_RESET if dynamic else ''}"
+    return parameter(0.05, description, "m", 0.0, 0.5, dynamic=dynamic)
 
 
 def release_time_option(start: str, longest_s: float) -> Any:
@@ -72,9 +76,15 @@ def mass_option() -> Any:
     return parameter(1.8, "Mass of all that falls, foot included", "kg", 0.5, 20.0)
 
 
-def slope_option() -> Any:
-    """Make the field `slope_deg`; the paper's slip test has 40 degrees, toe uphill."""
-    return parameter(40.0, "Inclination of the slope to land on", "deg", 0.0, 50.0)
+def slope_option(*, dynamic: bool = False) -> Any:
+    """Make the field `slope_deg`; the paper's slip test has 40 degrees, toe uphill.
+
+    Args:
+        dynamic: Whether it may be changed for the next reset.
+
+    """
+    description = f"Inclination of the slope to land on{_FROM_RESET if dynamic else ''}"
+    return parameter(40.0, description, "deg", 0.0, 50.0, dynamic=dynamic)
 
 
 def slope_friction_option() -> Any:

@@ -69,6 +69,11 @@ class Simulation:
             rig: What is simulated.
 
         """
+        self._total_steps = 0
+        self._put_together(rig)
+
+    def _put_together(self, rig: Rig) -> None:
+        """Take a rig, at its start."""
         self._rig = rig
         self._model = rig.model
         self.timestep_s = float(self._model.opt.timestep)
@@ -83,13 +88,17 @@ class Simulation:
         self._states = records.States(*(part.copy() for part in self._start))
         self._offset_pa = np.array(rig.wiring.pressure_offset_pa)
         self._waiting: list[tuple[int, Callable[[], None]]] = []
-        self._total_steps = 0
         self._rig_steps = 0
 
     @property
     def model(self) -> Any:
         """The mujoco.MjModel that is simulated, to look at."""
         return self._model
+
+    @property
+    def rig(self) -> Rig:
+        """What is simulated."""
+        return self._rig
 
     @property
     def time_s(self) -> float:
@@ -145,6 +154,22 @@ class Simulation:
         self._noise.reset()
         self._rig_steps = 0
         self._waiting.clear()
+
+    def exchange(self, rig: Rig) -> None:
+        """Go on with another rig, at its start, commanded to nothing; the time goes on.
+
+        Args:
+            rig: With the same time step.
+
+        Raises:
+            ValueError: another time step, in which the time so far would be something else.
+
+        """
+        step_s = float(rig.model.opt.timestep)
+        if step_s != self.timestep_s:
+            msg = f"time step is {step_s:g} s; it must be that of the rig before, {self.timestep_s:g} s"
+            raise ValueError(msg)
+        self._put_together(rig)
 
     def record(self, rows: int, steps_per_row: int) -> NDArray[np.float64]:
         """Advance by `rows * steps_per_row` steps and write a row after every `steps_per_row`.

@@ -1,0 +1,38 @@
+"""`python -m jammkle_view` and `ros2 run jammkle_view viewer`: the page of a running graph."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from jammkle_graph.runner import run
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+
+    from jammkle_graph.runner import StopFlag
+    from jammkle_view.node import ViewerNode
+
+
+def main() -> int:
+    """Run the viewer until SIGINT or SIGTERM and return the exit code."""
+    return run(_make_node, loop=_drive, shut_down=_shut_down)
+
+
+def _make_node() -> ViewerNode:
+    # Loading MuJoCo and viser takes a second; here it happens under the runner's signal handlers.
+    from jammkle_view.node import ViewerNode  # noqa: PLC0415
+
+    return ViewerNode()
+
+
+def _drive(node: ViewerNode, executor: Executor, stop: StopFlag) -> None:
+    node.drive(executor, stop)
+
+
+def _shut_down(node: ViewerNode) -> None:
+    node.shut_down()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

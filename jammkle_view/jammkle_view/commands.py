@@ -1,0 +1,43 @@
+"""Arguments of `jammkle view`. What it does stands in modules of its own."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for MuJoCo and viser
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003 - Typer reads annotations while it runs
+from typing import Annotated
+
+import typer
+
+from jammkle_graph.command.signals import StopRequest
+from jammkle_graph.namespace import normalised
+from jammkle_view.parameters import ANY_PORT, LOCAL_HOST
+
+app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
+
+
+@app.command()
+def view(
+    bag: Annotated[Path, typer.Argument(help="The bag.", metavar="BAG")],
+    corrected: Annotated[
+        Path | None, typer.Option(help="Effects file that corrects the simulation, from `jammkle gap diagnose`.")
+    ] = None,
+    rig: Annotated[
+        str | None, typer.Option(help="What it was recorded on, where the bag does not tell: landing, drop ...")
+    ] = None,
+    namespace: Annotated[
+        str | None, typer.Option(help="ROS namespace of the ankle.", show_default="the only one in the bag")
+    ] = None,
+    no_simulation: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--no-simulation", help="Show the recording alone.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option(help="TCP port of the page.", show_default="the first free one from 8080 on")
+    ] = ANY_PORT,
+    host: Annotated[str, typer.Option(help="Address it listens on; 0.0.0.0: every network.")] = LOCAL_HOST,
+) -> int:
+    """Play a bag back on a page in the browser, its simulation laid over it."""
+    from jammkle_view.playback.run import Shown, run
+
+    shown = Shown(bag, None if namespace is None else normalised(namespace), rig, corrected, not no_simulation)
+    return run(shown, host, port, StopRequest())

@@ -1,0 +1,109 @@
+"""Where bodies and tendons of a model are when its joints are where they are said to be."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+_SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
+
+
+def tendon_sites(model: Any) -> dict[str, tuple[int, ...]]:
+    """Return the sites that each tendon passes through, in order, by name of the tendon."""
+    found = {}
+    for index in range(model.ntendon):
+        first, count = int(model.tendon_adr[index]), int(model.tendon_num[index])
+        wraps = range(first, first + count)
+        found[model.tendon(index).name] = tuple(
+            int(model.wrap_objid[place]) for place in wraps if int(model.wrap_type[place]) == _SITE
+        )
+    return found
+
+
+class Kinematics:
+    """A model that is moved by the positions of its joints, without any dynamics."""
+
+    def __init__(self, model: Any) -> None:
+        """Stand at the model's start.
+
+        Args:
+            model: The mujoco.MjModel; a keyframe, if it has one, is the start.
+
+        """
+        self._model = model
+        self._data = mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, self._data, 0)
+        simple = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+        self._address = {
+            model.joint(index).name: int(model.jnt_qposadr[index])
+            for index in range(model.njnt)
+            if int(model.jnt_type[index]) in simple
+        }
+        self.bodies: tuple[str, ...] = tuple(model.body(index).name for index in range(1, model.nbody))
+        """Names, in the order of `positions_m` and `rotations`; the world is not among them."""
+        sites = tendon_sites(model)
+        pairs = [(name, begin, end) for name, places in sites.items() for begin, end in itertools.pairwise(places)]
+        self.segments: tuple[str, ...] = tuple(name for name, _, _ in pairs)
+        """Name of the tendon that each straight piece belongs to."""
+        self._begins = [begin for _, begin, _ in pairs]
+        self._ends = [end for _, _, end in pairs]
+        self.move({})
+
+    def move(self, positions: Mapping[str, float]) -> None:
+        """Put joints where they are, rad or m, by name; those that the model does not have are passed over."""
+        for name, value in positions.items():
+            address = self._address.get(name)
+            if address is not None:
+                self._data.qpos[address] = value
+        mujoco.mj_kinematics(self._model, self._data)
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """Origin of each body, shape (bodies, 3), m."""
+        found: NDArray[np.float64] = self._data.xpos[1:]
+        return found
+
+    @property
+    def rotations(self) -> NDArray[np.float64]:
+        """Orientation of each body as a quaternion (w, x, y, z), shape (bodies, 4)."""
+        found: NDArray[np.float64] = self._data.xquat[1:]
+        return found
+
+    @property
+    def segment_ends_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Begin and end of each straight piece of a tendon, each of shape (segments, 3), m."""
+        return self._data.site_xpos[self._begins], self._data.site_xpos[self._ends]
+
+
+def along(
+    begins_m: NDArray[np.float64], ends_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how to lay unit cylinders, whose axis is z, along straight pieces.
+
+    Args:
+        begins_m: Shape (n, 3), m.
+        ends_m: Shape (n, 3), m.
+
+    Returns:
+        Quaternions (w, x, y, z), shape (n, 4), and lengths, shape (n,), m.
+
+    """
+    way_m = ends_m - begins_m
+    length_m: NDArray[np.float64] = np.linalg.norm(way_m, axis=1)
+    axis = way_m / np.maximum(length_m, 1e-9)[:, np.newaxis]
+    # The shortest turn from z to the axis: half the angle, about z cross axis.
+    turn = np.stack((1.0 + axis[:, 2], -axis[:, 1], axis[:, 0], np.zeros(len(axis))), axis=1)
+    size = np.linalg.norm(turn, axis=1)
+    turn[size < 1e-6] = (0.0, 1.0, 0.0, 0.0)  # noqa: PLR2004 - straight down: half a turn about x
+    rotation: NDArray[np.float64] = turn / np.where(size < 1e-6, 1.0, size)[:, np.newaxis]  # noqa: PLR2004 - as above
+    return rotation, length_m

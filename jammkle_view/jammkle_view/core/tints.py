@@ -1,0 +1,62 @@
+"""Colours: of states, of tendons by state and tension, of lines in plots. RGB, 0 to 255."""
+
+from __future__ import annotations
+
+from jammkle_graph import names
+from jammkle_view.core.samples import ChannelState, EventKind
+
+Rgb = tuple[int, int, int]
+
+STATE_TINTS: dict[ChannelState, Rgb] = {
+    ChannelState.UNKNOWN: (150, 150, 150),
+    ChannelState.UNJAMMED: (232, 180, 120),
+    ChannelState.JAMMING: (240, 160, 20),
+    ChannelState.JAMMED: (25, 110, 235),
+    ChannelState.VENTING: (60, 185, 175),
+    ChannelState.FAULT: (215, 40, 40),
+}
+"""Hue of a tendon, and of its channel in the panel."""
+BROKEN_TINT: Rgb = (40, 40, 40)
+GHOST_TINT: Rgb = (165, 90, 215)
+"""Of the simulation that lies over a recording."""
+
+EVENT_TINTS: dict[EventKind, Rgb] = {
+    EventKind.IMPACT: (215, 40, 40),
+    EventKind.SLIP: (240, 140, 20),
+    EventKind.LIFTOFF: (30, 120, 220),
+    EventKind.SETTLED: (50, 150, 60),
+    EventKind.UNKNOWN: (150, 150, 150),
+}
+
+LINE_TINTS: dict[str, Rgb] = {
+    names.PERONEAL_LEFT: (214, 96, 36),
+    names.PERONEAL_RIGHT: (30, 130, 190),
+    names.ACHILLES: (60, 150, 70),
+    "achilles_left": (60, 150, 70),
+    "achilles_right": (140, 190, 60),
+    "manifold": (120, 120, 120),
+    "x": (200, 60, 60),
+    "y": (60, 150, 70),
+    "z": (40, 90, 200),
+}
+"""Of lines in plots: channels, tendons, axes."""
+
+FULL_TENSION_N = 30.0
+"""Tension from which on a tendon has its full colour. Chosen for the eye: a landing pulls its Achilles tendons by some
+20 N, and a jammed tendon tears far above."""
+_PALEST = 0.6
+"""Share of the state's colour in a slack tendon; the rest is white."""
+
+
+def tendon_tint(state: ChannelState, tension_n: float, *, broken: bool) -> Rgb:
+    """Return the colour of a tendon: the hue says its state, the depth its tension."""
+    if broken:
+        return BROKEN_TINT
+    share = _PALEST + (1.0 - _PALEST) * min(max(tension_n / FULL_TENSION_N, 0.0), 1.0)
+    red, green, blue = (round(255.0 - share * (255.0 - part)) for part in STATE_TINTS[state])
+    return red, green, blue
+
+
+def css(tint: Rgb, opacity: float = 1.0) -> str:
+    """Return a colour as style sheets write it."""
+    return f"rgba({tint[0]}, {tint[1]}, {tint[2]}, {opacity:g})"

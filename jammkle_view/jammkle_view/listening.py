@@ -1,0 +1,83 @@
+"""Hears the topics of one ankle: what is seldom by callbacks, what is fast by looking at the newest once per frame.
+
+A callback per sample would cost more than the page itself: four ankles send some 7,000 measurements per second, of
+which a page that moves 30 times per second can show a tenth.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from jammkle_graph import names
+from jammkle_graph.qos import newest_qos, subscriber_qos
+from jammkle_view.conversions import TAKERS
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+    from rclpy.subscription import Subscription
+
+    from jammkle_graph.names import Topic
+    from jammkle_view.core.ankle import Ankle
+
+_SELDOM = (names.JAM_STATE, names.CONTACT_EVENTS, names.SIM_PARAMETERS)
+_NEWEST = (names.JOINT_STATES, names.TENDON_STATES, *names.PRESSURES.values(), names.MANIFOLD_PRESSURE)
+_IMU_DEPTH = 100
+"""A tenth of a second at 1 kHz: three frames, of which every sample is plotted, as an impact lasts a few alone."""
+
+
+class AnkleEars:
+    """Subscriptions to one ankle's topics, and whom they tell."""
+
+    def __init__(self, node: Node, watcher: Node, namespace: str, ankle: Ankle) -> None:
+        """Subscribe.
+
+        Args:
+            node: Whose executor serves what is seldom.
+            watcher: A node without executor: nobody is called for what it hears.
+            namespace: Of the ankle, relative to both nodes'; empty: their own.
+            ankle: Who takes what is heard.
+
+        """
+        self._ankle = ankle
+        prefix = f"{namespace}/" if namespace else ""
+        for topic in _SELDOM:
+            take = TAKERS[topic.name]
+            node.create_subscription(
+                _kind(topic),
+                f"{prefix}{topic.name}",
+                lambda message, take=take: ankle.take(take(message)),
+                subscriber_qos(topic),
+            )
+        self._newest = [(topic.name, _watch(watcher, prefix, topic, 1)) for topic in _NEWEST]
+        self._imu = _watch(watcher, prefix, names.IMU, _IMU_DEPTH)
+
+    def look(self, *, with_imu: bool) -> None:
+        """Take the newest of every measurement; of the IMU all since the last look, if it is wanted."""
+        for topic, subscription in self._newest:
+            self._take(topic, subscription)
+        if with_imu:
+            for _ in range(_IMU_DEPTH):
+                if not self._take(names.IMU.name, self._imu):
+                    break
+
+    def _take(self, topic: str, subscription: Subscription) -> bool:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken is None:
+            return False
+        self._ankle.take(TAKERS[topic](taken[0]))
+        return True
+
+
+def _kind(topic: Topic) -> Any:
+    package, folder, name = topic.message_type.split("/")
+    return getattr(import_module(f"{package}.{folder}"), name)
+
+
+def _watch(watcher: Node, prefix: str, topic: Topic, depth: int) -> Subscription:
+    return watcher.create_subscription(_kind(topic), f"{prefix}{topic.name}", _nobody, newest_qos(depth))
+
+
+def _nobody(_message: object) -> None:
+    """Stand where rclpy wants a callback; never called."""

@@ -1,0 +1,82 @@
+"""Buttons of one ankle: jam and unjam each channel, who decides, emergency stop."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from jammkle_graph.constants import HELD_VACUUM_PA
+from jammkle_graph.names import CHANNELS
+from jammkle_view.core.wishes import Action, Ask, Jam, Unjam
+from jammkle_view.page.words import channel_html
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import viser
+
+    from jammkle_view.core.samples import Channel
+    from jammkle_view.core.wishes import Wish
+
+_PA_PER_KPA = 1000.0
+JAM, UNJAM = "Jam", "Unjam"
+AUTO, MANUAL = "Controller", "Page alone"
+
+
+class AnkleControls:
+    """What can be asked of one ankle, and what its channels are doing."""
+
+    def __init__(self, gui: viser.GuiApi, ankle: str, wish: Callable[[Wish], None]) -> None:
+        """Lay it out where the interface stands.
+
+        Args:
+            gui: Of the page.
+            ankle: Whose.
+            wish: Takes what is asked for, from any thread.
+
+        """
+        self._ankle, self._wish = ankle, wish
+        self._states: dict[str, viser.GuiHtmlHandle] = {}
+        self._shown: dict[str, str] = {}
+        for channel in CHANNELS:
+            self._add_pair(gui, channel.replace("_", " "), (channel,))
+            self._states[channel] = gui.add_html(channel_html(None))
+        gui.add_divider()
+        self._add_pair(gui, "all channels", ())
+        self._vacuum_kpa = gui.add_slider(
+            "vacuum [kPa]",
+            5.0,
+            75.0,
+            1.0,
+            HELD_VACUUM_PA / _PA_PER_KPA,
+            hint="Vacuum that the next Jam asks for, below ambient",
+        )
+        decides = gui.add_button_group(
+            "jams by itself", (AUTO, MANUAL), hint="Whether the controller jams, or only you"
+        )
+
+        @decides.on_click
+        def _(_event: object) -> None:
+            action = Action.AUTO_ON if decides.value == AUTO else Action.AUTO_OFF
+            self._wish(Ask(ankle, action))
+
+        stop = gui.add_button("EMERGENCY STOP", color="red", hint="Releases everything until the fault is cleared")
+        stop.on_click(lambda _: self._wish(Ask(ankle, Action.EMERGENCY_STOP)))
+        clear = gui.add_button("Clear fault", color="gray", hint="Ends an emergency stop or a fault; all stays vented")
+        clear.on_click(lambda _: self._wish(Ask(ankle, Action.CLEAR_FAULT)))
+
+    def show(self, channels: Mapping[str, Channel]) -> None:
+        """Say what the channels are doing."""
+        for channel, handle in self._states.items():
+            text = channel_html(channels.get(channel))
+            if self._shown.get(channel) != text:
+                self._shown[channel] = handle.content = text
+
+    def _add_pair(self, gui: viser.GuiApi, label: str, channels: tuple[str, ...]) -> None:
+        pair = gui.add_button_group(label, (JAM, UNJAM))
+
+        @pair.on_click
+        def _(_event: object) -> None:
+            if pair.value == JAM:
+                self._wish(Jam(self._ankle, channels, self._vacuum_kpa.value * _PA_PER_KPA))
+            else:
+                self._wish(Unjam(self._ankle, channels))

@@ -1,0 +1,131 @@
+"""Plots over time, and marks in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_view.core.tints import css
+from jammkle_view.core.trace import thinned
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import viser
+    from numpy.typing import NDArray
+
+    from jammkle_view.core.tints import Rgb
+
+BINS = 300
+"""A plot is some 400 pixels wide: with twice as many points nothing that could be seen is lost."""
+_MARK_SCALE = "mark"
+_MARK_HEIGHT = 1.0
+_MARK_FOOT = 0.01
+"""Lower end of the scale of marks: above 0, so that the line between two marks lies out of sight."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One signal."""
+
+    label: str
+    tint: Rgb
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Upright strokes at some times, with a name in the legend."""
+
+    label: str
+    tint: Rgb
+
+
+class Plot:
+    """Lines over a time axis that stands still, with marks."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        title: str,
+        lines: Sequence[Line],
+        time_range_s: tuple[float, float],
+        marks: Sequence[Mark] = (),
+        *,
+        height_px: int = 190,
+    ) -> None:
+        """Draw it empty.
+
+        Args:
+            gui: Where.
+            title: Quantity and unit.
+            lines: What is drawn, in order.
+            time_range_s: Ends of the time axis, s.
+            marks: What may be marked.
+            height_px: Its height on the page.
+
+        """
+        self._lines, self._marks = tuple(lines), tuple(marks)
+        empty = np.array(time_range_s)
+        series: list[dict[str, object]] = [{"label": "t [s]"}]
+        for line in lines:
+            dash = {"dash": (5.0, 4.0)} if line.dashed else {}
+            series.append(
+                {"label": line.label, "stroke": css(line.tint), "width": 1.5, **dash, "points": {"show": False}}
+            )
+        series += [
+            {
+                "label": mark.label,
+                "stroke": css(mark.tint),
+                "width": 1.5,
+                "scale": _MARK_SCALE,
+                "points": {"show": False},
+            }
+            for mark in marks
+        ]
+        scales: dict[str, dict[str, object]] = {"x": {"time": False, "range": time_range_s}}
+        if marks:
+            scales[_MARK_SCALE] = {"range": (_MARK_FOOT, _MARK_HEIGHT), "auto": False}
+        self._handle = gui.add_uplot(
+            tuple(np.full(2, np.nan) if place else empty for place in range(len(series))),
+            tuple(series),  # type: ignore[arg-type]  # viser's own table types are plain mappings
+            title=title,
+            scales=scales,  # type: ignore[arg-type]  # as above
+            legend={"show": True, "live": False},
+            height=height_px,
+            padding=(2, 12, 0, 0),
+        )
+
+    def show(
+        self,
+        time_s: NDArray[np.float64],
+        values: NDArray[np.float64],
+        marked_s: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        """Draw samples.
+
+        Args:
+            time_s: Shape (n,), on the plot's axis, s.
+            values: Shape (n, lines).
+            marked_s: Times by name of the mark, s.
+
+        """
+        time_s, values = thinned(time_s, values, BINS)
+        if not len(time_s):
+            time_s, values = np.zeros(1), np.full((1, len(self._lines)), np.nan)
+        marks = [_strokes(time_s, (marked_s or {}).get(mark.label, ())) for mark in self._marks]
+        self._handle.data = (time_s, *(np.ascontiguousarray(column) for column in values.T), *marks)
+
+    def remove(self) -> None:
+        """Take it off the page."""
+        self._handle.remove()
+
+
+def _strokes(time_s: NDArray[np.float64], marked_s: Sequence[float]) -> NDArray[np.float64]:
+    """Return a line along the bottom that goes up and down once at the sample nearest each time."""
+    line = np.zeros(len(time_s))
+    inside = [each for each in marked_s if time_s[0] <= each <= time_s[-1]]
+    line[np.minimum(np.searchsorted(time_s, inside), len(time_s) - 1)] = _MARK_HEIGHT
+    return line

@@ -1,0 +1,87 @@
+"""The server of the page: where it listens, how it looks."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import socket
+from typing import TYPE_CHECKING
+
+import viser
+
+from jammkle_graph.command.errors import InputError
+from jammkle_view.parameters import ANY_PORT, FIRST_PORT, LOCAL_HOST
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_PORTS_TRIED = 100
+_BRAND: tuple[int, int, int] = (25, 110, 235)
+
+
+def serve(host: str, port: int, title: str) -> viser.ViserServer:
+    """Start the server and return it; it runs in a thread of its own.
+
+    Args:
+        host: Address to listen on.
+        port: TCP port; ANY_PORT takes the first free one.
+        title: Above the controls.
+
+    Raises:
+        InputError: the address is not this machine's, or the port is taken.
+
+    """
+    taken = port if port != ANY_PORT else _first_free(host)
+    _check_free(host, taken)
+    with contextlib.redirect_stdout(io.StringIO()):  # it would draw a frame around its address
+        server = viser.ViserServer(host=host, port=taken, label=title, verbose=False)
+    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
+    return server
+
+
+def address_of(server: viser.ViserServer) -> str:
+    """Return what to type into a browser on this machine."""
+    host = server.get_host()
+    shown = "localhost" if host in ("0.0.0.0", "::", LOCAL_HOST) else host  # noqa: S104 - a comparison
+    return f"http://{shown}:{server.get_port()}"
+
+
+def is_watched(server: viser.ViserServer) -> bool:
+    """Return whether any browser has the page open."""
+    return bool(server.get_clients())
+
+
+def look_at(server: viser.ViserServer, centre_m: Sequence[float], reach_m: float = 0.27) -> None:
+    """Let cameras of browsers that open the page look at a robot from the front right.
+
+    Args:
+        server: Of the page.
+        centre_m: Middle of the robot, m; the camera aims above it, as the foot is heavy with bodies.
+        reach_m: How far around it is seen, m.
+
+    """
+    x, y, z = centre_m[0] - 0.07 * reach_m, centre_m[1], centre_m[2] + 0.33 * reach_m
+    camera = server.initial_camera
+    camera.look_at = (x, y, z)
+    camera.position = (x + 1.3 * reach_m, y - 1.5 * reach_m, z + 0.5 * reach_m)
+    camera.near = 0.005
+
+
+def _first_free(host: str) -> int:
+    for port in range(FIRST_PORT, FIRST_PORT + _PORTS_TRIED):
+        with contextlib.suppress(InputError):
+            _check_free(host, port)
+            return port
+    msg = f"ports {FIRST_PORT} to {FIRST_PORT + _PORTS_TRIED - 1} of {host} are all taken: name a free one"
+    raise InputError(msg)
+
+
+def _check_free(host: str, port: int) -> None:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))
+    except OSError as error:
+        msg = f"the page cannot listen on {host} port {port}: {error.strerror}; choose another port or address"
+        raise InputError(msg) from error

@@ -1,0 +1,115 @@
+"""What the page says, as HTML. Texts from the graph are escaped: anybody may publish there."""
+
+from __future__ import annotations
+
+import html
+import math
+from typing import TYPE_CHECKING
+
+from jammkle_view.core.samples import ChannelState
+from jammkle_view.core.tints import EVENT_TINTS, FULL_TENSION_N, STATE_TINTS, css
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from jammkle_view.core.samples import Channel, Event
+
+_PA_PER_KPA = 1000.0
+_BOX = "padding: 2px 12px; font-size: 12px; line-height: 1.5"
+
+
+def channel_html(known: Channel | None, channel: str = "") -> str:
+    """Return state and vacuum of a channel, with its name where one is given."""
+    state = ChannelState.UNKNOWN if known is None else known.state
+    vacuum, reason = "", ""
+    if known is not None:
+        measured = "-" if math.isnan(known.measured_vacuum_pa) else f"{known.measured_vacuum_pa / _PA_PER_KPA:.1f}"
+        told = math.isfinite(known.commanded_vacuum_pa)
+        vacuum = f"{measured}{f' of {known.commanded_vacuum_pa / _PA_PER_KPA:.0f}' if told else ''} kPa"
+        reason = html.escape(known.reason)
+    pill = (
+        f'<span style="background: {css(STATE_TINTS[state])}; color: white; border-radius: 9px; padding: 1px 8px; '
+        f'font-weight: 600; font-size: 11px">{state.name}</span>'
+    )
+    name = f"<b>{html.escape(channel.replace('_', ' '))}</b>"
+    return (
+        f'<div style="{_BOX}; display: flex" title="{reason}"><div style="width: 105px">{name}</div>'
+        f'<div style="flex: 1">{pill}</div><div>{vacuum}</div></div>'
+    )
+
+
+def status_html(parts: Iterable[tuple[str, str]]) -> str:
+    """Return figures in a row, each with its name above it."""
+    cells = "".join(
+        f'<div style="flex: 1"><div style="opacity: 0.6; font-size: 10.5px">{html.escape(name)}</div>'
+        f'<div style="font-size: 15px; font-weight: 600">{html.escape(value)}</div></div>'
+        for name, value in parts
+    )
+    return f'<div style="{_BOX}; display: flex; gap: 8px">{cells}</div>'
+
+
+def number(value: float, form: str, unit: str = "") -> str:
+    """Return a number as text; a dash where there is none."""
+    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
+
+
+def events_html(events: Sequence[Event], most: int = 6) -> str:
+    """Return the latest events, the newest first."""
+    if not events:
+        return f'<div style="{_BOX}; opacity: 0.6">nothing felt yet</div>'
+    rows = "".join(
+        f'<tr><td style="padding-right: 8px">{event.time_s:.3f} s</td>'
+        f'<td style="color: {css(EVENT_TINTS[event.kind])}; font-weight: 600; padding-right: 8px">'
+        f"{event.kind.name}</td>"
+        f"<td>{event.magnitude:.1f} {html.escape(event.unit)}</td>"
+        f'<td style="padding-left: 8px; opacity: 0.7">felt after {1e3 * event.detection_delay_s:.1f} ms</td></tr>'
+        for event in sorted(events, key=lambda each: -each.time_s)[:most]
+    )
+    return f'<div style="{_BOX}"><table style="border-collapse: collapse; font-size: 12px">{rows}</table></div>'
+
+
+def legend_html() -> str:
+    """Return what the colours of the tendons mean."""
+    pills = " ".join(
+        f'<span style="white-space: nowrap"><span style="display: inline-block; width: 10px; height: 10px; '
+        f'border-radius: 5px; background: {css(tint)}"></span> {state.name.lower()}</span>'
+        for state, tint in STATE_TINTS.items()
+    )
+    return (
+        f'<div style="{_BOX}; font-size: 11px">{pills}<br>pale: slack; full colour: pulls {FULL_TENSION_N:g} N '
+        "or more; dark: broken</div>"
+    )
+
+
+def answer_html(text: str, *, good: bool) -> str:
+    """Return what a node has answered to a wish."""
+    tint = "inherit" if good else "rgb(215, 40, 40)"
+    return f'<div style="{_BOX}; color: {tint}; min-height: 18px">{html.escape(text)}</div>'
+
+
+def table_html(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table; the first column is left-aligned, numbers are not."""
+    cells = "".join(
+        f'<th style="text-align: {"left" if place == 0 else "right"}; padding: 0 6px">{html.escape(text)}</th>'
+        for place, text in enumerate(head)
+    )
+    body = "".join(
+        "<tr>"
+        + "".join(
+            f'<td style="text-align: {"left" if place == 0 else "right"}; padding: 0 6px">{html.escape(text)}</td>'
+            for place, text in enumerate(row)
+        )
+        + "</tr>"
+        for row in rows
+    )
+    style = "font-size: 11.5px; width: 100%; white-space: nowrap"
+    return f'<div style="{_BOX}"><table style="{style}"><tr>{cells}</tr>{body}</table></div>'
+
+
+_SCALES = {"Pa": (1e-3, "kPa"), "m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}
+
+
+def scaled(value: float, unit: str) -> str:
+    """Return an SI value in the unit that people read: kPa, mm, degrees."""
+    factor, shown = _SCALES.get(unit, (1.0, unit))
+    return f"{factor * value:.3g} {shown}"

@@ -1,0 +1,31 @@
+"""Parameters of the viewer: one table that is declared, bounded, validated and documented from here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jammkle_graph.parameters import parameter
+
+LOCAL_HOST = "127.0.0.1"
+"""Only this machine sees the page, unless somebody says otherwise: who sees it can jam."""
+FIRST_PORT = 8080
+ANY_PORT = 0
+"""Stands for the first free port from FIRST_PORT on."""
+
+
+@dataclass(frozen=True)
+class ViewerParameters:
+    """What can be set on the viewer."""
+
+    host: str = parameter(
+        LOCAL_HOST,
+        "Address that the page listens on; 0.0.0.0 lets every machine of the network see it, and jam",
+    )
+    port: int = parameter(
+        ANY_PORT, f"TCP port of the page; 0 takes the first free one from {FIRST_PORT} on", "", 0, 65535
+    )
+    ankles: str = parameter(
+        "",
+        "Namespaces of the ankles on the page, relative to the viewer's own, parted by commas; empty: its own alone",
+    )
+    frame_rate_hz: float = parameter(30.0, "How often the scene moves", "Hz", 1.0, 60.0)

@@ -1,0 +1,1 @@
+"""A recording played back, with its simulation laid over it."""

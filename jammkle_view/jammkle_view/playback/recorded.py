@@ -1,0 +1,194 @@
+"""A bag of one ankle as the page plays it back: everything by time, counted from the first stamp."""
+
+from __future__ import annotations
+
+import bisect
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_graph.bags.namespaces import namespaces_in
+from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.command.errors import InputError
+from jammkle_view.conversions import TAKERS
+from jammkle_view.core.samples import Description, Event, Imu, JamReport, Joints, Pressure, Tendons
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from jammkle_view.core.samples import Sample
+
+_SHORTEST_S = 1e-3
+"""Duration of a bag that holds one sample."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Signals over time."""
+
+    time_s: NDArray[np.float64]
+    """Rising, shape (n,), s."""
+    columns: Mapping[str, NDArray[np.float64]]
+    """By name, each of shape (n,)."""
+
+    def at(self, time_s: float) -> dict[str, float]:
+        """Return every signal at a time, between samples on a straight line; nothing of an empty track."""
+        if not len(self.time_s):
+            return {}
+        return {name: float(np.interp(time_s, self.time_s, values)) for name, values in self.columns.items()}
+
+    def covers(self, time_s: float) -> bool:
+        """Return whether a time lies between the first and the last sample."""
+        return bool(len(self.time_s)) and bool(self.time_s[0] <= time_s <= self.time_s[-1])
+
+
+NOTHING = Track(np.zeros(0), {})
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a bag holds of one ankle. Times count from `start_s`."""
+
+    name: str
+    namespace: str
+    start_s: float
+    """First stamp of a measurement, s."""
+    duration_s: float
+    joints: Track
+    tensions_n: Track
+    pressures_pa: Mapping[str, Track]
+    """By topic; each track has one column of the same name."""
+    forces_m_s2: Track
+    """Columns x, y, z."""
+    broken: Mapping[str, float]
+    """When a tendon was first seen broken, s, by name."""
+    reports: Sequence[JamReport]
+    events: Sequence[Event]
+    description: str
+
+    def report_at(self, time_s: float) -> JamReport | None:
+        """Return what the driver said last before a time, s."""
+        place = bisect.bisect_right(self.reports, time_s, key=lambda each: each.time_s)
+        return self.reports[place - 1] if place else None
+
+
+def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[float], None]) -> Recorded:
+    """Read a bag.
+
+    Args:
+        path: The bag.
+        namespace: Of the ankle; None takes the only one that is there.
+        on_progress: Told the share that was read, 0 to 1.
+
+    Raises:
+        InputError: no bag, no ankle in it, several ankles and no namespace, or nothing that was measured.
+
+    """
+    heard = _Heard()
+    with opened(path) as reader:
+        chosen = _chosen(path, namespaces_in(reader.topics), namespace)
+        takers = {f"{chosen.rstrip('/')}/{name}": take for name, take in TAKERS.items()}
+        wanted = [each for each in reader.connections if each.topic in takers]
+        total = max(sum(each.msgcount for each in wanted), 1)
+        for count, (connection, _, data) in enumerate(messages(reader, path, wanted) if wanted else ()):
+            heard.take(takers[connection.topic](reader.deserialize(data, connection.msgtype)))
+            if count % 1000 == 0:
+                on_progress(count / total)
+    return heard.recorded(path.name, chosen)
+
+
+def _chosen(path: Path, found: Sequence[str], namespace: str | None) -> str:
+    if not found:
+        msg = f"bag {path} holds no topic of an ankle; record the topics that `jammkle record` takes"
+        raise InputError(msg)
+    if namespace is None and len(found) == 1:
+        return found[0]
+    if namespace not in found:
+        msg = f"bag {path} holds the namespaces {', '.join(found)}; choose one with --namespace"
+        raise InputError(msg)
+    return str(namespace)
+
+
+class _Heard:
+    """Collects samples."""
+
+    def __init__(self) -> None:
+        self._joints: list[tuple[float, Mapping[str, float]]] = []
+        self._tensions_n: list[tuple[float, Mapping[str, float]]] = []
+        self._forces_m_s2: list[tuple[float, Mapping[str, float]]] = []
+        self._pressures_pa: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
+        self._broken: dict[str, float] = {}
+        self._reports: list[JamReport] = []
+        self._events: list[Event] = []
+        self._description = ""
+
+    def take(self, sample: Sample) -> None:
+        match sample:
+            case Joints():
+                self._joints.append((sample.time_s, sample.positions))
+            case Tendons():
+                self._tensions_n.append((sample.time_s, sample.tensions_n))
+                for tendon in sample.broken:
+                    self._broken.setdefault(tendon, sample.time_s)
+            case Pressure():
+                row = {sample.topic: sample.pressure_pa}
+                self._pressures_pa.setdefault(sample.topic, []).append((sample.time_s, row))
+            case Imu():
+                row = dict(zip("xyz", sample.specific_force_m_s2, strict=True))
+                self._forces_m_s2.append((sample.time_s, row))
+            case JamReport():
+                self._reports.append(sample)
+            case Event():
+                self._events.append(sample)
+            case Description():
+                self._description = sample.text
+
+    def recorded(self, name: str, namespace: str) -> Recorded:
+        """Put all of it in order.
+
+        Raises:
+            InputError: nothing was measured.
+
+        """
+        measured = (self._joints, self._tensions_n, self._forces_m_s2, *self._pressures_pa.values())
+        times_s = [time_s for rows in measured for time_s, _ in rows]
+        if not times_s:
+            msg = f"bag {name} holds nothing that was measured in namespace {namespace}"
+            raise InputError(msg)
+        start_s = min(times_s)
+        return Recorded(
+            name=name,
+            namespace=namespace,
+            start_s=start_s,
+            duration_s=max(max(times_s) - start_s, _SHORTEST_S),
+            joints=_track(self._joints, start_s),
+            tensions_n=_track(self._tensions_n, start_s),
+            pressures_pa={topic: _track(rows, start_s) for topic, rows in self._pressures_pa.items()},
+            forces_m_s2=_track(self._forces_m_s2, start_s),
+            broken={tendon: time_s - start_s for tendon, time_s in self._broken.items()},
+            reports=sorted(
+                (dataclasses.replace(each, time_s=each.time_s - start_s) for each in self._reports), key=_time_s
+            ),
+            events=sorted(
+                (dataclasses.replace(each, time_s=each.time_s - start_s) for each in self._events), key=_time_s
+            ),
+            description=self._description,
+        )
+
+
+def _time_s(sample: JamReport | Event) -> float:
+    return sample.time_s
+
+
+def _track(rows: Sequence[tuple[float, Mapping[str, float]]], start_s: float) -> Track:
+    """Return samples in rising time since a start; a signal that a row does not have is not a number there."""
+    if not rows:
+        return NOTHING
+    names = dict.fromkeys(name for _, row in rows for name in row)
+    time_s, order = np.unique(np.array([time_s for time_s, _ in rows]) - start_s, return_index=True)
+    return Track(time_s, {name: np.array([row.get(name, np.nan) for _, row in rows])[order] for name in names})

@@ -1,0 +1,89 @@
+"""`make pictures`: the pictures of the page in docs/images, taken in Chromium without a display."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PIL import Image
+
+from browser import NO_CHROMIUM, Browser, chromium, wait_until
+from graph import Up
+from jammkle_graph.testing import own_domain
+from readme_tables import DOCS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PATIENT = """
+/**/driver: {ros__parameters: {pressure_timeout_s: 10.0}}
+/**/sim: {ros__parameters: {speed: 0.5}}
+/**/viewer: {ros__parameters: {frame_rate_hz: 8.0}}
+"""
+"""A machine that draws without a graphics card is too busy to simulate in real time."""
+WEAKENED = "fibre_loss_achilles_left: {lost: 0.8}\n"
+"""What is wrong with the ankle whose recording is shown, so that there is a gap to be seen."""
+SLOW_S = 3.0
+"""Until what was changed is drawn; nothing of the page tells."""
+COLOURS = 256
+
+
+def take(name: str, arguments: tuple[str, ...], prepare: Callable[[Browser], None], folder: Path) -> None:
+    """Open the page of a command, make it ready, and keep what it shows."""
+    with own_domain() as domain_id:
+        shown = Up(domain_id, folder, *arguments)
+        try:
+            pages = wait_until(lambda: re.findall(r"page: (http://\S+?);?\s", shown.text()), "a page", shown.text)
+            with Browser(folder / name, (1400, 860)) as browser:
+                browser.open(pages[0])
+                browser.wait_for_text("time")
+                time.sleep(SLOW_S)
+                browser.value(  # says that there is no graphics card
+                    "document.querySelectorAll('[class*=Notification] button').forEach(each => each.click())"
+                )
+                prepare(browser)
+                time.sleep(SLOW_S)
+                picture = Image.open(io.BytesIO(browser.picture())).convert("RGB").quantize(COLOURS)
+                picture.save(DOCS / "images" / f"{name}.png", optimize=True)
+        finally:
+            shown.stop()
+
+
+def after_a_landing(browser: Browser) -> None:
+    """Let the ankle fall once more while somebody looks."""
+    browser.wait_for_text("SETTLED")
+    felt = browser.text().count("SETTLED")
+    browser.click("Reset")
+    wait_until(lambda: browser.text().count("SETTLED") > felt, "it has landed again", browser.text)
+
+
+def at_the_shock(browser: Browser) -> None:
+    """Stand where recording and simulation are apart."""
+    browser.type_into("time [s]", "1.155")
+
+
+def main() -> int:
+    """Take both pictures."""
+    if chromium() is None:
+        sys.stderr.write(f"{NO_CHROMIUM}\n")
+        return 1
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        (folder / "patient.yaml").write_text(PATIENT)
+        (folder / "weakened.yaml").write_text(WEAKENED)
+        with own_domain() as domain_id:
+            rig = ("rig", "landing", "--effects", "weakened.yaml", "-o", "landing")
+            if Up(domain_id, folder, *rig).wait() != 0:
+                return 1
+        take("view", ("up", "--view", "--params", "patient.yaml"), after_a_landing, folder)
+        take("view_bag", ("view", "landing"), at_the_shock, folder)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
