@@ -13,7 +13,6 @@ html_title = f"Jammkle {version}"
 extensions = ["myst_parser"]
 exclude_patterns = ["_build", "examples"]
 nitpicky = True
-suppress_warnings = ["toc.not_included"]  # pages are written beside this one, and find their place here when they land
 
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
