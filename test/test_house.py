@@ -93,7 +93,13 @@ ALLOWED = {
     },
     "jammkle_gap.trial": {"jammkle_gap", "jammkle_reality", "jammkle_sim", "jammkle_graph"},
     "jammkle_view": {"jammkle_view", "jammkle_gap", "jammkle_sim", "jammkle_graph", "jammkle_msgs"},
-    "jammkle_view.core": {"jammkle_view.core", "jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_graph"},
+    "jammkle_view.core": {
+        "jammkle_view.core",
+        "jammkle_sim.rigs",
+        "jammkle_sim.robots",
+        "jammkle_sim.physics",
+        "jammkle_graph",
+    },
     "jammkle_view.page": {"jammkle_view.page", "jammkle_view.core", "jammkle_view.parameters", "jammkle_graph"},
     "jammkle_bringup": {
         "jammkle_bringup",

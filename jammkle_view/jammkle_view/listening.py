@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jammkle_view.core.ankle import Ankle
 
 _SELDOM = (names.JAM_STATE, names.CONTACT_EVENTS, names.SIM_PARAMETERS)
+_OF_THE_WHOLE = names.SIM_PARAMETERS
 _NEWEST = (names.JOINT_STATES, names.TENDON_STATES, *names.PRESSURES.values(), names.MANIFOLD_PRESSURE)
 _IMU_DEPTH = 100
 """A tenth of a second at 1 kHz: three frames, of which every sample is plotted, as an impact lasts a few alone."""
@@ -48,6 +49,14 @@ class AnkleEars:
                 f"{prefix}{topic.name}",
                 lambda message, take=take: ankle.take(take(message)),
                 subscriber_qos(topic),
+            )
+        if namespace:  # one simulation of several ankles speaks above them
+            take = TAKERS[_OF_THE_WHOLE.name]
+            node.create_subscription(
+                _kind(_OF_THE_WHOLE),
+                _OF_THE_WHOLE.name,
+                lambda message: ankle.take(take(message)),
+                subscriber_qos(_OF_THE_WHOLE),
             )
         self._newest = [(topic.name, _watch(watcher, prefix, topic, 1)) for topic in _NEWEST]
         self._imu = _watch(watcher, prefix, names.IMU, _IMU_DEPTH)

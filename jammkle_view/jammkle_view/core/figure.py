@@ -41,6 +41,9 @@ _RAIL_BEHIND_M, _RAIL_SIDE_M = 0.11, 0.045
 _RAIL_DOWN_M, _RAIL_UP_M = 0.16, 0.14
 """How far the rails reach from where the carriage starts, m."""
 _GROUND_HALF_M = (0.18, 0.12, 0.006)
+_FLOOR_HALF_M = (0.55, 0.4)
+"""Of the ground that a robot without a rig stands on."""
+_GROUND_KINDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 _FOOT_SPHERES = 3
 """A body with so many balls or more is a sole with rounded corners."""
 
@@ -89,10 +92,11 @@ def _body_name(model: Any, body: int) -> str:
 
 def _grounds(model: Any) -> Iterator[Solid]:
     """Give the planes, as far as a robot reaches."""
-    free = any(int(kind) == int(mujoco.mjtJoint.mjJNT_FREE) for kind in model.jnt_type)
-    half_m = np.array(_GROUND_HALF_M) * (8.0 if free else 1.0, 8.0 if free else 1.0, 1.0)
+    half_m = np.array(_GROUND_HALF_M)
+    if not any(model.joint(index).name == CARRIAGE_JOINT for index in range(model.njnt)):
+        half_m[:2] = _FLOOR_HALF_M
     for index in range(model.ngeom):
-        if int(model.geom_type[index]) == int(mujoco.mjtGeom.mjGEOM_PLANE):
+        if int(model.geom_type[index]) in _GROUND_KINDS:
             slab = creation.box(extents=2.0 * half_m)
             slab.apply_translation((0.0, 0.0, -half_m[2]))
             yield _placed(model, index, slab, _GROUND)
@@ -186,7 +190,7 @@ def _ankles(model: Any) -> Iterator[Solid]:
         yield _solid(f"pedestal_{foot}", name, pedestal, _PRINTED)
         height_m = float(ends_m[above][:, 2].mean() - centre_m[2])
         yield _solid(f"rod_{foot}", _body_name(model, above), _upright(_ROD_M, centre_m, 0.0, height_m), _METAL)
-        if not any(int(body) == above for body in model.geom_bodyid):
+        if not {above, int(model.body_parentid[above])} & {int(body) for body in model.geom_bodyid if body}:
             tube = _upright(_TUBE_M, centre_m, height_m, height_m + _SHANK_M)
             yield _solid(f"shank_{foot}", _body_name(model, above), tube, _PRINTED)
 

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_GROUNDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+_BALL = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+_FOOT_BALLS = 4
+"""Rounded corners of a sole."""
 _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 
 
@@ -49,6 +53,14 @@ class Kinematics:
             for index in range(model.njnt)
             if int(model.jnt_type[index]) in simple
         }
+        kinds = [int(kind) for kind in model.geom_type]
+        self._ground = next((index for index, kind in enumerate(kinds) if kind in _GROUNDS), None)
+        balls = [int(model.geom_bodyid[index]) for index, kind in enumerate(kinds) if kind == _BALL]
+        self._corners = [
+            index
+            for index, kind in enumerate(kinds)
+            if kind == _BALL and balls.count(int(model.geom_bodyid[index])) >= _FOOT_BALLS
+        ]
         self.bodies: tuple[str, ...] = tuple(model.body(index).name for index in range(1, model.nbody))
         """Names, in the order of `positions_m` and `rotations`; the world is not among them."""
         sites = tendon_sites(model)
@@ -66,6 +78,18 @@ class Kinematics:
             if address is not None:
                 self._data.qpos[address] = value
         mujoco.mj_kinematics(self._model, self._data)
+
+    @property
+    def clearance_m(self) -> float:
+        """How far the lowest foot is above the ground, straight up, m; 0 where there is no ground or no foot.
+
+        Bumps of rough ground are left out.
+        """
+        if self._ground is None or not self._corners:
+            return 0.0
+        normal = self._data.geom_xmat[self._ground].reshape(3, 3)[:, 2]
+        above_m = (self._data.geom_xpos[self._corners] - self._data.geom_xpos[self._ground]) @ normal
+        return float((above_m - self._model.geom_size[self._corners, 0]).min() / normal[2])
 
     @property
     def positions_m(self) -> NDArray[np.float64]:

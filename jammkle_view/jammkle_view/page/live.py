@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_graph import names
 from jammkle_view.core import ankle as known
 from jammkle_view.core.models import setting_of
 from jammkle_view.core.samples import EventKind
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
     import viser
 
     from jammkle_view.core.ankle import Ankle
-    from jammkle_view.core.models import Setting
+    from jammkle_view.core.models import Naming, Setting
+    from jammkle_view.core.tints import Rgb
     from jammkle_view.core.trace import Trace
     from jammkle_view.core.wishes import Wish
 
@@ -30,10 +33,21 @@ _PLOT_PERIOD_S = 0.15
 _TEXT_PERIOD_S = 0.25
 _LANDING = "landing"
 """Rig of the sim node, whose slope and drop height may be changed."""
+_APART_M = 0.6
+"""Between ankles that stand in rigs of their own, m."""
 _LABEL_S = 1.5
 """Time for which an event is written beside the robot."""
 _PER_KILO = 1e-3
 _PANEL_WIDTH_PX, _PLOTS_WIDTH_PX = 330.0, 430.0
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A robot in the scene."""
+
+    scene: RobotScene
+    ankles: Mapping[str, Naming]
+    """Those that move it, by name on the page."""
 
 
 class LivePage:
@@ -70,7 +84,7 @@ class LivePage:
                 self._chosen = gui.add_dropdown("ankle", self._ankles)
             self._plots = _LivePlots(gui)
         self._label = server.scene.add_label("/event", "", visible=False)
-        self._scenes: dict[str, RobotScene] = {}
+        self._drawn: list[_Drawn] = []
         self._descriptions: dict[str, str] = {}
         self._next_plot_s = self._next_text_s = 0.0
 
@@ -93,8 +107,7 @@ class LivePage:
 
         """
         with self._server.atomic():
-            for name, ankle in ankles.items():
-                self._show_robot(name, ankle)
+            self._show_robots(ankles)
             if now_s >= self._next_plot_s:
                 self._next_plot_s = now_s + _PLOT_PERIOD_S
                 self._plots.show(ankles[self.chosen])
@@ -111,29 +124,44 @@ class LivePage:
             with tabs.add_tab(name):
                 self._controls[name] = AnkleControls(gui, name, self._wish)
 
-    def _show_robot(self, name: str, ankle: Ankle) -> None:
-        if name not in self._scenes or self._descriptions[name] != ankle.description:
-            self._build(name, ankle)
-        scene = self._scenes[name]
-        tints = {
-            tendon: tendon_tint(
-                ankle.state_of(tendon), ankle.tensions_n.get(tendon, 0.0), broken=tendon in ankle.broken
-            )
-            for tendon in scene.tendons
-        }
-        scene.show(ankle.joints, tints, {tendon: ankle.vacuum_share(tendon) for tendon in scene.tendons})
+    def _show_robots(self, ankles: Mapping[str, Ankle]) -> None:
+        descriptions = {name: ankle.description for name, ankle in ankles.items()}
+        if descriptions != self._descriptions:
+            self._descriptions = descriptions
+            self._build(descriptions)
+        for drawn in self._drawn:
+            positions: dict[str, float] = {}
+            tints: dict[str, Rgb] = {}
+            shares: dict[str, float] = {}
+            for name, naming in drawn.ankles.items():
+                ankle = ankles[name]
+                positions |= {naming.joint(told): value for told, value in ankle.joints.items()}
+                for told in names.TENDONS:
+                    tension_n, broken = ankle.tensions_n.get(told, 0.0), told in ankle.broken
+                    tints[naming.tendon(told)] = tendon_tint(ankle.state_of(told), tension_n, broken=broken)
+                    shares[naming.tendon(told)] = ankle.vacuum_share(told)
+            drawn.scene.show(positions, tints, shares)
 
-    def _build(self, name: str, ankle: Ankle) -> None:
-        """Draw a robot anew, as its simulation now says it is something else."""
-        if name in self._scenes:
-            self._scenes[name].remove()
-        setting = setting_of(ankle.description)
-        self._descriptions[name] = ankle.description
-        self._scenes[name] = RobotScene(self._server, f"/{name or 'ankle'}", setting.model)
-        if len(self._scenes) == 1:
-            look_at(self._server, self._scenes[name].centre_m)
-        if ankle.description:
-            self._sim.offer(name, knobs_of(setting))
+    def _build(self, descriptions: Mapping[str, str]) -> None:
+        """Draw all robots anew, as a simulation now says that it is something else."""
+        for drawn in self._drawn:
+            drawn.scene.remove()
+        self._drawn = []
+        whole = setting_of(next(iter(descriptions.values())))
+        if len(whole.ankles) > 1 and set(descriptions) <= set(whole.ankles):
+            groups = [(whole, {name: whole.ankles[name] for name in descriptions})]
+        else:
+            settings = {name: setting_of(text) for name, text in descriptions.items()}
+            groups = [(each, {name: next(iter(each.ankles.values()))}) for name, each in settings.items()]
+        for place, (setting, members) in enumerate(groups):
+            root = f"/{next(iter(members)) or 'ankle'}" if len(members) == 1 else f"/{setting.rig}"
+            scene = RobotScene(self._server, root, setting.model, floats=setting.floats)
+            scene.put((0.0, -_APART_M * place, 0.0))
+            self._drawn.append(_Drawn(scene, members))
+        look_at(self._server, self._drawn[0].scene.centre_m, self._drawn[0].scene.reach_m)
+        if any(descriptions.values()):
+            single = len(groups) > 1 or len(self._ankles) == 1
+            self._sim.offer(self._ankles[0] if single else "", knobs_of(whole))
 
     def _show_texts(self, ankles: Mapping[str, Ankle], factor: float) -> None:
         for name, ankle in ankles.items():
@@ -155,7 +183,8 @@ class LivePage:
         latest = ankle.events[-1] if ankle.events else None
         fresh = latest is not None and 0.0 <= ankle.time_s - latest.time_s <= _LABEL_S
         if latest is not None and fresh:
-            x, y, z = self._scenes[self.chosen].centre_m
+            drawn = next(each for each in self._drawn if self.chosen in each.ankles)
+            x, y, z = drawn.scene.centre_m
             self._label.text = f"{latest.kind.name} {latest.magnitude:.1f} {latest.unit}"
             self._label.position = (x + 0.09, y, z)
         self._label.visible = fresh
@@ -204,9 +233,9 @@ class _LivePlots:
         plot.show(time_s - now_s, scale * values, marked_s)
 
 
-def lines_of(names: Sequence[str]) -> tuple[Line, ...]:
-    """Return lines of these names in their colours."""
-    return tuple(Line(name.replace("_", " "), LINE_TINTS[name]) for name in names)
+def lines_of(labels: Sequence[str]) -> tuple[Line, ...]:
+    """Return lines of these labels in their colours."""
+    return tuple(Line(name.replace("_", " "), LINE_TINTS[name]) for name in labels)
 
 
 def event_marks() -> tuple[Mark, ...]:

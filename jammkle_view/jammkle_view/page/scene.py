@@ -26,13 +26,16 @@ _GHOST_OPACITY = 0.3
 class RobotScene:
     """One model, drawn and moved. A ghost is drawn in one see-through colour."""
 
-    def __init__(self, server: viser.ViserServer, root: str, model: Any, ghost: Rgb | None = None) -> None:
+    def __init__(
+        self, server: viser.ViserServer, root: str, model: Any, ghost: Rgb | None = None, *, floats: bool = False
+    ) -> None:
         """Draw it at its start.
 
         Args:
             server: Of the page.
             root: Name in the scene that everything hangs below.
             model: The mujoco.MjModel.
+            floats: Whether nobody tells where it is: it is then put onto the ground.
             ghost: Its one colour, if it is to be seen through; the world around it is then left out.
 
         """
@@ -74,6 +77,7 @@ class RobotScene:
                 lod="off",
             )
         self._ghost = ghost
+        self._floats = floats
         self.show({}, {}, {})
 
     @property
@@ -86,6 +90,15 @@ class RobotScene:
         """Middle of the bodies, m."""
         found: list[float] = self._kinematics.positions_m.mean(axis=0).tolist()
         return found
+
+    @property
+    def reach_m(self) -> float:
+        """How far its bodies are apart, m."""
+        return float(np.ptp(self._kinematics.positions_m, axis=0).max(initial=0.0))
+
+    def put(self, place_m: tuple[float, float, float]) -> None:
+        """Draw all of it elsewhere, m."""
+        self._root.position = place_m
 
     def remove(self) -> None:
         """Take it out of the scene."""
@@ -107,13 +120,14 @@ class RobotScene:
 
         """
         self._kinematics.move(positions)
-        positions_m, rotations = self._kinematics.positions_m, self._kinematics.rotations
+        sunk_m = np.array((0.0, 0.0, -self._kinematics.clearance_m if self._floats else 0.0))
+        positions_m, rotations = self._kinematics.positions_m + sunk_m, self._kinematics.rotations
         for name, frame in self._bodies.items():
             place = self._places[name]
             frame.position, frame.wxyz = positions_m[place], rotations[place]
         if self._tendons is None:
             return
-        begins_m, ends_m = self._kinematics.segment_ends_m
+        begins_m, ends_m = (each + sunk_m for each in self._kinematics.segment_ends_m)
         turns, lengths_m = along(begins_m, ends_m)
         radius_m = np.array([TENDON_RADIUS_M * (1.0 - SHRUNK * vacuum_shares.get(name, 0.0)) for name in self.tendons])
         self._tendons.batched_positions = begins_m.astype(np.float32)

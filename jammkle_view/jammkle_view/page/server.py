@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _PORTS_TRIED = 100
+_NEAREST_M = 0.27
+"""How much around a robot is seen at least, m: an ankle, its shank and its slope."""
 _BRAND: tuple[int, int, int] = (25, 110, 235)
 
 
@@ -51,15 +53,16 @@ def is_watched(server: viser.ViserServer) -> bool:
     return bool(server.get_clients())
 
 
-def look_at(server: viser.ViserServer, centre_m: Sequence[float], reach_m: float = 0.27) -> None:
+def look_at(server: viser.ViserServer, centre_m: Sequence[float], size_m: float = 0.0) -> None:
     """Let cameras of browsers that open the page look at a robot from the front right.
 
     Args:
         server: Of the page.
         centre_m: Middle of the robot, m; the camera aims above it, as the foot is heavy with bodies.
-        reach_m: How far around it is seen, m.
+        size_m: How far it reaches, m; of an ankle alone much more is seen than its bodies.
 
     """
+    reach_m = max(_NEAREST_M, 1.15 * size_m)
     x, y, z = centre_m[0] - 0.07 * reach_m, centre_m[1], centre_m[2] + 0.33 * reach_m
     camera = server.initial_camera
     camera.look_at = (x, y, z)

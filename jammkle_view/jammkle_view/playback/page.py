@@ -49,14 +49,16 @@ class PlaybackPage:
 
         """
         self._server, self._recorded, self._overlay, self._player = server, recorded, overlay, player
-        model = setting_of(recorded.description).model
+        setting = setting_of(recorded.description)
+        model = setting.model
         if overlay is not None and not recorded.description:
             model = overlay.runs[0].model
-        self._robot = RobotScene(server, "/recorded", model)
+        self._naming = setting.ankles.get(recorded.namespace.strip("/"), next(iter(setting.ankles.values())))
+        self._robot = RobotScene(server, "/recorded", model, floats=setting.floats)
         self._ghost = None
         if overlay is not None:
             self._ghost = RobotScene(server, "/simulated", overlay.runs[0].model, GHOST_TINT)
-        look_at(server, self._robot.centre_m)
+        look_at(server, self._robot.centre_m, self._robot.reach_m)
         gui = server.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_PANEL_WIDTH_PX)
@@ -157,13 +159,14 @@ class PlaybackPage:
         tensions_n = self._recorded.tensions_n.at(time_s)
         tints: dict[str, Rgb] = {}
         shares: dict[str, float] = {}
-        for tendon in self._robot.tendons:
-            channel = _CHANNEL_OF.get(tendon, "")
-            shares[tendon] = self._vacuum_share(channel, time_s)
-            state = self._state(report, channel, shares[tendon])
-            broken = self._recorded.broken.get(tendon, math.inf) <= time_s
-            tints[tendon] = tendon_tint(state, tensions_n.get(tendon, 0.0), broken=broken)
-        self._robot.show(self._recorded.joints.at(time_s), tints, shares)
+        for told, channel in _CHANNEL_OF.items():
+            tendon, share = self._naming.tendon(told), self._vacuum_share(channel, time_s)
+            state = self._state(report, channel, share)
+            broken = self._recorded.broken.get(told, math.inf) <= time_s
+            tints[tendon] = tendon_tint(state, tensions_n.get(told, 0.0), broken=broken)
+            shares[tendon] = share
+        joints = self._recorded.joints.at(time_s)
+        self._robot.show({self._naming.joint(told): value for told, value in joints.items()}, tints, shares)
 
     def _vacuum_share(self, channel: str, time_s: float) -> float:
         topic = names.PRESSURES[channel].name if channel in names.PRESSURES else ""

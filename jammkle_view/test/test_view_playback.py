@@ -1,0 +1,90 @@
+"""A recording played back: what is read, what is simulated beside it, and what is refused."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jammkle_view.playback.overlay import overlay_of
+from jammkle_view.playback.player import Player
+from jammkle_view.playback.recorded import Recorded, read_recorded
+
+JAMMKLE = Path(sys.executable).with_name("jammkle")
+LOST = "fibre_loss_achilles_left: {lost: 0.8}\n"
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A landing of an ankle that has lost fibres."""
+    folder = tmp_path_factory.mktemp("view")
+    (folder / "lost.yaml").write_text(LOST)
+    rig = [JAMMKLE, "rig", "landing", "--effects", "lost.yaml", "-o", "landing"]
+    subprocess.run(rig, check=True, capture_output=True, cwd=folder)
+    return folder / "landing"
+
+
+@pytest.fixture(scope="module")
+def recorded(bag: Path) -> Recorded:
+    return read_recorded(bag, None, lambda _: None)
+
+
+def refused(*arguments: str) -> str:
+    """What `jammkle view` says as it refuses something, in one line."""
+    done = subprocess.run([JAMMKLE, "view", *arguments], capture_output=True, text=True, check=False, timeout=100)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
+def test_times_count_from_the_first_stamp(recorded: Recorded) -> None:
+    """It is held for a second, falls, and lies."""
+    assert recorded.duration_s == pytest.approx(3.1, abs=0.1)
+    start_m, end_m = (recorded.joints.at(time_s)["carriage"] for time_s in (0.0, recorded.duration_s))
+    assert recorded.joints.at(0.9)["carriage"] == pytest.approx(start_m, abs=1e-3)
+    assert start_m - end_m > 0.04
+
+
+def test_the_simulation_lies_over_the_recording(bag: Path, recorded: Recorded) -> None:
+    """It begins when the recording does; corrected by what was wrong, it is what was recorded, but for noise."""
+    nominal = overlay_of(bag, recorded, None, None)
+    (run,) = nominal.runs
+    assert nominal.run_at(1.5) is run
+    assert run.joints.at(0.9)["carriage"] == pytest.approx(recorded.joints.at(0.9)["carriage"], abs=1e-3)
+    corrected = overlay_of(bag, recorded, None, bag.parent / "lost.yaml")
+    pitch = "ankle_pitch/position"
+    before, after = ({gap.signal: gap.rms for gap in each.gaps} for each in (nominal, corrected))
+    assert before[pitch] > 0.05
+    assert after[pitch] < before[pitch] / 20.0
+
+
+def test_a_playback_goes_round() -> None:
+    """At the end it begins again; a jump stays inside."""
+    player = Player(2.0)
+    player.go_on(1.0)
+    assert player.time_s == 0.0
+    player.playing, player.speed = True, 0.5
+    player.go_on(3.0)
+    assert player.time_s == pytest.approx(1.5)
+    player.go_on(1.5)
+    assert player.time_s == pytest.approx(0.25)
+    player.jump(9.0)
+    assert player.time_s == 2.0
+
+
+def test_what_cannot_be_shown_is_refused_in_a_line(bag: Path) -> None:
+    """Each names what is wrong, and what would be right."""
+    assert "nowhere" in refused("nowhere")
+    assert "lost.yaml" in refused(str(bag), "--corrected", "lost.yaml", "--no-simulation")
+    assert "no_such_effect" in refused(str(bag), "--corrected", str(effect(bag.parent, "no_such_effect: {a: 1}\n")))
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        assert f"port {port}" in refused(str(bag), "--port", port, "--no-simulation")
+
+
+def effect(folder: Path, text: str) -> Path:
+    (folder / "effect.yaml").write_text(text)
+    return folder / "effect.yaml"

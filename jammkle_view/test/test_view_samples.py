@@ -1,0 +1,84 @@
+"""What the page takes from messages, and what of it a plot shows."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from jammkle_graph import names
+from jammkle_msgs.msg import ChannelJamState, ContactEvent, TendonState
+from jammkle_view import conversions
+from jammkle_view.core.ankle import Ankle
+from jammkle_view.core.pace import RealTimeFactor
+from jammkle_view.core.samples import Channel, ChannelState, EventKind, JamReport, Joints, Pressure
+from jammkle_view.core.tints import BROKEN_TINT, tendon_tint
+from jammkle_view.core.trace import Trace, thinned
+
+
+def test_numbers_are_those_of_the_messages() -> None:
+    """The core has enums of its own, as it knows no ROS."""
+    assert {each.name: each.value for each in ChannelState} == {
+        each.name: getattr(ChannelJamState, each.name) for each in ChannelState
+    }
+    assert {each.name: each.value for each in EventKind} == {
+        each.name: getattr(ContactEvent, each.name) for each in EventKind
+    }
+    assert conversions._BROKEN == TendonState.BROKEN
+
+
+def test_no_peak_is_lost_in_a_plot() -> None:
+    """One sample in ten thousand stays."""
+    time_s = np.linspace(0.0, 10.0, 10_000)
+    values = np.zeros((10_000, 2))
+    values[7_123, 1], values[2_001, 0] = 80.0, -5.0
+    thin_s, thin = thinned(time_s, values, 300)
+    assert len(thin_s) < 700
+    assert thin[:, 1].max() == 80.0
+    assert thin[:, 0].min() == -5.0
+    assert (np.diff(thin_s) > 0.0).all()
+    assert abs(thin_s[np.argmax(thin[:, 1])] - time_s[7_123]) < 0.05
+
+
+def test_a_trace_keeps_the_latest_and_begins_again_when_time_does() -> None:
+    """A simulation that was started anew counts from 0."""
+    trace = Trace(1, 4)
+    for time_s in range(6):
+        trace.append(float(time_s), [time_s])
+    assert trace.window(0.0, 10.0)[0].tolist() == [2.0, 3.0, 4.0, 5.0]
+    trace.append(0.5, [9.0])
+    assert trace.window(0.0, 10.0)[1].tolist() == [[9.0]]
+
+
+def test_the_real_time_factor_is_that_of_the_last_seconds() -> None:
+    """Half speed reads as a half; a robot that has said nothing has none."""
+    factor = RealTimeFactor()
+    factor.note(math.nan, 0.0)
+    assert math.isnan(factor.value())
+    for tick in range(100):
+        factor.note(10.0 + 0.05 * tick, 0.1 * tick)
+    assert factor.value() == pytest.approx(0.5)
+
+
+def test_a_tendon_takes_the_state_of_its_channel() -> None:
+    """Both Achilles tendons hang on one solenoid."""
+    ankle = Ankle()
+    channel = Channel(ChannelState.JAMMED, 50e3, 49e3, "")
+    ankle.take(JamReport(1.0, emergency_stopped=False, channels={names.ACHILLES: channel}))
+    assert ankle.state_of("achilles_right") is ChannelState.JAMMED
+    assert ankle.state_of("peroneal_left") is ChannelState.UNKNOWN
+    assert ankle.vacuum_share("achilles_left") == pytest.approx(0.49)
+    slack = tendon_tint(ChannelState.JAMMED, 0.0, broken=False)
+    assert sum(slack) > sum(tendon_tint(ChannelState.JAMMED, 100.0, broken=False))
+    assert tendon_tint(ChannelState.JAMMED, 5.0, broken=True) == BROKEN_TINT
+
+
+def test_a_robot_whose_time_begins_anew_is_followed() -> None:
+    """Messages that come a little late do not set the time back; a new start does."""
+    ankle = Ankle()
+    ankle.take(Joints(100.0, {"carriage": 0.1}))
+    ankle.take(Pressure(99.99, names.MANIFOLD_PRESSURE.name, 1e5))
+    assert ankle.time_s == 100.0
+    ankle.take(Joints(0.1, {"carriage": 0.1}))
+    assert ankle.time_s == 0.1
