@@ -22,6 +22,7 @@ from memory import Memory, measure_memory
 from safe_states import SafeState, measure_safe_states
 from side_by_side import SideBySide, measure_side_by_side
 from steps import StepRates, measure_steps
+from watched import Watched, measure_watched
 
 IMU_RATES_HZ = (500, 1000)
 
@@ -39,6 +40,7 @@ class Results:
     line: LineDelays
     safe_states: list[SafeState]
     loads: list[Load]
+    watched: Watched
     diagnosis: GapDiagnosis
 
 
@@ -62,6 +64,8 @@ def measure(console: Console) -> Results:
     for rate_hz in IMU_RATES_HZ:
         with own_domain() as domain_id, console.status(f"load at {rate_hz} Hz"):
             loads += measure_load(domain_id, rate_hz)
+    with console.status("a quadruped with and without a page"):
+        watched = measure_watched()
     with console.status("diagnosing the gap of four recordings"):
         diagnosis = measure_diagnosis()
     return Results(
@@ -74,6 +78,7 @@ def measure(console: Console) -> Results:
         line,
         safe_states,
         loads,
+        watched,
         diagnosis,
     )
 
@@ -123,6 +128,14 @@ def table_of(results: Results) -> Table:
             "a subscriber that only counts",
             f"{load.cpu_over_bare:.1f}",
         )
+    page = results.watched
+    table.add_row(
+        "page of a walking quadruped: frames per second",
+        f"{page.frames_per_s:.0f} (lowest {page.frames_per_s_lowest:.0f})",
+        f"real-time factor {page.factor_watched:.2f}, without a page {page.factor_alone:.2f}; "
+        f"load before {page.load_before:.1f}",
+        f"{page.ratio:.2f} (lowest {page.ratio_lowest:.2f}); viewer {page.viewer_percent_of_one_core:.0f} % of a core",
+    )
     _add_diagnosis(table, results.diagnosis)
     return table
 
