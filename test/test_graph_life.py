@@ -14,7 +14,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
 from graph import COMMAND, TIMEOUT_S, environment, messages_of
-from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
+from jammkle_bringup.graph_client import DISCOVERY_S
+from jammkle_graph.names import CHANNELS, CLOCK, CONTACT_EVENTS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
 from jammkle_msgs.msg import ChannelJamState, ContactEvent
 from readme_tables import EXAMPLES
 
@@ -166,6 +167,38 @@ def test_a_second_up_in_the_namespace_is_refused(graph: tuple[Up, Probe], start:
     assert len(second.text().strip().splitlines()) == 1
     assert up.process.poll() is None
     assert probe.call(JAM).success
+
+
+@pytest.mark.parametrize("namespaces", [("/", "/"), ("lf_ankle", "rf_ankle")], ids=["same names", "two clocks"])
+def test_graphs_started_together_do_not_both_go_on(
+    start: Callable[..., Up],
+    make_probe: Callable[..., Probe],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    namespaces: tuple[str, str],
+) -> None:
+    """Where no lock parts them, as of two users: nodes of one name, or two /clock, never stay beside each other."""
+    both = []
+    for number, namespace in enumerate(namespaces):
+        (tmp_path / str(number)).mkdir()
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / str(number)))  # where the lock is
+        both.append(start("up", "--namespace", namespace))
+    probe = make_probe()
+    probe.spin_until(
+        lambda: all(up.process.poll() is not None or "jammkle: up" in up.text() for up in both),
+        "both have refused or are up",
+    )
+    until_s = time.monotonic() + DISCOVERY_S
+    # what is up looks on for as long: a clock of the other, or its second node, may come up that late
+    probe.spin_until(
+        lambda: time.monotonic() > until_s or any(up.process.poll() is not None for up in both), "they had their time"
+    )
+    ended = [up for up in both if up.process.poll() is not None]
+    clocks = len(probe.node.get_publishers_info_by_topic(CLOCK.name))
+    assert ended or (clocks == 1 and namespaces[0] != namespaces[1])
+    for up in ended:
+        assert up.wait() == 2
+        assert "already up" in up.text() or "/clock comes from" in up.text()
 
 
 @pytest.mark.parametrize(

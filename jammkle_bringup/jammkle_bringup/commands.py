@@ -59,7 +59,7 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     ] = None,
 ) -> int:
     """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
-    from jammkle_bringup.up import GraphOptions, given_values, robot_values, viewer_values
+    from jammkle_bringup.graph_options import GraphOptions, given_values, robot_values, viewer_values
     from jammkle_bringup.up import up as run_graph
 
     values = given_values(hardware, speed, port) | viewer_values(robot, view_host, view_port, view=view)

@@ -15,8 +15,9 @@ from jammkle_bringup.core.run_series import read_run
 from jammkle_bringup.core.run_summary import summary_of
 from jammkle_bringup.core.supervisor import Supervisor
 from jammkle_bringup.graph_client import GraphClient
+from jammkle_bringup.graph_options import GraphOptions
 from jammkle_bringup.readiness import Startup
-from jammkle_bringup.up import GraphOptions, beside_others, child_specs, say, say_how_it_ended
+from jammkle_bringup.up import beside_others, child_specs, say, say_how_it_ended
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM_STATE, SIM_NODE
 from jammkle_graph.qos import subscriber_qos

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
+    from rclpy.node import Node
     from rclpy.qos import QoSProfile
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
     from typing_extensions import Self
 
     from jammkle_graph.names import Service, Topic
@@ -40,39 +42,47 @@ announcement, which the DDS of ROS 2 (Fast DDS) sends every 3 s."""
 class GraphClient:
     """Context manager around a node without parameters or services of its own."""
 
-    def __init__(self, namespace: str, asked_to_stop: Callable[[], bool]) -> None:
+    def __init__(self, namespace: str, asked_to_stop: Callable[[], bool], lookers: int = 1) -> None:
         """Prepare.
 
         Args:
             namespace: Normalised namespace that relative names are put into.
             asked_to_stop: Ends every wait with `Interrupted` once it returns True.
+            lookers: Participants that look at the graph, each of which finds others by itself.
 
         """
         self.namespace = namespace
         self._asked_to_stop = asked_to_stop
+        self._more = max(0, lookers - 1)
 
     def __enter__(self) -> Self:
         """Join the graph."""
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node(
-            f"jammkle_command_{os.getpid()}",
-            context=self._context,
+        name = f"jammkle_command_{os.getpid()}"
+        self.node = self._joined(name)
+        self._lookers = [self.node, *(self._joined(f"{name}_{number}") for number in range(self._more))]
+        self._executor = SingleThreadedExecutor(context=self.node.context)
+        self._executor.add_node(self.node)
+        return self
+
+    def _joined(self, name: str) -> Node:
+        context = rclpy.Context()
+        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+        return rclpy.create_node(
+            name,
+            context=context,
             namespace=self.namespace,
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Leave the graph."""
         self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+        for node in self._lookers:
+            node.destroy_node()
+            rclpy.try_shutdown(context=node.context)
 
     def subscribe(self, kind: type[Any], topic: Topic, take: Callable[[Any], None], qos: QoSProfile) -> None:
         """Call `take` with every message of a topic while waiting for something."""
@@ -156,7 +166,27 @@ class GraphClient:
 
     def nodes(self) -> set[str]:
         """Return the full names of all nodes seen so far."""
-        return {resolved(namespace, name) for name, namespace in self.node.get_node_names_and_namespaces()}
+        return {
+            resolved(namespace, name)
+            for node in self._lookers
+            for name, namespace in node.get_node_names_and_namespaces()
+        }
+
+    def count(self, full_name: str) -> int:
+        """Return how many nodes of a full name are seen."""
+        found = (
+            [resolved(namespace, name) for name, namespace in node.get_node_names_and_namespaces()]
+            for node in self._lookers
+        )
+        return max(names.count(full_name) for names in found)
+
+    def publishers(self, topic: str) -> list[TopicEndpointInfo]:
+        """Return the publishers of a topic, by its absolute name, as that participant knows them that sees most."""
+        return max((node.get_publishers_info_by_topic(topic) for node in self._lookers), key=len)
+
+    def subscriptions(self, topic: str) -> list[TopicEndpointInfo]:
+        """Return the subscriptions of a topic, as `publishers` does."""
+        return max((node.get_subscriptions_info_by_topic(topic) for node in self._lookers), key=len)
 
 
 def no_answer(what: str, namespace: str, timeout_s: float) -> str:

@@ -191,8 +191,8 @@ def _missing(client: GraphClient, members: Collection[str], ankles: Sequence[str
                 continue
             path = f"{ankle}/{topic}" if ankle else topic
             full = resolved(client.namespace, path)
-            publishing = _names(client, client.node.get_publishers_info_by_topic(full))
-            listening = _names(client, client.node.get_subscriptions_info_by_topic(full))
+            publishing = _names(client, client.publishers(full))
+            listening = _names(client, client.subscriptions(full))
             if source not in publishing:
                 missing.append(f"{source} ({path})")
             missing += [f"{name} ({path})" for name in listeners if name in members and name not in listening]

@@ -14,7 +14,8 @@ import yaml
 
 from jammkle_bringup.core.node_table import NODES, ROBOT_NODES, Robot, command_of, nodes_for, simulated_time
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
-from jammkle_bringup.up import GraphOptions, check, child_specs, robot_values
+from jammkle_bringup.graph_options import GraphOptions, check, robot_values
+from jammkle_bringup.up import child_specs
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import GAP_MONITOR_NODE
 from jammkle_graph.parameters import from_mapping

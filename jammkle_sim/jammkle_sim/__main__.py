@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from jammkle_graph.runner import StopFlag
     from jammkle_sim.node import SimNode
 
+LOADED_LATER = ("jammkle_sim.landing", "jammkle_sim.node")
+"""See `jammkle_graph.command.held`."""
+
 
 def main() -> int:
     """Run the sim node until SIGINT or SIGTERM and return the exit code."""

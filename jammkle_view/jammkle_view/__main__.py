@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from jammkle_graph.runner import StopFlag
     from jammkle_view.node import ViewerNode
 
+LOADED_LATER = ("jammkle_view.node",)
+"""See `jammkle_graph.command.held`."""
+
 
 def main() -> int:
     """Run the viewer until SIGINT or SIGTERM and return the exit code."""

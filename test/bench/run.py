@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.table import Table
+from start_up import StartUp, measure_start_up
 
 from delay import Delays, measure_delays
 from diagnosis import GapDiagnosis, measure_diagnosis
@@ -36,6 +37,7 @@ class Results:
     steps: StepRates
     side_by_side: SideBySide
     memory: Memory
+    start_up: StartUp
     delays: Delays
     line: LineDelays
     safe_states: list[SafeState]
@@ -54,6 +56,8 @@ def measure(console: Console) -> Results:
         steps = measure_steps()
     with console.status("rigs side by side"):
         side_by_side = measure_side_by_side()
+    with own_domain() as domain_id, console.status("until the graph is up"):
+        start_up = measure_start_up(domain_id)
     with own_domain() as domain_id, console.status("from impact to solenoid"):
         delays = measure_delays(domain_id)
     with own_domain() as domain_id, console.status("from service and impact to the board's coils"):
@@ -74,6 +78,7 @@ def measure(console: Console) -> Results:
         steps,
         side_by_side,
         memory,
+        start_up,
         delays,
         line,
         safe_states,
@@ -106,6 +111,13 @@ def table_of(results: Results) -> Table:
         f"{memory.resident_growth_kib_per_minute:+.1f} KiB per minute",
         f"Python's own {memory.traced_growth_kib_per_minute:+.1f} KiB per minute",
         f"of {memory.resident_mib:.0f} MiB",
+    )
+    start_up = results.start_up
+    table.add_row(
+        f"`jammkle up` until it is up, {start_up.trials} times",
+        f"median {start_up.up_s:.1f} s, longest {start_up.longest_s:.1f} s",
+        f"loading the simulation alone {start_up.load_s:.1f} s",
+        f"{start_up.ratio:.1f}",
     )
     table.add_row(
         f"impact to solenoid, {delays.trials} landings",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import os
 import signal
 import subprocess
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_graph.command import tether
+from jammkle_graph.command import held, tether
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -65,17 +66,24 @@ def exit_text(exit_code: int) -> str:
         return f"signal {-exit_code}"
 
 
+def held_command(command: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the command that loads what a `python -m MODULE` loads, and waits for a line before it starts that."""
+    python, _, module, *arguments = command
+    return (python, "-m", held.__name__, module, *arguments)
+
+
 class _Child:
     """A running process and the thread that reads what it says."""
 
-    def __init__(self, spec: ChildSpec, on_line: Callable[[str, str], None]) -> None:
+    def __init__(self, spec: ChildSpec, on_line: Callable[[str, str], None], *, held: bool) -> None:
         self.spec = spec
+        command = held_command(spec.command) if held else spec.command
         self._lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LINES)
         self._on_line = on_line
         self.process = subprocess.Popen(  # noqa: S603 - the command is the caller's own, and no shell reads it
             # -S and -E: the tether needs the standard library only, and starts in a few milliseconds that way
-            [sys.executable, "-S", "-E", str(_TETHER), str(os.getpid()), *spec.command],
-            stdin=subprocess.DEVNULL,
+            [sys.executable, "-S", "-E", str(_TETHER), str(os.getpid()), *command],
+            stdin=subprocess.PIPE if held else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -94,6 +102,14 @@ class _Child:
             if stripped:
                 self._lines.append(stripped)
                 self._on_line(self.spec.name, stripped)
+
+    def release(self) -> None:
+        """Let a process start that was held; one that has died meanwhile is told of later."""
+        if self.process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self.process.stdin.write("\n")
+                self.process.stdin.close()
+            self.process.stdin = None
 
     def death(self) -> Death:
         """Return how the ended process ended, after all that it said was read."""
@@ -122,14 +138,18 @@ class Supervisor:
         self,
         specs: Sequence[ChildSpec],
         on_line: Callable[[str, str], None],
+        *,
+        held: bool = False,
     ) -> None:
         """Prepare; nothing is started yet.
 
         Args:
             specs: What to start, in order.
             on_line: Called with the name and every line that a process writes, from another thread.
+            held: Whether the processes, each a `python -m MODULE`, only load until `release` is called.
 
         """
+        self._held = held
         self._specs = tuple(specs)
         self._on_line = on_line
         self._children: list[_Child] = []
@@ -139,7 +159,7 @@ class Supervisor:
         """Start all processes."""
         try:
             for spec in self._specs:
-                self._children.append(_Child(spec, self._on_line))
+                self._children.append(_Child(spec, self._on_line, held=self._held))
         except BaseException:
             self.stop()
             raise
@@ -150,6 +170,17 @@ class Supervisor:
     ) -> None:
         """Stop what still runs."""
         self.stop()
+
+    def release(self) -> None:
+        """Let the processes start that were held, in order."""
+        for child in self._children:
+            child.release()
+
+    def begin_anew(self, specs: Sequence[ChildSpec]) -> None:
+        """Stop what is held, and hold these processes instead."""
+        self.stop()
+        self._specs = tuple(specs)
+        self.__enter__()
 
     def loaded(self) -> None:
         """Note that every process runs: from now on one that ends by the signal itself has not done its last duty."""

@@ -1,0 +1,179 @@
+"""Which graph to start: what `jammkle up` and its parameter files say, checked before anything starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from jammkle_bringup.core.node_table import GAP_MONITOR, NODES, SIM_HARDWARE, VIEWER, Robot, check_hardware, nodes_for
+from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values
+from jammkle_graph.bags.writing import check_free
+from jammkle_graph.command.errors import InputError
+from jammkle_graph.names import DRIVER_NODE, SIM_NODE, VIEWER_NODE
+from jammkle_graph.namespace import resolved
+from jammkle_graph.parameters import ParameterError, rows
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jammkle_bringup.core.node_table import NodeEntry, ParameterValue
+
+
+@dataclass(frozen=True)
+class GraphOptions:
+    """Which graph to start. `values` are parameters by node name; they win over the files."""
+
+    namespace: str
+    hardware: str = SIM_HARDWARE
+    parameter_files: tuple[Path, ...] = ()
+    bag: Path | None = None
+    values: dict[str, dict[str, ParameterValue]] = field(default_factory=dict)
+    robot: Robot = Robot.ANKLE
+    monitor: bool = False
+    """Whether a simulated twin follows the robot."""
+    view: bool = False
+    """Whether there is a page in the browser."""
+
+    @property
+    def nodes(self) -> tuple[NodeEntry, ...]:
+        """Nodes to start; those that look on are the first to start and the last to stop."""
+        watchers = (*((GAP_MONITOR,) if self.monitor else ()), *((VIEWER,) if self.view else ()))
+        return (*watchers, *nodes_for(self.hardware, self.robot))
+
+
+def check(options: GraphOptions) -> None:
+    """Refuse what cannot work before anything is started.
+
+    Raises:
+        InputError: one line on the first thing that is wrong.
+
+    """
+    check_hardware(options.hardware)
+    check_robot(options)
+    check_parameter_files(options.parameter_files, options.namespace, options.nodes, options.values)
+    named = given_value(options, DRIVER_NODE, "hardware")
+    if named not in (None, options.hardware):
+        msg = f"a parameter file says hardware: {named} of the driver: start with --hardware {named}"
+        raise InputError(msg)
+    if options.bag is not None:
+        check_free(options.bag)
+
+
+def check_robot(options: GraphOptions) -> None:
+    """Refuse what a robot does not have.
+
+    Raises:
+        InputError: there is no twin of it, or its ankles would share one board.
+
+    """
+    name = options.robot.value
+    if options.monitor and options.robot is not Robot.ANKLE:
+        msg = f"--monitor needs --robot ankle: the twin of the gap monitor is one ankle on its rig, not a {name}"
+        raise InputError(msg)
+    if len(options.robot.ankles) > 1 and "port" in options.values.get(DRIVER_NODE, {}):
+        section = f"/{options.robot.ankles[0]}/driver: {{ros__parameters: {{port: DEV}}}}"
+        msg = (
+            f"--port is one board, a {name} has {len(options.robot.ankles)}: give --params FILE with one {section} each"
+        )
+        raise InputError(msg)
+
+
+def robot_values(robot: Robot, behaviour: str | None, hardware: str) -> dict[str, dict[str, ParameterValue]]:
+    """Return what the options of the command say of a simulated robot, by node.
+
+    Raises:
+        InputError: a behaviour of what has none.
+
+    """
+    if behaviour is not None and (robot is Robot.ANKLE or hardware != SIM_HARDWARE):
+        msg = f"--behaviour {behaviour} needs a simulated --robot leg or quadruped: nothing else moves by itself"
+        raise InputError(msg)
+    if robot is Robot.ANKLE or hardware != SIM_HARDWARE:
+        return {}
+    chosen: dict[str, ParameterValue] = {"robot": robot.value}
+    if behaviour is not None:
+        chosen["behaviour"] = behaviour
+    return {SIM_NODE: chosen}
+
+
+def given_values(hardware: str, speed: float | None, port: str | None) -> dict[str, dict[str, ParameterValue]]:
+    """Return what the options of the command say of parameters, by node.
+
+    Raises:
+        InputError: the hardware has no speed or no port, or the speed is out of the simulation's range.
+
+    """
+    values: dict[str, dict[str, ParameterValue]] = {}
+    if hardware != SIM_HARDWARE:
+        values[DRIVER_NODE] = {"hardware": hardware}
+    if speed is not None:
+        values[SIM_NODE] = {"speed": check_speed(speed, hardware)}
+    if port is not None:
+        if hardware == SIM_HARDWARE:
+            msg = f"--port {port} needs --hardware modbus: a simulation has none"
+            raise InputError(msg)
+        values[DRIVER_NODE]["port"] = port
+    return values
+
+
+def viewer_values(
+    robot: Robot, host: str | None, port: int | None, *, view: bool
+) -> dict[str, dict[str, ParameterValue]]:
+    """Return what the options of the command say of the page in the browser.
+
+    Raises:
+        InputError: there is no page.
+
+    """
+    values: dict[str, ParameterValue] = {"ankles": ",".join(robot.ankles)} if view and any(robot.ankles) else {}
+    for name, value in (("host", host), ("port", port)):
+        if value is not None and not view:
+            msg = f"--view-{name} {value} needs --view: there is no page without"
+            raise InputError(msg)
+        if value is not None:
+            values[name] = value
+    return {VIEWER_NODE: values} if values else {}
+
+
+def check_speed(speed: float, hardware: str) -> float:
+    """Return the speed of a simulation.
+
+    Raises:
+        InputError: there is no simulation, or the speed is out of the simulation's range.
+
+    """
+    if hardware != SIM_HARDWARE:
+        msg = f"--speed {speed:g} needs --hardware sim: real hardware runs at its own"
+        raise InputError(msg)
+    table = next(entry for entry in NODES if entry.name == SIM_NODE).parameters()
+    row = next(row for row in rows(table) if row.name == "speed")
+    try:
+        return float(row.check(speed))
+    except ParameterError as error:
+        msg = f"--speed: {error}"
+        raise InputError(msg) from error
+
+
+def given_value(options: GraphOptions, node: str, name: str) -> object:
+    """Return what was given for a parameter of a node, or None; what `values` holds wins over the files."""
+    found: object = None
+    for entry in options.nodes:
+        if entry.name == node:
+            found = merged_values(options.parameter_files, options.namespace, entry).get(name)
+    return options.values.get(node, {}).get(name, found)
+
+
+def with_value(options: GraphOptions, node: str, name: str, *, value: ParameterValue) -> GraphOptions:
+    """Return the options with a parameter that wins over the files."""
+    of_node = {**options.values.get(node, {}), name: value}
+    return replace(options, values={**options.values, node: of_node})
+
+
+def node_names(options: GraphOptions) -> set[str]:
+    """Return the full names of the nodes to start."""
+    return {resolved(options.namespace, entry.path) for entry in options.nodes}
+
+
+def makes_clock(options: GraphOptions) -> bool:
+    """Return whether the graph has a simulation that publishes /clock."""
+    return options.hardware == SIM_HARDWARE and given_value(options, SIM_NODE, "publish_clock") is not False

@@ -1,0 +1,29 @@
+"""`python -m jammkle_graph.command.held MODULE [ARGUMENT ...]`: load a node, and start it when told to.
+
+Loading a node takes most of the time of its start, and does nothing on the graph. `jammkle up` has it done while it
+looks whether another graph is there; a line on the standard input then lets the node start, and its end lets it not.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+
+HEAVY = "LOADED_LATER"
+"""Name in a node's `__main__` for the modules that it loads only when it starts."""
+
+
+def main() -> int:
+    """Load, wait, start; return the exit code of the node, or 0 if it was never to start."""
+    name, *arguments = sys.argv[1:]
+    module = import_module(f"{name}.__main__")
+    for each in getattr(module, HEAVY, ()):
+        import_module(each)
+    if not sys.stdin.readline():
+        return 0
+    sys.argv = [str(module.__file__), *arguments]
+    return int(module.main())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
