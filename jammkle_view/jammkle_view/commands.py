@@ -20,10 +20,12 @@ app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 def view(
     bag: Annotated[Path, typer.Argument(help="The bag.", metavar="BAG")],
     corrected: Annotated[
-        Path | None, typer.Option(help="Effects file that corrects the simulation, from `jammkle gap diagnose`.")
+        Path | None,
+        typer.Option(help="Effects file that corrects the simulation, from `jammkle gap diagnose`.", metavar="FILE"),
     ] = None,
     rig: Annotated[
-        str | None, typer.Option(help="What it was recorded on, where the bag does not tell: landing, drop ...")
+        str | None,
+        typer.Option(help="What it was recorded on, where the bag does not tell: landing, drop ...", metavar="RIG"),
     ] = None,
     namespace: Annotated[
         str | None, typer.Option(help="ROS namespace of the ankle.", show_default="the only one in the bag")
@@ -32,9 +34,11 @@ def view(
         bool, typer.Option("--no-simulation", help="Show the recording alone.")
     ] = False,
     port: Annotated[
-        int, typer.Option(help="TCP port of the page.", show_default="the first free one from 8080 on")
+        int, typer.Option("--view-port", help="TCP port of the page.", show_default="the first free one from 8080 on")
     ] = ANY_PORT,
-    host: Annotated[str, typer.Option(help="Address it listens on; 0.0.0.0: every network.")] = LOCAL_HOST,
+    host: Annotated[
+        str, typer.Option("--view-host", help="Address it listens on; 0.0.0.0: every network.")
+    ] = LOCAL_HOST,
 ) -> int:
     """Play a bag back on a page in the browser, its simulation laid over it."""
     from jammkle_view.playback.run import Shown, run
