@@ -47,11 +47,11 @@ def test_numbers_are_typed_in_one_unit_each() -> None:
 
 
 def test_an_option_takes_the_same_in_every_subcommand() -> None:
-    """Kind of value, whether it may be repeated, and the short form are one for each name."""
+    """Kind of value and short form are one for each name; how often it may be given may differ."""
     kinds: dict[str, dict[Any, list[str]]] = defaultdict(lambda: defaultdict(list))
     for words, option in every_option():
         place = option.metavar if kind(option) is Path else ""
-        taken = (kind(option), option.multiple, place, tuple(sorted(option.opts)))
+        taken = (kind(option), place, tuple(sorted(option.opts)))
         kinds[long_name(option)][taken].append(words)
     assert not {name: dict(found) for name, found in kinds.items() if len(found) > 1}
 
