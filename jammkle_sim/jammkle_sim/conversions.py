@@ -14,6 +14,7 @@ import yaml
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.messages import message_class
 from jammkle_graph.names import FOOT_FRAME, IMU_FRAME, LOAD_CELL_FRAME, TENDONS, frame
+from jammkle_sim.physics.sensors import SensorParameters, imu_variance
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -41,6 +42,9 @@ _NO_ORIENTATION = -1.0
 """REP-145 and sensor_msgs/Imu: the first element of a covariance that belongs to nothing measured."""
 
 
+_DIAGONAL = (0, 4, 8)
+
+
 class NotFiniteError(ArithmeticError):
     """The simulation gave NaN or infinity, which must not leave it. The message names the output."""
 
@@ -58,7 +62,12 @@ class OutgoingMessages:
         self._clock = Clock()
         self._imu = Imu(header=Header(frame_id=frame(namespace, IMU_FRAME)))
         self._imu.orientation_covariance[0] = _NO_ORIENTATION
-        self._pressure = FluidPressure()
+        sensors = SensorParameters()  # what the data sheet of a sensor states, whatever is wrong with this one
+        acceleration, angular_rate = imu_variance(sensors)
+        for axis in _DIAGONAL:
+            self._imu.linear_acceleration_covariance[axis] = acceleration
+            self._imu.angular_velocity_covariance[axis] = angular_rate
+        self._pressure = FluidPressure(variance=sensors.pressure_noise_pa**2)
         self._joints = JointState()
         self._tendons = TendonStates(tendons=[TendonState(name=name) for name in tendons])
         self._wrench = WrenchStamped(header=Header(frame_id=frame(namespace, LOAD_CELL_FRAME)))
@@ -77,7 +86,7 @@ class OutgoingMessages:
         return _stamped(self._imu, self._imu.header.stamp, time_ns)
 
     def pressure(self, time_ns: int, pressure_pa: float, place: str) -> FluidPressure:
-        """Return one absolute pressure, Pa, in a place: channel or manifold. Zero variance stands for unknown."""
+        """Return one absolute pressure, Pa, in a place: channel or manifold. Its variance is that of the noise."""
         _check_finite("a pressure", (pressure_pa,))
         self._pressure.fluid_pressure = pressure_pa
         self._pressure.header.frame_id = frame(self._namespace, place)

@@ -164,6 +164,19 @@ def test_a_drop_is_recorded_as_height_and_specific_force(tmp_path: Path) -> None
     assert upward[:500].mean() == pytest.approx(9.81, abs=0.1)
     assert upward.max() > 30.0
     assert all(each.orientation_covariance[0] == -1.0 for each in bag.messages["/imu/data"])
+    assert_covariances_are_those_of_the_noise(bag)
+
+
+def assert_covariances_are_those_of_the_noise(bag: Bag) -> None:
+    """Check the spread of IMU and pressures while the leg hangs still against what their messages say of it."""
+    still = bag.messages["/imu/data"][100:900]
+    for field in ("linear_acceleration", "angular_velocity"):
+        said = np.array(getattr(still[0], f"{field}_covariance")).reshape(3, 3)
+        seen = [[getattr(getattr(each, field), axis) for axis in "xy"] for each in still]
+        assert np.var(seen, axis=0) == pytest.approx(np.diagonal(said)[:2], rel=0.35)
+        assert not (said - np.diag(np.diagonal(said))).any()
+    pressures = bag.messages["/achilles/pressure"][:90]
+    assert np.var([each.fluid_pressure for each in pressures]) == pytest.approx(pressures[0].variance, rel=0.5)
 
 
 def test_a_torn_tendon_is_said_and_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

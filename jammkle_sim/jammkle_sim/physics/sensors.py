@@ -54,6 +54,18 @@ class SensorParameters:
     """Standard deviation of each axis of a load cell reading. Assumed: 0.02 % of the paper's 245 N cell."""
 
 
+def imu_variance(parameters: SensorParameters) -> tuple[float, float]:
+    """Return the variance of each axis of the IMU by its noise: m^2/s^4 of acceleration, rad^2/s^2 of angular rate.
+
+    White noise behind two equal poles at f has the bandwidth pi/4 f (the integral of 1 / (1 + (x/f)^2)^2 over x).
+    """
+    bandwidth_hz = math.pi / 4.0 * parameters.imu_bandwidth_hz / _TWO_POLE_FACTOR
+    return (
+        parameters.acceleration_noise_m_s2_rthz**2 * bandwidth_hz,
+        parameters.angular_rate_noise_rad_s_rthz**2 * bandwidth_hz,
+    )
+
+
 def imu_law(parameters: SensorParameters, timestep_s: float) -> NDArray[Any]:
     """Constants of the IMU filter for one time step, shape (1,) of IMU_LAW."""
     law = np.zeros(1, dtype=records.IMU_LAW)
