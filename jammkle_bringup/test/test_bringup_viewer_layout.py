@@ -1,4 +1,4 @@
-"""The viewer layout shows topics and fields that exist."""
+"""The viewers' layouts show topics and fields that exist."""
 
 from __future__ import annotations
 
@@ -6,38 +6,89 @@ import json
 import re
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.names import TOPICS
+from jammkle_graph.names import (
+    ANKLE_JOINTS,
+    CARRIAGE_JOINT,
+    CHANNELS,
+    IMU,
+    JOINT_STATES,
+    MANIFOLD_PRESSURE,
+    PRESSURES,
+    PUMP_DUTY,
+    SOLENOIDS,
+    TENDON_STATES,
+    TENDONS,
+    TOPICS,
+)
 
-LAYOUT = json.loads((Path(__file__).resolve().parents[1] / "config" / "ankle.foxglove.json").read_text())
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+KINDS = {f"/{topic.name.lstrip('/')}": topic.message_type for topic in TOPICS}
+"""Type by topic, as it is called in the root namespace."""
+LAYOUT = json.loads((CONFIG / "ankle.foxglove.json").read_text())
 PLOTS = {name: config for name, config in LAYOUT["configById"].items() if name.startswith("Plot!")}
 PATHS = sorted(path["value"] for plot in PLOTS.values() for path in plot["paths"])
+
+
+LAYOUT_OF_PLOTJUGGLER = ET.parse(CONFIG / "ankle.plotjuggler.xml")  # noqa: S314 - our own file
+CURVES = sorted(curve.attrib["name"] for curve in LAYOUT_OF_PLOTJUGGLER.iter("curve"))
+ENTRIES = {
+    "jammkle_msgs/msg/JamState": CHANNELS,
+    "jammkle_msgs/msg/TendonStates": TENDONS,
+}
+"""What a message of these types lists, in order."""
+JOINTS = (*ANKLE_JOINTS, CARRIAGE_JOINT)
 
 
 def panels(layout: Any) -> set[str]:
     return {layout} if isinstance(layout, str) else panels(layout["first"]) | panels(layout["second"])
 
 
-@pytest.mark.parametrize("path", PATHS)
-def test_a_plotted_path_exists(path: str) -> None:
-    """A plot's path is a topic of the graph, then fields of its type."""
-    topics = {f"/{topic.name.lstrip('/')}": topic for topic in TOPICS}
-    name, _, fields = path.partition(".")
-    kind = topics[name].message_type
+def check_fields(kind: str, fields: list[str]) -> None:
+    """Fail where a field is not in its type; what stands in brackets is for others to check."""
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(MessageDefinitions(share_folders()).find(kind).text, kind))
-    # without indices and filters
-    for field in re.sub(r"\[[^]]*\]|\{[^}]*\}", "", fields).split("."):
+    for field in fields:
         known = dict(store.fielddefs[kind][1])
         assert field in known, f"{kind} has no field {field}"
         inner = re.search(r"\w+/msg/\w+", str(known[field]))
         kind = inner.group() if inner else kind
 
 
+@pytest.mark.parametrize("path", PATHS)
+def test_a_path_plotted_in_foxglove_exists(path: str) -> None:
+    """A plot's path is a topic of the graph, then fields of its type."""
+    name, _, fields = path.partition(".")
+    # without indices and filters
+    check_fields(KINDS[name], re.sub(r"\[[^]]*\]|\{[^}]*\}", "", fields).split("."))
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_a_curve_of_plotjuggler_exists(curve: str) -> None:
+    """A curve is a topic, then fields with slashes between them; joint states go by the names of the joints."""
+    name = max((topic for topic in KINDS if curve.startswith(f"{topic}/")), key=len, default="")
+    assert name, f"{curve} is of no topic of the graph"
+    kind, fields = KINDS[name], curve.removeprefix(f"{name}/").split("/")
+    if name == f"/{JOINT_STATES.name}":
+        joint, *fields = fields
+        assert joint in JOINTS
+    for place in re.findall(r"\[(\d+)\]", curve):
+        assert int(place) < len(ENTRIES[kind])
+    check_fields(kind, [re.sub(r"\[\d+\]", "", field) for field in fields])
+
+
 def test_every_panel_has_its_place() -> None:
     """The panels that are configured are those that are shown."""
     assert panels(LAYOUT["layout"]) == set(LAYOUT["configById"])
+
+
+def test_every_measurement_of_an_ankle_is_plotted() -> None:
+    """PlotJuggler shows all that the hardware tells; the load cell is a rig's."""
+    plotted = {topic for topic in KINDS if any(curve.startswith(f"{topic}/") for curve in CURVES)}
+    wanted = (IMU, JOINT_STATES, TENDON_STATES, MANIFOLD_PRESSURE, PUMP_DUTY, *PRESSURES.values(), *SOLENOIDS.values())
+    assert {f"/{topic.name}" for topic in wanted} <= plotted
