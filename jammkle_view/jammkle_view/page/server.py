@@ -71,6 +71,7 @@ def look_at(server: viser.ViserServer, centre_m: Sequence[float], size_m: float 
 
 
 def _first_free(host: str) -> int:
+    _check_free(host, 0)  # or else the address is to blame
     for port in range(FIRST_PORT, FIRST_PORT + _PORTS_TRIED):
         with contextlib.suppress(InputError):
             _check_free(host, port)
@@ -86,5 +87,6 @@ def _check_free(host: str, port: int) -> None:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind((host, port))
     except OSError as error:
-        msg = f"the page cannot listen on {host} port {port}: {error.strerror}; choose another port or address"
+        where = f"{host} port {port}" if port else host
+        msg = f"the page cannot listen on {where}: {error.strerror}; choose another port or address"
         raise InputError(msg) from error
