@@ -82,7 +82,7 @@ def test_what_cannot_be_shown_is_refused_in_a_line(bag: Path) -> None:
     assert "no_such_effect" in refused(str(bag), "--corrected", str(effect(bag.parent, "no_such_effect: {a: 1}\n")))
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        assert f"port {port}" in refused(str(bag), "--port", port, "--no-simulation")
+        assert f"port {port}" in refused(str(bag), "--view-port", port, "--no-simulation")
 
 
 def effect(folder: Path, text: str) -> Path:
