@@ -127,18 +127,15 @@ class Browser:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
+    def field(self, label: str) -> str | None:
+        """Return what stands in the first field of this label; None where there is none."""
+        found = self.value(f"{_field(label)}?.value ?? null")
+        return None if found is None else str(found)
+
     def type_into(self, label: str, text: str) -> None:
         """Replace what stands in the first field of this label, and press Enter."""
-        expression = f"""(() => {{
-            const name = [...document.querySelectorAll("label")].find(
-                each => each.innerText.trim() === {json.dumps(label)});
-            for (let up = name, i = 0; up && i < 4; up = up.parentElement, i++) {{
-                const field = up.querySelector("input:not([type=hidden]):not([type=range])");
-                if (field) {{ field.focus(); field.select(); return true; }}
-            }}
-            return false;
-        }})()"""
-        wait_until(lambda: self.value(expression), f"there is a field '{label}'", self.text)
+        focus = f"(field => {{ field?.focus(); field?.select(); return !!field; }})({_field(label)})"
+        wait_until(lambda: self.value(focus), f"there is a field '{label}'", self.text)
         self.send("Input.insertText", text=text)
         for kind in ("keyDown", "keyUp"):
             self.send("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13)
@@ -146,6 +143,19 @@ class Browser:
     def picture(self) -> bytes:
         """Return what it shows, as PNG."""
         return base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
+
+
+def _field(label: str) -> str:
+    """Return an expression for the field that stands beside a label."""
+    return f"""(() => {{
+        const name = [...document.querySelectorAll("label")].find(
+            each => each.innerText.trim() === {json.dumps(label)});
+        for (let up = name, i = 0; up && i < 4; up = up.parentElement, i++) {{
+            const field = up.querySelector("input:not([type=hidden]):not([type=range])");
+            if (field) return field;
+        }}
+        return null;
+    }})()"""
 
 
 def wait_until(holds: Any, what: str, more: Any = None) -> Any:

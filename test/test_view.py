@@ -21,7 +21,7 @@ CARRIAGE_M = "window.__viserMutable?.nodeRefFromName['/ankle/carriage']?.positio
 """Height of the carriage in the scene; viser keeps its nodes there for tests like this one."""
 RAISED_M = 0.1
 PATIENT = """
-/**/sim: {ros__parameters: {release_time_s: 3600.0}}
+/**/sim: {ros__parameters: {release_time_s: 3600.0, speed: 0.75}}
 /**/controller: {ros__parameters: {auto_at_start: false}}
 /**/driver: {ros__parameters: {pressure_timeout_s: 30.0, jam_timeout_s: 30.0}}
 /**/viewer: {ros__parameters: {frame_rate_hz: 5.0}}
@@ -47,6 +47,7 @@ def test_the_page_shows_the_robot_and_hands_on_what_is_clicked(
         browser.open(address)
         browser.wait_for_text("real-time factor")
         browser.wait_for_text("UNJAMMED")
+        wait_until(lambda: browser.field("speed") == "0.75", "the slider is where the simulation's speed is")
         held_m = carriage_m(probe)
         wait_until(lambda: near(browser.value(CARRIAGE_M), held_m), "the scene shows where the carriage is held")
 

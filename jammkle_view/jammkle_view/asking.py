@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
@@ -29,7 +29,20 @@ if TYPE_CHECKING:
     Answer = Callable[[str, bool], None]
     """Takes what a node said, and whether it did what was asked."""
 
+SPEED = "speed"
+"""Parameter of the simulation that whoever started it may have chosen."""
+_GET_PARAMETERS = f"{names.SIM_NODE}/get_parameters"
 _SET_PARAMETERS = f"{names.SIM_NODE}/set_parameters"
+_REQUESTS: dict[Action, tuple[str, Any, Any]] = {
+    Action.TELL_SPEED: (_GET_PARAMETERS, GetParameters, GetParameters.Request(names=[SPEED])),
+    Action.CLEAR_FAULT: (names.CLEAR_FAULT.path, Trigger, Trigger.Request()),
+    Action.RESET: (names.RESET.path, Trigger, Trigger.Request()),
+    Action.PAUSE: (names.SET_PAUSED.path, SetBool, SetBool.Request(data=True)),
+    Action.GO_ON: (names.SET_PAUSED.path, SetBool, SetBool.Request(data=False)),
+    Action.AUTO_ON: (names.SET_AUTO.path, SetBool, SetBool.Request(data=True)),
+    Action.AUTO_OFF: (names.SET_AUTO.path, SetBool, SetBool.Request(data=False)),
+}
+"""Service, its type and what is asked."""
 _PATIENCE_S = 2.0
 """How long a request waits for its service. Assumed; discovery on one machine takes about 0.3 s."""
 
@@ -48,15 +61,16 @@ class _Waiting:
 class Asking:
     """Clients of the services that the page needs, each made when it is first needed."""
 
-    def __init__(self, node: Node, answer: Answer) -> None:
+    def __init__(self, node: Node, answer: Answer, take_speed: Callable[[float], None]) -> None:
         """Ask nothing yet.
 
         Args:
             node: In whose namespace the ankles are.
             answer: Told what comes back.
+            take_speed: Told the speed of the simulation, where that was asked for.
 
         """
-        self._node, self._answer = node, answer
+        self._node, self._answer, self._take_speed = node, answer, take_speed
         self._clients: dict[str, Client] = {}
         self._stops: dict[str, Publisher] = {}
         self._waiting: list[_Waiting] = []
@@ -91,18 +105,10 @@ class Asking:
             case Ask(action=Action.EMERGENCY_STOP):
                 self._stop(wish.ankle, stop=True)
                 self._answer("emergency stop sent", True)  # noqa: FBT003 - as every answer
-            case Ask(action=Action.CLEAR_FAULT):
-                if wish.ankle in self._stops:
+            case Ask(action=action):
+                if action is Action.CLEAR_FAULT and wish.ankle in self._stops:
                     self._stop(wish.ankle, stop=False)
-                self._call(wish.ankle, names.CLEAR_FAULT.path, Trigger, Trigger.Request())
-            case Ask(action=Action.RESET):
-                self._call(wish.ankle, names.RESET.path, Trigger, Trigger.Request())
-            case Ask(action=Action.PAUSE | Action.GO_ON as action):
-                request = SetBool.Request(data=action is Action.PAUSE)
-                self._call(wish.ankle, names.SET_PAUSED.path, SetBool, request)
-            case Ask(action=Action.AUTO_ON | Action.AUTO_OFF as action):
-                request = SetBool.Request(data=action is Action.AUTO_ON)
-                self._call(wish.ankle, names.SET_AUTO.path, SetBool, request)
+                self._call(wish.ankle, *_REQUESTS[action])
 
     def _call(self, ankle: str, path: str, kind: Any, request: Any, said: str = "") -> None:
         name = f"{ankle}/{path}" if ankle else path
@@ -113,6 +119,10 @@ class Asking:
 
     def _take(self, response: Any, said: str) -> None:
         if response is None:
+            return
+        if isinstance(response, GetParameters.Response):
+            for value in response.values:
+                self._take_speed(float(value.double_value))
             return
         for each in getattr(response, "results", ()):  # of set_parameters: one for each, the first says it all
             self._answer(said if each.successful else each.reason, bool(each.successful))

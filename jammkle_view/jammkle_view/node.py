@@ -52,7 +52,7 @@ class ViewerNode(Node):
         except InputError as error:
             raise ParameterError(str(error)) from error
         self._page = LivePage(self._server, tuple(self._known), self._wishes.put)
-        self._asking = Asking(self, lambda text, good: self._page.answer(text, good=good))
+        self._asking = Asking(self, lambda text, good: self._page.answer(text, good=good), self._page.show_speed)
         self._watcher = Node(
             _WATCHER, namespace=self.get_namespace(), enable_rosout=False, start_parameter_services=False
         )

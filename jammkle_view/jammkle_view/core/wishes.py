@@ -26,6 +26,8 @@ class Unjam:
 class Action(enum.Enum):
     """What else an ankle's nodes can be asked for."""
 
+    TELL_SPEED = "tell how fast the simulation is to run"
+
     AUTO_ON = "let the controller decide"
     AUTO_OFF = "let nobody but the page decide"
     EMERGENCY_STOP = "emergency stop"

@@ -97,6 +97,10 @@ class LivePage:
         """Say what a node has answered."""
         self._answer.content = words.answer_html(text, good=good)
 
+    def show_speed(self, speed: float) -> None:
+        """Show what speed the simulation was given."""
+        self._sim.show("speed", speed)
+
     def show(self, ankles: Mapping[str, Ankle], factor: float, now_s: float) -> None:
         """Show what is known now.
 

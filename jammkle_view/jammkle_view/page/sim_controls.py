@@ -46,6 +46,7 @@ class SimControls:
         self._gui, self._wish = gui, wish
         self._folder = gui.add_folder("Simulation", visible=False)
         self._offered = False
+        self._sliders: dict[str, viser.GuiSliderHandle[float]] = {}
 
     def offer(self, ankle: str, knobs: tuple[Knob, ...]) -> None:
         """Show what can be asked for, the first time that it is known.
@@ -69,9 +70,21 @@ class SimControls:
             for knob in knobs:
                 self._add_slider(ankle, knob)
         self._folder.visible = True
+        self._wish(Ask(ankle, Action.TELL_SPEED))
+
+    def show(self, parameter: str, value: float) -> None:
+        """Put a slider where the simulation has its parameter, as far as it reaches."""
+        slider = self._sliders.get(parameter)
+        if slider is not None:
+            slider.value = min(max(value, slider.min), slider.max)  # type: ignore[misc]  # set by a way of viser's own
 
     def _add_slider(self, ankle: str, knob: Knob) -> None:
         slider = self._gui.add_slider(
             knob.label, knob.minimum, knob.maximum, knob.step, knob.start, hint=knob.hint or None
         )
-        slider.on_update(lambda _: self._wish(SetSim(ankle, knob.parameter, float(slider.value) * knob.per_unit)))
+        self._sliders[knob.parameter] = slider
+
+        @slider.on_update
+        def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+            if event.client is not None:  # moved by somebody, not by `show`
+                self._wish(SetSim(ankle, knob.parameter, float(slider.value) * knob.per_unit))
