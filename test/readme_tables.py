@@ -12,6 +12,7 @@ import re
 from pathlib import Path
 
 from command_reference import command_text
+from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
@@ -102,6 +103,13 @@ def tables() -> dict[str, str]:
         made[f"options of rig {rig.name}"] = table(
             ("option", "default", "range", "what"), [option_line(row) for row in rows(rig.options)]
         )
+    made["states of the policy"] = table(
+        ("state", "tendons", "meaning"), [(state.value, wish.value, MEANINGS[state]) for state, wish in WISHES.items()]
+    )
+    made["transitions of the policy"] = table(
+        ("from", "on", "to"),
+        [(state.value, trigger.value, following.value) for (state, trigger), following in TRANSITIONS.items()],
+    )
     made["registers"] = register_table()
     made["command"] = command_text()
     made["interfaces"] = interfaces_text()

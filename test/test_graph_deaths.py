@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from graph import Probe
 
 AMBIENT_PA = 101325.0
-HELD_PA = 50e3
+HELD_PA = 40e3
 
 
 class Processes:

@@ -23,6 +23,7 @@ PACKAGES = (
     "jammkle_sim",
     "jammkle_reality",
     "jammkle_gap",
+    "jammkle_contact",
     "jammkle_view",
     "jammkle_bringup",
 )
@@ -59,6 +60,7 @@ PURE = (
     "jammkle_gap.monitor.core",
     "jammkle_gap.report",
     "jammkle_gap.trial",
+    "jammkle_contact",
     "jammkle_view.core",
     "jammkle_view.page",
     "jammkle_view.playback",
@@ -92,6 +94,7 @@ ALLOWED = {
         "jammkle_graph",
     },
     "jammkle_gap.trial": {"jammkle_gap", "jammkle_reality", "jammkle_sim", "jammkle_graph"},
+    "jammkle_contact": {"jammkle_contact", "jammkle_driver", "jammkle_controller", "jammkle_sim", "jammkle_graph"},
     "jammkle_view": {"jammkle_view", "jammkle_gap", "jammkle_sim", "jammkle_graph", "jammkle_msgs"},
     "jammkle_view.core": {
         "jammkle_view.core",

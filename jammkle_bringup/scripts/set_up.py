@@ -24,6 +24,7 @@ PACKAGES = (
     "jammkle_sim",
     "jammkle_reality",
     "jammkle_gap",
+    "jammkle_contact",
     "jammkle_view",
     "jammkle_bringup",
 )

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.policy import PolicyMode
+from jammkle_controller.core.transitions import PolicyState
+from jammkle_controller.core.watch import ImuTrouble
 from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from jammkle_controller.core.controller import AnkleController
     from jammkle_controller.core.freshness import Freshness
     from jammkle_controller.core.imu import StreamCounts
 
 REMEMBERED_S = 5.0
 """How long trouble in the stream is shown after it ended, s."""
+
+SAFE_MODE = "the last wish is kept"
+"""What is done where nothing tells of contact: what is jammed stays jammed, what is soft stays soft."""
 
 
 class StreamTrouble:
@@ -37,31 +46,54 @@ def imu_health(controller: AnkleController, freshness: Freshness, topic: str, *,
     counts = controller.gate.counts
     values = {
         "rate (Hz)": f"{controller.gate.rate_hz:.0f}",
+        "mean specific force (m/s^2)": f"{controller.watch.level_m_s2:.2f}",
         "usable samples": str(counts.usable),
+        "held": str(counts.held),
         "ignored, not finite": str(counts.not_finite),
+        "ignored, out of range": str(counts.out_of_range),
         "ignored, repeated stamp": str(counts.repeated),
         "ignored, late": str(counts.late),
         "gaps": str(counts.gaps),
         "clock set back": str(counts.restarts),
+        "clipped (%)": f"{100.0 * controller.watch.clipped_share:.0f}",
         "silent for (s)": f"{freshness.silent_s:.2f}",
+        "detection": "available" if controller.watch.trouble is None else "unavailable",
     }
     # Whole seconds: a message is sent anew when its text changes.
     silent = f"no usable sample on {topic} for {freshness.silent_s:.0f} s"
     seen = (
-        f"{counts.not_finite} not finite, {counts.repeated} repeated, {counts.late} late, "
+        f"{counts.not_finite} not finite, {counts.out_of_range} out of range, {counts.repeated} repeated, "
+        f"{counts.late} late, "
         f"{counts.gaps} gaps, {counts.restarts} restarts"
     )
     if freshness.stale:
         reason = f" ({counts.ignored} samples were ignored: {seen})" if trouble and counts.ignored else ""
-        return Health("imu", Level.ERROR, f"{silent}{reason}; the last wish is kept", values)
+        return Health("imu", Level.ERROR, f"{silent}{reason}; {SAFE_MODE}", values)
     if freshness.paused:
         level = Level.OK if counts.usable else Level.WARN
         return Health("imu", level, "no samples, and the graph's clock stands still: paused", values)
     if not counts.usable:
         return Health("imu", Level.OK, f"waiting for the first sample on {topic}", values)
-    if trouble:
-        return Health("imu", Level.WARN, f"irregular samples: {seen}", values)
+    return _believed_health(controller.watch.trouble, seen if trouble else "", values)
+
+
+def _believed_health(why: ImuTrouble | None, irregular: str, values: Mapping[str, str]) -> Health:
+    """Tell whether samples that come in are believed, and what is irregular about them."""
+    if why is ImuTrouble.CHECKING:
+        return Health("imu", Level.OK, "samples come in, and are looked at first", values)
+    if why is not None:
+        return Health("imu", Level.ERROR, f"detection is unavailable: {why.value}; {SAFE_MODE}", values)
+    if irregular:
+        return Health("imu", Level.WARN, f"irregular samples: {irregular}", values)
     return Health("imu", Level.OK, "samples come in", values)
+
+
+def input_health(controller: AnkleController, time_ns: int, topics: Mapping[Input, str]) -> Health:
+    """Name every input beside the IMU, and whether it is heard; none is needed."""
+    heard = controller.inputs.heard(time_ns)
+    values = {f"{each.value} ({topics[each]})": "heard" if each in heard else "not heard" for each in Input}
+    names = ", ".join(each.value for each in Input if each in heard)
+    return Health("inputs", Level.OK, f"beside the IMU: {names or 'none'}", values)
 
 
 def policy_health(controller: AnkleController, *, auto: bool, trouble: str) -> Health:
@@ -76,10 +108,14 @@ def policy_health(controller: AnkleController, *, auto: bool, trouble: str) -> H
     values = {
         "contact": controller.phase.value,
         "mode": controller.mode.value,
-        "wanted vacuum (Pa)": f"{controller.vacuum_pa:.0f}",
+        "state": controller.state.value,
+        **{f"wanted vacuum, {channel} (Pa)": f"{vacuum_pa:.0f}" for channel, vacuum_pa in controller.wish.items()},
     }
     if not auto:
         return Health("policy", Level.OK, "automatic jamming is off; ~/set_auto turns it on", values)
     if trouble:
-        return Health("policy", Level.ERROR, f"automatic: {controller.mode.value}, but {trouble}", values)
-    return Health("policy", Level.OK, f"automatic: {controller.mode.value}", values)
+        return Health("policy", Level.ERROR, f"automatic: {controller.state.value}, but {trouble}", values)
+    if controller.state is PolicyState.FAULT:
+        return Health("policy", Level.ERROR, f"fault: nothing tells of contact; {SAFE_MODE}", values)
+    what = controller.state.value if controller.mode is PolicyMode.AUTO else controller.mode.value
+    return Health("policy", Level.OK, f"automatic: {what}", values)

@@ -3,40 +3,68 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
+from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Bool, Float32
 from std_srvs.srv import SetBool
 
-from jammkle_controller.conversions import contact_event_message, driver_view, imu_sample, jam_command_message
+from jammkle_controller.conversions import contact_event_message, driver_view, jam_command_message
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.freshness import Freshness
-from jammkle_controller.health import StreamTrouble, imu_health, policy_health
-from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
+from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.reading import imu_sample, joint_position, load_n, nanoseconds
+from jammkle_controller.health import StreamTrouble, imu_health, input_health, policy_health
+from jammkle_controller.parameters import ControllerParameters, controller_settings
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.names import CONTACT_EVENTS, CONTROLLER_NODE, IMU, JAM_COMMAND, JAM_STATE, SET_AUTO
+from jammkle_graph.names import (
+    ANKLE_JOINTS,
+    CONTACT_EVENTS,
+    CONTROLLER_NODE,
+    FOOT_CONTACT,
+    GAIT_PHASE,
+    IMU,
+    JAM_COMMAND,
+    JAM_STATE,
+    JOINT_STATES,
+    LOAD_CELL,
+    PLANNED_CONTACT,
+    SET_AUTO,
+)
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_graph.roll_call import RollCall
 from jammkle_msgs.msg import ContactEvent, JamCommand, JamState
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from rclpy.parameter import Parameter
 
+    from jammkle_controller.core.controller import Reaction
     from jammkle_graph.health import Health
 
 HARDWARE_ID = "ankle"
 
 SET_POINTS = ("hold_vacuum_pa", "full_vacuum_pa")
 """Parameters that the driver must take."""
+
+INPUT_TOPICS = {
+    Input.CONTACT_SWITCH: FOOT_CONTACT.name,
+    Input.LOAD: LOAD_CELL.name,
+    Input.GAIT_PHASE: GAIT_PHASE.name,
+    Input.PLANNED_CONTACT: PLANNED_CONTACT.name,
+    Input.JOINTS: JOINT_STATES.name,
+}
+"""Where each of the optional inputs is heard."""
 
 FOLLOW_S = 0.5
 """How long the driver may take to follow a new wish before that is told, s: ten repeats of jam_command."""
@@ -59,7 +87,7 @@ class ControllerNode(Node):
         super().__init__(CONTROLLER_NODE)
         values = declare(self, ControllerParameters)
         self._auto = values.auto_at_start
-        self._controller = AnkleController(detector_settings(values), policy_settings(values))
+        self._controller = AnkleController(controller_settings(values))
         self._freshness = Freshness(values.imu_timeout_s, time.monotonic(), self._graph_time_s())
         self._trouble = StreamTrouble()
         self._values = values
@@ -79,16 +107,39 @@ class ControllerNode(Node):
         self._roll_call = RollCall(self)
         self.create_subscription(JamState, JAM_STATE.name, self._hear_driver, subscriber_qos(JAM_STATE))
         self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU))
+        for kind, topic, take in (
+            (Bool, FOOT_CONTACT, lambda m, ns: self._controller.hear_switch(closed=m.data, time_ns=ns)),
+            (Bool, PLANNED_CONTACT, lambda m, ns: self._controller.hear_plan(contact=m.data, time_ns=ns)),
+            (Float32, GAIT_PHASE, lambda m, ns: self._controller.hear_phase(m.data, ns)),
+        ):
+            self.create_subscription(kind, topic.name, partial(self._hear, take), subscriber_qos(topic))
+        self.create_subscription(WrenchStamped, LOAD_CELL.name, self._hear_load, subscriber_qos(LOAD_CELL))
+        self.create_subscription(JointState, JOINT_STATES.name, self._hear_joints, subscriber_qos(JOINT_STATES))
 
     def _feel(self, message: Imu) -> None:
-        events, wish_changed = self._controller.update(imu_sample(message))
-        if wish_changed and self._auto:
+        self._take(self._controller.update(imu_sample(message)), message.header.frame_id)
+
+    def _hear(self, take: Callable[[Any, int], Reaction], message: Any) -> None:
+        """Take an input without a stamp: it is of now."""
+        self._take(take(message, self.get_clock().now().nanoseconds), "")
+
+    def _hear_load(self, message: WrenchStamped) -> None:
+        reaction = self._controller.hear_load(load_n(message), nanoseconds(message.header.stamp))
+        self._take(reaction, message.header.frame_id)
+
+    def _hear_joints(self, message: JointState) -> None:
+        roll_rad = joint_position(message, ANKLE_JOINTS[0])
+        if roll_rad is not None:
+            self._controller.inputs.hear_joints(roll_rad, nanoseconds(message.header.stamp))
+
+    def _take(self, reaction: Reaction, frame_id: str) -> None:
+        if reaction.wish_changed and self._auto:
             self._command()
-        for event in events:
-            self._events.publish(contact_event_message(event, message.header.frame_id))
+        for event in reaction.events:
+            self._events.publish(contact_event_message(event, frame_id))
 
     def _command(self) -> None:
-        self._commands.publish(jam_command_message(self._controller.vacuum_pa, self.get_clock().now().to_msg()))
+        self._commands.publish(jam_command_message(self._controller.wish, self.get_clock().now().to_msg()))
 
     def _repeat(self) -> None:
         if self._auto:
@@ -101,7 +152,7 @@ class ControllerNode(Node):
         if self._auto:
             self._command()
             response.message = (
-                f"automatic jamming is on ({self._controller.mode.value}): "
+                f"automatic jamming is on ({self._controller.state.value}): "
                 f"{JAM_COMMAND.name} now asks for {self._controller.vacuum_pa:.0f} Pa in every channel"
             )
         else:
@@ -146,7 +197,7 @@ class ControllerNode(Node):
 
     def _configure(self, values: ControllerParameters) -> None:
         self._values = values
-        self._controller.configure(detector_settings(values), policy_settings(values))
+        self._controller.configure(controller_settings(values))
         if self._auto:
             self._command()
 
@@ -157,7 +208,9 @@ class ControllerNode(Node):
         trouble = self._trouble.recent(counts, steady_s)
         imu = imu_health(self._controller, self._freshness, self.resolve_topic_name(IMU.name), trouble=trouble)
         policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver())
-        return [imu, policy, self._roll_call.health()]
+        time_ns = max(self.get_clock().now().nanoseconds, self._controller.gate.last_ns or 0)
+        inputs = input_health(self._controller, time_ns, INPUT_TOPICS)
+        return [imu, inputs, policy, self._roll_call.health()]
 
     def _graph_time_s(self) -> float:
         return self.get_clock().now().nanoseconds / NANOSECONDS_PER_SECOND

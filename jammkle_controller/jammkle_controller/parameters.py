@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jammkle_controller.core.detector import DetectorSettings
+from jammkle_controller.core.controller import ControllerSettings
+from jammkle_controller.core.detector import DetectorSettings, Mount
 from jammkle_controller.core.impact import ImpactSettings
+from jammkle_controller.core.inputs import InputSettings
 from jammkle_controller.core.liftoff import LiftoffSettings
-from jammkle_controller.core.policy import PolicySettings
+from jammkle_controller.core.policy import PolicyMode, PolicySettings
 from jammkle_controller.core.settled import SettledSettings
 from jammkle_controller.core.slip import SlipSettings
+from jammkle_controller.core.swing import SwingSettings
+from jammkle_controller.core.unloading import UnloadingSettings
+from jammkle_controller.core.watch import WatchSettings
 from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.parameters import parameter
 
@@ -21,6 +26,31 @@ class ControllerParameters:
     auto_at_start: bool = parameter(
         default=True, description="Whether jamming is automatic from the start; ~/set_auto changes it later"
     )
+    policy: str = parameter(
+        "auto",
+        "What automatic jamming does: by what is felt, or one of the baselines. Manual: ~/set_auto with false",
+        choices=tuple(mode.value for mode in PolicyMode),
+        dynamic=True,
+    )
+    imu_mount: str = parameter(
+        "body",
+        "Where the IMU is: on the foot, or the end of a shank that ends in a ball; on the shank; on the trunk",
+        choices=tuple(mount.value for mount in Mount),
+    )
+    imu_rate_hz: float = parameter(
+        0.0, "Rate that the IMU is configured to; twice or half of it is an error; 0: any from 50 Hz", "Hz", 0.0, 10e3
+    )
+    sole_x_m: float = parameter(0.0, "From the IMU to the sole, along x of the IMU; for slip", "m", -2.0, 2.0)
+    sole_y_m: float = parameter(0.0, "From the IMU to the sole, along y of the IMU; for slip", "m", -2.0, 2.0)
+    sole_z_m: float = parameter(0.0, "From the IMU to the sole, along z of the IMU; for slip", "m", -2.0, 2.0)
+    stance_share: float = parameter(
+        0.5, "Share of the stride that the foot stands, for gait/phase", "1", 0.05, 0.95, dynamic=True
+    )
+    use_load: bool = parameter(
+        default=False,
+        description="Whether load_cell/wrench is the load on the foot, and tells of contact; in a rig it is not",
+        dynamic=True,
+    )
     command_rate_hz: float = parameter(
         20.0,
         "How often jam_command is repeated, by a steady clock; must be well above the inverse of the driver's "
@@ -30,6 +60,12 @@ class ControllerParameters:
         100.0,
     )
     imu_timeout_s: float = parameter(0.2, "Silence of the IMU that is reported as an error", "s", 0.02, 10.0)
+    imu_frozen_s: float = parameter(
+        0.3, "Time over which an IMU may repeat one reading before it is frozen", "s", 0.05, 5.0, dynamic=True
+    )
+    imu_recover_s: float = parameter(
+        0.5, "Time for which an IMU must be in order before it is believed again", "s", 0.0, 60.0, dynamic=True
+    )
     max_gap_s: float = parameter(
         0.1,
         "Longest interval between two IMU samples over which they are still compared",
@@ -46,8 +82,21 @@ class ControllerParameters:
         1.0,
         dynamic=True,
     )
+    jam_lead_s: float = parameter(
+        0.03,
+        "How long before a foreseen touch-down jamming begins; below 36 ms the fibres do not grip before the shock",
+        "s",
+        0.0,
+        1.0,
+        dynamic=True,
+    )
     hold_vacuum_pa: float = parameter(
-        HELD_VACUUM_PA, "Vacuum of a stance; at most the driver's max_vacuum_pa", "Pa", 5e3, 80e3, dynamic=True
+        40e3,
+        "Vacuum of a stance; at most the driver's max_vacuum_pa. Less than full_vacuum_pa, so that a slip finds more",
+        "Pa",
+        5e3,
+        80e3,
+        dynamic=True,
     )
     full_vacuum_pa: float = parameter(
         HELD_VACUUM_PA,
@@ -56,6 +105,25 @@ class ControllerParameters:
         5e3,
         80e3,
         dynamic=True,
+    )
+    side_first_s: float = parameter(
+        0.1,
+        "How long the channels of the side that slips are jammed alone, where nothing is jammed yet; 0: all at once",
+        "s",
+        0.0,
+        1.0,
+        dynamic=True,
+    )
+    slip_hold_s: float = parameter(
+        0.5,
+        "From the last slip to the state recovering, at full_vacuum_pa: the pump takes as long",
+        "s",
+        0.0,
+        10.0,
+        dynamic=True,
+    )
+    recover_s: float = parameter(
+        2.0, "Time in the state recovering, before the vacuum of a stance is enough again", "s", 0.0, 60.0, dynamic=True
     )
     flight_threshold_m_s2: float = parameter(
         3.0,
@@ -107,12 +175,48 @@ class ControllerParameters:
         0.2, "Largest rms of the angular velocity at rest", "rad/s", 0.01, 3.0, dynamic=True
     )
     slip_speed_m_s: float = parameter(
-        0.06,
-        "Speed gained from rest that is a SLIP; below an acceleration of 20 /s times it none is reported",
+        0.025,
+        "Speed gained from rest, after a step of the acceleration, that is a SLIP; a body that shakes by 0.55 m/s^2 at "
+        "10 Hz reaches 0.018 m/s",
         "m/s",
         0.01,
         1.0,
         dynamic=True,
+    )
+    slip_step_m_s2: float = parameter(
+        0.4,
+        "Step of the acceleration that may be a SLIP; a body that sways by 10 mm at 3 Hz makes 0.28 m/s^2",
+        "m/s^2",
+        0.1,
+        10.0,
+        dynamic=True,
+    )
+    landed_slip_speed_m_s: float = parameter(
+        0.25,
+        "Speed along the ground after an impact that is a SLIP of a foot that has not stood",
+        "m/s",
+        0.05,
+        2.0,
+        dynamic=True,
+    )
+    unloaded_load: float = parameter(
+        0.6,
+        "Load in units of the weight below which a walking body is said to lift off, after a push; foot and shank have "
+        "better evidence",
+        "1",
+        0.0,
+        0.9,
+        dynamic=True,
+    )
+    unloading_confirm_s: float = parameter(0.015, "Time of unloading that is a LIFTOFF", "s", 0.0, 0.2, dynamic=True)
+    swing_probability: float = parameter(
+        0.85, "Probability of swing above which a foot or shank has left the ground", "1", 0.5, 0.999, dynamic=True
+    )
+    stance_probability: float = parameter(
+        0.1, "Probability of swing below which it stands, blow or none", "1", 0.001, 0.5, dynamic=True
+    )
+    touchdown_probability: float = parameter(
+        0.5, "Probability from which on a blow in a swing is a touch-down", "1", 0.05, 0.99
     )
 
 
@@ -122,11 +226,37 @@ def detector_settings(values: ControllerParameters) -> DetectorSettings:
         impact=ImpactSettings(values.touchdown_threshold_m_s2, values.impact_jump_m_s2, values.refractory_s),
         liftoff=LiftoffSettings(values.flight_threshold_m_s2, values.flight_confirm_s),
         settled=SettledSettings(values.settle_window_s, values.settle_rms_m_s2, values.settle_rms_rad_s),
-        slip=SlipSettings(values.slip_speed_m_s),
+        slip=SlipSettings(
+            values.slip_speed_m_s,
+            values.slip_step_m_s2,
+            values.landed_slip_speed_m_s,
+            (values.sole_x_m, values.sole_y_m, values.sole_z_m),
+        ),
+        unloading=UnloadingSettings(values.unloaded_load, values.unloading_confirm_s),
+        swing=SwingSettings(values.swing_probability, values.stance_probability),
+        watch=WatchSettings(values.imu_rate_hz, values.imu_frozen_s, values.imu_recover_s),
+        mount=Mount(values.imu_mount),
+        touchdown_probability=values.touchdown_probability,
         max_gap_s=values.max_gap_s,
     )
 
 
 def policy_settings(values: ControllerParameters) -> PolicySettings:
     """Pick what the policy needs."""
-    return PolicySettings(values.jam_delay_s, values.hold_vacuum_pa, values.full_vacuum_pa)
+    return PolicySettings(
+        mode=PolicyMode(values.policy),
+        jam_delay_s=values.jam_delay_s,
+        jam_lead_s=values.jam_lead_s,
+        hold_vacuum_pa=values.hold_vacuum_pa,
+        full_vacuum_pa=values.full_vacuum_pa,
+        side_first_s=values.side_first_s,
+        slip_hold_s=values.slip_hold_s,
+        recover_s=values.recover_s,
+    )
+
+
+def controller_settings(values: ControllerParameters) -> ControllerSettings:
+    """Pick what the controller needs."""
+    return ControllerSettings(
+        detector_settings(values), policy_settings(values), InputSettings(values.stance_share, values.use_load)
+    )

@@ -11,7 +11,7 @@ import pytest
 
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.parameters import ControllerParameters, detector_settings, policy_settings
+from jammkle_controller.parameters import ControllerParameters, controller_settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -131,8 +131,7 @@ class Streams:
     @staticmethod
     def new_controller() -> AnkleController:
         """Return a controller with default parameters."""
-        values = ControllerParameters()
-        return AnkleController(detector_settings(values), policy_settings(values))
+        return AnkleController(controller_settings(ControllerParameters()))
 
     def events_of(self, samples: list[ImuSample], controller: AnkleController | None = None) -> list[ContactEvent]:
         """Return what a controller, a new one if none is given, tells of these samples."""

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_controller.core.freshness import Freshness
-from jammkle_controller.core.policy import JammingPolicy, JamMode, PolicySettings
+from jammkle_controller.core.policy import JammingPolicy, PolicyMode, PolicySettings
+from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES, PolicyState, Trigger
 from jammkle_controller.parameters import ControllerParameters
+from jammkle_graph.names import CHANNELS
 from jammkle_graph.parameters import rows
 
+BACK = (-1.0, 0.0, 0.0)
 HOLD_PA = 40e3
 FULL_PA = 60e3
 SECOND_NS = 1_000_000_000
+MS_NS = 1_000_000
 
 delays = st.floats(0.0, 0.5)
 steps = st.lists(
@@ -22,22 +28,27 @@ steps = st.lists(
 )
 
 
-def new_policy(jam_delay_s: float = 0.02) -> JammingPolicy:
-    return JammingPolicy(PolicySettings(jam_delay_s, HOLD_PA, FULL_PA))
+def new_policy(jam_delay_s: float = 0.02, **changed: object) -> JammingPolicy:
+    settings = PolicySettings(PolicyMode.AUTO, jam_delay_s, 0.03, HOLD_PA, FULL_PA, 0.1, 0.5, 2.0)
+    return JammingPolicy(dataclasses.replace(settings, **changed))
 
 
-def feel(policy: JammingPolicy, kind: ContactKind, time_ns: int) -> None:
+def feel(policy: JammingPolicy, kind: ContactKind, time_ns: int, direction: tuple[float, float, float] = BACK) -> None:
     policy.advance(time_ns)
-    policy.react(ContactEvent(kind, time_ns, 1.0, "", 0.0))
+    policy.react(ContactEvent(kind, time_ns, 1.0, "", 0.0, direction=direction))
+
+
+def everywhere(vacuum_pa: float) -> dict[str, float]:
+    return dict.fromkeys(CHANNELS, vacuum_pa)
 
 
 @given(steps=steps, delay_s=delays)
 def test_soft_until_the_delay_after_an_impact(steps: list[tuple[int, ContactKind | None]], delay_s: float) -> None:
-    """For any story: soft after a lift-off, soft until `jam_delay_s` after an impact, stiff from then on, full on slip.
+    """For any story: soft in the air, soft until `jam_delay_s` after an impact, stiff then, and full after a slip.
 
     The expectation is worked out from the whole story so far, not from the policy's own state.
     """
-    policy = new_policy(delay_s)
+    policy = new_policy(delay_s, side_first_s=0.0)
     story: list[tuple[int, ContactKind]] = []
     now_ns = 0
     for step_ns, kind in steps:
@@ -45,29 +56,112 @@ def test_soft_until_the_delay_after_an_impact(steps: list[tuple[int, ContactKind
         policy.advance(now_ns)
         if kind is not None:
             policy.react(ContactEvent(kind, now_ns, 1.0, "", 0.0))
-            story = [] if kind is ContactKind.LIFTOFF else [*story, (now_ns, kind)]
+            lifts = kind in (ContactKind.LIFTOFF, ContactKind.SWING)
+            story = [] if lifts else [*story, (now_ns, kind)]
         impacts_ns = [at_ns for at_ns, what in story if what is ContactKind.IMPACT]
-        if any(what is ContactKind.SLIP for _, what in story):
-            assert policy.vacuum_pa == FULL_PA
+        slips_ns = [at_ns for at_ns, what in story if what is ContactKind.SLIP]
+        if slips_ns and now_ns - slips_ns[-1] < 2.5 * SECOND_NS:
+            assert policy.wish == everywhere(FULL_PA)
+        elif slips_ns:
+            assert set(policy.wish.values()) <= {HOLD_PA, FULL_PA}
         elif impacts_ns and now_ns - impacts_ns[0] >= round(delay_s * SECOND_NS):
-            assert policy.vacuum_pa == HOLD_PA
+            assert policy.wish == everywhere(HOLD_PA)
         else:
-            assert policy.vacuum_pa == 0.0
+            assert policy.wish == everywhere(0.0)
 
 
 def test_without_a_delay_the_impact_itself_jams() -> None:
     """With jam_delay_s of zero the sample that carries the impact asks for vacuum."""
     policy = new_policy(0.0)
     feel(policy, ContactKind.IMPACT, SECOND_NS)
-    assert policy.vacuum_pa == HOLD_PA
+    assert policy.wish == everywhere(HOLD_PA)
 
 
-def test_slip_does_not_wait() -> None:
-    """A slip while the delay after an impact is still running jams at once, at full vacuum."""
+def test_a_slip_finds_more_vacuum_and_it_ends() -> None:
+    """A slip in a stance asks for full vacuum at once, through slipping and recovering, and then for the stance's."""
+    policy = new_policy()
+    feel(policy, ContactKind.IMPACT, SECOND_NS)
+    policy.advance(SECOND_NS + 20 * MS_NS)
+    assert policy.wish == everywhere(HOLD_PA)
+    feel(policy, ContactKind.SLIP, 2 * SECOND_NS)
+    assert (policy.state, policy.wish) == (PolicyState.SLIPPING, everywhere(FULL_PA))
+    policy.advance(2 * SECOND_NS + 500 * MS_NS)
+    assert (policy.state, policy.wish) == (PolicyState.RECOVERING, everywhere(FULL_PA))
+    policy.advance(4 * SECOND_NS + 500 * MS_NS)
+    assert (policy.state, policy.wish) == (PolicyState.STANCE, everywhere(HOLD_PA))
+
+
+@pytest.mark.parametrize(
+    ("direction", "first"),
+    [(BACK, "achilles"), ((0.1, 0.9, 0.0), "peroneal_left"), ((0.1, -0.9, 0.0), "peroneal_right")],
+)
+def test_the_side_that_slips_jams_first(direction: tuple[float, float, float], first: str) -> None:
+    """From soft, the tendon that friction stretches is jammed alone for side_first_s, and the others follow."""
     policy = new_policy(0.5)
     feel(policy, ContactKind.IMPACT, SECOND_NS)
-    feel(policy, ContactKind.SLIP, SECOND_NS + 1)
-    assert policy.vacuum_pa == FULL_PA
+    feel(policy, ContactKind.SLIP, SECOND_NS + 1, direction)
+    assert policy.wish == {**everywhere(0.0), first: FULL_PA}
+    policy.advance(SECOND_NS + 100 * MS_NS + 1)
+    assert policy.wish == everywhere(FULL_PA)
+
+
+def test_a_foreseen_touch_down_is_prepared_and_given_up() -> None:
+    """Vacuum is asked for jam_lead_s ahead; the impact makes it a stance; if none comes, the foot is soft again."""
+    policy = new_policy()
+    policy.advance(0)
+    policy.foresee(SECOND_NS)
+    policy.advance(SECOND_NS - 31 * MS_NS)
+    assert policy.wish == everywhere(0.0)
+    policy.advance(SECOND_NS - 30 * MS_NS)
+    assert (policy.state, policy.wish) == (PolicyState.PREPARING, everywhere(HOLD_PA))
+    policy.advance(SECOND_NS + 151 * MS_NS)
+    assert (policy.state, policy.wish) == (PolicyState.SWING, everywhere(0.0))
+    policy.foresee(2 * SECOND_NS)
+    policy.advance(2 * SECOND_NS)
+    feel(policy, ContactKind.IMPACT, 2 * SECOND_NS + 5 * MS_NS)
+    assert (policy.state, policy.wish) == (PolicyState.STANCE, everywhere(HOLD_PA))
+
+
+@given(steps=steps, baseline=st.sampled_from([(PolicyMode.ALWAYS_SOFT, 0.0), (PolicyMode.ALWAYS_JAMMED, HOLD_PA)]))
+def test_the_baselines_feel_nothing(
+    steps: list[tuple[int, ContactKind | None]], baseline: tuple[PolicyMode, float]
+) -> None:
+    """Always soft is soft, and always jammed is jammed, whatever is felt."""
+    mode, vacuum_pa = baseline
+    policy = new_policy(mode=mode)
+    now_ns = 0
+    for step_ns, kind in steps:
+        now_ns += step_ns
+        policy.advance(now_ns)
+        if kind is not None:
+            policy.react(ContactEvent(kind, now_ns, 1.0, "", 0.0))
+        assert policy.wish == everywhere(vacuum_pa)
+
+
+def test_every_state_can_be_left_and_the_table_is_whole() -> None:
+    """Each state wants something, is explained, is reached, and leads to SWING or STANCE; a lift-off always vents."""
+    assert set(WISHES) == set(MEANINGS) == set(PolicyState)
+    assert {state for state, _ in TRANSITIONS} == set(PolicyState)
+    assert set(TRANSITIONS.values()) == set(PolicyState)
+    for state in set(PolicyState) - {PolicyState.SWING, PolicyState.FAULT}:
+        assert TRANSITIONS[state, Trigger.LIFTOFF] is PolicyState.SWING
+        assert TRANSITIONS[state, Trigger.LOST] is PolicyState.FAULT
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_in_a_fault_the_wish_is_kept(stands: bool) -> None:  # noqa: FBT001
+    """Where nothing tells of contact, what is jammed stays jammed and what is soft stays soft; events are void."""
+    policy = new_policy(0.0)
+    if stands:
+        feel(policy, ContactKind.IMPACT, SECOND_NS)
+    before = dict(policy.wish)
+    policy.lose()
+    assert policy.state is PolicyState.FAULT
+    for kind in ContactKind:
+        feel(policy, kind, 2 * SECOND_NS)
+        assert policy.wish == before
+    policy.regain()
+    assert policy.state is (PolicyState.STANCE if stands else PolicyState.SWING)
 
 
 @given(delay_s=delays, back_ns=st.integers(1, 10 * SECOND_NS), waited=st.floats(0.0, 0.99))
@@ -79,14 +173,14 @@ def test_clock_set_back_keeps_the_wish_and_the_rest_of_the_delay(delay_s: float,
     waited_ns = int(delay_ns * waited)
     feel(policy, ContactKind.IMPACT, start_ns)
     policy.advance(start_ns + waited_ns)
-    before_pa = policy.vacuum_pa
+    before = dict(policy.wish)
     new_ns = start_ns + waited_ns - back_ns
     policy.advance(new_ns)
-    assert policy.vacuum_pa == before_pa
+    assert policy.wish == before
     policy.advance(new_ns + delay_ns - waited_ns)
-    assert policy.vacuum_pa == HOLD_PA
+    assert policy.wish == everywhere(HOLD_PA)
     policy.advance(new_ns - 5 * SECOND_NS)
-    assert policy.mode is JamMode.HOLDING
+    assert policy.state is PolicyState.STANCE
 
 
 def test_silence_counts_only_when_both_clocks_run() -> None:

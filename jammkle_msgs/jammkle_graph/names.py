@@ -104,12 +104,21 @@ LOAD_CELL = Topic(
     TopicKind.SENSOR,
     "force between rig and leg, N; tension on force.z is positive",
 )
+FOOT_CONTACT = Topic(
+    "foot_contact", "std_msgs/msg/Bool", TopicKind.SENSOR, "true: the foot's contact switch is closed; optional"
+)
+GAIT_PHASE = Topic(
+    "gait/phase", "std_msgs/msg/Float32", TopicKind.SENSOR, "0 at touch-down to 1 at the next, of the foot; optional"
+)
+PLANNED_CONTACT = Topic(
+    "gait/contact", "std_msgs/msg/Bool", TopicKind.SENSOR, "whether the gait plans contact of the foot now; optional"
+)
 JAM_STATE = Topic("jam_state", "jammkle_msgs/msg/JamState", TopicKind.STATE, "state and vacuum per channel")
 JAM_COMMAND = Topic(
     "jam_command", "jammkle_msgs/msg/JamCommand", TopicKind.COMMAND, "vacuum wanted per channel, Pa; goes stale"
 )
 CONTACT_EVENTS = Topic(
-    "contact_events", "jammkle_msgs/msg/ContactEvent", TopicKind.EVENT, "impact, slip, lift-off, settled"
+    "contact_events", "jammkle_msgs/msg/ContactEvent", TopicKind.EVENT, "impact, slip, lift-off, swing, settled"
 )
 EMERGENCY_STOP = Topic(
     "emergency_stop", "std_msgs/msg/Bool", TopicKind.STATE, "true: release everything until ~/clear_fault"
@@ -163,6 +172,9 @@ TOPICS: tuple[Topic, ...] = (
     JAM_STATE,
     JAM_COMMAND,
     CONTACT_EVENTS,
+    FOOT_CONTACT,
+    GAIT_PHASE,
+    PLANNED_CONTACT,
     EMERGENCY_STOP,
     SIM_PARAMETERS,
     SIMULATOR_GAP,
@@ -170,6 +182,9 @@ TOPICS: tuple[Topic, ...] = (
     CLOCK,
 )
 """Every topic of one ankle's graph: what a complete recording holds."""
+
+FROM_OUTSIDE: tuple[Topic, ...] = (EMERGENCY_STOP, FOOT_CONTACT, GAIT_PHASE, PLANNED_CONTACT)
+"""Those that only a robot around the ankle publishes."""
 
 ROBOT_TOPICS: tuple[Topic, ...] = (TRUE_CONTACT,)
 """What there is besides, for each ankle of a simulated leg or quadruped."""

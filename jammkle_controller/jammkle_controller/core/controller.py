@@ -1,15 +1,37 @@
-"""Detector and policy as one: IMU samples in, contact events and a wish for the tendons out."""
+"""Detectors, inputs and policy as one: samples in, contact events and a wish for the tendons out."""
 
 from __future__ import annotations
 
+import dataclasses
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from jammkle_controller.core.detector import ContactDetector, DetectorSettings, Phase
-from jammkle_controller.core.policy import JammingPolicy, JamMode, PolicySettings
+from jammkle_controller.core.anticipation import Rhythm
+from jammkle_controller.core.detector import ContactDetector, DetectorSettings, Mount, Phase
+from jammkle_controller.core.events import ContactEvent, ContactKind, Source
+from jammkle_controller.core.imu import Admission
+from jammkle_controller.core.inputs import ContactInputs, InputSettings
+from jammkle_controller.core.policy import JammingPolicy, PolicyMode, PolicySettings
+from jammkle_controller.core.transitions import PolicyState
+from jammkle_controller.core.watch import ImuTrouble
 
 if TYPE_CHECKING:
-    from jammkle_controller.core.events import ContactEvent
+    from collections.abc import Mapping
+
     from jammkle_controller.core.imu import ImuGate, ImuSample
+    from jammkle_controller.core.watch import ImuWatch
+
+LEANING_RAD = 0.035
+"""Roll of the ankle from which on it tells the side that yields, rad: 2 deg, beyond its play."""
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """Settings of every part."""
+
+    detector: DetectorSettings
+    policy: PolicySettings
+    inputs: InputSettings
 
 
 class Reaction(NamedTuple):
@@ -20,13 +42,21 @@ class Reaction(NamedTuple):
 
 
 class AnkleController:
-    """The controller of one ankle without any middleware."""
+    """The controller of one ankle without any middleware.
 
-    def __init__(self, detector: DetectorSettings, policy: PolicySettings) -> None:
+    Of each change of contact the first to tell it counts: the IMU, a switch, the load, or the gait's plan. A sensor of
+    contact that says otherwise overrules the IMU; a plan that is heard says which blows on the body are this foot's.
+    """
+
+    def __init__(self, settings: ControllerSettings) -> None:
         """Start on the ground and soft."""
-        self._detector = ContactDetector(detector)
-        self._policy = JammingPolicy(policy)
+        self.inputs = ContactInputs(settings.inputs)
+        self._mount = settings.detector.mount
+        self._detector = ContactDetector(settings.detector)
+        self._policy = JammingPolicy(settings.policy)
+        self._rhythm = Rhythm()
         self._stance_held = False
+        self._believed_before = False
 
     def inherit_stance(self) -> None:
         """Note that the ankle was held by a controller before this one: hold it too, once the body is seen at rest.
@@ -36,27 +66,124 @@ class AnkleController:
         """
         self._stance_held = True
 
-    def configure(self, detector: DetectorSettings, policy: PolicySettings) -> None:
+    def configure(self, settings: ControllerSettings) -> None:
         """Take new settings and go on from the present state."""
-        self._detector.configure(detector)
-        self._policy.settings = policy
+        self._detector.configure(settings.detector)
+        self._policy.settings = settings.policy
+        self.inputs.settings = settings.inputs
 
     def update(self, sample: ImuSample) -> Reaction:
-        """Take the next sample."""
-        policy = self._policy
-        gate = self._detector.gate
-        wish_before_pa = policy.vacuum_pa
-        stamp_before_ns = gate.last_ns
+        """Take the next sample of the IMU."""
+        gate, wish_before = self._detector.gate, self._policy.wish
+        stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
         events = self._detector.update(sample)
+        if gate.count(Admission.RESTARTED) != restarts:
+            self._rhythm.forget()
         if gate.last_ns != stamp_before_ns:
-            policy.advance(sample.time_ns)
-        for event in events:
-            policy.react(event)
-        if self._stance_held and (events or self._detector.phase is Phase.PLANTED):
+            self._policy.advance(sample.time_ns)
+        self._look_at_imu(sample.time_ns)
+        told = tuple(event for event in events if self._counts(event))
+        for event in told:
+            self._react(event)
+        if self._stance_held and (told or self._detector.phase is Phase.PLANTED):
             self._stance_held = False
-            if not events:
-                policy.take_up()
-        return Reaction(events, policy.vacuum_pa != wish_before_pa)
+            if not told:
+                self._policy.take_up()
+        self._foresee(sample.time_ns)
+        return self._reaction(told, wish_before, sample.time_ns)
+
+    def hear_switch(self, *, closed: bool, time_ns: int) -> Reaction:
+        """Take a foot contact switch."""
+        return self._hear(self.inputs.hear_switch(closed=closed, time_ns=time_ns), time_ns)
+
+    def hear_plan(self, *, contact: bool, time_ns: int) -> Reaction:
+        """Take whether the gait plans contact now."""
+        return self._hear(self.inputs.hear_plan(contact=contact, time_ns=time_ns), time_ns)
+
+    def hear_load(self, load_n: float, time_ns: int) -> Reaction:
+        """Take the load on the foot, N, positive."""
+        return self._hear(self.inputs.hear_load(load_n, time_ns), time_ns)
+
+    def hear_phase(self, phase: float, time_ns: int) -> Reaction:
+        """Take the gait's phase, 0 at touch-down to 1 at the next."""
+        return self._hear(self.inputs.hear_phase(phase, time_ns), time_ns)
+
+    def _hear(self, event: ContactEvent | None, time_ns: int) -> Reaction:
+        if event is None:
+            return Reaction((), wish_changed=False)
+        lifted = event.kind is ContactKind.LIFTOFF
+        wish_before = self._policy.wish
+        off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
+        plan_only = event.source is Source.GAIT
+        # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body.
+        feels = self._detector.available and self._mount is not Mount.BODY
+        if off_ground is lifted or (plan_only and not lifted and feels):
+            return Reaction((), wish_changed=False)
+        if plan_only and lifted and self.inputs.measured_contact(time_ns):
+            return Reaction((), wish_changed=False)
+        self._detector.correct(lifted=lifted, time_ns=time_ns)
+        self._react(event)
+        return self._reaction((event,), wish_before, time_ns)
+
+    def _reaction(self, events: tuple[ContactEvent, ...], wish_before: Mapping[str, float], time_ns: int) -> Reaction:
+        changed = self._policy.wish != wish_before
+        if changed:
+            self._detector.jolt(time_ns)
+        return Reaction(events, changed)
+
+    def _counts(self, event: ContactEvent) -> bool:
+        """Whether an event of the IMU stands against what else is known; the detector is set right if it does not."""
+        touches = event.kind is ContactKind.IMPACT
+        contact = self.inputs.measured_contact(event.time_ns)
+        if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
+            self._detector.correct(lifted=False, time_ns=event.time_ns)
+            return False
+        if touches and self._mount is Mount.BODY and contact is None and self.inputs.is_another_foots(event.time_ns):
+            if self._policy.state in (PolicyState.SWING, PolicyState.PREPARING):
+                self._detector.correct(lifted=True, time_ns=event.time_ns)
+            return False
+        return True
+
+    def _react(self, event: ContactEvent) -> None:
+        if event.kind is ContactKind.SLIP and self.inputs.roll_rad is not None:
+            event = self._leaning(event, self.inputs.roll_rad)
+        self._policy.react(event)
+        if event.kind is ContactKind.LIFTOFF:
+            self._rhythm.lift(event.time_ns)
+        elif event.kind is ContactKind.IMPACT:
+            self._rhythm.land(event.time_ns)
+
+    @staticmethod
+    def _leaning(event: ContactEvent, roll_rad: float) -> ContactEvent:
+        """Let the ankle's own roll say which side yields, where it does.
+
+        A foot rolled onto its left edge is turned about -x, and stretches the left tendon.
+        """
+        if abs(roll_rad) < LEANING_RAD:
+            return event
+        return dataclasses.replace(event, direction=(0.0, -1.0 if roll_rad > 0.0 else 1.0, 0.0))
+
+    def _foresee(self, time_ns: int) -> None:
+        planned_ns = self.inputs.gait.touchdown_ns(time_ns)
+        foreseen_ns = planned_ns if planned_ns is not None else self._rhythm.touchdown_ns
+        if foreseen_ns is not None:
+            self._policy.foresee(foreseen_ns)
+
+    def _look_at_imu(self, time_ns: int) -> None:
+        """Fall back where nothing tells of contact, and come back where something does."""
+        trouble = self._detector.watch.trouble
+        believed = trouble is None
+        looked_at = trouble is ImuTrouble.CHECKING and not self._believed_before
+        self._believed_before = self._believed_before or believed
+        known = believed or looked_at or self.inputs.tells_contact(time_ns)
+        if known and self._policy.state is PolicyState.FAULT:
+            self._policy.regain()
+        elif not known and self._policy.state is not PolicyState.FAULT:
+            self._rhythm.forget()
+            if self._stance_held:  # nobody can see any more that it stands: it was held, and is held on
+                self._stance_held = False
+                self._policy.take_up()
+            self._policy.lose()
 
     @property
     def gate(self) -> ImuGate:
@@ -64,16 +191,36 @@ class AnkleController:
         return self._detector.gate
 
     @property
+    def watch(self) -> ImuWatch:
+        """Whether the IMU is believed."""
+        return self._detector.watch
+
+    @property
     def phase(self) -> Phase:
         """What the foot does."""
         return self._detector.phase
 
     @property
-    def mode(self) -> JamMode:
+    def swing_probability(self) -> float:
+        """Probability that the foot is off the ground."""
+        return self._detector.swing_probability
+
+    @property
+    def state(self) -> PolicyState:
         """What the policy does."""
-        return self._policy.mode
+        return self._policy.state
+
+    @property
+    def mode(self) -> PolicyMode:
+        """Whether the policy goes by what is felt, or is a baseline."""
+        return self._policy.settings.mode
+
+    @property
+    def wish(self) -> Mapping[str, float]:
+        """Vacuum wanted per channel, Pa, gauge, positive; 0 is vented."""
+        return self._policy.wish
 
     @property
     def vacuum_pa(self) -> float:
-        """Vacuum wanted in every channel, Pa, gauge, positive; 0 is vented."""
-        return self._policy.vacuum_pa
+        """Largest vacuum wanted in any channel, Pa."""
+        return max(self._policy.wish.values())

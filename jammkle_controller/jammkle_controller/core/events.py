@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 M_S2 = "m/s^2"
 M_S = "m/s"
+NO_UNIT = ""
 
 
 class ContactKind(enum.Enum):
@@ -18,8 +19,19 @@ class ContactKind(enum.Enum):
     """The foot slides."""
     LIFTOFF = "lift-off"
     """The foot left the ground."""
+    SWING = "swing"
+    """The foot swings freely."""
     SETTLED = "settled"
     """The body came to rest after an impact."""
+
+
+class Source(enum.Enum):
+    """What an event was felt on."""
+
+    IMU = "imu"
+    CONTACT_SWITCH = "contact switch"
+    LOAD = "load"
+    GAIT = "gait"
 
 
 @dataclass(frozen=True)
@@ -32,6 +44,9 @@ class ContactEvent:
         magnitude: Size of what was felt, in `unit`.
         unit: Unit of `magnitude`.
         detection_delay_s: From the first sample that carries the event to the one that decided, s.
+        probability: That it is one, 0 to 1, as calibrated on simulated steps.
+        source: What it was felt on.
+        direction: Unit vector of the sliding or of the blow in the IMU's frame; zeros: not known.
 
     """
 
@@ -40,3 +55,6 @@ class ContactEvent:
     magnitude: float
     unit: str
     detection_delay_s: float
+    probability: float = 1.0
+    source: Source = Source.IMU
+    direction: tuple[float, float, float] = (0.0, 0.0, 0.0)

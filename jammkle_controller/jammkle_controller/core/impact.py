@@ -15,6 +15,12 @@ ONSET_M_S2 = 1.0
 """Rise from which on a sample is said to carry the impact, m/s^2: 30 times the noise of the magnitude
 (80 ug/sqrt(Hz) over 225 Hz is 0.015 m/s^2 per axis), so that noise never opens an impact."""
 
+_FLIGHT_PROBABILITY = 0.99
+_UNLOADED_PROBABILITY = 0.8
+_GROUND_PROBABILITY = 0.7
+"""Probability of an impact after free fall, after unloading, and on the ground, where a blow may also come from another
+foot."""
+
 
 @dataclass(frozen=True)
 class ImpactSettings:
@@ -70,11 +76,15 @@ class ImpactDetector:
         # Implicit Euler: stable for any interval.
         self._level = level + rise * interval_s / (interval_s + FOLLOW_TIME_S)
 
+    def unloaded(self, time_ns: int, force_m_s2: float, rise_m_s2: float) -> ContactEvent | None:
+        """Return an impact if the force on an unloaded body jumped by more than `rise_m_s2`, m/s^2."""
+        return self._impact(time_ns, force_m_s2, _UNLOADED_PROBABILITY) if self._rise > rise_m_s2 else None
+
     def in_flight(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
         """Return an impact if the flight ended: the ground carries more than `touchdown_m_s2`."""
         if force_m_s2 <= self.settings.touchdown_m_s2:
             return None
-        return self._impact(time_ns, force_m_s2)
+        return self._impact(time_ns, force_m_s2, _FLIGHT_PROBABILITY)
 
     def on_ground(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
         """Return an impact if the force jumped by more than `impact_jump_m_s2`, unless one was just reported."""
@@ -83,12 +93,26 @@ class ImpactDetector:
         last_ns = self._last_impact_ns
         if last_ns is not None and (time_ns - last_ns) / NANOSECONDS_PER_SECOND < self.settings.refractory_s:
             return None
-        return self._impact(time_ns, force_m_s2)
+        return self._impact(time_ns, force_m_s2, _GROUND_PROBABILITY)
 
-    def _impact(self, time_ns: int, force_m_s2: float) -> ContactEvent:
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last impact, ns."""
+        return self._last_impact_ns
+
+    def note(self, time_ns: int) -> None:
+        """Take an impact that was found elsewhere."""
+        self._last_impact_ns = time_ns
+
+    def _impact(self, time_ns: int, force_m_s2: float, probability: float) -> ContactEvent:
         onset_ns = time_ns if self._onset_ns is None else self._onset_ns
         level = self._level if self._onset_ns is None else self._level_before
         self._last_impact_ns = time_ns
         return ContactEvent(
-            ContactKind.IMPACT, time_ns, force_m_s2 - level, M_S2, (time_ns - onset_ns) / NANOSECONDS_PER_SECOND
+            ContactKind.IMPACT,
+            time_ns,
+            force_m_s2 - level,
+            M_S2,
+            (time_ns - onset_ns) / NANOSECONDS_PER_SECOND,
+            probability,
         )

@@ -12,6 +12,12 @@ from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 REORDERING_LIMIT_S = 0.1
 """A stamp further back than this is a new time line, not a late sample (assumed: ten times the worst jitter seen)."""
 
+LARGEST_FORCE_M_S2 = 4000.0
+"""A reading beyond it is none, m/s^2: 400 g, the widest range of small accelerometers (H3LIS331DL)."""
+
+LARGEST_RATE_RAD_S = 350.0
+"""As above for the gyro, rad/s: 20,000 deg/s (ADXRS649). Readings in deg/s of a gyro of common range pass it often."""
+
 _RATE_FORGETTING = 0.02
 
 
@@ -39,15 +45,23 @@ class Admission(enum.Enum):
     """It may be used, but what came before is too old to compare it with. The first sample of all is one of these."""
     RESTARTED = "restarted"
     """Its stamp lies far behind the last one: the clock, or the simulation, was restarted."""
+    HELD = "held"
+    """Its stamp is new and its values are those of the last one, to the last bit: the source repeats a reading until
+    the next comes. It tells the time and nothing else."""
     NOT_FINITE = "not finite"
     """It holds NaN or infinity; ignored."""
+    OUT_OF_RANGE = "out of range"
+    """It holds a value that no sensor gives; ignored."""
     REPEATED = "repeated"
     """Its stamp is that of the last sample; ignored."""
     LATE = "late"
     """Its stamp lies a little behind the last one (delivered out of order); ignored."""
 
 
-IGNORED = frozenset({Admission.NOT_FINITE, Admission.REPEATED, Admission.LATE})
+BAD = frozenset({Admission.NOT_FINITE, Admission.OUT_OF_RANGE, Admission.REPEATED, Admission.LATE})
+"""Samples that are not what a sensor in order sends."""
+
+IGNORED = BAD | {Admission.HELD}
 """Samples that must not reach a detector."""
 
 
@@ -56,7 +70,9 @@ class StreamCounts:
     """What has come in so far, in samples."""
 
     usable: int
+    held: int
     not_finite: int
+    out_of_range: int
     repeated: int
     late: int
     gaps: int
@@ -65,14 +81,14 @@ class StreamCounts:
     @property
     def ignored(self) -> int:
         """Samples that were not used."""
-        return self.not_finite + self.repeated + self.late
+        return self.not_finite + self.out_of_range + self.repeated + self.late
 
 
 class ImuGate:
     """Admits samples by their stamps and values, and counts what it saw."""
 
     def __init__(self, max_gap_s: float) -> None:
-        """Make a gate that has seen nothing; `last_ns` is then the stamp of the last usable sample, ns.
+        """Make a gate that has seen nothing; `last_ns` is then the stamp of the last sample that told the time, ns.
 
         Args:
             max_gap_s: Longest interval between two samples that still counts as one stream, s.
@@ -82,6 +98,8 @@ class ImuGate:
         self.interval_s = 0.0
         self._mean_interval_s = 0.0
         self.last_ns: int | None = None
+        self._used_ns = 0
+        self._last_values: tuple[float, ...] = ()
         self._counts = dict.fromkeys(Admission, 0)
 
     def admit(self, sample: ImuSample) -> Admission:
@@ -94,30 +112,45 @@ class ImuGate:
         # One NaN or infinity makes the sum NaN or infinite: one test instead of six.
         if not math.isfinite(sum(sample)):
             return Admission.NOT_FINITE
-        if self.last_ns is None:
-            self.last_ns = sample.time_ns
-            return Admission.AFTER_GAP
-        interval_s = (sample.time_ns - self.last_ns) / NANOSECONDS_PER_SECOND
-        if interval_s <= 0.0:
-            return self._judge_backward(sample.time_ns, interval_s)
-        self.last_ns = sample.time_ns
-        self.interval_s = interval_s
-        if interval_s > self.max_gap_s:
-            return Admission.AFTER_GAP
-        self._mean_interval_s += (interval_s - self._mean_interval_s) * _RATE_FORGETTING
-        return Admission.USABLE
+        if not _is_possible(sample):
+            return Admission.OUT_OF_RANGE
+        return self._judge_time(sample)
 
-    def _judge_backward(self, time_ns: int, interval_s: float) -> Admission:
+    def _judge_time(self, sample: ImuSample) -> Admission:
+        time_ns = sample.time_ns
+        if self.last_ns is None:
+            return self._use(sample, Admission.AFTER_GAP)
+        since_last_ns = time_ns - self.last_ns
+        if since_last_ns <= 0:
+            return self._judge_backward(sample, since_last_ns / NANOSECONDS_PER_SECOND)
+        if sample[1:] == self._last_values:
+            self.last_ns = time_ns
+            return Admission.HELD
+        self.interval_s = interval_s = (time_ns - self._used_ns) / NANOSECONDS_PER_SECOND
+        if interval_s > self.max_gap_s:
+            return self._use(sample, Admission.AFTER_GAP)
+        self._mean_interval_s += (interval_s - self._mean_interval_s) * _RATE_FORGETTING
+        return self._use(sample, Admission.USABLE)
+
+    def _use(self, sample: ImuSample, admission: Admission) -> Admission:
+        self.last_ns = self._used_ns = sample.time_ns
+        self._last_values = sample[1:]
+        return admission
+
+    def _judge_backward(self, sample: ImuSample, interval_s: float) -> Admission:
         if interval_s == 0.0:
             return Admission.REPEATED
         if interval_s >= -REORDERING_LIMIT_S:
             return Admission.LATE
-        self.last_ns = time_ns
-        return Admission.RESTARTED
+        return self._use(sample, Admission.RESTARTED)
+
+    def count(self, admission: Admission) -> int:
+        """Samples of which the gate said this."""
+        return self._counts[admission]
 
     @property
     def rate_hz(self) -> float:
-        """Recent rate of usable samples by their stamps, Hz; 0 before there are two."""
+        """Recent rate of usable samples, without held ones, by their stamps, Hz; 0 before there are two."""
         return 1.0 / self._mean_interval_s if self._mean_interval_s > 0.0 else 0.0
 
     @property
@@ -126,9 +159,17 @@ class ImuGate:
         counts = self._counts
         return StreamCounts(
             usable=counts[Admission.USABLE] + counts[Admission.AFTER_GAP] + counts[Admission.RESTARTED],
+            held=counts[Admission.HELD],
             not_finite=counts[Admission.NOT_FINITE],
+            out_of_range=counts[Admission.OUT_OF_RANGE],
             repeated=counts[Admission.REPEATED],
             late=counts[Admission.LATE],
             gaps=max(0, counts[Admission.AFTER_GAP] - 1),
             restarts=counts[Admission.RESTARTED],
         )
+
+
+def _is_possible(sample: ImuSample) -> bool:
+    """Whether there is a sensor that can read this."""
+    _, x, y, z, p, q, r = sample
+    return max(x, y, z, -x, -y, -z) <= LARGEST_FORCE_M_S2 and max(p, q, r, -p, -q, -r) <= LARGEST_RATE_RAD_S

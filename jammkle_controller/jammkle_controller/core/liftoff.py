@@ -10,6 +10,9 @@ from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 MIN_SAMPLES = 3
 """A flight is seen by at least this many samples, so that a gap in the stream does not make one."""
 
+_PROBABILITY = 0.99
+"""Nothing but a flight is that light for that long."""
+
 
 @dataclass(frozen=True)
 class LiftoffSettings:
@@ -45,4 +48,4 @@ class LiftoffDetector:
         if self._samples < MIN_SAMPLES or lasted_s < self.settings.flight_confirm_s:
             return None
         self._since_ns = None
-        return ContactEvent(ContactKind.LIFTOFF, time_ns, force_m_s2, M_S2, lasted_s)
+        return ContactEvent(ContactKind.LIFTOFF, time_ns, force_m_s2, M_S2, lasted_s, _PROBABILITY)

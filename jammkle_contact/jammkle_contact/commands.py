@@ -1,0 +1,70 @@
+"""Arguments of `jammkle detect` and `jammkle contact`. What they do stands in modules of their own."""
+
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for NumPy and Matplotlib
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jammkle_graph.command.options import JsonOption, NamespaceOption
+
+app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
+
+_TABLE = "Tables (.csv, .txt, .tsv)"
+
+
+@app.command()
+def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
+    recording: Annotated[Path, typer.Argument(help="A bag with an IMU, or a table.", metavar="RECORDING")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of events.json and detect.png.")] = Path(
+        "runs/detect"
+    ),
+    mount: Annotated[str, typer.Option(help="Where the IMU is: foot, shank or body.")] = "body",
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="NAME=VALUE of a parameter of the controller; may be repeated.")
+    ] = None,
+    topic: Annotated[
+        str, typer.Option(help="Topic of the IMU in a bag.", show_default="imu/data, or the only IMU")
+    ] = "",
+    namespace: NamespaceOption = "/",
+    force: Annotated[
+        str, typer.Option(help="Columns of the specific force, names or numbers from 1.", rich_help_panel=_TABLE)
+    ] = "1,2,3",
+    rate: Annotated[
+        str, typer.Option(help="Columns of the angular velocity; empty: no gyro.", rich_help_panel=_TABLE)
+    ] = "4,5,6",
+    time: Annotated[str, typer.Option(help="Column of the time, s.", rich_help_panel=_TABLE)] = "",
+    reference: Annotated[
+        str, typer.Option(help="Column of a force or switch, drawn beside and not heard.", rich_help_panel=_TABLE)
+    ] = "",
+    force_unit: Annotated[str, typer.Option(help="m/s^2 or g.", rich_help_panel=_TABLE)] = "m/s^2",
+    rate_unit: Annotated[str, typer.Option(help="rad/s or deg/s.", rich_help_panel=_TABLE)] = "rad/s",
+    rate_hz: Annotated[float, typer.Option(help="Rate of the rows, without --time.", rich_help_panel=_TABLE)] = 0.0,
+    delimiter: Annotated[str, typer.Option(help="Between two columns.", rich_help_panel=_TABLE)] = ",",
+    json: JsonOption = None,
+) -> int:
+    """Run detectors and policy over any recording with an IMU, and write its events and a picture."""
+    from jammkle_contact.detecting import DetectRequest
+    from jammkle_contact.detecting import detect as run
+    from jammkle_contact.recording import TableFormat
+    from jammkle_graph.namespace import normalised
+
+    layout = TableFormat(
+        force=_listed(force),
+        rate=_listed(rate),
+        time=time,
+        reference=reference,
+        force_unit=force_unit,
+        rate_unit=rate_unit,
+        rate_hz=rate_hz,
+        delimiter=delimiter,
+    )
+    changed = (f"imu_mount={mount}", *(settings or ()))
+    return run(DetectRequest(recording, output, json, topic, normalised(namespace), layout, changed))
+
+
+def _listed(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",") if part.strip())

@@ -1,0 +1,156 @@
+"""`jammkle detect`: detectors and policy over a recording, its events as JSON, and a picture."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from jammkle_contact.picture import draw
+from jammkle_contact.recording import Recording, TableFormat, read_bag, read_table
+from jammkle_contact.replay import Replay, replay
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.results import check_writable, console, write_json
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_graph.parameters import ParameterError, from_mapping, rows
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_TABLES = (".csv", ".txt", ".tsv")
+
+
+@dataclass(frozen=True)
+class DetectRequest:
+    """What was asked for on the command line."""
+
+    recording: Path
+    output: Path
+    json: Path | None
+    topic: str
+    namespace: str
+    layout: TableFormat
+    settings: tuple[str, ...]
+    """`NAME=VALUE` of parameters of the controller."""
+
+
+def detect(request: DetectRequest) -> int:
+    """Run detectors and policy over a recording; return the exit code.
+
+    Raises:
+        InputError: the recording cannot be read, or a parameter is none.
+
+    """
+    check_writable(request.json)
+    parameters = parameters_from(request.settings)
+    if request.recording.suffix.lower() in _TABLES:
+        recording = read_table(request.recording, request.layout)
+    else:
+        recording = read_bag(request.recording, request.topic, request.namespace)
+    if not recording.samples():
+        msg = f"{request.recording} holds no sample of an IMU"
+        raise InputError(msg)
+    made = replay(recording.heard, parameters)
+    content = as_dict(recording, made, parameters)
+    events, picture = request.output / "events.json", request.output / "detect.png"
+    try:
+        request.output.mkdir(parents=True, exist_ok=True)
+        draw(recording, made, picture)
+    except OSError as error:
+        msg = f"-o {request.output} cannot be written: {error.strerror}"
+        raise InputError(msg) from error
+    write_json(events, content)
+    write_json(request.json, content)
+    _show(recording, made, events, picture)
+    return 0
+
+
+def parameters_from(settings: tuple[str, ...]) -> ControllerParameters:
+    """Return the controller's parameters from `NAME=VALUE`.
+
+    Raises:
+        InputError: there is no such parameter, or the value is out of range.
+
+    """
+    known = {row.name: row for row in rows(ControllerParameters)}
+    values: dict[str, object] = {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        if not equals:
+            msg = f"--set {setting}: it must be NAME=VALUE"
+            raise InputError(msg)
+        values[name] = _value(known[name].default, text) if name in known else text
+    try:
+        return from_mapping(ControllerParameters, values)
+    except ParameterError as error:
+        msg = f"--set: {error}"
+        raise InputError(msg) from error
+
+
+def _value(default: object, text: str) -> object:
+    if isinstance(default, bool):
+        return {"true": True, "false": False}.get(text, text)
+    if isinstance(default, float):
+        try:
+            return float(text)
+        except ValueError:
+            return text
+    return text
+
+
+def as_dict(recording: Recording, made: Replay, parameters: ControllerParameters) -> dict[str, Any]:
+    """Return all that was found for machines: times in s from the first sample, and stamps in ns."""
+    begin_ns = recording.samples()[0].time_ns
+    return {
+        "recording": recording.name,
+        "imu_topic": recording.imu_topic,
+        "mount": parameters.imu_mount,
+        "begin_ns": begin_ns,
+        "samples": {
+            "usable": made.counts.usable,
+            "held": made.counts.held,
+            "ignored": made.counts.ignored,
+            "gaps": made.counts.gaps,
+        },
+        "events": [
+            {
+                "time_s": (event.time_ns - begin_ns) / NANOSECONDS_PER_SECOND,
+                "stamp_ns": event.time_ns,
+                "kind": event.kind.value,
+                "magnitude": event.magnitude,
+                "unit": event.unit,
+                "detection_delay_s": event.detection_delay_s,
+                "probability": event.probability,
+                "source": event.source.value,
+                "direction": list(event.direction),
+            }
+            for event in made.events
+        ],
+        "decisions": [
+            {
+                "time_s": (each.time_ns - begin_ns) / NANOSECONDS_PER_SECOND,
+                "state": each.state,
+                "vacuum_pa": each.wish_pa,
+            }
+            for each in made.decisions
+        ],
+        "unavailable": [
+            {"time_s": (at_ns - begin_ns) / NANOSECONDS_PER_SECOND, "why": why} for at_ns, why in made.troubles
+        ],
+    }
+
+
+def _show(recording: Recording, made: Replay, events: Path, picture: Path) -> None:
+    screen = console()
+    counts = Counter(event.kind.value for event in made.events)
+    table = Table("event", "count", title=f"{recording.name}: {made.counts.usable} samples used")
+    for kind, count in counts.items():
+        table.add_row(kind, str(count))
+    screen.print(table)
+    for _, why in made.troubles[-1:]:
+        if why:
+            screen.print(f"detection was unavailable at the end: {why}")
+    screen.print(f"events: {events}\npicture: {picture}")

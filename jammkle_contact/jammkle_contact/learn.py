@@ -1,0 +1,131 @@
+"""Learn the density ratios of the detectors on synthetic walks: `python -m jammkle_contact.learn`.
+
+Seeds of learning are below `FIRST_TRIAL_SEED`, those of every trial above.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
+
+import jammkle_controller.core
+from jammkle_contact.synthetic import walk
+from jammkle_controller.core.density_ratio import WEIGHTS_FILE
+from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
+from jammkle_controller.core.motion import Motion
+from jammkle_controller.core.touchdown import LEAST_BLOW_M_S2, LEAST_RATIO
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from jammkle_contact.story import Story
+
+FIRST_TRIAL_SEED = 100_000
+WALKS = 160
+STRIDES = 12
+UNSURE_S = 0.02
+"""Samples so near to a change of contact say nothing clear of either side."""
+BLOW_S = 0.02
+"""A touch-down's blow is over by then."""
+EARLY_S = 0.003
+"""So shortly before a touch-down nothing is called a swing: stamps jitter."""
+
+
+def learn(mount: str, walks: int = WALKS) -> dict[str, dict[str, Any]]:
+    """Learn both ratios of a mount; return them by name."""
+    swing: list[tuple[tuple[float, ...], bool]] = []
+    blows: list[tuple[tuple[float, ...], bool]] = []
+    for seed in range(walks):
+        story = walk(seed, mount, STRIDES)
+        _collect(story, swing, blows)
+    return {
+        f"swing_{mount}": _fitted(swing, balanced=True),
+        f"touchdown_{mount}": _fitted(blows, balanced=False),
+    }
+
+
+def _collect(
+    story: Story, swing: list[tuple[tuple[float, ...], bool]], blows: list[tuple[tuple[float, ...], bool]]
+) -> None:
+    gate, motion = ImuGate(0.1), Motion()
+    lifts, lands = np.array(story.liftoffs_s), np.array(story.touchdowns_s)
+    changes = np.sort(np.concatenate([lifts, lands]))
+    stands = story.in_contact(np.array([s.time_ns / NANOSECONDS_PER_SECOND for s in story.samples]))
+    for index, (sample, on_ground) in enumerate(zip(story.samples, stands.tolist(), strict=True)):
+        admission = gate.admit(sample)
+        if admission in IGNORED:
+            continue
+        if admission is not Admission.USABLE:
+            motion = Motion((sample.force_x, sample.force_y, sample.force_z))
+            continue
+        motion.update(sample, gate.interval_s)
+        time_s = sample.time_ns / NANOSECONDS_PER_SECOND
+        nearest_s = float(np.abs(changes - time_s).min())
+        if nearest_s > UNSURE_S and index % 3 == 0:
+            swing.append((motion.features(), not on_ground))
+        _collect_blow(motion, time_s, lifts, lands, blows, on_ground=on_ground)
+
+
+def _collect_blow(
+    motion: Motion,
+    time_s: float,
+    lifts: NDArray[np.float64],
+    lands: NDArray[np.float64],
+    blows: list[tuple[tuple[float, ...], bool]],
+    *,
+    on_ground: bool,
+) -> None:
+    if motion.sharp_m_s2 < LEAST_BLOW_M_S2 or motion.sharp_ratio < LEAST_RATIO:
+        return
+    before = lifts[lifts <= time_s]
+    if len(before) == 0:
+        return
+    swung_s = time_s - float(before[-1])
+    since_land_s = time_s - float(lands[lands <= time_s][-1]) if (lands <= time_s).any() else np.inf
+    if not on_ground:
+        if lands[np.searchsorted(lands, time_s)] - time_s > EARLY_S:
+            blows.append((motion.blow_features(swung_s), False))
+    elif since_land_s < BLOW_S:
+        blows.append((motion.blow_features(swung_s), True))
+
+
+def _fitted(rows: list[tuple[tuple[float, ...], bool]], *, balanced: bool) -> dict[str, Any]:
+    x, y = np.array([row for row, _ in rows]), np.array([label for _, label in rows])
+    centre, scale = x.mean(axis=0), x.std(axis=0) + 1e-9
+    z = np.clip((x - centre) / scale, -3.5, 3.5)
+    pairs = [(i, j) for i in range(z.shape[1]) for j in range(i, z.shape[1])]
+    full = np.hstack([z, np.column_stack([z[:, i] * z[:, j] for i, j in pairs])])
+    model = LogisticRegression(C=1.0, max_iter=2000, class_weight="balanced" if balanced else None).fit(full, y)
+    weights = model.coef_[0].round(4).tolist()
+    width = z.shape[1]
+    products = iter(weights[width:])
+    return {
+        "centre": centre.round(4).tolist(),
+        "scale": scale.round(4).tolist(),
+        "constant": round(float(model.intercept_[0]), 4),
+        "linear": weights[:width],
+        "products": [[next(products) for _ in range(width - i)] for i in range(width)],
+        "learned_from": {"samples": len(y), "positive": int(y.sum()), "accuracy": round(model.score(full, y), 4)},
+    }
+
+
+def main() -> int:
+    """Learn all and write the controller's file."""
+    made: dict[str, Any] = {}
+    for mount in ("foot", "shank"):
+        made |= learn(mount)
+        for name, entry in made.items():
+            sys.stdout.write(f"{name}: {entry['learned_from']}\n")
+    path = Path(jammkle_controller.core.__file__).with_name(WEIGHTS_FILE)
+    path.write_text(json.dumps(made, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

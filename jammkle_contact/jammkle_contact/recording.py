@@ -1,0 +1,215 @@
+"""Recordings as a stream of what a controller hears: bags with any IMU in them, and tables of numbers."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.reading import imu_sample, joint_position, load_n, nanoseconds
+from jammkle_graph import names
+from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.command.errors import InputError
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_graph.namespace import resolved
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+FORCE_UNITS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY_M_S2}
+RATE_UNITS = {"rad/s": 1.0, "deg/s": math.radians(1.0)}
+_IMU_TYPE = names.IMU.message_type
+_AXES = 3
+
+
+class Heard(NamedTuple):
+    """One thing that a controller hears: a sample of the IMU, or the value of another input at a time, ns."""
+
+    time_ns: int
+    what: ImuSample | Input
+    value: float = 0.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was recorded, by rising time of arrival."""
+
+    name: str
+    heard: list[Heard]
+    imu_topic: str = ""
+    reference: list[tuple[int, float]] = field(default_factory=list)
+    """Times, ns, and values of a force or switch that is drawn beside, and not heard."""
+
+    def samples(self) -> list[ImuSample]:
+        """Return the samples of the IMU alone."""
+        return [each.what for each in self.heard if isinstance(each.what, ImuSample)]
+
+
+@dataclass(frozen=True)
+class TableFormat:
+    """How a table of numbers is to be read: columns by name or by number from 1, and units.
+
+    Attributes:
+        force: Columns of the specific force.
+        rate: Columns of the angular velocity; none: there is no gyro.
+        time: Column of the time, s; empty: rows come at `rate_hz`.
+        reference: Column that is drawn beside; empty: none.
+        force_unit: One of FORCE_UNITS.
+        rate_unit: One of RATE_UNITS.
+        rate_hz: Rate of the rows, where there is no time.
+        delimiter: Between two columns.
+
+    """
+
+    force: tuple[str, ...]
+    rate: tuple[str, ...]
+    time: str = ""
+    reference: str = ""
+    force_unit: str = "m/s^2"
+    rate_unit: str = "rad/s"
+    rate_hz: float = 0.0
+    delimiter: str = ","
+
+
+def read_bag(path: Path, topic: str = "", namespace: str = "/") -> Recording:
+    """Read a bag with an IMU.
+
+    Args:
+        path: The bag.
+        topic: Of the IMU; empty: imu/data of the namespace, or the only one of its type.
+        namespace: Normalised namespace, in which the other inputs are.
+
+    Raises:
+        InputError: unreadable, or no IMU, or several and no topic.
+
+    """
+    with opened(path) as reader:
+        imus = sorted(each.topic for each in reader.connections if each.msgtype == _IMU_TYPE)
+        imu = topic or _only_imu(path, imus, resolved(namespace, names.IMU.name))
+        if imu not in imus:
+            msg = f"bag {path} holds no {_IMU_TYPE} on {imu}; it has: {', '.join(imus) or 'none'}"
+            raise InputError(msg)
+        others = {
+            resolved(namespace, each.name): each
+            for each in (names.FOOT_CONTACT, names.GAIT_PHASE, names.PLANNED_CONTACT, names.LOAD_CELL)
+        }
+        others[resolved(namespace, names.JOINT_STATES.name)] = names.JOINT_STATES
+        wanted = [each for each in reader.connections if each.topic == imu or each.topic in others]
+        heard = []
+        for connection, log_ns, data in messages(reader, path, wanted):
+            message: Any = reader.deserialize(data, connection.msgtype)
+            if connection.topic == imu:
+                sample = imu_sample(message)
+                heard.append(Heard(sample.time_ns, sample))
+            elif connection.msgtype == others[connection.topic].message_type:
+                heard += _other(others[connection.topic], message, log_ns)
+    return Recording(path.name, heard, imu)
+
+
+def _only_imu(path: Path, imus: list[str], usual: str) -> str:
+    if usual in imus:
+        return usual
+    if len(imus) == 1:
+        return imus[0]
+    what = f"several ({', '.join(imus)}): choose one with --topic" if imus else f"none of type {_IMU_TYPE}"
+    msg = f"bag {path} holds no {usual}; of other IMUs it holds {what}"
+    raise InputError(msg)
+
+
+def _other(topic: names.Topic, message: Any, log_ns: int) -> list[Heard]:
+    if topic is names.FOOT_CONTACT:
+        return [Heard(log_ns, Input.CONTACT_SWITCH, float(message.data))]
+    if topic is names.PLANNED_CONTACT:
+        return [Heard(log_ns, Input.PLANNED_CONTACT, float(message.data))]
+    if topic is names.GAIT_PHASE:
+        return [Heard(log_ns, Input.GAIT_PHASE, float(message.data))]
+    at_ns = nanoseconds(message.header.stamp)
+    if topic is names.LOAD_CELL:
+        return [Heard(at_ns, Input.LOAD, load_n(message))]
+    roll_rad = joint_position(message, names.ANKLE_JOINTS[0])
+    return [] if roll_rad is None else [Heard(at_ns, Input.JOINTS, roll_rad)]
+
+
+def read_table(path: Path, layout: TableFormat) -> Recording:
+    """Read a table of numbers: rows of values, a head of names or none.
+
+    Raises:
+        InputError: it cannot be read, a column does not exist, a value is no number, or a unit is not known.
+
+    """
+    force_scale = _scale(FORCE_UNITS, layout.force_unit, "--force-unit")
+    rate_scale = _scale(RATE_UNITS, layout.rate_unit, "--rate-unit")
+    if len(layout.force) != _AXES or len(layout.rate) not in (0, _AXES):
+        msg = f"columns of {path}: {len(layout.force)} of force and {len(layout.rate)} of rate; it must be 3 and 3 or 0"
+        raise InputError(msg)
+    if not layout.time and layout.rate_hz <= 0.0:
+        msg = f"{path} has no column of time (--time): give the rate of its rows with --rate-hz"
+        raise InputError(msg)
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = csv.reader(file, delimiter=layout.delimiter, skipinitialspace=True)
+            first = next(rows, [])
+            head = [] if all(_is_number(cell) for cell in first) else first
+            body = rows if head else itertools.chain([first], rows)
+            return _table(path, layout, head, body, force_scale, rate_scale)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        msg = f"{path} cannot be read: {error}"
+        raise InputError(msg) from error
+
+
+def _table(
+    path: Path, layout: TableFormat, head: list[str], rows: Iterator[list[str]], force_scale: float, rate_scale: float
+) -> Recording:
+    force = [_column(path, head, name) for name in layout.force]
+    rate = [_column(path, head, name) for name in layout.rate]
+    time = _column(path, head, layout.time) if layout.time else -1
+    beside = _column(path, head, layout.reference) if layout.reference else -1
+    heard, reference = [], []
+    for number, row in enumerate(rows):
+        if not row:
+            continue
+        try:
+            at_s = float(row[time]) if layout.time else (number + 1) / layout.rate_hz
+            at_ns = round(at_s * NANOSECONDS_PER_SECOND)
+            x, y, z = (force_scale * float(row[index]) for index in force)
+            p, q, r = (rate_scale * float(row[index]) for index in rate) if rate else (0.0, 0.0, 0.0)
+            if layout.reference:
+                reference.append((at_ns, float(row[beside])))
+        except (ValueError, IndexError) as error:
+            msg = f"{path}, row {number + 1}: {error}; columns are chosen with --force, --rate, --time"
+            raise InputError(msg) from error
+        heard.append(Heard(at_ns, ImuSample(at_ns, x, y, z, p, q, r)))
+    if not heard:
+        msg = f"{path} holds no rows"
+        raise InputError(msg)
+    return Recording(path.name, heard, reference=reference)
+
+
+def _scale(units: dict[str, float], unit: str, option: str) -> float:
+    if unit not in units:
+        msg = f"{option} is '{unit}'; it must be one of {', '.join(units)}"
+        raise InputError(msg)
+    return units[unit]
+
+
+def _column(path: Path, head: list[str], name: str) -> int:
+    if name in head:
+        return head.index(name)
+    if name.isdigit() and int(name) >= 1:
+        return int(name) - 1
+    known = f"its columns are {', '.join(head)}" if head else "it has no head: count columns from 1"
+    msg = f"{path} has no column '{name}'; {known}"
+    raise InputError(msg)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,326 @@
+"""Synthetic walks, trots and landings: a two-link leg whose foot stands, slides, lifts, swings and hits the ground.
+
+Kinematics by inverse kinematics of hip, knee and foot; blows, ringing, motors and sliding are added to the acceleration
+that follows from it. It is no dynamics: what matters is that everything a detector must tell apart is in it, in wide
+ranges. Speeds of a touch-down and stride times after small quadrupeds (0.1 to 0.6 m/s, 0.35 to 1.2 s); assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d  # type: ignore[import-untyped]  # carries no types
+from scipy.signal import butter, lfilter  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_contact.sensing import CLOCK_START_S, draw_imu, sense
+from jammkle_contact.story import Slide, Story
+from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+FINE_HZ = 4000.0
+_LINK_M = 0.21
+FLAT_SHARE = 0.5
+"""Of the legs that have an ankle and a foot; the others end in a ball."""
+STRIDES_AT_ONCE = 5
+AT_ONCE_SHARE, BACK_SHARE = 0.4, 0.7
+"""Of the slides that begin with the touch-down, and that go back."""
+SLIDE_MIN_S = 0.04
+_SLIDES_MIN_M = 0.002
+"""A way below it is no slip: the sole's own give."""
+
+
+@dataclass
+class _Track:
+    """What becomes of the foot and body, as lists of stretches."""
+
+    foot_x: list[NDArray[np.float64]] = field(default_factory=list)
+    foot_z: list[NDArray[np.float64]] = field(default_factory=list)
+    pitch: list[NDArray[np.float64]] = field(default_factory=list)
+    stands: list[NDArray[np.bool_]] = field(default_factory=list)
+    touchdowns: list[tuple[int, float]] = field(default_factory=list)
+    """Index and speed, m/s."""
+    liftoffs: list[int] = field(default_factory=list)
+    slides: list[tuple[int, NDArray[np.float64]]] = field(default_factory=list)
+    """Index of the begin, and way, m, from there."""
+    phase: list[NDArray[np.float64]] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        """How many fine steps there are so far."""
+        return sum(len(part) for part in self.foot_x)
+
+
+@dataclass(frozen=True)
+class Gait:
+    """What is drawn of a walk."""
+
+    stride_s: float
+    stance_share: float
+    speed_m_s: float
+    lift_m: float
+    hardness: float
+    """Share of a cubic in the lift, which ends with a speed: how fast the foot comes down."""
+    flat: bool
+    """Whether there is a foot that stands flat below an ankle, or a ball at the end of the shank."""
+    slip_share: float
+    vibration_m_s2: float
+    slope_rad: float
+
+
+def draw_gait(chance: np.random.Generator, *, wide: bool) -> Gait:
+    """Draw a walk; `wide` draws from the ranges of the held-out part."""
+    return Gait(
+        stride_s=chance.uniform(0.35, 1.2) if not wide else chance.choice([0.3, 0.45, 0.7, 1.4]),
+        stance_share=chance.uniform(0.45, 0.7) if not wide else chance.uniform(0.4, 0.75),
+        speed_m_s=chance.uniform(0.1, 0.8) if not wide else chance.uniform(0.05, 1.0),
+        lift_m=chance.uniform(0.03, 0.10) if not wide else chance.uniform(0.025, 0.13),
+        hardness=chance.uniform(0.05, 0.7),
+        flat=bool(chance.random() < FLAT_SHARE),
+        slip_share=0.35,
+        vibration_m_s2=10.0 ** chance.uniform(-1.0, 0.5),
+        slope_rad=math.radians(chance.uniform(0.0, 20.0) if not wide else chance.uniform(0.0, 35.0)),
+    )
+
+
+def walk(seed: int, mount: str, strides: int, *, wide: bool = False) -> Story:
+    """Make a walk of some strides with standing before, between and after.
+
+    Args:
+        seed: Everything is drawn from it.
+        mount: A value of `Mount`.
+        strides: How many.
+        wide: Whether it is of the held-out part.
+
+    """
+    chance = np.random.default_rng([seed, int(wide), 77])
+    gait = draw_gait(chance, wide=wide)
+    track = _Track()
+    _stand(track, chance.uniform(0.5, 1.0))
+    for index in range(strides):
+        _stride(track, gait, chance)
+        if index % STRIDES_AT_ONCE == STRIDES_AT_ONCE - 1:
+            _stand(track, chance.uniform(0.3, 1.0))
+    _stand(track, 0.5)
+    return _felt(f"walk {seed}", track, gait, mount, chance, wide=wide)
+
+
+def _stand(track: _Track, lasts_s: float) -> None:
+    count = round(lasts_s * FINE_HZ)
+    last_x = track.foot_x[-1][-1] if track.foot_x else 0.0
+    track.foot_x.append(np.full(count, last_x))
+    track.foot_z.append(np.zeros(count))
+    track.pitch.append(np.zeros(count))
+    track.stands.append(np.ones(count, dtype=bool))
+    track.phase.append(np.full(count, np.nan))
+
+
+def _stride(track: _Track, gait: Gait, chance: np.random.Generator) -> None:
+    vary = chance.normal(1.0, 0.05)
+    swing = round(gait.stride_s * (1.0 - gait.stance_share) * vary * FINE_HZ)
+    stance = round(gait.stride_s * gait.stance_share * vary * FINE_HZ)
+    length_m = gait.speed_m_s * gait.stride_s
+    share = np.linspace(0.0, 1.0, swing)
+    begin = track.count
+    x0 = track.foot_x[-1][-1]
+    hardness = float(np.clip(gait.hardness * chance.normal(1.0, 0.2), 0.02, 0.9))
+    lift = (1.0 - hardness) * np.sin(math.pi * share) ** 2 + hardness * 6.75 * share**2 * (1.0 - share)
+    track.liftoffs.append(begin)
+    track.foot_x.append(x0 + length_m * (share - np.sin(2.0 * math.pi * share) / (2.0 * math.pi)))
+    track.foot_z.append(gait.lift_m * lift)
+    pitch_amplitude = chance.uniform(0.1, 0.6) if gait.flat else 0.0
+    track.pitch.append(pitch_amplitude * np.sin(math.pi * share) ** 2 * np.sin(2.0 * math.pi * share + 0.3))
+    track.stands.append(np.zeros(swing, dtype=bool))
+    track.phase.append(gait.stance_share + (1.0 - gait.stance_share) * share)
+    speed = 6.75 * hardness * gait.lift_m / (swing / FINE_HZ)
+    track.touchdowns.append((begin + swing, max(0.05, speed)))
+    x = np.full(stance, track.foot_x[-1][-1])
+    if chance.uniform() < gait.slip_share:
+        _slide(track, x, begin + swing, chance)
+    track.foot_x.append(x)
+    track.foot_z.append(np.zeros(stance))
+    track.pitch.append(np.zeros(stance))
+    track.stands.append(np.ones(stance, dtype=bool))
+    track.phase.append(gait.stance_share * np.linspace(0.0, 1.0, stance))
+
+
+def _slide(track: _Track, x: NDArray[np.float64], begin: int, chance: np.random.Generator) -> None:
+    """Let the foot break away: a step of the acceleration, as of Coulomb friction, and a stop by friction."""
+    stance_s = len(x) / FINE_HZ
+    at_once = chance.random() < AT_ONCE_SHARE
+    from_s = chance.uniform(0.0, 0.01) if at_once else chance.uniform(0.25, 0.7) * stance_s
+    lasts_s = min(chance.uniform(0.06, 0.2), stance_s - from_s - 0.02)
+    if lasts_s < SLIDE_MIN_S:
+        return
+    gain, loss = chance.uniform(0.8, 7.0), chance.uniform(1.0, 8.0)
+    time_s = np.arange(len(x)) / FINE_HZ - from_s
+    turn_s = lasts_s * loss / (gain + loss)
+    acceleration = np.where((time_s > 0) & (time_s < turn_s), gain, 0.0)
+    acceleration = np.where((time_s >= turn_s) & (time_s < lasts_s), -loss, acceleration)
+    way = np.cumsum(np.cumsum(acceleration)) / FINE_HZ**2
+    if way[-1] < _SLIDES_MIN_M:
+        return
+    first = max(0, round(from_s * FINE_HZ))
+    sign = -1.0 if chance.random() < BACK_SHARE else 1.0
+    x += sign * way
+    track.slides.append((begin + first, way[first:]))
+
+
+def _felt(name: str, track: _Track, gait: Gait, mount: str, chance: np.random.Generator, *, wide: bool) -> Story:
+    foot_x, foot_z = np.concatenate(track.foot_x), np.concatenate(track.foot_z)
+    pitch, stands = np.concatenate(track.pitch), np.concatenate(track.stands)
+    count = len(foot_x)
+    time_s = np.arange(count) / FINE_HZ
+    # The body follows the mean way of the foot, and heaves; over a stand it rests.
+    body_x = gaussian_filter1d(foot_x, 0.35 * gait.stride_s * FINE_HZ, mode="nearest")
+    walks = gaussian_filter1d((~np.isnan(np.concatenate(track.phase))).astype(float), 0.1 * FINE_HZ)
+    heave_m_s2 = chance.uniform(0.5, 5.0)
+    heave_rad_s = 2.0 * math.pi * 2.0 / gait.stride_s
+    sway = chance.uniform(0.0, 0.01) * np.sin(2.0 * math.pi * chance.uniform(0.5, 3.0) * time_s + chance.uniform(0, 6))
+    body_z = 0.33 + walks * heave_m_s2 / heave_rad_s**2 * np.cos(heave_rad_s * time_s)
+    body_x = body_x + sway
+    shank, imu_x, imu_z = _leg(body_x, body_z, foot_x, foot_z, mount, chance)
+    if mount == "body":
+        angle = walks * chance.uniform(0.0, 0.05) * np.sin(heave_rad_s * time_s)
+    elif mount == "foot" and gait.flat:
+        angle, imu_x, imu_z = pitch, foot_x, foot_z + 0.02
+    else:
+        angle = shank
+    # A blow is added below; here the corners of the path are rounded so much that they make none.
+    smooth = 0.002 * FINE_HZ
+    ax = _second(gaussian_filter1d(imu_x, smooth, mode="nearest"))
+    az = _second(gaussian_filter1d(imu_z, smooth, mode="nearest"))
+    limit = 60.0
+    force = np.zeros((count, 3))
+    force[:, 0] = np.clip(ax, -limit, limit) + STANDARD_GRAVITY_M_S2 * math.sin(gait.slope_rad)
+    force[:, 2] = np.clip(az, -limit, limit) + STANDARD_GRAVITY_M_S2 * math.cos(gait.slope_rad)
+    _soften_corners(force, track, ax, az)
+    _add_blows(force, track, gait, mount, chance, count)
+    _add_vibration(force, stands, gait, mount, chance)
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, z = force[:, 0].copy(), force[:, 2].copy()
+    # The sensor is turned by +angle about y, so that the world turns the other way in its frame.
+    force[:, 0], force[:, 2] = cos * x - sin * z, sin * x + cos * z
+    rate = np.zeros((count, 3))
+    rate[:, 1] = np.gradient(gaussian_filter1d(angle, smooth, mode="nearest")) * FINE_HZ
+    rate += _band(chance, count, 20.0, 120.0)[:, None] * 0.05 * gait.vibration_m_s2
+    samples = sense(force, rate, FINE_HZ, draw_imu(chance, wide=wide), chance)
+    phase = np.concatenate(track.phase)
+    every = round(FINE_HZ / 100.0)
+    return Story(
+        name=name,
+        mount=mount,
+        samples=samples,
+        touchdowns_s=tuple(CLOCK_START_S + index / FINE_HZ for index, _ in track.touchdowns),
+        liftoffs_s=tuple(CLOCK_START_S + index / FINE_HZ for index in track.liftoffs),
+        slides=tuple(_slide_of(begin, way) for begin, way in track.slides),
+        duration_s=count / FINE_HZ,
+        phase=(CLOCK_START_S + time_s[::every], phase[::every]),
+        facts={"stride_s": gait.stride_s, "stance_share": gait.stance_share, "speed_m_s": gait.speed_m_s},
+    )
+
+
+def _slide_of(begin: int, way: NDArray[np.float64]) -> Slide:
+    times_s = CLOCK_START_S + (begin + np.arange(len(way))) / FINE_HZ
+    moves = np.flatnonzero(np.diff(way) > 0.0)
+    first, last = int(moves[0]), int(moves[-1])
+    return Slide(float(times_s[first]), float(times_s[last]), times_s, way)
+
+
+def _leg(
+    body_x: NDArray[np.float64],
+    body_z: NDArray[np.float64],
+    foot_x: NDArray[np.float64],
+    foot_z: NDArray[np.float64],
+    mount: str,
+    chance: np.random.Generator,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Solve the leg and return the shank's angle from the vertical, rad, and where the IMU is, m."""
+    if mount == "body":
+        return np.zeros_like(body_x), body_x, body_z
+    dx, dz = foot_x - body_x, foot_z - body_z
+    reach = np.clip(np.hypot(dx, dz), 0.05, 1.999 * _LINK_M)
+    bend = np.arccos(np.clip(reach / (2.0 * _LINK_M), -1.0, 1.0))
+    shank = np.arctan2(dx, -dz) - bend
+    up_m = chance.uniform(0.0, 0.03) if mount == "foot" else chance.uniform(0.08, 0.2)
+    return shank, foot_x - up_m * np.sin(shank), foot_z + up_m * np.cos(shank)
+
+
+def _second(way: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.gradient(np.gradient(way)) * FINE_HZ**2)
+
+
+def _soften_corners(
+    force: NDArray[np.float64], track: _Track, ax: NDArray[np.float64], az: NDArray[np.float64]
+) -> None:
+    """Take out what the corner of the path makes at touch-down: the blow itself is added with its own shape."""
+    for index, _ in track.touchdowns:
+        before, after = slice(max(0, index - 30), index), slice(index, min(len(force), index + 30))
+        for axis, way in ((0, ax), (2, az)):
+            made = np.clip(way, -60.0, 60.0)
+            force[before, axis] += made[before.start] - made[before]
+            force[after, axis] -= made[after]
+
+
+def _add_blows(
+    force: NDArray[np.float64], track: _Track, gait: Gait, mount: str, chance: np.random.Generator, count: int
+) -> None:
+    passed = {"foot": 1.0, "shank": chance.uniform(0.3, 0.7), "body": chance.uniform(0.04, 0.15)}[mount]
+    ring_hz, decay_s = chance.uniform(25.0, 90.0), chance.uniform(0.005, 0.025)
+    contact_s = chance.uniform(0.003, 0.012) * (2.0 if mount == "body" else 1.0)
+    others = [(index + round(0.5 * gait.stride_s * FINE_HZ), speed) for index, speed in track.touchdowns]
+    blows = [(i, v, 1.0) for i, v in track.touchdowns] + [
+        (i, v, 1.0 if mount == "body" else chance.uniform(0.03, 0.25)) for i, v in others
+    ]
+    for index, speed, share in blows:
+        _add_blow(force, index, passed * share * speed, contact_s, ring_hz, decay_s, chance, count)
+    for (index, speed), lifted in zip(track.touchdowns, track.liftoffs, strict=True):
+        # Joints that reverse, cables that strike, feet that scrape: jolts of a swing and of a stance.
+        for _ in range(int(chance.integers(0, 3))):
+            at = int(chance.uniform(lifted, index + (index - lifted)))
+            _add_blow(force, at, 0.25 * passed * speed * chance.uniform(), contact_s, ring_hz, decay_s, chance, count)
+    for index in track.liftoffs:
+        _add_blow(force, index, -0.1 * passed * chance.uniform(0.2, 2.0), 0.015, ring_hz, decay_s, chance, count)
+
+
+def _add_blow(
+    force: NDArray[np.float64],
+    index: int,
+    speed: float,
+    contact_s: float,
+    ring_hz: float,
+    decay_s: float,
+    chance: np.random.Generator,
+    count: int,
+) -> None:
+    last = min(count, index + round(0.15 * FINE_HZ))
+    if index >= last:
+        return
+    time_s = np.arange(last - index) / FINE_HZ
+    peak = 0.5 * math.pi * speed / contact_s
+    pulse = np.where(time_s < contact_s, peak * np.sin(math.pi * time_s / contact_s), 0.0)
+    ring = chance.uniform(0.1, 0.5) * peak * np.exp(-time_s / decay_s) * np.sin(2.0 * math.pi * ring_hz * time_s)
+    way = np.array([chance.normal(0.0, 0.35), chance.normal(0.0, 0.2), 1.0])
+    way /= np.linalg.norm(way)
+    force[index:last] += pulse[:, None] * way
+    force[index:last] += ring[:, None] * (way + chance.normal(0.0, 0.3, 3))
+
+
+def _add_vibration(
+    force: NDArray[np.float64], stands: NDArray[np.bool_], gait: Gait, mount: str, chance: np.random.Generator
+) -> None:
+    moving = gaussian_filter1d((~stands).astype(float), 0.03 * FINE_HZ)
+    quiet = chance.uniform(0.1, 0.5) if mount == "foot" else chance.uniform(0.3, 0.8)
+    for axis in range(3):
+        noise = _band(chance, len(force), 25.0, 150.0)
+        force[:, axis] += gait.vibration_m_s2 * noise * (quiet + (1.0 - quiet) * moving)
+
+
+def _band(chance: np.random.Generator, count: int, low_hz: float, high_hz: float) -> NDArray[np.float64]:
+    b, a = butter(2, [low_hz / (0.5 * FINE_HZ), high_hz / (0.5 * FINE_HZ)], btype="band")
+    noise = lfilter(b, a, chance.normal(size=count))
+    return np.asarray(noise / (np.std(noise) + 1e-12))

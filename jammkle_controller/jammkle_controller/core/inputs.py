@@ -1,0 +1,143 @@
+"""What a robot may tell of contact beside the IMU, each of it optional: switch, load, gait phase, plan, joints."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+
+from jammkle_controller.core.anticipation import GaitPhase
+from jammkle_controller.core.events import NO_UNIT, ContactEvent, ContactKind, Source
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+
+LOADED_SHARE = 0.4
+UNLOADED_SHARE = 0.15
+"""Shares of the usual load of a stance above and below which the foot stands and does not: Schmitt's trigger."""
+LOAD_MEMORY_S = 2.0
+"""Time constant of the usual load, s, in which only a foot that stands counts: some strides."""
+LOAD_CONFIRM_S = 0.02
+"""A load must be so long on one side, s: a hard landing bounces for some ms."""
+LEAST_LOAD_N = 1.0
+"""A cell that never reads more says nothing of contact, N."""
+SILENT_S = 0.5
+"""An input that was not heard for so long is not there, s."""
+NEAR_TOUCHDOWN = 0.2
+"""An impact on the body at another phase than within this of touch-down is another foot's; a fifth of the stride."""
+PLANNED_PROBABILITY = 0.9
+"""Assumed, of what a plan says: a gait misses its plan on stairs and holes."""
+
+
+class Input(enum.Enum):
+    """What may be heard."""
+
+    CONTACT_SWITCH = "contact switch"
+    LOAD = "load"
+    GAIT_PHASE = "gait phase"
+    PLANNED_CONTACT = "planned contact"
+    JOINTS = "joint states"
+
+
+@dataclass(frozen=True)
+class InputSettings:
+    """Share of the stride that the foot stands, and whether the load cell tells of contact."""
+
+    stance_share: float
+    use_load: bool
+
+
+class ContactInputs:
+    """Keeps the latest of every input and turns changes of contact into events."""
+
+    def __init__(self, settings: InputSettings) -> None:
+        """Hear nothing."""
+        self.settings = settings
+        self.gait = GaitPhase()
+        self.roll_rad: float | None = None
+        self._heard_ns: dict[Input, int] = {}
+        self._in_contact: dict[Input, bool] = {}
+        self._usual_load_n = 0.0
+        self._load_side: bool | None = None
+        self._load_side_ns = 0
+
+    def heard(self, time_ns: int) -> tuple[Input, ...]:
+        """Inputs that were heard lately; a switch is heard for ever, as it may speak on change only."""
+        return tuple(
+            each
+            for each, at_ns in self._heard_ns.items()
+            if each in (Input.CONTACT_SWITCH, Input.PLANNED_CONTACT)
+            or abs(time_ns - at_ns) < SILENT_S * NANOSECONDS_PER_SECOND
+        )
+
+    def measured_contact(self, time_ns: int) -> bool | None:
+        """Whether a sensor of contact says that the foot stands; None: there is none."""
+        here = self.heard(time_ns)
+        for each in (Input.CONTACT_SWITCH, Input.LOAD):
+            if each in here and each in self._in_contact:
+                return self._in_contact[each]
+        return None
+
+    def tells_contact(self, time_ns: int) -> bool:
+        """Whether anything beside the IMU tells of contact."""
+        planned = {Input.GAIT_PHASE, Input.PLANNED_CONTACT} & set(self.heard(time_ns))
+        return bool(planned) or self.measured_contact(time_ns) is not None
+
+    def hear_switch(self, *, closed: bool, time_ns: int) -> ContactEvent | None:
+        """Take a contact switch."""
+        return self._change(Input.CONTACT_SWITCH, Source.CONTACT_SWITCH, time_ns, 1.0, contact=closed)
+
+    def hear_plan(self, *, contact: bool, time_ns: int) -> ContactEvent | None:
+        """Take whether the gait plans contact now."""
+        return self._change(Input.PLANNED_CONTACT, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=contact)
+
+    def hear_load(self, load_n: float, time_ns: int) -> ContactEvent | None:
+        """Take the load on the foot, N, positive."""
+        if not self.settings.use_load or not math.isfinite(load_n):
+            return None
+        before_ns = self._heard_ns.get(Input.LOAD, time_ns)
+        elapsed_s = max(0.0, (time_ns - before_ns) / NANOSECONDS_PER_SECOND)
+        self._heard_ns[Input.LOAD] = time_ns
+        if self._usual_load_n == 0.0:
+            self._usual_load_n = max(0.0, load_n)
+        if load_n > UNLOADED_SHARE * self._usual_load_n:
+            self._usual_load_n += (load_n - self._usual_load_n) * elapsed_s / (elapsed_s + LOAD_MEMORY_S)
+        if self._usual_load_n < LEAST_LOAD_N:
+            return None
+        share = load_n / self._usual_load_n
+        stands = share >= LOADED_SHARE
+        if UNLOADED_SHARE < share < LOADED_SHARE or stands is not self._load_side:
+            self._load_side, self._load_side_ns = stands, time_ns
+            return None
+        if (time_ns - self._load_side_ns) / NANOSECONDS_PER_SECOND < LOAD_CONFIRM_S:
+            return None
+        return self._change(Input.LOAD, Source.LOAD, time_ns, 1.0, contact=stands)
+
+    def hear_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
+        """Take the gait's phase: 0 at touch-down, 1 at the next."""
+        if not 0.0 <= phase <= 1.0:
+            return None
+        self._heard_ns[Input.GAIT_PHASE] = time_ns
+        self.gait.hear(phase, time_ns)
+        stands = phase < self.settings.stance_share
+        return self._change(Input.GAIT_PHASE, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=stands)
+
+    def hear_joints(self, roll_rad: float, time_ns: int) -> None:
+        """Take the ankle's roll, rad."""
+        if math.isfinite(roll_rad):
+            self._heard_ns[Input.JOINTS] = time_ns
+            self.roll_rad = roll_rad
+
+    def is_another_foots(self, time_ns: int) -> bool:
+        """Whether a blow on the body comes at a phase at which this foot does not touch down."""
+        phase = self.gait.phase(time_ns)
+        return phase is not None and NEAR_TOUCHDOWN < phase < 1.0 - NEAR_TOUCHDOWN
+
+    def _change(
+        self, which: Input, source: Source, time_ns: int, probability: float, *, contact: bool
+    ) -> ContactEvent | None:
+        self._heard_ns[which] = time_ns
+        before = self._in_contact.get(which)
+        self._in_contact[which] = contact
+        if before is None or before is contact:
+            return None
+        kind = ContactKind.IMPACT if contact else ContactKind.LIFTOFF
+        return ContactEvent(kind, time_ns, 1.0, NO_UNIT, 0.0, probability, source)

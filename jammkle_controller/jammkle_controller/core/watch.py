@@ -1,0 +1,251 @@
+"""Whether the IMU can be believed: what a sensor in order, on a body that stands or walks, never reads.
+
+A reading is not judged by what the detectors make of it, but by physics that holds for any motion: a body that does not
+leave carries its weight on average, gravity turns against the body as the gyro says, and a living sensor is noisy.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_controller.core.imu import BAD, Admission
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    from jammkle_controller.core.imu import ImuSample
+
+CHECK_S = 0.1
+"""How long a new stream is looked at before it is believed, s: a step takes longer."""
+
+LEVEL_TIME_S = 1.0
+"""Time constant of the mean |specific force|, s. In free fall from rest it needs 0.7 s, a fall of 2.4 m, to halve."""
+
+LEAST_LEVEL_M_S2 = 0.5 * STANDARD_GRAVITY_M_S2
+"""Least mean |specific force| of a body that stands or walks, m/s^2. In one that keeps its height the vertical
+specific force has the mean g, so the magnitude has at least that. Readings in g give 1."""
+
+LARGEST_LEVEL_M_S2 = 10.0 * STANDARD_GRAVITY_M_S2
+"""Largest mean |specific force|, m/s^2; readings in cm/s^2 or mm/s^2 pass it. Assumed: feet that run reach 5 g."""
+
+DEAD_SAMPLES = 3
+"""As many readings of exactly zero on three axes are a dead sensor: in free fall there is noise and bias."""
+
+BAD_TIME_S = 0.1
+"""Time constant of the share of bad samples, s."""
+LARGEST_BAD_SHARE = 0.5
+"""More than this share of bad samples leaves gaps longer than an impact."""
+
+CLIP_TIME_S = 0.2
+LARGEST_CLIPPED_SHARE = 0.5
+"""A sensor that reads the end of its range at every other sample measures nothing; at a touch-down it is for 20 ms."""
+CLIPPED_FROM_M_S2 = 1.9 * STANDARD_GRAVITY_M_S2
+"""No accelerometer's range is smaller than 2 g."""
+CLIP_REPEATS = 3
+"""As often an axis must have read its largest value exactly before that is its range."""
+
+TURN_TIME_S = 0.1
+"""Time constant of the mean direction that is compared with the gyro, s."""
+TURN_FORGETTING_S = 2.0
+TURN_EVIDENCE_RAD2_S = 4.0
+"""Integral of the squared rate that the gyro claims, from which on it can be judged: 2 rad/s for 1 s."""
+LEAST_TURN_RATIO = 0.15
+"""Least share of the claimed turning that gravity must show; deg/s for rad/s shows 1/57."""
+LARGEST_OPPOSED_RATIO = -0.5
+"""Gravity that turns the other way says that the two sensors are not in one right-handed frame."""
+QUIET_M_S2 = 1.0
+"""Where | |specific force| - g | stays below it, its direction is that of gravity to 6 deg, and is compared."""
+
+LEAST_RATE_HZ = 50.0
+"""Below it an impact can pass between two samples."""
+RATE_RATIO = 2.0
+"""A measured rate further than this from the configured one is another sensor, or another setting of it."""
+
+
+class ImuTrouble(enum.Enum):
+    """Why an IMU is not believed."""
+
+    CHECKING = "it is looked at first"
+    DEAD = "dead: it reads exactly zero"
+    FROZEN = "frozen: the same reading over and over"
+    TOO_SMALL = "the mean specific force is far below gravity: unit (g for m/s^2?), or gravity was removed"
+    TOO_LARGE = "the mean specific force is far above gravity: unit (mm/s^2 for m/s^2?)"
+    TURNING = "gravity turns much less than the angular velocity says: unit (deg/s for rad/s?)"
+    FRAME = "gravity turns against the angular velocity: the two are not in one right-handed frame"
+    BAD_SAMPLES = "too many samples that are not finite, out of range, late or repeated"
+    CLIPPED = "at the end of its range most of the time"
+    RATE = "its rate is far from the one configured, or too low to see an impact"
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """Rate that the IMU is configured to, Hz, 0 for any; and how long a reading may stand still, s."""
+
+    rate_hz: float
+    frozen_s: float
+    recover_s: float
+
+
+class ImuWatch:
+    """Judges a stream of samples, held and bad ones included, with constant memory."""
+
+    def __init__(self, settings: WatchSettings) -> None:
+        """Make a watch that has seen nothing."""
+        self.settings = settings
+        self.trouble: ImuTrouble | None = ImuTrouble.CHECKING
+        self._begin_ns: int | None = None
+        self._seen: ImuTrouble | None = ImuTrouble.CHECKING
+        self._seen_ns = 0
+        self._zeros = 0
+        self._level_m_s2 = 0.0
+        self._bad_share = 0.0
+        self._clipped_share = 0.0
+        self._peak = [0.0, 0.0, 0.0]
+        self._peak_repeats = [0, 0, 0]
+        self._fresh_ns = 0
+        self._before_ns = 0
+        self._forget_turning()
+
+    @property
+    def level_m_s2(self) -> float:
+        """Mean |specific force|, m/s^2, over about `LEVEL_TIME_S`."""
+        return self._level_m_s2
+
+    @property
+    def clipped_share(self) -> float:
+        """Share of recent samples at the end of the range."""
+        return self._clipped_share
+
+    def begin_anew(self) -> None:
+        """Look at the stream as at a new one: the clock was set back, or it was silent for long."""
+        self._begin_ns = None
+        self._forget_turning()
+
+    def observe(self, sample: ImuSample, admission: Admission, rate_hz: float) -> bool:
+        """Take the next sample and what the gate said of it; return whether it may be used to detect anything."""
+        time_ns = sample.time_ns
+        if admission in BAD:
+            self._bad_share += (1.0 - self._bad_share) * 0.05
+            if self._bad_share > LARGEST_BAD_SHARE:
+                self._note(ImuTrouble.BAD_SAMPLES, max(time_ns, self._before_ns))
+            return False
+        if self._begin_ns is None:
+            self._begin_ns = self._fresh_ns = time_ns
+            self._level_m_s2 = math.hypot(sample.force_x, sample.force_y, sample.force_z)
+            self._before_ns = time_ns
+        interval_s = min(0.1, (time_ns - self._before_ns) / NANOSECONDS_PER_SECOND)
+        self._before_ns = time_ns
+        self._bad_share -= self._bad_share * interval_s / (interval_s + BAD_TIME_S)
+        seen = self._frozen(sample) if admission is Admission.HELD else self._fresh(sample, interval_s, rate_hz)
+        if seen is None and (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < CHECK_S:
+            seen = ImuTrouble.CHECKING
+        if seen is not None:
+            self._note(seen, time_ns)
+        elif self._seen is not None:
+            # What was wrong a moment ago is believed again when it has been right for a while.
+            quarantine_s = 0.0 if self._seen is ImuTrouble.CHECKING else self.settings.recover_s
+            if (time_ns - self._seen_ns) / NANOSECONDS_PER_SECOND >= quarantine_s:
+                self._seen = self.trouble = None
+        return self.trouble is None and admission is not Admission.HELD
+
+    def _note(self, trouble: ImuTrouble, time_ns: int) -> None:
+        self._seen = self.trouble = trouble
+        self._seen_ns = time_ns
+
+    def _frozen(self, sample: ImuSample) -> ImuTrouble | None:
+        if sample.force_x == sample.force_y == sample.force_z == 0.0:
+            self._zeros += 1
+            if self._zeros >= DEAD_SAMPLES:
+                return ImuTrouble.DEAD
+        stands_s = (sample.time_ns - self._fresh_ns) / NANOSECONDS_PER_SECOND
+        return ImuTrouble.FROZEN if stands_s > self.settings.frozen_s else self._seen_still()
+
+    def _seen_still(self) -> ImuTrouble | None:
+        """Hold on to what was wrong while a reading is merely repeated: it says nothing new."""
+        return None if self._seen is ImuTrouble.CHECKING else self._seen
+
+    def _fresh(self, sample: ImuSample, interval_s: float, rate_hz: float) -> ImuTrouble | None:
+        self._fresh_ns = sample.time_ns
+        x, y, z = sample.force_x, sample.force_y, sample.force_z
+        if x == y == z == 0.0:
+            self._zeros += 1
+            if self._zeros >= DEAD_SAMPLES:
+                return ImuTrouble.DEAD
+        else:
+            self._zeros = 0
+        force = math.sqrt(x * x + y * y + z * z)
+        self._level_m_s2 += (force - self._level_m_s2) * interval_s / (interval_s + LEVEL_TIME_S)
+        if self._level_m_s2 < LEAST_LEVEL_M_S2:
+            return ImuTrouble.TOO_SMALL
+        if self._level_m_s2 > LARGEST_LEVEL_M_S2:
+            return ImuTrouble.TOO_LARGE
+        if self._is_clipped((x, y, z), interval_s):
+            return ImuTrouble.CLIPPED
+        if rate_hz > 0.0 and self._is_off(rate_hz, sample.time_ns):
+            return ImuTrouble.RATE
+        return self._turning(sample, force, interval_s)
+
+    def _is_off(self, rate_hz: float, time_ns: int) -> bool:
+        if self._begin_ns is None or (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < LEVEL_TIME_S:
+            return False
+        wanted_hz = self.settings.rate_hz
+        return rate_hz < LEAST_RATE_HZ or (
+            wanted_hz > 0.0 and not wanted_hz / RATE_RATIO <= rate_hz <= wanted_hz * RATE_RATIO
+        )
+
+    def _is_clipped(self, force: tuple[float, float, float], interval_s: float) -> bool:
+        """Learn the range as the largest value that comes again and again exactly, and count what reads it."""
+        clipped = False
+        for axis, value in enumerate(force):
+            size = abs(value)
+            if size < CLIPPED_FROM_M_S2:
+                continue
+            if size > self._peak[axis]:
+                self._peak[axis] = size
+                self._peak_repeats[axis] = 1
+            elif size == self._peak[axis]:
+                self._peak_repeats[axis] += 1
+            clipped |= size == self._peak[axis] and self._peak_repeats[axis] >= CLIP_REPEATS
+        self._clipped_share += (clipped - self._clipped_share) * interval_s / (interval_s + CLIP_TIME_S)
+        return self._clipped_share > LARGEST_CLIPPED_SHARE
+
+    def _forget_turning(self) -> None:
+        self._direction: tuple[float, float, float] | None = None
+        self._claimed = (0.0, 0.0, 0.0)
+        self._unrest_m_s2 = 0.0
+        self._claimed_squared = 0.0
+        self._shown = 0.0
+
+    def _turning(self, sample: ImuSample, force: float, interval_s: float) -> ImuTrouble | None:
+        """Compare the turning of gravity with the gyro by the transport theorem, n' = -w x n, both low-passed alike.
+
+        The ratio is the least-squares slope of n' over -w x n, over about `TURN_FORGETTING_S`.
+        """
+        if force == 0.0:
+            return None
+        n = (sample.force_x / force, sample.force_y / force, sample.force_z / force)
+        w = (sample.rate_x, sample.rate_y, sample.rate_z)
+        claim = (n[1] * w[2] - n[2] * w[1], n[2] * w[0] - n[0] * w[2], n[0] * w[1] - n[1] * w[0])
+        if self._direction is None:
+            self._direction = n
+        share = interval_s / (interval_s + TURN_TIME_S)
+        self._unrest_m_s2 += (abs(force - STANDARD_GRAVITY_M_S2) - self._unrest_m_s2) * share
+        d, c = self._direction, self._claimed
+        d = (d[0] + (n[0] - d[0]) * share, d[1] + (n[1] - d[1]) * share, d[2] + (n[2] - d[2]) * share)
+        c = (c[0] + (claim[0] - c[0]) * share, c[1] + (claim[1] - c[1]) * share, c[2] + (claim[2] - c[2]) * share)
+        self._direction, self._claimed = d, c
+        keep = 1.0 - interval_s / (interval_s + TURN_FORGETTING_S)
+        self._claimed_squared *= keep
+        self._shown *= keep
+        if self._unrest_m_s2 < QUIET_M_S2:
+            turns = ((n[0] - d[0]) / TURN_TIME_S, (n[1] - d[1]) / TURN_TIME_S, (n[2] - d[2]) / TURN_TIME_S)
+            self._claimed_squared += interval_s * (c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
+            self._shown += interval_s * (c[0] * turns[0] + c[1] * turns[1] + c[2] * turns[2])
+        if self._claimed_squared < TURN_EVIDENCE_RAD2_S:
+            return None
+        ratio = self._shown / self._claimed_squared
+        if ratio < LARGEST_OPPOSED_RATIO:
+            return ImuTrouble.FRAME
+        return ImuTrouble.TURNING if ratio < LEAST_TURN_RATIO else None

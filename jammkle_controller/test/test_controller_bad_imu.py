@@ -1,0 +1,195 @@
+"""An IMU that cannot be believed: told, detection unavailable, and a robot that stands is not vented."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from jammkle_controller.core.controller import AnkleController
+from jammkle_controller.core.events import ContactKind, Source
+from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.transitions import PolicyState
+from jammkle_controller.core.watch import ImuTrouble
+from jammkle_controller.parameters import ControllerParameters, controller_settings
+from jammkle_graph.names import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from jammkle_controller.core.imu import ImuSample
+
+HELD = dict.fromkeys(CHANNELS, ControllerParameters().hold_vacuum_pa)
+SOFT = dict.fromkeys(CHANNELS, 0.0)
+KICK = (150.0, 0.9)
+
+
+def scaled(force: float = 1.0, rate: float = 1.0) -> Callable[[ImuSample], ImuSample]:
+    def change(sample: ImuSample) -> ImuSample:
+        time_ns, x, y, z, p, q, r = sample
+        return type(sample)(time_ns, force * x, force * y, force * z, rate * p, rate * q, rate * r)
+
+    return change
+
+
+def standing(streams: Any) -> tuple[AnkleController, int]:
+    """Return a controller that has landed and holds the stance, and the stamp of its last sample."""
+    controller = streams.new_controller()
+    samples = streams.sense(streams.drop(*KICK)[0], 500)
+    streams.events_of(samples, controller)
+    assert controller.wish == HELD
+    return controller, samples[-1].time_ns
+
+
+def later(samples: list[ImuSample], after_ns: int) -> list[ImuSample]:
+    return [sample._replace(time_ns=sample.time_ns + after_ns + 2_000_000) for sample in samples]
+
+
+def turning(streams: Any) -> list[ImuSample]:
+    """A body that rolls to and fro by 0.5 rad at 1 Hz, standing."""
+    import numpy as np  # noqa: PLC0415
+
+    force = streams.rest(4.0)
+    time_s = streams.time_s(force)
+    angle = 0.5 * np.sin(2.0 * math.pi * time_s)
+    force[:, 1], force[:, 2] = 9.80665 * np.sin(angle), 9.80665 * np.cos(angle)
+    gyro = np.zeros_like(force)
+    gyro[:, 0] = math.pi * np.cos(2.0 * math.pi * time_s)
+    return list(streams.sense(force, 500, gyro=gyro))
+
+
+def dead(sample: ImuSample) -> ImuSample:
+    return type(sample)(sample.time_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def frozen(sample: ImuSample) -> ImuSample:
+    return type(sample)(sample.time_ns, 0.1, 0.0, 9.8, 0.0, 0.0, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "trouble"),
+    [
+        (dead, ImuTrouble.DEAD),
+        (frozen, ImuTrouble.FROZEN),
+        (scaled(force=1e3), ImuTrouble.BAD_SAMPLES),
+        (scaled(force=100.0), ImuTrouble.TOO_LARGE),
+        (scaled(force=math.nan), ImuTrouble.BAD_SAMPLES),
+        (scaled(force=1e200), ImuTrouble.BAD_SAMPLES),
+    ],
+)
+def test_a_broken_imu_does_not_vent_a_robot_that_stands(
+    streams: Any, change: Callable[[ImuSample], ImuSample], trouble: ImuTrouble
+) -> None:
+    """Whatever breaks, it is named, nothing is told that was not felt, and the stance is held; it is believed again."""
+    controller, last_ns = standing(streams)
+    broken = [change(sample) for sample in later(streams.sense(streams.rest(1.0), 500), last_ns)]
+    events = streams.events_of(broken, controller)
+    assert [event for event in events if event.kind is ContactKind.LIFTOFF] == []
+    assert all(math.isfinite(event.magnitude) for event in events)
+    assert controller.watch.trouble is trouble
+    assert controller.state is PolicyState.FAULT
+    assert controller.wish == HELD
+    streams.events_of(later(streams.sense(streams.rest(6.0), 500), broken[-1].time_ns), controller)
+    assert controller.watch.trouble is None
+    assert controller.wish == HELD
+
+
+@pytest.mark.parametrize("rate_hz", [250, 1000])
+def test_readings_in_g_are_refused_from_the_start(streams: Any, rate_hz: int) -> None:
+    """An IMU in g looks like free fall; it is told after 0.1 s, a whole landing gives no event, and nothing moves."""
+    controller = streams.new_controller()
+    samples = [scaled(force=1.0 / 9.80665)(sample) for sample in streams.sense(streams.drop(*KICK)[0], rate_hz)]
+    assert streams.events_of(samples, controller) == []
+    assert controller.watch.trouble is ImuTrouble.TOO_SMALL
+    assert (controller.state, controller.wish) == (PolicyState.FAULT, SOFT)
+
+
+def test_degrees_per_second_are_told_by_the_turning_of_gravity(streams: Any) -> None:
+    """A gyro in deg/s, or one turned the wrong way, does not fit the turning of gravity; one in order does."""
+    for rate, trouble in ((1.0, None), (math.degrees(1.0), ImuTrouble.TURNING), (-1.0, ImuTrouble.FRAME)):
+        controller = streams.new_controller()
+        streams.events_of([scaled(rate=rate)(sample) for sample in turning(streams)], controller)
+        assert controller.watch.trouble is trouble, rate
+
+
+def test_a_sensor_at_the_end_of_its_range_is_told(streams: Any) -> None:
+    """An accelerometer that reads the end of its range all the time measures nothing."""
+    controller, last_ns = standing(streams)
+    samples = later(streams.sense(streams.rest(1.0), 500), last_ns)
+    clipped = [sample._replace(force_z=80.83 if i % 8 else 80.8, force_x=0.01 * i) for i, sample in enumerate(samples)]
+    streams.events_of(clipped, controller)
+    assert controller.watch.trouble is ImuTrouble.CLIPPED
+    assert controller.wish == HELD
+
+
+@pytest.mark.parametrize(
+    ("configured_hz", "sent_hz", "fits"), [(500.0, 500, True), (500.0, 100, False), (0.0, 100, True)]
+)
+def test_a_rate_far_from_the_configured_one_is_told(
+    streams: Any, configured_hz: float, sent_hz: int, *, fits: bool
+) -> None:
+    """Half or twice the configured rate is another sensor; without a configured rate any from 50 Hz will do."""
+    controller = AnkleController(controller_settings(ControllerParameters(imu_rate_hz=configured_hz)))
+    streams.events_of(streams.sense(streams.rest(3.0), sent_hz), controller)
+    assert controller.watch.trouble is (None if fits else ImuTrouble.RATE)
+
+
+def test_readings_that_are_held_are_no_fault(streams: Any) -> None:
+    """An IMU of 125 Hz that is read at 500 Hz repeats every reading; the landing is told as ever."""
+    samples = streams.sense(streams.drop(*KICK)[0], 500)
+    held = [samples[i - i % 4]._replace(time_ns=sample.time_ns) for i, sample in enumerate(samples)]
+    controller = streams.new_controller()
+    kinds = [event.kind for event in streams.events_of(held, controller)]
+    assert kinds == [ContactKind.LIFTOFF, ContactKind.IMPACT, ContactKind.SETTLED]
+    assert controller.gate.counts.held > 0.7 * len(held)
+
+
+def test_a_body_that_sways_does_not_slip(streams: Any) -> None:
+    """A minute of swaying by 10 mm at 3 Hz, which was 180 slips a minute, is none."""
+    import numpy as np  # noqa: PLC0415
+
+    force = streams.rest(60.0)
+    time_s = streams.time_s(force)
+    force[:, 0] += np.clip(time_s - 0.5, 0.0, 1.0) * 0.01 * (6.0 * math.pi) ** 2 * np.sin(6.0 * math.pi * time_s)
+    assert [event.kind for event in streams.events_of(streams.sense(force, 500))] == []
+
+
+def test_a_contact_switch_goes_on_where_the_imu_is_broken(streams: Any) -> None:
+    """With a switch the policy needs no IMU: it vents on lift-off and jams after the delay, and says by what."""
+    controller, last_ns = standing(streams)
+    samples = iter([dead(s) for s in later(streams.sense(streams.rest(2.0), 500), last_ns)])
+
+    def go_on(count: int) -> int:
+        sample = None
+        for _ in range(count):
+            sample = next(samples)
+            controller.update(sample)
+        assert sample is not None
+        return sample.time_ns
+
+    controller.hear_switch(closed=True, time_ns=go_on(100))
+    assert controller.wish == HELD
+    reaction = controller.hear_switch(closed=False, time_ns=go_on(100))
+    assert [(event.kind, event.source) for event in reaction.events] == [(ContactKind.LIFTOFF, Source.CONTACT_SWITCH)]
+    assert controller.wish == SOFT
+    assert Input.CONTACT_SWITCH in controller.inputs.heard(go_on(1))
+    reaction = controller.hear_switch(closed=True, time_ns=go_on(100))
+    assert [event.kind for event in reaction.events] == [ContactKind.IMPACT]
+    go_on(20)
+    assert controller.wish == HELD
+
+
+def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any) -> None:
+    """With a phase the swing is soft, and jamming begins 30 ms before the planned touch-down, on an IMU at rest."""
+    controller, last_ns = standing(streams)
+    stride_s, asked_s = 0.5, []
+    for sample in later(streams.sense(streams.rest(2.0), 500), last_ns):
+        since_s = (sample.time_ns - last_ns) * 1e-9
+        controller.hear_phase((since_s / stride_s) % 1.0, sample.time_ns)
+        before = controller.wish
+        controller.update(sample)
+        if controller.wish == HELD and before == SOFT:
+            asked_s.append(since_s % stride_s)
+    assert len(asked_s) >= 3
+    assert all(abs(stride_s - 0.03 - at_s) < 0.006 for at_s in asked_s[1:])
