@@ -5,7 +5,7 @@ BIN := .venv/bin
 
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help demo test bench blind faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
+.PHONY: help demo test bench blind contact faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
@@ -14,6 +14,7 @@ help:
 	@echo "make faults set up, inject 500 random faults and jam a healthy ankle for an hour; writes docs/faults.md, 10 minutes"
 	@echo "make soak   set up, jam for half a simulated hour with random faults; then 100,000 malformed requests"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
+	@echo "make contact set up, try the detectors on 4000 steps, slips and landings; writes runs/contact, 20 minutes"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make docs   build the documentation as pages: docs/_build/index.html"
 	@echo "make pictures set up, take the pictures of the page in the browser anew, where there is Chromium"
@@ -47,6 +48,9 @@ soak: set-up
 blind: set-up
 	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json \
 		$(addprefix --real ,$(wildcard ../shared/data))
+
+contact: set-up
+	@$(BIN)/jammkle contact --steps 4000 --runs 20 -o runs/contact
 
 firmware: set-up
 	@$(FIRMWARE) host

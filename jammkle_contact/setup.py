@@ -25,6 +25,6 @@ setup(
     description="Driver, controller and simulation in one process: detection on recordings, and the trial of contact.",
     license="Apache-2.0",
     entry_points={
-        "jammkle.commands": ["detect = jammkle_contact.commands:app"],
+        "jammkle.commands": [f"{verb} = jammkle_contact.commands:app" for verb in ("contact", "detect")],
     },
 )

@@ -1,4 +1,4 @@
-"""Set up `.venv`: locked requirements, the eight packages built into it, and the `jammkle` command.
+"""Set up `.venv`: locked requirements, the nine packages built into it, and the `jammkle` command.
 
 Standard library only, since it runs before anything is installed. What is done already is skipped:
 the requirements while the lock file is the same, the build while nothing that is built has changed.
@@ -139,7 +139,7 @@ def point_exports_here():
 
 
 def build():
-    """Build the eight packages with colcon into the environment itself, and link the command into its bin."""
+    """Build the nine packages with colcon into the environment itself, and link the command into its bin."""
     environment = clean_environment()
     environment["PATH"] = "%s%s%s" % (VENV / "bin", os.pathsep, environment["PATH"])
     environment["VIRTUAL_ENV"] = str(VENV)

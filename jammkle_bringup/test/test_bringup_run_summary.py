@@ -82,7 +82,8 @@ class Landing:
                 self.write(f"{channel}/solenoid", time_s, "std_msgs/msg/Bool", energised)
 
     def events(self) -> None:
-        self.write("contact_events", DETECTED_S, "jammkle_msgs/msg/ContactEvent", 1, 61.0, "m/s^2", 0.002)
+        fields = (1, 61.0, "m/s^2", 0.002, 0.99, "imu", self.vector(0.0))
+        self.write("contact_events", DETECTED_S, "jammkle_msgs/msg/ContactEvent", *fields)
 
     def jam_state(self) -> None:
         for time_s, commanded in ((0.1, 0.0), (ENERGISED_S, COMMANDED_PA)):

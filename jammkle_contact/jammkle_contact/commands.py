@@ -68,3 +68,23 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
 
 def _listed(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+@app.command()
+def contact(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of contact.html and contact.json.")] = Path(
+        "runs/contact"
+    ),
+    steps: Annotated[int, typer.Option(help="Touch-downs and slides in all, half of them held out.")] = 400,
+    seed: Annotated[int, typer.Option(help="Everything is drawn from it.")] = 0,
+    runs: Annotated[
+        int, typer.Option(help="Landings and slips of each robot and policy for the benefit; 0: none.")
+    ] = 4,
+    jobs: Annotated[int, typer.Option(help="Processes, each for one run.")] = 1,
+    json: JsonOption = None,
+) -> int:
+    """Try the detectors on randomised steps, slips and landings, and write a page with every figure."""
+    from jammkle_contact.trying import ContactRequest
+    from jammkle_contact.trying import contact as run
+
+    return run(ContactRequest(output, steps, seed, runs, jobs, json))

@@ -1,4 +1,4 @@
-"""Learn the density ratios of the detectors on synthetic walks: `python -m jammkle_contact.learn`.
+"""Learn the density ratios of the detectors on synthetic walks and a simulated leg: `python -m jammkle_contact.learn`.
 
 Seeds of learning are below `FIRST_TRIAL_SEED`, those of every trial above.
 """
@@ -14,20 +14,27 @@ import numpy as np
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
 import jammkle_controller.core
+from jammkle_contact.drawing_robots import robot_stories
 from jammkle_contact.synthetic import walk
 from jammkle_controller.core.density_ratio import WEIGHTS_FILE
+from jammkle_controller.core.detector import ContactDetector
+from jammkle_controller.core.detector_settings import Phase
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
 from jammkle_controller.core.motion import Motion
+from jammkle_controller.core.sole import SoleFilter
 from jammkle_controller.core.touchdown import LEAST_BLOW_M_S2, LEAST_RATIO
+from jammkle_controller.parameters import ControllerParameters, detector_settings
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from jammkle_contact.story import Story
 
 FIRST_TRIAL_SEED = 100_000
-WALKS = 160
+WALKS = 60
 STRIDES = 12
 UNSURE_S = 0.02
 """Samples so near to a change of contact say nothing clear of either side."""
@@ -37,16 +44,58 @@ EARLY_S = 0.003
 """So shortly before a touch-down nothing is called a swing: stamps jitter."""
 
 
+def stories(mount: str, walks: int = WALKS) -> Iterator[Story]:
+    """Make what is learned from: synthetic walks, and a leg that walks, slips and is dropped."""
+    for seed in range(walks):
+        yield walk(seed, mount, STRIDES)
+        yield from robot_stories("leg", seed, mount)
+
+
 def learn(mount: str, walks: int = WALKS) -> dict[str, dict[str, Any]]:
-    """Learn both ratios of a mount; return them by name."""
+    """Learn the ratios of swing and touch-down of a mount; return them by name."""
     swing: list[tuple[tuple[float, ...], bool]] = []
     blows: list[tuple[tuple[float, ...], bool]] = []
-    for seed in range(walks):
-        story = walk(seed, mount, STRIDES)
+    for story in stories(mount, walks):
         _collect(story, swing, blows)
     return {
         f"swing_{mount}": _fitted(swing, balanced=True),
         f"touchdown_{mount}": _fitted(blows, balanced=False),
+        f"slide_{mount}": _nothing(len(SoleFilter.NAMES)),
+    }
+
+
+def learn_slides(mount: str, walks: int = WALKS) -> dict[str, dict[str, Any]]:
+    """Learn the ratio of sliding of a mount, on what a detector with the other two takes for the ground."""
+    rows: list[tuple[tuple[float, ...], bool]] = []
+    settings = detector_settings(ControllerParameters(imu_mount=mount))
+    for story in stories(mount, walks):
+        detector = ContactDetector(settings)
+        sole = detector.sole
+        if sole is None:
+            continue
+        for sample in story.samples:
+            detector.update(sample)
+            on_ground = detector.phase in (Phase.GROUND, Phase.PLANTED)
+            if not on_ground or not detector.available or detector.gate.last_ns != sample.time_ns:
+                continue
+            time_s = sample.time_ns / NANOSECONDS_PER_SECOND
+            slides = any(slide.begin_s <= time_s <= slide.end_s for slide in story.slides)
+            near = any(abs(time_s - at_s) < UNSURE_S for each in story.slides for at_s in (each.begin_s, each.end_s))
+            if not near:
+                swing = min(0.9999, max(0.0001, detector.swing_probability))
+                rows.append((sole.features(sample.time_ns, detector.motion, swing), slides))
+    return {f"slide_{mount}": _fitted(rows, balanced=True)}
+
+
+def _nothing(width: int) -> dict[str, Any]:
+    """Return a ratio that says nothing, for a detector that is learned from."""
+    return {
+        "centre": [0.0] * width,
+        "scale": [1.0] * width,
+        "constant": 0.0,
+        "linear": [0.0] * width,
+        "products": [[0.0] * (width - i) for i in range(width)],
+        "learned_from": {},
     }
 
 
@@ -54,7 +103,7 @@ def _collect(
     story: Story, swing: list[tuple[tuple[float, ...], bool]], blows: list[tuple[tuple[float, ...], bool]]
 ) -> None:
     gate, motion = ImuGate(0.1), Motion()
-    lifts, lands = np.array(story.liftoffs_s), np.array(story.touchdowns_s)
+    lifts, lands = np.array(story.liftoffs_s), np.array([*story.touchdowns_s, np.inf])
     changes = np.sort(np.concatenate([lifts, lands]))
     stands = story.in_contact(np.array([s.time_ns / NANOSECONDS_PER_SECOND for s in story.samples]))
     for index, (sample, on_ground) in enumerate(zip(story.samples, stands.tolist(), strict=True)):
@@ -117,13 +166,14 @@ def _fitted(rows: list[tuple[tuple[float, ...], bool]], *, balanced: bool) -> di
 
 def main() -> int:
     """Learn all and write the controller's file."""
-    made: dict[str, Any] = {}
-    for mount in ("foot", "shank"):
-        made |= learn(mount)
-        for name, entry in made.items():
-            sys.stdout.write(f"{name}: {entry['learned_from']}\n")
     path = Path(jammkle_controller.core.__file__).with_name(WEIGHTS_FILE)
-    path.write_text(json.dumps(made, indent=1) + "\n")
+    made: dict[str, Any] = {}
+    for learner in (learn, learn_slides):
+        for mount in ("foot", "shank"):
+            made |= learner(mount)
+            path.write_text(json.dumps(made, indent=1) + "\n")
+    for name, entry in made.items():
+        sys.stdout.write(f"{name}: {entry['learned_from']}\n")
     return 0
 
 

@@ -71,7 +71,12 @@ def sense(
     force: NDArray[np.float64], rate: NDArray[np.float64], fine_hz: float, imu: Imu, chance: np.random.Generator
 ) -> list[ImuSample]:
     """Read true specific force, m/s^2, and angular velocity, rad/s, both n x 3 at `fine_hz`, with an IMU."""
-    true = np.hstack([force @ imu.turn.T, rate @ imu.turn.T])
+    return read_with(np.hstack([force, rate]), fine_hz, imu, chance)
+
+
+def read_with(motion: NDArray[np.float64], fine_hz: float, imu: Imu, chance: np.random.Generator) -> list[ImuSample]:
+    """Read a true motion, specific force and angular velocity in one table of shape (n, 6), as `sense` does."""
+    true = np.hstack([motion[:, :3] @ imu.turn.T, motion[:, 3:] @ imu.turn.T])
     b, a = butter(2, min(0.99, imu.bandwidth_hz / (0.5 * fine_hz)))
     start = lfilter_zi(b, a)[:, None] * true[0]
     filtered, _ = lfilter(b, a, true, axis=0, zi=start)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jammkle_controller.core.controller import ControllerSettings
-from jammkle_controller.core.detector import DetectorSettings, Mount
+from jammkle_controller.core.detector_settings import DetectorSettings, Mount
 from jammkle_controller.core.impact import ImpactSettings
 from jammkle_controller.core.inputs import InputSettings
 from jammkle_controller.core.liftoff import LiftoffSettings
@@ -199,6 +199,9 @@ class ControllerParameters:
         2.0,
         dynamic=True,
     )
+    slip_probability: float = parameter(
+        0.8, "Probability from which on the sole of a foot or shank slides", "1", 0.5, 0.999, dynamic=True
+    )
     unloaded_load: float = parameter(
         0.6,
         "Load in units of the weight below which a walking body is said to lift off, after a push; foot and shank have "
@@ -230,6 +233,7 @@ def detector_settings(values: ControllerParameters) -> DetectorSettings:
             values.slip_speed_m_s,
             values.slip_step_m_s2,
             values.landed_slip_speed_m_s,
+            values.slip_probability,
             (values.sole_x_m, values.sole_y_m, values.sole_z_m),
         ),
         unloading=UnloadingSettings(values.unloaded_load, values.unloading_confirm_s),

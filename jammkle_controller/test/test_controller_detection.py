@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jammkle_controller.core.detector import Phase
+from jammkle_controller.core.detector_settings import Phase
 from jammkle_controller.core.events import ContactKind
 
 LANDING = [ContactKind.LIFTOFF, ContactKind.IMPACT, ContactKind.SETTLED]

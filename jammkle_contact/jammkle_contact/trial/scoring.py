@@ -18,8 +18,8 @@ Z_95 = 1.959964
 _RESAMPLES = 1000
 
 WINDOWS_S = {"impact": (-0.02, 0.06), "lift-off": (-0.06, 0.15), "slip": (-0.005, 0.05)}
-"""From how long before to how long after the truth an event counts as it, s. A slip's end begins with the slide's end. A
-lift-off counts from the unloading on and for half of a short swing."""
+"""From how long before to how long after the truth an event counts as it, s. For a slip the
+second counts from the slide's end. A lift-off counts from the unloading on and for half of a short swing."""
 
 
 @dataclass

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_controller.core.anticipation import Rhythm
-from jammkle_controller.core.detector import ContactDetector, DetectorSettings, Mount, Phase
+from jammkle_controller.core.detector import ContactDetector
+from jammkle_controller.core.detector_settings import DetectorSettings, Mount, Phase
 from jammkle_controller.core.events import ContactEvent, ContactKind, Source
 from jammkle_controller.core.imu import Admission
 from jammkle_controller.core.inputs import ContactInputs, InputSettings

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import enum
-from dataclasses import dataclass
-
 from jammkle_controller.core.density_ratio import learned
-from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
-from jammkle_controller.core.impact import ImpactDetector, ImpactSettings
+from jammkle_controller.core.detector_settings import DetectorSettings, Mount, Phase
+from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
+from jammkle_controller.core.impact import ImpactDetector
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate, ImuSample
-from jammkle_controller.core.liftoff import LiftoffDetector, LiftoffSettings
+from jammkle_controller.core.liftoff import LiftoffDetector
 from jammkle_controller.core.motion import Motion
-from jammkle_controller.core.settled import RestDetector, SettledSettings
-from jammkle_controller.core.slip import SlipDetector, SlipSettings
-from jammkle_controller.core.swing import SwingFilter, SwingSettings
+from jammkle_controller.core.settled import RestDetector
+from jammkle_controller.core.slip import SlipDetector
+from jammkle_controller.core.sole import SoleFilter
+from jammkle_controller.core.swing import SwingFilter
 from jammkle_controller.core.touchdown import TouchdownDetector
-from jammkle_controller.core.unloading import UnloadingDetector, UnloadingSettings
-from jammkle_controller.core.watch import ImuWatch, WatchSettings
+from jammkle_controller.core.unloading import UnloadingDetector
+from jammkle_controller.core.watch import ImuWatch
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 LONG_GAP_S = 1.0
@@ -29,49 +28,10 @@ UNLOADED_RISE_M_S2 = 5.0
 """Jump of |specific force| that ends the unloading of a walking body, m/s^2: half of its weight within 20 ms."""
 RELOADED = 1.05
 """Load, in units of gravity, at which an unloaded body is carried again, blow or none."""
+AS_LIKELY = 0.5
 SURE_SWING = 0.95
 SURE_SWING_S = 0.06
 """Probability and time of a swing from which on it is told: twice the longest window of the features."""
-
-
-class Mount(enum.Enum):
-    """Where the IMU is mounted."""
-
-    FOOT = "foot"
-    """On the foot, or at the end of a shank that ends in a ball."""
-    SHANK = "shank"
-    """On the lower leg, nearer to the knee."""
-    BODY = "body"
-    """On the trunk, or on what stands for it in a rig."""
-
-
-class Phase(enum.Enum):
-    """What the foot does, as far as the IMU tells."""
-
-    GROUND = "on the ground, moving"
-    """Something carries the body. So it is assumed at the start."""
-    PLANTED = "on the ground, at rest"
-    """The body has come to rest; slip is watched for."""
-    FLIGHT = "in flight"
-    """Nothing carries the body."""
-    SWING = "in swing"
-    """The foot is off the ground, and the body is carried by another, or hardly."""
-
-
-@dataclass(frozen=True)
-class DetectorSettings:
-    """Settings of every detector, where the IMU is mounted, and the longest gap in the stream, s."""
-
-    impact: ImpactSettings
-    liftoff: LiftoffSettings
-    settled: SettledSettings
-    slip: SlipSettings
-    unloading: UnloadingSettings
-    swing: SwingSettings
-    watch: WatchSettings
-    mount: Mount
-    touchdown_probability: float
-    max_gap_s: float
 
 
 _NOTHING: tuple[ContactEvent, ...] = ()
@@ -102,16 +62,20 @@ class ContactDetector:
         self._unloading = UnloadingDetector(settings.unloading)
         self._swing: SwingFilter | None = None
         self._touchdown: TouchdownDetector | None = None
+        self.sole: SoleFilter | None = None
         if settings.mount is not Mount.BODY:
             self._swing = SwingFilter(learned(f"swing_{settings.mount.value}"))
             self._touchdown = TouchdownDetector(
                 learned(f"touchdown_{settings.mount.value}"), settings.touchdown_probability
             )
+            self.sole = SoleFilter(learned(f"slide_{settings.mount.value}"), settings.slip.lever_m)
         self._unsettled = False
         self._swing_since_ns = 0
         self._swing_told = False
         self._rising_since_ns: int | None = None
         self._jolted_until_ns = 0
+        self._sliding = False
+        self._slide_since_ns = 0
 
     def configure(self, settings: DetectorSettings) -> None:
         """Take new settings and go on from the present state; the mount stays."""
@@ -253,12 +217,34 @@ class ContactDetector:
         if impact is not None and not (jolted and impact.magnitude < 2.0 * self._settings.impact.impact_jump_m_s2):
             self._land(time_ns)
             return (impact,)
-        slip = self._slip.on_ground(sample, interval_s, self.motion, disturbed=jolted)
+        if self.sole is None or swing is None:
+            slip = self._slip.on_ground(sample, interval_s, self.motion, disturbed=jolted)
+        else:
+            slip = self._sliding_sole(self.sole, sample, interval_s, swing)
         if slip is not None:
             self.phase = Phase.GROUND
             self._rest.restart()
             return (slip,)
         return self._come_to_rest(sample, swing)
+
+    def _sliding_sole(
+        self, sole: SoleFilter, sample: ImuSample, interval_s: float, swing: float
+    ) -> ContactEvent | None:
+        """Return a slip of a foot or shank when it becomes probable; another only after it was improbable."""
+        time_ns = sample.time_ns
+        sole.follow(sample, interval_s, self.motion)
+        before = sole.probability
+        probability = sole.update(time_ns, interval_s, self.motion, swing)
+        if before < AS_LIKELY <= probability:
+            self._slide_since_ns = time_ns
+        if self._sliding or probability < self._settings.slip.probability:
+            self._sliding &= probability > 1.0 - self._settings.slip.probability
+            return None
+        self._sliding = True
+        since_s = (time_ns - self._slide_since_ns) / NANOSECONDS_PER_SECOND
+        return ContactEvent(
+            ContactKind.SLIP, time_ns, sole.speed_m_s, M_S, since_s, probability, direction=sole.direction
+        )
 
     def _leaving(self, time_ns: int, swing: float | None) -> ContactEvent | None:
         """Return a lift-off: by free fall, by unloading, or by the probability of a swing."""
@@ -273,7 +259,7 @@ class ContactDetector:
                 return None
             self._leave(Phase.SWING, time_ns)
             return ContactEvent(ContactKind.LIFTOFF, time_ns, force, M_S2, unloaded_s, _UNLOADED_PROBABILITY)
-        if swing < 0.5:  # noqa: PLR2004 - as likely as not
+        if swing < AS_LIKELY:
             self._rising_since_ns = None
         elif self._rising_since_ns is None:
             self._rising_since_ns = time_ns
@@ -309,6 +295,9 @@ class ContactDetector:
         self._unloading.restart()
         self._unloading.hit(time_ns, flew=flew)
         self._slip.land(time_ns)
+        self._sliding = False
+        if self.sole is not None:
+            self.sole.land(time_ns)
         if self._swing is not None:
             self._swing.land()
 

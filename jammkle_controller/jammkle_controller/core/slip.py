@@ -60,6 +60,7 @@ class SlipSettings:
         speed_m_s: Speed gained since a step of the acceleration, m/s.
         step_m_s2: Least step, m/s^2.
         landed_speed_m_s: Speed along the ground after an impact without any step, m/s.
+        probability: That the sole of a foot or shank slides, from which on it is told.
         lever_m: From the IMU to the sole in the IMU's frame, m: turning about the sole is then no sliding.
 
     """
@@ -67,6 +68,7 @@ class SlipSettings:
     speed_m_s: float
     step_m_s2: float
     landed_speed_m_s: float
+    probability: float
     lever_m: Vector = _ZERO
 
 

@@ -17,8 +17,8 @@ from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S
 if TYPE_CHECKING:
     from jammkle_controller.core.imu import ImuSample
 
-CHECK_S = 0.1
-"""How long a new stream is looked at before it is believed, s: a step takes longer."""
+CHECK_S = 0.02
+"""How long a new stream is looked at before it is believed, s: a fall of 2 mm, and enough to see gravity."""
 
 LEVEL_TIME_S = 1.0
 """Time constant of the mean |specific force|, s. In free fall from rest it needs 0.7 s, a fall of 2.4 m, to halve."""
@@ -96,6 +96,7 @@ class ImuWatch:
         self.settings = settings
         self.trouble: ImuTrouble | None = ImuTrouble.CHECKING
         self._begin_ns: int | None = None
+        self._believed_once = False
         self._seen: ImuTrouble | None = ImuTrouble.CHECKING
         self._seen_ns = 0
         self._zeros = 0
@@ -121,6 +122,7 @@ class ImuWatch:
     def begin_anew(self) -> None:
         """Look at the stream as at a new one: the clock was set back, or it was silent for long."""
         self._begin_ns = None
+        self._believed_once = False
         self._forget_turning()
 
     def observe(self, sample: ImuSample, admission: Admission, rate_hz: float) -> bool:
@@ -145,9 +147,10 @@ class ImuWatch:
             self._note(seen, time_ns)
         elif self._seen is not None:
             # What was wrong a moment ago is believed again when it has been right for a while.
-            quarantine_s = 0.0 if self._seen is ImuTrouble.CHECKING else self.settings.recover_s
+            quarantine_s = self.settings.recover_s if self._believed_once else 0.0
             if (time_ns - self._seen_ns) / NANOSECONDS_PER_SECOND >= quarantine_s:
                 self._seen = self.trouble = None
+                self._believed_once = True
         return self.trouble is None and admission is not Admission.HELD
 
     def _note(self, trouble: ImuTrouble, time_ns: int) -> None:
@@ -176,7 +179,10 @@ class ImuWatch:
         else:
             self._zeros = 0
         force = math.sqrt(x * x + y * y + z * z)
-        self._level_m_s2 += (force - self._level_m_s2) * interval_s / (interval_s + LEVEL_TIME_S)
+        # A mean of what was seen so far, at first: who begins to look in mid-air has landed soon.
+        seen_s = (sample.time_ns - (self._begin_ns or 0)) / NANOSECONDS_PER_SECOND
+        level_time_s = min(LEVEL_TIME_S, max(CHECK_S, seen_s))
+        self._level_m_s2 += (force - self._level_m_s2) * interval_s / (interval_s + level_time_s)
         if self._level_m_s2 < LEAST_LEVEL_M_S2:
             return ImuTrouble.TOO_SMALL
         if self._level_m_s2 > LARGEST_LEVEL_M_S2:

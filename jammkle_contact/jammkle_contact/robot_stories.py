@@ -1,0 +1,187 @@
+"""Stories of simulated robots: what their IMUs felt on each ankle, and what each foot truly did."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.signal import butter, lfilter  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_contact.sensing import CLOCK_START_S, Imu, read_with
+from jammkle_contact.story import Slide, Story
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from jammkle_controller.core.imu import ImuSample
+    from jammkle_sim.robots.simulation import RobotSample, RobotSimulation
+
+RATE_HZ = 1000
+LEAST_AIR_S = 0.02
+"""A foot that loses touch for less than this has chattered, and not lifted."""
+LEAST_STAND_S = 0.02
+SLIDING_M_S = 0.03
+"""Speed from which on a foot slides: below it soles creep, in simulation as in rubber."""
+JOINED_S = 0.03
+"""Two slides with less than this between them are one."""
+LEAST_WAY_M = 0.004
+"""A shorter way is no slip that anybody need act on: less than half of the aim of 10 mm."""
+
+
+@dataclass(frozen=True)
+class Traces:
+    """What was kept of one ankle of a run, a row per sample of `RATE_HZ`."""
+
+    imu: NDArray[np.float64]
+    """Specific force and angular velocity, shape (n, 6)."""
+    stands: NDArray[np.bool_]
+    sliding_m_s: NDArray[np.float64]
+    way_m: NDArray[np.float64]
+    bears: NDArray[np.bool_]
+    """By plan."""
+
+
+class Keeper:
+    """Keeps what is needed of each sample of a robot."""
+
+    def __init__(self) -> None:
+        """Keep nothing yet."""
+        self._rows: dict[str, list[tuple[Any, ...]]] = {}
+
+    def keep(self, sample: RobotSample) -> None:
+        """Keep a sample."""
+        for name, ankle in sample.ankles.items():
+            foot = ankle.foot
+            row = (
+                *ankle.imu.specific_force_m_s2,
+                *ankle.imu.angular_velocity_rad_s,
+                foot.stands,
+                foot.sliding_speed_m_s,
+                foot.sliding_distance_m,
+                ankle.bears,
+            )
+            self._rows.setdefault(name, []).append(row)
+
+    def traces(self) -> dict[str, Traces]:
+        """Return what was kept, by ankle."""
+        made = {}
+        for name, rows in self._rows.items():
+            table = np.array(rows, dtype=float)
+            made[name] = Traces(table[:, :6], table[:, 6] > 0, table[:, 7], table[:, 8], table[:, 9] > 0)
+        return made
+
+
+def run(
+    simulation: RobotSimulation, duration_s: float, act: Callable[[RobotSample], None] | None = None
+) -> dict[str, Traces]:
+    """Run a robot and keep what its ankles felt and did.
+
+    Args:
+        simulation: The robot.
+        duration_s: How long.
+        act: Called with every sample, to command the ankles; none: they stay vented.
+
+    """
+    keeper = Keeper()
+    for sample in simulation.samples(duration_s, RATE_HZ):
+        keeper.keep(sample)
+        if act is not None:
+            act(sample)
+    return keeper.traces()
+
+
+def story_of(
+    name: str, mount: str, traces: Traces, imu: Imu, vibration_m_s2: float, chance: np.random.Generator
+) -> Story:
+    """Make a story of one ankle: its truth, and what an IMU that shakes with the robot's motors reads.
+
+    Args:
+        name: Of the story.
+        mount: Where the IMU was.
+        traces: Of the ankle.
+        imu: How the IMU is built and read; what the simulated one reads is its truth.
+        vibration_m_s2: Root mean square of what motors and gears add, which the simulation does not have.
+        chance: For all that is drawn.
+
+    """
+    touchdowns, liftoffs = contact_changes(traces.stands)
+    shaken = traces.imu.copy()
+    for axis in range(3):
+        shaken[:, axis] += vibration_m_s2 * _shaking(chance, len(shaken))
+        shaken[:, 3 + axis] += 0.03 * vibration_m_s2 * _shaking(chance, len(shaken))
+    return Story(
+        name=name,
+        mount=mount,
+        samples=read_with(shaken, float(RATE_HZ), imu, chance),
+        touchdowns_s=tuple(CLOCK_START_S + index / RATE_HZ for index in touchdowns),
+        liftoffs_s=tuple(CLOCK_START_S + index / RATE_HZ for index in liftoffs),
+        slides=slides_of(traces),
+        duration_s=len(shaken) / RATE_HZ,
+    )
+
+
+def as_simulated(name: str, mount: str, traces: Traces, samples: list[ImuSample]) -> Story:
+    """Make a story of samples as they were felt in a loop."""
+    touchdowns, liftoffs = contact_changes(traces.stands)
+    return Story(
+        name=name,
+        mount=mount,
+        samples=samples,
+        touchdowns_s=tuple(index / RATE_HZ for index in touchdowns),
+        liftoffs_s=tuple(index / RATE_HZ for index in liftoffs),
+        slides=tuple(_moved(slide, -CLOCK_START_S) for slide in slides_of(traces)),
+        duration_s=len(traces.stands) / RATE_HZ,
+    )
+
+
+def _moved(slide: Slide, by_s: float) -> Slide:
+    return dataclasses.replace(
+        slide, begin_s=slide.begin_s + by_s, end_s=slide.end_s + by_s, time_s=slide.time_s + by_s
+    )
+
+
+def contact_changes(stands: NDArray[np.bool_]) -> tuple[list[int], list[int]]:
+    """Return the indices of touch-downs and lift-offs, without chatter."""
+    spans = _joined(_spans(stands), round(LEAST_AIR_S * RATE_HZ))
+    spans = [(begin, end) for begin, end in spans if end - begin >= LEAST_STAND_S * RATE_HZ]
+    touchdowns = [begin for begin, _ in spans if begin > 0]
+    liftoffs = [end for _, end in spans if end < len(stands)]
+    return touchdowns, liftoffs
+
+
+def slides_of(traces: Traces) -> tuple[Slide, ...]:
+    """Return every time that the foot slid by more than `LEAST_WAY_M`."""
+    slides = []
+    moves = traces.stands & (traces.sliding_m_s > SLIDING_M_S)
+    for begin, end in _joined(_spans(moves), round(JOINED_S * RATE_HZ)):
+        way_m = traces.way_m[begin:end] - traces.way_m[begin]
+        if way_m[-1] < LEAST_WAY_M:
+            continue
+        times_s = CLOCK_START_S + np.arange(begin, end) / RATE_HZ
+        slides.append(Slide(float(times_s[0]), float(times_s[-1]), times_s, way_m))
+    return tuple(slides)
+
+
+def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return [(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _joined(spans: list[tuple[int, int]], gap: int) -> list[tuple[int, int]]:
+    made: list[tuple[int, int]] = []
+    for begin, end in spans:
+        if made and begin - made[-1][1] < gap:
+            made[-1] = (made[-1][0], end)
+        else:
+            made.append((begin, end))
+    return made
+
+
+def _shaking(chance: np.random.Generator, count: int) -> NDArray[np.float64]:
+    b, a = butter(2, [25.0 / (0.5 * RATE_HZ), 150.0 / (0.5 * RATE_HZ)], btype="band")
+    noise = lfilter(b, a, chance.normal(size=count))
+    return np.asarray(noise / (np.std(noise) + 1e-12))

@@ -1,0 +1,115 @@
+"""The page of a trial: figures with intervals beside their aims and the simpler ways, and the delays as a picture."""
+
+from __future__ import annotations
+
+import io
+import math
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from jammkle_contact.trial.cases import HELD_OUT, SOURCES, TUNING
+from jammkle_contact.trial.run import KINDS, OURS, Outcome, best_settings, pooled
+from jammkle_contact.trial.scoring import WINDOWS_S, median_with_interval
+from jammkle_graph.command.figures import STYLE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_contact.trial.benefit import BenefitRow
+    from jammkle_contact.trial.scoring import Score
+
+AIMS = {
+    "impact": "recall and precision 0.995, median delay under 3 ms",
+    "slip": "recall and precision 0.95, before 10 mm in the median",
+    "lift-off": "recall and precision 0.98",
+}
+MS, MM = 1e3, 1e3
+
+
+def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
+    """Return all figures for machines, and for the page."""
+    best = best_settings(outcome)
+    rows = []
+    for part, sources in SOURCES.items():
+        for kind in KINDS:
+            ways = (OURS, *(best[kind, name] for each, name in best if each == kind))
+            rows += [_row(part, "all", "all", kind, way, pooled(outcome, part, kind, way)) for way in ways]
+            rows += [
+                _row(part, source, mount, kind, OURS, pooled(outcome, part, kind, OURS, mount, source))
+                for source, mount in sources
+            ]
+    return {
+        "steps": dict(outcome.steps),
+        "unavailable": outcome.unavailable,
+        "blown_up": outcome.empty,
+        "aims": AIMS,
+        "windows_s": {kind: list(window) for kind, window in WINDOWS_S.items()},
+        "rows": rows,
+        "benefit": [row.as_dict() for row in benefit],
+    }
+
+
+def _row(part: str, source: str, mount: str, kind: str, way: str, score: Score) -> dict[str, Any]:
+    delay = [MS * value for value in median_with_interval(score.delays_s)]
+    way_mm = [MM * value for value in median_with_interval(score.ways_m)]
+    return {
+        "part": part,
+        "source": source,
+        "mount": mount,
+        "kind": kind,
+        "way": way,
+        "true": score.hits + score.missed,
+        "told": score.hits + score.false,
+        "recall": _finite(score.recall),
+        "precision": _finite(score.precision),
+        "delay_ms": _finite(delay),
+        "slid_mm": _finite(way_mm),
+    }
+
+
+def _finite(values: Sequence[float]) -> list[float] | None:
+    return None if any(math.isnan(value) for value in values) else [round(value, 4) for value in values]
+
+
+def page(outcome: Outcome, figures: dict[str, Any], seed: int) -> str:
+    """Return the page as HTML that needs no network."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    environment.filters["interval"] = _interval
+    source = resources.files(__package__).joinpath("page.html.j2").read_text(encoding="utf-8")
+    return environment.from_string(source).render(
+        figures=figures,
+        seed=seed,
+        parts=(HELD_OUT, TUNING),
+        kinds=tuple(KINDS),
+        delays=Markup(_delays(outcome)),  # noqa: S704 - made here, of numbers
+    )
+
+
+def _interval(values: Sequence[float] | None, digits: int = 3) -> str:
+    if values is None:
+        return "-"
+    value, low, high = values
+    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def _delays(outcome: Outcome) -> str:
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 3.0), layout="constrained")
+        for axes, kind in zip(figure.subplots(1, len(KINDS)), KINDS, strict=True):
+            for part, style in ((HELD_OUT, "-"), (TUNING, "--")):
+                delays = np.sort(pooled(outcome, part, kind, OURS).delays_s) * MS
+                if len(delays):
+                    axes.step(delays, np.arange(1, len(delays) + 1) / len(delays), style, label=part)
+            axes.set_title(kind)
+            axes.set_xlabel("delay [ms]")
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(loc="lower right")
+        file = io.StringIO()
+        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
+        return file.getvalue()

@@ -1,0 +1,136 @@
+"""Run the cases of a trial, and pool their scores by part, place of the IMU, kind of event and way."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import joblib  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_contact.replay import new_controller
+from jammkle_contact.trial.baselines import WAYS
+from jammkle_contact.trial.cases import HELD_OUT, TUNING, Case, cases_from
+from jammkle_contact.trial.scoring import Score, score_slides, score_times
+from jammkle_controller.core.events import ContactKind
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from jammkle_contact.story import Story
+
+OURS = "ours"
+KINDS = {"impact": ContactKind.IMPACT, "lift-off": ContactKind.LIFTOFF, "slip": ContactKind.SLIP}
+Key = tuple[str, str, str, str, str]
+"""Part, source, place of the IMU, kind of event, way (with its setting, for a baseline)."""
+
+
+@dataclass
+class Outcome:
+    """What came of some cases."""
+
+    scores: dict[Key, Score] = field(default_factory=lambda: defaultdict(Score))
+    steps: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    """Touch-downs and slides, by part."""
+    unavailable: int = 0
+    """Stories at whose end the IMU was not believed, though it was in order."""
+    empty: int = 0
+    """Cases whose simulation blew up."""
+
+    def add(self, other: Outcome) -> None:
+        """Pool another one into this."""
+        for key, score in other.scores.items():
+            self.scores[key].add(score)
+        for part, count in other.steps.items():
+            self.steps[part] += count
+        self.unavailable += other.unavailable
+        self.empty += other.empty
+
+
+def run_case(case: Case) -> Outcome:
+    """Make the stories of a case, and score every way on them."""
+    outcome = Outcome(defaultdict(Score), defaultdict(int))
+    stories = case.stories()
+    outcome.empty = int(not stories)
+    for story in stories:
+        outcome.steps[case.part] += len(story.touchdowns_s) + len(story.slides)
+        told, believed = told_by_ours(story)
+        outcome.unavailable += not believed
+        for kind, times_s in told.items():
+            outcome.scores[case.part, case.source, case.mount, kind, OURS].add(scored(story, kind, times_s))
+        for name, (way, settings) in WAYS.items():
+            for setting in settings:
+                times_s = way(story.samples, setting)
+                for kind in KINDS:
+                    key = (case.part, case.source, case.mount, kind, f"{name} {setting:g}")
+                    outcome.scores[key].add(scored(story, kind, times_s))
+    return outcome
+
+
+def told_by_ours(story: Story) -> tuple[dict[str, list[float]], bool]:
+    """Return the times, s, that a controller tells by kind, and whether it believes the IMU at the end."""
+    controller = new_controller(ControllerParameters(imu_mount=story.mount))
+    told: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    names = {each: kind for kind, each in KINDS.items()}
+    for sample in story.samples:
+        for event in controller.update(sample).events:
+            if event.kind in names:
+                told[names[event.kind]].append(event.time_ns / NANOSECONDS_PER_SECOND)
+    return told, controller.watch.trouble is None
+
+
+def scored(story: Story, kind: str, times_s: Sequence[float]) -> Score:
+    """Score times of a kind on a story."""
+    if kind == "slip":
+        return score_slides(story.slides, times_s)
+    return score_times(story.touchdowns_s if kind == "impact" else story.liftoffs_s, times_s, kind)
+
+
+def run_trial(seed: int, steps: int, jobs: int, on_progress: Callable[[float, str], None]) -> Outcome:
+    """Run cases of both parts until each has half of the steps.
+
+    Args:
+        seed: Of the trial.
+        steps: Touch-downs and slides in all, at least.
+        jobs: Processes.
+        on_progress: Called with the share done and what is being done.
+
+    """
+    whole = Outcome(defaultdict(Score), defaultdict(int))
+    batch = 10
+    for part in (TUNING, HELD_OUT):
+        done = 0
+        while whole.steps[part] * 2 < steps:
+            cases = cases_from(part, seed, done + batch)[done:]
+            for outcome in joblib.Parallel(n_jobs=jobs)(joblib.delayed(run_case)(case) for case in cases):
+                whole.add(outcome)
+            done += batch
+            on_progress(min(1.0, sum(whole.steps.values()) / steps), part)
+    return whole
+
+
+def best_settings(outcome: Outcome) -> dict[tuple[str, str], str]:
+    """Return the way with its best setting on the tuning part, by kind and name of the baseline."""
+    best: dict[tuple[str, str], str] = {}
+    for kind in KINDS:
+        for name, (_, settings) in WAYS.items():
+            ways = [f"{name} {setting:g}" for setting in settings]
+            marks = {way: _f1(pooled(outcome, TUNING, kind, way)) for way in ways}
+            best[kind, name] = max(marks, key=marks.__getitem__)
+    return best
+
+
+def pooled(outcome: Outcome, part: str, kind: str, way: str, mount: str = "", source: str = "") -> Score:
+    """Return the score of a way over all places of the IMU and sources, or some."""
+    total = Score()
+    for (its_part, its_source, its_mount, its_kind, its_way), score in outcome.scores.items():
+        fits = (its_part, its_kind, its_way) == (part, kind, way)
+        if fits and mount in ("", its_mount) and source in ("", its_source):
+            total.add(score)
+    return total
+
+
+def _f1(score: Score) -> float:
+    return 2 * score.hits / max(1, 2 * score.hits + score.missed + score.false)

@@ -1,0 +1,113 @@
+"""Driver, controller and simulation in one process; and the same decisions with ROS."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import Imu
+
+from jammkle_contact.loop import AnkleLoop
+from jammkle_contact.recording import Heard
+from jammkle_contact.replay import replay
+from jammkle_controller.core.events import ContactKind
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
+from jammkle_graph.names import CONTACT_EVENTS, IMU, JAM_COMMAND
+from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_graph.testing import own_domain
+from jammkle_msgs.msg import ContactEvent, JamCommand
+from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from jammkle_controller.core.imu import ImuSample
+
+TIMEOUT_S = 60.0
+
+
+def land(duration_s: float = 2.5) -> tuple[AnkleLoop, list[ImuSample]]:
+    """Drop the landing rig with controller and driver around it; return them and what the IMU read."""
+    simulation = landing_simulation(LandingOptions(release_time_s=0.5))
+    loop = AnkleLoop(simulation, ControllerParameters())
+    samples = []
+    for _ in range(round(duration_s * 500)):
+        simulation.advance(round(0.002 / simulation.timestep_s))
+        samples.append(loop.step(simulation.time_s))
+    return loop, samples
+
+
+def test_a_landing_in_the_loop_is_felt_and_held() -> None:
+    """The landing is felt within 4 ms of the fall's end, every channel reaches the stance's vacuum, twice the same."""
+    loop, samples = land()
+    kinds = [event.kind for event in loop.events]
+    assert kinds[:2] == [ContactKind.LIFTOFF, ContactKind.IMPACT]
+    fall_s = (2.0 * 0.05 / 9.80665) ** 0.5
+    assert loop.events[1].time_ns / NANOSECONDS_PER_SECOND == pytest.approx(0.5 + fall_s, abs=0.004)
+    for pressure_pa in loop.ankle.channel_pressures_pa().values():
+        assert STANDARD_ATMOSPHERE_PA - pressure_pa == pytest.approx(40e3, abs=2e3)
+    again, same = land()
+    assert same == samples
+    assert again.events == loop.events
+
+
+def test_ros_and_loop_decide_the_same_on_the_same_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The node, fed over DDS with the samples of a loop, tells the same events, to the bit, and the same wish."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    _, samples = land(1.5)
+    made = replay([Heard(sample.time_ns, sample) for sample in samples], ControllerParameters())
+    with own_domain() as domain_id:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id)}
+        process = subprocess.Popen([sys.executable, "-m", "jammkle_controller"], env=environment)
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
+        node = rclpy.create_node("bench", context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        events: list[ContactEvent] = []
+        commands: list[JamCommand] = []
+        node.create_subscription(ContactEvent, CONTACT_EVENTS.name, events.append, subscriber_qos(CONTACT_EVENTS))
+        node.create_subscription(JamCommand, JAM_COMMAND.name, commands.append, subscriber_qos(JAM_COMMAND))
+        imu = node.create_publisher(Imu, IMU.name, publisher_qos(IMU))
+
+        def until(holds: Callable[[], bool]) -> None:
+            deadline_s = time.monotonic() + TIMEOUT_S
+            while not holds() and time.monotonic() < deadline_s:
+                executor.spin_once(timeout_sec=0.05)
+            assert holds()
+
+        try:
+            until(lambda: imu.get_subscription_count() > 0 and bool(commands))
+            for sample in samples:
+                imu.publish(message_of(sample))
+                executor.spin_once(timeout_sec=0.002)
+            until(lambda: len(events) >= len(made.events))
+            told = [
+                (e.header.stamp.sec * NANOSECONDS_PER_SECOND + e.header.stamp.nanosec, e.magnitude, e.probability)
+                for e in events
+            ]
+            assert told == [(event.time_ns, event.magnitude, event.probability) for event in made.events]
+            until(lambda: {c.channel: c.vacuum_pa for c in commands[-1].channels} == made.decisions[-1].wish_pa)
+        finally:
+            process.terminate()
+            process.wait()
+            executor.shutdown()
+            node.destroy_node()
+            rclpy.shutdown(context=context)
+
+
+def message_of(sample: ImuSample) -> Imu:
+    message = Imu()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(sample.time_ns, NANOSECONDS_PER_SECOND)
+    force, rate = message.linear_acceleration, message.angular_velocity
+    force.x, force.y, force.z = sample.force_x, sample.force_y, sample.force_z
+    rate.x, rate.y, rate.z = sample.rate_x, sample.rate_y, sample.rate_z
+    return message

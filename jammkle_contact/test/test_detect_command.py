@@ -1,0 +1,60 @@
+"""`jammkle detect` as a user calls it: a table in g and deg/s, and input that is wrong."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+COMMAND = Path(sys.executable).with_name("jammkle")
+
+
+def table(path: Path) -> Path:
+    """Write a fall of 0.1 s from rest, at 500 Hz, in g and deg/s, behind a column of force."""
+    chance = np.random.default_rng(1)
+    force = np.ones(1000)
+    force[500:550] = 0.0
+    force[550:560] = 4.0
+    rows = np.column_stack([100.0 * force, np.zeros((1000, 2)), force, np.zeros((1000, 3))])
+    rows[:, 1:] += chance.normal(0.0, 0.003, (1000, 6))
+    np.savetxt(path, rows, delimiter=",")
+    return path
+
+
+def detect(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([COMMAND, "detect", *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+def test_a_table_in_g_is_read_and_its_fall_is_told(tmp_path: Path) -> None:
+    """With columns and units given, the fall is a lift-off and an impact at the right time; a picture is left."""
+    path = table(tmp_path / "fall.csv")
+    units = ("--force", "2,3,4", "--rate", "5,6,7", "--force-unit", "g", "--rate-unit", "deg/s", "--rate-hz", 500)
+    answer = detect(path, *units, "--reference", 1, "-o", tmp_path / "out")
+    assert answer.returncode == 0, answer.stderr
+    found = json.loads((tmp_path / "out" / "events.json").read_text())
+    assert [event["kind"] for event in found["events"]][:2] == ["lift-off", "impact"]
+    assert found["events"][1]["time_s"] == pytest.approx(1.1, abs=0.003)
+    assert found["decisions"][-1]["state"] == "stance"
+    assert (tmp_path / "out" / "detect.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("extra", "named"),
+    [
+        (("--rate-hz", 500, "--force-unit", "kg"), "m/s^2, g"),
+        ((), "--rate-hz"),
+        (("--rate-hz", 500, "--force", "7,8,9"), "row 1"),
+        (("--rate-hz", 500, "--set", "jam_dely_s=1"), "jam_dely_s"),
+        (("--rate-hz", 500, "--mount", "head"), "foot, shank, body"),
+    ],
+)
+def test_wrong_input_is_one_line(tmp_path: Path, extra: tuple[object, ...], named: str) -> None:
+    """Whatever is wrong, the exit code is 2 and one line names the value and what would be right."""
+    answer = detect(table(tmp_path / "fall.csv"), *extra, "-o", tmp_path / "out")
+    assert answer.returncode == 2
+    (line,) = answer.stderr.splitlines()
+    assert named in line
