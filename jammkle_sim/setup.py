@@ -29,6 +29,7 @@ setup(
         "jammkle.commands": [
             "paper = jammkle_sim.commands:app",
             "rig = jammkle_sim.commands:app",
+            "robot = jammkle_sim.commands:app",
         ],
     },
 )

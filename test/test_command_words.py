@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 UNITS = ("-kpa", "-mm", "-mm-s", "-s", "-hz", "-kg", "-deg", "-l-min", "-dm3-s-bar")
 """What the name of an option that takes a number with a unit ends in."""
-NO_UNIT = {"--friction", "--edge-friction", "--speed"}
+NO_UNIT = {"--friction", "--edge-friction", "--slip-friction", "--speed"}
 """Numbers without a unit; --speed is simulated time per real time."""
 PLACES = {"DIR", "FILE", "BAG"}
 

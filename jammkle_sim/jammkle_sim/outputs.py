@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.core.engine import Tick
     from jammkle_sim.rigs.simulation import ImuSample, TendonSample
-    from jammkle_sim.robots.ankle_view import FootTruth
+    from jammkle_sim.robots.foot_truth import FootTruth
 
 
 class AnkleSensors(Protocol):

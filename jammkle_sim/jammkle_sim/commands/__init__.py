@@ -1,4 +1,4 @@
-"""Arguments of `jammkle rig` and `jammkle paper`. What they do stands in modules of their own."""
+"""Arguments of `jammkle rig`, `robot` and `paper`. What they do stands in modules of their own."""
 
 # ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for NumPy and Matplotlib
 
@@ -11,6 +11,7 @@ import typer
 
 from jammkle_graph.command.options import JsonOption
 from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
+from jammkle_sim.commands.robot_options import RobotRequest, robot_command
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -26,6 +27,15 @@ def rig(
     from jammkle_sim.commands.rig_run import rig as run
 
     return run(arguments or [])
+
+
+def _run_robot(request: RobotRequest) -> int:
+    from jammkle_sim.commands.robot_run import robot as run
+
+    return run(request)
+
+
+app.command("robot")(robot_command(_run_robot))
 
 
 @app.command()

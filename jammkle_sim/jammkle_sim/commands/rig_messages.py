@@ -25,10 +25,12 @@ from jammkle_graph.names import (
     SOLENOIDS,
     TENDON_STATES,
     TENDONS,
+    TRUE_CONTACT,
     Topic,
 )
 from jammkle_sim.conversions import OutgoingMessages, parameters_message, time_message
 from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+from jammkle_sim.robots.foot_truth import FootTruth
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -68,6 +70,7 @@ def messages(run: RigRun, namespace: str) -> Iterator[tuple[int, Topic, Any]]:
         (IMU, lambda time_ns, row: outgoing.imu(time_ns, _imu(row))),
         (JOINT_STATES, lambda time_ns, row: outgoing.joint_states(time_ns, *_joints(row))),
         (TENDON_STATES, lambda time_ns, row: outgoing.tendon_states(time_ns, _tendons(row, tendons))),
+        (TRUE_CONTACT, lambda time_ns, row: outgoing.true_contact(time_ns, _truth(row))),
         (LOAD_CELL, lambda time_ns, row: outgoing.wrench(time_ns, _vector(row, "force_{}_n"))),
         *(
             (topic, lambda time_ns, row, place=place: outgoing.pressure(time_ns, row["fluid_pressure_pa"], place))
@@ -135,6 +138,10 @@ def _columns(run: RigRun, topic: Topic) -> tuple[str, ...]:
 
 def _imu(row: dict[str, float]) -> ImuSample:
     return ImuSample(_vector(row, "linear_acceleration_{}_m_s2"), _vector(row, "angular_velocity_{}_rad_s"))
+
+
+def _truth(row: dict[str, float]) -> FootTruth:
+    return FootTruth(row["stands"] > 0.0, row["normal_force_n"], row["sliding_speed_m_s"], row["sliding_distance_m"])
 
 
 def _vector(row: dict[str, float], pattern: str) -> tuple[float, float, float]:

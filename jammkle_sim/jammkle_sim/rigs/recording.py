@@ -29,7 +29,7 @@ GROUND_CLEARANCE = "ground clearance"
 """Where an evaluation finds how far the watched parts are off the ground, m, one column each, a row per row of the load
 cell. No topic: nothing on a real rig measures it, and it is in no bag."""
 
-_IMU_COLUMNS = (
+IMU_COLUMNS = (
     "linear_acceleration_x_m_s2",
     "linear_acceleration_y_m_s2",
     "linear_acceleration_z_m_s2",
@@ -38,7 +38,7 @@ _IMU_COLUMNS = (
     "angular_velocity_z_rad_s",
 )
 _LOAD_CELL_COLUMNS = ("force_x_n", "force_y_n", "force_z_n")
-_TENDON_COLUMNS = ("extension_m", "extension_rate_m_s", "tension_n", "broken")
+TENDON_COLUMNS = ("extension_m", "extension_rate_m_s", "tension_n", "broken")
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Recorder:
         first_joint = records.IMU_AXES + records.LOAD_CELL_AXES
         first_tendon = first_joint + 2 * len(joints)
         found = {
-            names.IMU.name: Series(_IMU_COLUMNS, time_s, rows[:, : records.IMU_AXES]),
+            names.IMU.name: Series(IMU_COLUMNS, time_s, rows[:, : records.IMU_AXES]),
             names.LOAD_CELL.name: Series(_LOAD_CELL_COLUMNS, state_time_s, np.array(self._load_cell_n)),
             names.JOINT_STATES.name: Series(
                 tuple(f"{joint}.{what}" for what in ("position", "velocity") for joint in joints),
@@ -133,7 +133,7 @@ class Recorder:
                 states[:, first_joint:first_tendon],
             ),
             names.TENDON_STATES.name: Series(
-                tuple(f"{tendon}.{what}" for tendon in self._rig.tendon_names for what in _TENDON_COLUMNS),
+                tuple(f"{tendon}.{what}" for tendon in self._rig.tendon_names for what in TENDON_COLUMNS),
                 state_time_s,
                 states[:, first_tendon:],
             ),

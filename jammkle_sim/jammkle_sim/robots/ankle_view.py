@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_graph.names import ANKLE_JOINTS, CHANNELS, TENDONS
 from jammkle_sim.rigs.simulation import ImuSample, TendonSample
 from jammkle_sim.rigs.vacuum import VacuumRegulator
+from jammkle_sim.robots.foot_truth import FootTruth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,20 +19,6 @@ if TYPE_CHECKING:
     from jammkle_sim.physics import records
     from jammkle_sim.physics.sensors import Noise, SensorParameters
     from jammkle_sim.robots.attach import AttachedAnkle
-
-
-@dataclass(frozen=True)
-class FootTruth:
-    """What the foot truly does on the ground. No robot can measure it."""
-
-    stands: bool
-    """Whether it presses on the ground with more than its own weight."""
-    normal_force_n: float
-    """Sum over its contacts."""
-    sliding_speed_m_s: float
-    """Tangential speed of its contacts on the ground, each by its share of the force; 0 where it does not stand."""
-    sliding_distance_m: float
-    """Way that it has slid since the robot's start, whichever way and however often."""
 
 
 @dataclass(frozen=True)
