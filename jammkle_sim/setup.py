@@ -25,7 +25,7 @@ setup(
     description="Simulation of a jammable ankle, its pneumatics, rigs and sensors in MuJoCo.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["robot = jammkle_sim.robot_main:main", "sim = jammkle_sim.__main__:main"],
+        "console_scripts": ["robot = jammkle_sim.robot.__main__:main", "sim = jammkle_sim.__main__:main"],
         "jammkle.commands": [
             "paper = jammkle_sim.commands:app",
             "rig = jammkle_sim.commands:app",

@@ -50,7 +50,6 @@ READY_TIMEOUT_S = 30.0
 """Until all nodes are there. Assumed; a first start compiles the simulation's laws, which takes some seconds."""
 
 _STATE_TIMEOUT_S = 2.0
-_TICK_TIMEOUT_S = 2.0  # a clock that stands is repeated every 0.5 s
 
 _CONNECTIONS = (
     (IMU.name, SIM_NODE, (CONTROLLER_NODE, RECORDER)),
@@ -152,7 +151,8 @@ class Startup:
         ticks: list[Clock] = []
         self.client.subscribe(Clock, CLOCK, ticks.append, subscriber_qos(CLOCK))
         setter = f"{SIM_NODE}/set_parameters"
-        if not self.wait(lambda: bool(ticks), _TICK_TIMEOUT_S):
+        # who makes it may be starting just now; a clock that stands is repeated every 0.5 s
+        if not self.wait(lambda: bool(ticks), READY_TIMEOUT_S):
             return
         value = ParameterValue(
             type=ParameterType.PARAMETER_DOUBLE, double_value=clock_ns(ticks[-1]) / NANOSECONDS_PER_SECOND

@@ -6,7 +6,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from jammkle_bringup.core.namespace_lock import NamespaceLock, default_folder, ros_domain
+from jammkle_bringup.core.namespace_lock import ClockLock, NamespaceLock, default_folder, ros_domain
 from jammkle_bringup.core.node_table import SIM_HARDWARE, command_of, simulated_time
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import DISCOVERY_S, GraphClient
@@ -53,6 +53,19 @@ def beside_others(
     return with_value(options, SIM_NODE, "publish_clock", value=False)
 
 
+def with_one_clock(options: GraphOptions, clock: ClockLock) -> GraphOptions:
+    """Return the options without a /clock of its own where another simulation that starts just now makes it.
+
+    Raises:
+        InputError: the lock's file cannot be made.
+
+    """
+    if not makes_clock(options) or clock.take():
+        return options
+    say(f"{CLOCK.name} is made by another simulation in ROS domain {ros_domain()}, so this one publishes none")
+    return with_value(options, SIM_NODE, "publish_clock", value=False)
+
+
 def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
     """Return the processes of a graph in the order in which they start: the recorder first, the driver last."""
     specs = []
@@ -87,12 +100,13 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
     check(options)
     with (
         NamespaceLock(options.namespace, ros_domain(), default_folder()),
+        ClockLock(ros_domain(), default_folder()) as clock,
         Supervisor(paused_specs(options), pass_on, held=True) as supervisor,  # they load while it is looked
     ):
         death = None
         failed = False
         try:
-            begin_alone(options, supervisor, asked_to_stop)
+            begin_alone(options, supervisor, clock, asked_to_stop)
             death = supervisor.watch(asked_to_stop)
         except GraphError as error:
             say(str(error))
@@ -105,7 +119,9 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
     return say_how_it_ended(death, bad) or int(failed)
 
 
-def begin_alone(options: GraphOptions, supervisor: Supervisor, asked_to_stop: Callable[[], bool]) -> None:
+def begin_alone(
+    options: GraphOptions, supervisor: Supervisor, clock: ClockLock, asked_to_stop: Callable[[], bool]
+) -> None:
     """Begin where no other graph is, and look on for one until discovery has had all its time.
 
     Raises:
@@ -115,7 +131,7 @@ def begin_alone(options: GraphOptions, supervisor: Supervisor, asked_to_stop: Ca
 
     """
     with GraphClient(options.namespace, asked_to_stop, LOOKERS) as client:
-        joined = beside_others(options, asked_to_stop, client)
+        joined = with_one_clock(beside_others(options, asked_to_stop, client), clock)
         if joined != options:
             supervisor.begin_anew(paused_specs(joined))
         names = ", ".join(supervisor.process_ids())

@@ -19,6 +19,7 @@ from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.qos import publisher_qos
 from jammkle_graph.roll_call import RollCall
 from jammkle_sim.ankles import Ankles
+from jammkle_sim.clock_guard import ClockGuard, makers
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
@@ -79,7 +80,9 @@ class SimNode(Node):
         self._wanted = self._built = parameters
         self._simulation = make_simulation(parameters)
         self._engine = _make_engine(self._simulation, parameters, kind.outputs)
+        others = makers(self)
         self._clock_output = ClockOutput(self, is_ours=parameters.publish_clock)
+        self._clock_guard = ClockGuard(self, others, is_ours=parameters.publish_clock)
         self._description = self.create_publisher(
             String, names.SIM_PARAMETERS.name, publisher_qos(names.SIM_PARAMETERS)
         )
@@ -142,11 +145,19 @@ class SimNode(Node):
         return self._engine.wait_s()
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:
-        """Run until asked to stop: a cycle, then callbacks until the next one is due."""
+        """Run until asked to stop: a cycle, then callbacks until the next one is due.
+
+        Raises:
+            ClockClashError: another simulation, that came first, makes the graph's clock.
+
+        """
+        if self._engine.control.state is RunState.RUNNING:
+            self._clock_guard.look_first(executor)
         self._engine.restart_pace()  # making the node has taken time that nobody wants to catch up
         while not stop:
             executor.spin_once(timeout_sec=self.cycle())
             self._serve_drivers(executor)
+            self._clock_guard.check()
 
     def _serve_drivers(self, executor: Executor) -> None:
         """Serve what the drivers have sent meanwhile.

@@ -46,12 +46,7 @@ class NamespaceLock:
             InputError: another process holds it, or its file cannot be made.
 
         """
-        try:
-            self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
-        except OSError as error:
-            msg = f"lock file {self._path} cannot be made: {error.strerror}"
-            raise InputError(msg) from error
+        descriptor = _opened(self._path)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -71,6 +66,61 @@ class NamespaceLock:
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
+
+
+class ClockLock:
+    """Context manager of the one /clock that simulations of the same user make in a ROS domain.
+
+    Two that start together do not see each other on the graph yet; this tells which of them makes the clock.
+    """
+
+    def __init__(self, domain: str, folder: Path) -> None:
+        """Prepare the lock of a domain; nothing is taken yet."""
+        self._path = folder / f"clock_of_domain{domain}.lock"
+        self._descriptor: int | None = None
+
+    def __enter__(self) -> Self:
+        """Do nothing yet: who joins somebody else's clock needs none."""
+        return self
+
+    def take(self) -> bool:
+        """Take the lock; False if another simulation has it.
+
+        Raises:
+            InputError: its file cannot be made.
+
+        """
+        descriptor = _opened(self._path)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            return False
+        self._descriptor = descriptor
+        return True
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Give the lock back, if it was taken."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+
+def _opened(path: Path) -> int:
+    """Return the descriptor of a lock file, which is made where there is none.
+
+    Raises:
+        InputError: it cannot be made.
+
+    """
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError as error:
+        msg = f"lock file {path} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
 
 
 def already_up(namespace: str, domain: str, who: str) -> str:

@@ -105,7 +105,7 @@ ROBOT_SIM = NodeEntry(
     parameter_table="jammkle_sim.parameters:RobotParameters",
     follows_simulated_time=False,
     simulates=True,
-    module="jammkle_sim.robot_main",
+    module="jammkle_sim.robot",
 )
 """The simulation of a leg or a quadruped: one for all of its ankles."""
 

@@ -1,4 +1,4 @@
-"""`python -m jammkle_sim.robot_main` and `ros2 run jammkle_sim robot`: a leg or a quadruped on the graph."""
+"""`python -m jammkle_sim.robot` and `ros2 run jammkle_sim robot`: a leg or a quadruped on the graph."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from jammkle_sim.__main__ import drive, shut_down
 
 if TYPE_CHECKING:
     from jammkle_sim.node import SimNode
+
+LOADED_LATER = ("jammkle_sim.kinds", "jammkle_sim.node", "jammkle_sim.walking")
+"""See `jammkle_graph.command.held`."""
 
 
 def main() -> int:

@@ -1,0 +1,1 @@
+"""The sim node of a leg or a quadruped: `python -m jammkle_sim.robot`."""
