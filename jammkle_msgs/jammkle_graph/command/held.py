@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 
 HEAVY = "LOADED_LATER"
 """Name in a node's `__main__` for the modules that it loads only when it starts."""
@@ -16,7 +17,10 @@ HEAVY = "LOADED_LATER"
 def main() -> int:
     """Load, wait, start; return the exit code of the node, or 0 if it was never to start."""
     name, *arguments = sys.argv[1:]
-    module = import_module(f"{name}.__main__")
+    found = find_spec(name)
+    # as `python -m` does: of a package its `__main__`, else the module itself
+    is_package = found is not None and found.submodule_search_locations is not None
+    module = import_module(f"{name}.__main__" if is_package else name)
     for each in getattr(module, HEAVY, ()):
         import_module(each)
     if not sys.stdin.readline():
