@@ -15,6 +15,7 @@ CONTACT = {
     ContactEvent.SLIP: True,
     ContactEvent.SETTLED: True,
     ContactEvent.LIFTOFF: False,
+    ContactEvent.SWING: False,
 }
 
 
