@@ -171,8 +171,8 @@ def _table(
     beside = _column(path, head, layout.reference) if layout.reference else -1
     heard, reference = [], []
     for number, row in enumerate(rows):
-        if not row:
-            continue
+        if not any(row[index].strip() for index in force if index < len(row)):
+            continue  # a table of several sensors goes on where the IMU has ended
         try:
             at_s = float(row[time]) if layout.time else (number + 1) / layout.rate_hz
             at_ns = round(at_s * NANOSECONDS_PER_SECOND)

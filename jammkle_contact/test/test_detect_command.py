@@ -22,6 +22,8 @@ def table(path: Path) -> Path:
     rows = np.column_stack([100.0 * force, np.zeros((1000, 2)), force, np.zeros((1000, 3))])
     rows[:, 1:] += chance.normal(0.0, 0.003, (1000, 6))
     np.savetxt(path, rows, delimiter=",")
+    with path.open("a") as file:
+        file.write("100.0,,,,,,\n")  # the force goes on where the IMU has ended
     return path
 
 
