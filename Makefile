@@ -33,7 +33,7 @@ demo: set-up
 	@$(BIN)/jammkle demo
 
 test: set-up
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
