@@ -9,9 +9,10 @@ from jammkle_bringup.core.node_table import GAP_MONITOR, NODES, SIM_HARDWARE, VI
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values
 from jammkle_graph.bags.writing import check_free
 from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import DRIVER_NODE, SIM_NODE, VIEWER_NODE
+from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, SIM_NODE, VIEWER_NODE
 from jammkle_graph.namespace import resolved
 from jammkle_graph.parameters import ParameterError, rows
+from jammkle_sim.robots.options import RobotOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -167,6 +168,15 @@ def with_value(options: GraphOptions, node: str, name: str, *, value: ParameterV
     """Return the options with a parameter that wins over the files."""
     of_node = {**options.values.get(node, {}), name: value}
     return replace(options, values={**options.values, node: of_node})
+
+
+def with_imu_mount(options: GraphOptions) -> GraphOptions:
+    """Return the options with controllers that know where a simulated robot has its IMUs, unless somebody says so."""
+    simulated = options.robot is not Robot.ANKLE and options.hardware == SIM_HARDWARE
+    if not simulated or given_value(options, CONTROLLER_NODE, "imu_mount") is not None:
+        return options
+    place = str(given_value(options, SIM_NODE, "imu") or RobotOptions().imu)
+    return with_value(options, CONTROLLER_NODE, "imu_mount", value=place)
 
 
 def node_names(options: GraphOptions) -> set[str]:

@@ -10,7 +10,15 @@ from jammkle_bringup.core.namespace_lock import ClockLock, NamespaceLock, defaul
 from jammkle_bringup.core.node_table import SIM_HARDWARE, command_of, simulated_time
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import DISCOVERY_S, GraphClient
-from jammkle_bringup.graph_options import GraphOptions, check, given_value, makes_clock, node_names, with_value
+from jammkle_bringup.graph_options import (
+    GraphOptions,
+    check,
+    given_value,
+    makes_clock,
+    node_names,
+    with_imu_mount,
+    with_value,
+)
 from jammkle_bringup.neighbours import LOOK_S, LOOKERS, refuse_if_doubled, refuse_if_there
 from jammkle_bringup.readiness import RECORDER, Startup
 from jammkle_graph.command.errors import GraphError
@@ -98,6 +106,7 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
 
     """
     check(options)
+    options = with_imu_mount(options)
     with (
         NamespaceLock(options.namespace, ros_domain(), default_folder()),
         ClockLock(ros_domain(), default_folder()) as clock,

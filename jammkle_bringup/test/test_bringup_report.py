@@ -32,10 +32,10 @@ def shown(*tables: object, width: int = 80) -> str:
 def test_info_breaks_no_name_in_80_columns() -> None:
     """Every topic of the graph and every type stands in one piece on a terminal of 80 columns."""
     topics = tuple(
-        TopicInfo(f"/lf_ankle/{topic.name}", topic.message_type, 123456, 500.0, "reliable", "transient_local")
+        TopicInfo(f"/lf_ankle/{topic.name}", topic.message_type, 123456, 500.0, "stamp", "reliable", "transient_local")
         for topic in TOPICS
     )
-    text = shown(*report.info_tables(BagInfo("bag", 0.0, 1.0, 2, topics, {})))
+    text = shown(*report.info_tables(BagInfo("bag", 0.0, 1.0, 1.0, 2, topics, {})))
     for topic in topics:
         assert topic.name in text
         assert topic.message_type in text

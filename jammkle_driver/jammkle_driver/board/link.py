@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_driver.board.dialogue import Exchange, dialogue
 from jammkle_driver.board.line import Line, LineError, RefusedError
-from jammkle_driver.core.hardware import LinkState, LinkStatus
+from jammkle_driver.core.hardware import LinkState, LinkStatus, SafeCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,6 +63,7 @@ class BoardLink:
         self._board_crc_errors: int | None = None
         self._crc_at_board = 0
         self._last: tuple[float, float] | None = None
+        self._latched: frozenset[SafeCause] = frozenset()
         self._cycled_s: float | None = None
         self._cycle_s: float | None = None
         self._status = LinkStatus(LinkState.SEARCHING, f"looking for a board at {port}")
@@ -215,12 +216,14 @@ class BoardLink:
     def _take(self, exchange: Exchange) -> None:
         now_s = time.monotonic()
         self._measure_rate(now_s)
-        state = exchange.state
+        state, before, self._latched = exchange.state, self._latched, exchange.latched
         if state is None:
             self._tell(latched=exchange.latched)
             self._count()
             return
-        started = int(self._has_started(state.uptime_s, now_s))
+        # A board that starts anew soon after it had started may have the same uptime when it is asked again.
+        latched_start = SafeCause.RESET in exchange.latched and SafeCause.RESET not in before
+        started = int(latched_start or self._has_started(state.uptime_s, now_s))
         self._last = (now_s, state.uptime_s)
         at_board = 0
         if self._board_crc_errors is not None and not started:

@@ -77,7 +77,7 @@ class Questions:
     rig: str | None
     """What was recorded, where the bags do not tell."""
     settings: tuple[str, ...]
-    """How it was set, where the bags do not tell: NAME=VALUE."""
+    """How it was set, where the bags do not tell: NAME=VALUE, as it is typed."""
     ways: tuple[Way, ...]
     """In the order in which they are answered."""
 

@@ -13,6 +13,7 @@ from jammkle_gap.trial.key import Kind, Rung, main_rungs
 from jammkle_gap.trial.outcomes import level
 from jammkle_gap.trial.questions import Questions, Run, Way
 from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.vocabulary import typed_name, typed_value
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -158,7 +159,7 @@ def _task(trial: Path, case: str, ways: Iterable[Way]) -> Task:
         tuple((folder / bag).resolve() for bag in note.bags),
         tuple((folder / bag).resolve() for bag in note.references),
         note.rig,
-        tuple(f"{name}={value}" for name, value in note.options.items()),
+        tuple(f"{typed_name(name)}={typed_value(name, value)}" for name, value in note.options.items()),
         # Those without references first: what must not look at them is answered before they are read.
         tuple(sorted(ways, key=lambda way: way.takes_references)),
     )

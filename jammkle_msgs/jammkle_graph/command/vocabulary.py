@@ -89,6 +89,12 @@ def in_si(parameter: str, typed: Value) -> Value:
     return _scaled(typed, unit.exponent) if unit and isinstance(typed, (int, float)) else typed
 
 
+def typed_value(parameter: str, value: Value) -> Value:
+    """Return what to type for a value of a parameter, in SI: the inverse of `in_si`."""
+    unit = _of_parameter(parameter)
+    return _scaled(value, -unit.exponent) if unit and isinstance(value, (int, float)) else value
+
+
 def parameter_of(typed: str) -> str:
     """Return the parameter that a typed name stands for: `vacuum_pa` for `vacuum-kpa`."""
     name = typed.replace("-", "_")
