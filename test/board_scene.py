@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
-from graph import Probe, environment
+from graph import TIMEOUT_S, Probe, environment
 from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import (
     ACHILLES,
@@ -140,7 +140,7 @@ class Scene:
     def stream_jam(self) -> float:
         """Jam everything by a stream of commands; return when its last message left, s."""
         wish = JamCommand(channels=[ChannelJamCommand(channel=name, vacuum_pa=HELD_VACUUM_PA) for name in CHANNELS])
-        end_s = time.monotonic() + 30.0
+        end_s = time.monotonic() + TIMEOUT_S
         sent_s = 0.0
         while not (self.channels_in(ChannelJamState.JAMMED) and self.all_on()):
             assert time.monotonic() < end_s, self.probe.channel_states()
