@@ -65,7 +65,17 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
             channel = maker.make("jammkle_msgs/msg/ChannelJamState", "achilles", word, vacuum_pa, 0.0, "", 0)
             state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "")
             maker.write("/jam_state", time_s, maker.make("jammkle_msgs/msg/JamState", *state))
-    event = maker.make("jammkle_msgs/msg/ContactEvent", maker.header(5.25), 1, 30.0, "m/s^2", 0.002)
+    event = maker.make(
+        "jammkle_msgs/msg/ContactEvent",
+        maker.header(5.25),
+        1,
+        30.0,
+        "m/s^2",
+        0.002,
+        0.9,
+        "imu",
+        maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0),
+    )
     maker.write("/contact_events", 6.0, event)
     return maker.close()
 

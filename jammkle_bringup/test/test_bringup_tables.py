@@ -71,7 +71,17 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
             channel = maker.make("jammkle_msgs/msg/ChannelJamState", "achilles", step // 100, 5e4, 1.5, "asked", 0)
             state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "")
             maker.write("/lf_ankle/jam_state", time_s, maker.make("jammkle_msgs/msg/JamState", *state))
-    event = maker.make("jammkle_msgs/msg/ContactEvent", maker.header(12.5), 1, 30.0, "m/s^2", 0.002)
+    event = maker.make(
+        "jammkle_msgs/msg/ContactEvent",
+        maker.header(12.5),
+        1,
+        30.0,
+        "m/s^2",
+        0.002,
+        0.9,
+        "imu",
+        maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0),
+    )
     maker.write("/lf_ankle/contact_events", 12.5, event)
     return maker.close()
 

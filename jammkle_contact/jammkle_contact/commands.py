@@ -19,9 +19,9 @@ _TABLE = "Tables (.csv, .txt, .tsv)"
 @app.command()
 def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     recording: Annotated[Path, typer.Argument(help="A bag with an IMU, or a table.", metavar="RECORDING")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of events.json and detect.png.")] = Path(
-        "runs/detect"
-    ),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of events.json and detect.png.", metavar="DIR")
+    ] = Path("runs/detect"),
     mount: Annotated[str, typer.Option(help="Where the IMU is: foot, shank or body.")] = "body",
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="NAME=VALUE of a parameter of the controller; may be repeated.")
@@ -37,7 +37,7 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
         str, typer.Option(help="Columns of the angular velocity; empty: no gyro.", rich_help_panel=_TABLE)
     ] = "4,5,6",
     time: Annotated[str, typer.Option(help="Column of the time, s.", rich_help_panel=_TABLE)] = "",
-    reference: Annotated[
+    contact_force: Annotated[
         str, typer.Option(help="Column of a force or switch, drawn beside and not heard.", rich_help_panel=_TABLE)
     ] = "",
     force_unit: Annotated[str, typer.Option(help="m/s^2 or g.", rich_help_panel=_TABLE)] = "m/s^2",
@@ -56,7 +56,7 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
         force=_listed(force),
         rate=_listed(rate),
         time=time,
-        reference=reference,
+        reference=contact_force,
         force_unit=force_unit,
         rate_unit=rate_unit,
         rate_hz=rate_hz,
@@ -72,9 +72,9 @@ def _listed(text: str) -> tuple[str, ...]:
 
 @app.command()
 def contact(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of contact.html and contact.json.")] = Path(
-        "runs/contact"
-    ),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of contact.html and contact.json.", metavar="DIR")
+    ] = Path("runs/contact"),
     steps: Annotated[int, typer.Option(help="Touch-downs and slides in all, half of them held out.")] = 400,
     seed: Annotated[int, typer.Option(help="Everything is drawn from it.")] = 0,
     runs: Annotated[

@@ -35,7 +35,7 @@ def test_a_table_in_g_is_read_and_its_fall_is_told(tmp_path: Path) -> None:
     """With columns and units given, the fall is a lift-off and an impact at the right time; a picture is left."""
     path = table(tmp_path / "fall.csv")
     units = ("--force", "2,3,4", "--rate", "5,6,7", "--force-unit", "g", "--rate-unit", "deg/s", "--rate-hz", 500)
-    answer = detect(path, *units, "--reference", 1, "-o", tmp_path / "out")
+    answer = detect(path, *units, "--contact-force", 1, "-o", tmp_path / "out")
     assert answer.returncode == 0, answer.stderr
     found = json.loads((tmp_path / "out" / "events.json").read_text())
     assert [event["kind"] for event in found["events"]][:2] == ["lift-off", "impact"]
