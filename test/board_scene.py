@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -43,6 +44,8 @@ SAGGED_UV = 2_000_000
 """8 V of 12 V at the divider of the supply."""
 STREAM_PERIOD_S = 0.02
 IMU_PERIOD_S = 0.01
+NOISE_M_S2 = 0.02
+"""Of the IMU: one whose readings never change counts as frozen."""
 REST_SAMPLES, FLIGHT_SAMPLES, IMPACT_M_S2 = 100, 30, 40.0
 HELD_VACUUM_PA = 50e3
 
@@ -61,6 +64,7 @@ class Scene:
         self.controller: subprocess.Popen[bytes] | None = None
         self._imu = self.probe.publisher(IMU)
         self._imu_samples = 0
+        self._random = random.Random(1)  # noqa: S311 - noise of a sensor
         self.probe.node.create_timer(IMU_PERIOD_S, self._land)
         self._parameters = {"hardware": "modbus", "port": str(port), **parameters}
         self.driver = self.start_driver()
@@ -105,7 +109,8 @@ class Scene:
 
     def jam_by_controller(self) -> None:
         """Let a controller feel a landing, and jam; it holds everything by its stream of commands."""
-        arguments = [sys.executable, "-m", "jammkle_controller"]
+        vacuum = f"hold_vacuum_pa:={HELD_VACUUM_PA}"
+        arguments = [sys.executable, "-m", "jammkle_controller", "--ros-args", "-p", vacuum]
         self.controller = subprocess.Popen(arguments, env=environment(self.domain_id))
 
         def held() -> bool:
@@ -134,7 +139,8 @@ class Scene:
         message.header.stamp = self.probe.node.get_clock().now().to_msg()
         message.header.frame_id = IMU_FRAME
         message.orientation_covariance[0] = -1.0
-        message.linear_acceleration.z = IMPACT_M_S2 if at == 0 else STANDARD_GRAVITY_M_S2 if at < REST_SAMPLES else 0.0
+        force_m_s2 = IMPACT_M_S2 if at == 0 else STANDARD_GRAVITY_M_S2 if at < REST_SAMPLES else 0.0
+        message.linear_acceleration.z = force_m_s2 + self._random.gauss(0.0, NOISE_M_S2)
         self._imu.publish(message)
 
     def stream_jam(self) -> float:

@@ -240,6 +240,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     assert probe.call(UNJAM_ALL).success
     probe.spin_until(lambda: not witness.energised(), "a held ankle is vented by ~/unjam_all")
     processes.start("controller", "use_sim_time:=true")
+    probe.spin_until(witness.hear_each_other, "the nodes hear each other again")
 
     # The simulation dies: nobody answers for the ankle any more, and a stop says so.
     dead_s = processes.send("sim", signal.SIGKILL)

@@ -6,6 +6,7 @@ said in units of what DDS and Python take anyway.
 
 from __future__ import annotations
 
+import random
 import statistics
 import subprocess
 import sys
@@ -34,6 +35,8 @@ REST_SAMPLES = 30
 FLIGHT_SAMPLES = 60
 GROUND_SAMPLES = 40
 IMPACT_M_S2 = 40.0
+NOISE_M_S2 = 0.02
+"""Of the IMU: one whose readings never change counts as frozen."""
 ROUND_TRIP_HOPS = 2
 PATH_HOPS = 3
 IMU_SUBSCRIBERS = 2
@@ -69,6 +72,7 @@ class Stimulus(Probe):
         self.node.create_subscription(Bool, ECHO_TOPIC, self._on_echo, publisher_qos(IMU))
         self.listen(JAM_STATE)
         self._samples = 0
+        self._random = random.Random(1)  # noqa: S311 - noise of a sensor
         self._next_s = time.perf_counter()
 
     def _on_solenoid(self, message: Bool) -> None:
@@ -87,7 +91,7 @@ class Stimulus(Probe):
         sample = Imu()
         sample.header.stamp = self.node.get_clock().now().to_msg()
         sample.header.frame_id = frame
-        sample.linear_acceleration.z = specific_force_m_s2
+        sample.linear_acceleration.z = specific_force_m_s2 + self._random.gauss(0.0, NOISE_M_S2)
         sample.orientation_covariance[0] = -1.0
         sent_s = time.perf_counter()
         self._imu.publish(sample)

@@ -161,6 +161,7 @@ class OwnDialogue:
     async def acknowledge(self) -> None:
         """Write back what the board has latched, as it was last read: what has come since is not acknowledged."""
         await self._line.write_register(self._registers.holding("acknowledge").address, self._latched_bits)
+        self._latched_bits = 0
 
     def _outputs(self, command: ActuatorCommand) -> tuple[int, int]:
         bits = sum(

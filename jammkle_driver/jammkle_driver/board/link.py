@@ -201,6 +201,7 @@ class BoardLink:
             await self._dialogue.acknowledge()
         except RefusedError:
             return
+        self._latched = frozenset()  # a start that is latched from now on is a new one
 
     def _connected(self, said: str) -> None:
         self._failed_in_a_row = 0
