@@ -240,7 +240,11 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     assert probe.call(UNJAM_ALL).success
     probe.spin_until(lambda: not witness.energised(), "a held ankle is vented by ~/unjam_all")
     processes.start("controller", "use_sim_time:=true")
-    probe.spin_until(witness.hear_each_other, "the nodes hear each other again")
+    probe.heard[DIAGNOSTICS.name].clear()
+    probe.spin_until(
+        lambda: (line := witness.line("/driver: nodes")) is not None and "sim" in line.message,
+        "the driver hears the simulation",
+    )
 
     # The simulation dies: nobody answers for the ankle any more, and a stop says so.
     dead_s = processes.send("sim", signal.SIGKILL)
