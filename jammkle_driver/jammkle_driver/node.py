@@ -240,7 +240,7 @@ class DriverNode(LifecycleNode):
         verdict = self._link_guard.look(hardware.link, jammed=self._driver.jammed)
         if verdict.fault:
             self._driver.fail(verdict.fault, verdict.reason)
-        self._driver.wait_for_board(wait=verdict.wait)
+        self._driver.wait_for_board(self._now(), wait=verdict.wait)
         if verdict.let_go:
             self._driver.was_let_go(verdict.let_go)
         if verdict.acknowledge:

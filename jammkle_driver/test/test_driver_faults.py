@@ -220,17 +220,30 @@ def test_a_driver_that_stood_still_faults_nobody_and_jams_again() -> None:
     assert bench.driver.status.trouble.reason is Reason.EXECUTOR_OVERLOADED
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_an_ankle_that_jams_again_after_its_board_let_go_is_healthy(seed: int) -> None:
+    """Hangs of a quarter to two seconds, whose readings wait and were not as commanded: no fault, and it jams again."""
+    bench = bench_of(seed)
+    bench.streams, bench.wish_pa = True, SET_POINT_PA
+    run(bench, 2.5)
+    for hang_s in (0.25, 0.4, 1.0, 2.0):
+        bench.hang(hang_s)
+        run(bench, 2.0)
+        assert bench.driver.ankle.findings == ()
+        assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+
+
 def test_nothing_jams_before_a_board_that_let_go_has_taken_the_release() -> None:
     """Until then a service is refused and a stream waits; afterwards the stream's wish counts as new."""
     bench = bench_of()
     run(bench, 0.5)
-    bench.driver.wait_for_board(wait=True)
+    bench.driver.wait_for_board(bench.now, wait=True)
     with pytest.raises(RequestError, match="release"):
         bench.driver.jam((), 0.0, "test")
     wishes = [Wish(name, SET_POINT_PA) for name in CHANNELS]
     bench.driver.follow(wishes, bench.now, "jam_command")
     assert bench.driver.command == released(CHANNELS)
-    bench.driver.wait_for_board(wait=False)
+    bench.driver.wait_for_board(bench.now, wait=False)
     bench.driver.follow(wishes, bench.now, "jam_command")
     assert all(bench.driver.command.solenoids.values())
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
     from jammkle_driver.core.watchdog import Instant
 
+_LONGEST_WAIT_S = 5.0
+"""How long a reading may wait to be taken, s, while a node hangs. Assumed: what is older is of a clock set back."""
+
 
 class SafeState(enum.Enum):
     """What jammed channels do when nobody may decide for them any more."""
@@ -86,6 +89,7 @@ class Ankle:
         self._regulated_at_s = -math.inf
         self._duty = 0.0
         self._frozen: ActuatorCommand | None = None
+        self._own_way_until_s = -math.inf
 
     @property
     def settings(self) -> AnkleSettings:
@@ -176,7 +180,8 @@ class Ankle:
         elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), 0.1)
         self._stamps[place] = stamp_s
         command = self.command
-        if self._settings.diagnose:
+        judged = self._settings.diagnose and not 0.0 <= self._own_way_until_s - stamp_s < _LONGEST_WAIT_S
+        if judged:
             self._note(place, pressure_pa, elapsed_s, command)
             self.diagnosis.command(command, now.graph_s)
         vacuum_pa = self.atmosphere.pressure_pa - pressure_pa
@@ -189,7 +194,7 @@ class Ankle:
             if channel.state is ChannelState.FAULT and not was_faulty:
                 self._spread(channel.fault)
                 self.regulate(0.0)
-        if self._settings.diagnose:
+        if judged:
             self._diagnose(place, pressure_pa, stamp_s, now)
         # Samples of one moment come one by one; the pump is set once per moment.
         if stamp_s != self._regulated_at_s:
@@ -222,6 +227,15 @@ class Ankle:
         """Note that readings of a while are missing because nobody took them."""
         self._stamps.clear()
         self.leaks.stop()
+
+    def went_its_own_way(self, now: Instant) -> None:
+        """Note that until now the hardware did what its own watchdog wants, and not what it was told.
+
+        Readings of that time may still wait to be taken. Nothing is concluded from them.
+        """
+        self.diagnosis.clear(self.atmosphere.pressure_pa)
+        self.leaks.stop()
+        self._own_way_until_s = now.graph_s
 
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""

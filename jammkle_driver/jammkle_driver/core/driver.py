@@ -241,9 +241,11 @@ class Driver:
         """Put every channel into FAULT: what drives them has failed."""
         self._ankle.fail(self._names, reason, fault)
 
-    def wait_for_board(self, *, wait: bool) -> None:
+    def wait_for_board(self, now: Instant, *, wait: bool) -> None:
         """Jam nothing while the board, which had let go, has not yet taken the release; a stream's wish then counts."""
         self._board_waits = wait
+        if wait:
+            self._ankle.went_its_own_way(now)
 
     def note_line_noise(self, text: str) -> None:
         """Take what is wrong with the line to the board; empty where nothing is. It is told, and nothing is let go."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, REFERENCE_PA, LinkState, LinkStatus, PressureSample, released
+from jammkle_driver.core.hardware import MANIFOLD, REFERENCE_PA, LinkState, LinkStatus, PressureSample, SafeCause, released
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 SAMPLE_S = 0.01
 _SAMPLES_PER_TICK = 5
+_BOARD_WATCHDOG_S = 0.2
+"""As the firmware's, s."""
 
 
 def built(declared: AirSettings, draw: random.Random) -> AirSettings:
@@ -78,11 +80,23 @@ class FaultBench:
 
     def stand_still(self, duration_s: float) -> None:
         """Let the driver's process stand still; the plant goes on, and its board lets go after 0.2 s."""
-        self.plant.advance(0.2)
-        self.plant.command(released(CHANNELS).solenoids, 0.0)
-        self._applied = released(CHANNELS)
-        self.plant.advance(max(duration_s - 0.2, 0.0))
+        self.plant.advance(_BOARD_WATCHDOG_S)
+        self._let_go()
+        self.plant.advance(max(duration_s - _BOARD_WATCHDOG_S, 0.0))
         self.steady_s += duration_s
+
+    def hang(self, duration_s: float) -> None:
+        """Let the driver's node hang; the board lets go after 0.2 s, and every reading of that time waits."""
+        waiting: list[PressureSample] = []
+        for sample in range(round(duration_s / SAMPLE_S)):
+            self.plant.advance(SAMPLE_S)
+            self.steady_s += SAMPLE_S
+            if sample == round(_BOARD_WATCHDOG_S / SAMPLE_S):
+                self._let_go()
+            waiting += self._samples_now()
+        for each in waiting:
+            self._look_at_link(self.now)
+            self.driver.measure(each, self.now)
 
     def step(self) -> None:
         """Let 10 ms pass: samples, every fifth time a tick, and the command that follows."""
@@ -95,8 +109,8 @@ class FaultBench:
             self.link = replace(
                 self.link, exchanges=self.link.exchanges + 1 - errors, crc_errors=self.link.crc_errors + errors
             )
-            for place, pressure_pa in ({} if errors else self.plant.readings_pa()).items():
-                self.driver.measure(PressureSample(place, REFERENCE_PA - pressure_pa, now.graph_s), now)
+            for sample in () if errors else self._samples_now():
+                self.driver.measure(sample, now)
         self._samples += 1
         if self._samples % _SAMPLES_PER_TICK == 0:
             self._tick(now)
@@ -109,15 +123,30 @@ class FaultBench:
         if self.streams:
             self._ask(lambda: self.driver.follow([Wish(name, self.wish_pa) for name in CHANNELS], now, "jam_command"))
         self.driver.tick(now)
+        self._look_at_link(now)
+        self.driver.note_line_noise(self.noise.look(self.link, now.steady_s))
+
+    def _look_at_link(self, now: Instant) -> None:
         verdict = self.guard.look(self.link, jammed=self.driver.jammed)
         if verdict.fault:
             self.driver.fail(verdict.fault, verdict.reason)
-        self.driver.wait_for_board(wait=verdict.wait)
+        self.driver.wait_for_board(now, wait=verdict.wait)
         if verdict.let_go:
             self.driver.was_let_go(verdict.let_go)
         if verdict.acknowledge:
             self.link = replace(self.link, latched=frozenset())
-        self.driver.note_line_noise(self.noise.look(self.link, now.steady_s))
+
+    def _let_go(self) -> None:
+        self._applied = released(CHANNELS)
+        self.plant.command(self._applied.solenoids, self._applied.pump_duty)
+        self.link = replace(self.link, latched=frozenset({SafeCause.HOST_SILENT}))
+
+    def _samples_now(self) -> list[PressureSample]:
+        stamp_s = self.plant.time_s
+        return [
+            PressureSample(place, REFERENCE_PA - pressure_pa, stamp_s)
+            for place, pressure_pa in self.plant.readings_pa().items()
+        ]
 
     def wander(self) -> None:
         """Jam and vent at random: mostly all channels, now and then one or two."""
