@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING
 
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
+from mcap.exceptions import McapError
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 from rclpy.action import ActionClient
 
 from graph import messages_of
@@ -20,6 +24,17 @@ if TYPE_CHECKING:
     from graph import Probe, Up
 
 
+def _holds_health_of_tendons(bag: Path) -> bool:
+    """Whether the recorder, which is still writing, has heard the simulation's diagnostics."""
+    file = next(bag.glob("*.mcap"), None)
+    if file is None:
+        return False
+    with file.open("rb") as stream, contextlib.suppress(McapError):  # it has no end yet
+        records = StreamReader(stream).records
+        return any(isinstance(record, Message) and b"/sim: tendons" in record.data for record in records)
+    return False
+
+
 def test_a_torn_tendon_is_in_the_bag(
     start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str], tmp_path: Path
 ) -> None:
@@ -31,6 +46,7 @@ def test_a_torn_tendon_is_in_the_bag(
     probe.wait_until_up()
     client = ActionClient(probe.node, RunRig, RUN_RIG.path)
     probe.spin_until(client.server_is_ready, "the action is offered")
+    probe.spin_until(lambda: _holds_health_of_tendons(bag), "the recorder hears the simulation")
     sent = client.send_goal_async(
         RunRig.Goal(rig="tensile", options=["speed_m_s=0.1", "extension_m=0.07", "vacuum_pa=0"])
     )

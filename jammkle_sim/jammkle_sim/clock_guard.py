@@ -7,6 +7,7 @@ users or on other machines, and for those that are started together.
 from __future__ import annotations
 
 import time
+import uuid
 from typing import TYPE_CHECKING
 
 from rclpy.clock import Clock
@@ -18,8 +19,6 @@ from jammkle_graph.namespace import resolved
 from jammkle_graph.qos import subscriber_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-
     from rclpy.executors import Executor
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -29,6 +28,8 @@ LOOK_S = 0.5
 _YOUNG_S = 5.0
 """Age up to which it still gives way, s of the machine's steady clock: at times others are seen only with their next
 announcement, which the DDS of ROS 2 (Fast DDS) sends every 3 s. Later it is the other that came later."""
+_PARTICIPANT = slice(12)
+"""Bytes of an endpoint's identity that all endpoints of one process share (DDSI-RTPS 2.5, 9.3.1: the GUID's prefix)."""
 _PERIOD_S = 0.25
 _PATIENCE_S = 4.0 * LOOK_S
 """How long another is left to give way by itself: whoever hears a tick in its first look does."""
@@ -45,12 +46,11 @@ class ClockGuard:
     each in a thread of its own, Fast DDS can hang.
     """
 
-    def __init__(self, node: Node, before: Collection[bytes], *, is_ours: bool) -> None:
+    def __init__(self, node: Node, *, is_ours: bool) -> None:
         """Start to look, if the clock is to be ours; its publisher must be there already.
 
         Args:
             node: The sim node.
-            before: What `makers` said before that was made.
             is_ours: Whether the node makes the clock.
 
         """
@@ -59,7 +59,7 @@ class ClockGuard:
         self._born_s = time.monotonic()
         self._seen_s: float | None = None
         self._clash = ""
-        self._own = makers(node) - set(before)
+        self._own = _participant(node)
         if is_ours:
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._timer = node.create_timer(_PERIOD_S, self._look, clock=steady)
@@ -100,13 +100,13 @@ class ClockGuard:
             self._seen_s = now_s
         elif now_s - self._seen_s > _PATIENCE_S:
             self._judge(is_older=False)
-        if now_s - self._born_s > _YOUNG_S:
+        if self._seen_s is None and now_s - self._born_s > _YOUNG_S:
             self._timer.cancel()
 
     def _judge(self, *, is_older: bool) -> None:
         """Give way to another that is older, as is known, or as its process tells."""
-        for other in self._others()[:1]:
-            if is_older or _age_key(_identity(other)) < min(map(_age_key, self._own)):
+        for other in self._others():
+            if is_older or _age_key(_identity(other)) < _age_key(self._own):
                 name = resolved(other.node_namespace, other.node_name)
                 self._clash = (
                     f"{CLOCK.name} is made by another simulation, {name}: stop that one, choose another "
@@ -115,16 +115,19 @@ class ClockGuard:
 
     def _others(self) -> list[TopicEndpointInfo]:
         ends = self._node.get_publishers_info_by_topic(CLOCK.name)
-        return [end for end in ends if _identity(end) not in self._own]
+        return [end for end in ends if _identity(end) != self._own]
 
 
-def makers(node: Node) -> set[bytes]:
-    """Return the identities of all publishers of /clock that a node knows of now."""
-    return {_identity(end) for end in node.get_publishers_info_by_topic(CLOCK.name)}
+def _participant(node: Node) -> bytes:
+    """Return what the identities of all endpoints of a node's process begin with; rclpy tells it of no publisher."""
+    publisher = node.create_publisher(ClockMessage, f"~/of_{uuid.uuid4().hex}", 1)
+    [end] = node.get_publishers_info_by_topic(publisher.topic_name)
+    node.destroy_publisher(publisher)
+    return _identity(end)
 
 
 def _identity(end: TopicEndpointInfo) -> bytes:
-    return bytes(end.endpoint_gid)
+    return bytes(end.endpoint_gid)[_PARTICIPANT]
 
 
 def _age_key(identity: bytes) -> tuple[bytes, int, bytes]:

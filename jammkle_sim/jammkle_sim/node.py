@@ -19,7 +19,7 @@ from jammkle_graph.diagnostics import DiagnosticsPublisher
 from jammkle_graph.qos import publisher_qos
 from jammkle_graph.roll_call import RollCall
 from jammkle_sim.ankles import Ankles
-from jammkle_sim.clock_guard import ClockGuard, makers
+from jammkle_sim.clock_guard import ClockGuard
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
@@ -80,9 +80,8 @@ class SimNode(Node):
         self._wanted = self._built = parameters
         self._simulation = make_simulation(parameters)
         self._engine = _make_engine(self._simulation, parameters, kind.outputs)
-        others = makers(self)
         self._clock_output = ClockOutput(self, is_ours=parameters.publish_clock)
-        self._clock_guard = ClockGuard(self, others, is_ours=parameters.publish_clock)
+        self._clock_guard = ClockGuard(self, is_ours=parameters.publish_clock)
         self._description = self.create_publisher(
             String, names.SIM_PARAMETERS.name, publisher_qos(names.SIM_PARAMETERS)
         )
