@@ -151,16 +151,16 @@ class GraphClient:
         return ("",) if "" in self._ankles() else tuple(sorted(self._ankles()))
 
     def _ankles(self) -> set[str]:
-        """Return what is seen so far: every ankle has a pump, told by a driver, which a simulation may obey."""
+        """Return what is seen so far: every ankle has a pump, which a driver commands and a simulation may follow."""
         found = set()
         for name, _ in self.node.get_topic_names_and_types():
             inside = relative(self.namespace, name) or ""
             place = inside.removesuffix(PUMP_DUTY.name).rstrip("/")
             if not inside.endswith(PUMP_DUTY.name) or "/" in place:
                 continue
-            told_by = {end.node_name for end in self.node.get_publishers_info_by_topic(name)}
-            obeyed_by = {end.node_name for end in self.node.get_subscriptions_info_by_topic(name)}
-            if DRIVER_NODE in told_by or SIM_NODE in obeyed_by:
+            publishers = {end.node_name for end in self.node.get_publishers_info_by_topic(name)}
+            subscribers = {end.node_name for end in self.node.get_subscriptions_info_by_topic(name)}
+            if DRIVER_NODE in publishers or SIM_NODE in subscribers:
                 found.add(place)
         return found
 

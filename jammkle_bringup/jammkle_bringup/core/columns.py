@@ -106,8 +106,8 @@ class RowMaker:
                 parts.append(_worded(name, words) if words and kind in {"uint8", "byte"} else _plain(name, unit))
                 words = {} if kind in {"uint8", "byte"} else words  # constants are those of the first such field
             elif node is Nodetype.NAME:
-                told_by = f"{name}_covariance" if f"{name}_covariance" in dict(fields) else ""
-                parts.append(_nested(name, unit, told_by, self._fields(inner)))
+                covariance = f"{name}_covariance" if f"{name}_covariance" in dict(fields) else ""
+                parts.append(_nested(name, unit, covariance, self._fields(inner)))
             elif named:
                 parts.append(_parallel(name, named, _JOINT_UNITS.get(name) if message_type == _JOINTS else None))
             elif inner[0][0] is Nodetype.NAME:
@@ -147,10 +147,10 @@ def _worded(name: str, words: Mapping[Any, str]) -> Callable[[Any, str, Row], No
 
 
 def _nested(
-    name: str, unit: str, told_by: str, inner: Callable[[Any, str, Row], None]
+    name: str, unit: str, covariance: str, inner: Callable[[Any, str, Row], None]
 ) -> Callable[[Any, str, Row], None]:
     def fill(message: Any, prefix: str, row: Row) -> None:
-        if told_by and getattr(message, told_by)[0] == _NOT_MEASURED:
+        if covariance and getattr(message, covariance)[0] == _NOT_MEASURED:
             return
         if not unit:
             inner(getattr(message, name), f"{prefix}{name}_", row)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class SteppedSimulation(Protocol):
-    """What the engine needs of a simulation."""
+    """What the engine needs of a simulation that it takes forward."""
 
     @property
     def timestep_s(self) -> float:
@@ -27,6 +27,10 @@ class SteppedSimulation(Protocol):
 
     def advance(self, steps: int) -> None:
         """Take steps."""
+
+
+class ResettableSimulation(SteppedSimulation, Protocol):
+    """What it needs of its own one, which can begin anew; one that is lent runs once."""
 
     def reset(self) -> None:
         """Restore the state and the noise seeds of the start."""
@@ -84,7 +88,7 @@ class Engine:
 
     def __init__(
         self,
-        simulation: SteppedSimulation,
+        simulation: ResettableSimulation,
         periods: Mapping[Output, int],
         control: RunControl,
         pacer: Pacer,
@@ -104,6 +108,7 @@ class Engine:
 
         """
         own_ns = round(simulation.time_s / simulation.timestep_s) * timestep_ns(simulation.timestep_s)
+        self._simulation = simulation
         self._own = _Course(simulation, periods, own_ns)
         self._course = self._own
         self._control = control
@@ -218,7 +223,7 @@ class Engine:
     def reset(self) -> None:
         """Restore the rig; simulated time goes on, and the schedule counts from here. See RunControl.reset."""
         self._control.reset()
-        self._own.simulation.reset()
+        self._simulation.reset()
         self._own.first_step = self._own.step
         self.restart_pace()
 

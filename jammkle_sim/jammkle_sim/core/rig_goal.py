@@ -155,10 +155,6 @@ class RigRows:
         """Take rows."""
         self._running.advance(steps)
 
-    def reset(self) -> None:
-        """Never asked for: a run goes to its end once."""
-        raise NotImplementedError
-
 
 def periods_of(running: RunInProgress) -> Mapping[Output, int]:
     """Rows between two of each output that the rig has a sensor for."""
