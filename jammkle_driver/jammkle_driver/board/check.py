@@ -64,7 +64,8 @@ async def check(probe: Probe, wiring: Wiring) -> AsyncIterator[CheckRow]:
     yield pump
     if pump.passed:
         drawn_pa_s = _drawn_pa_s(moments, place)
-        yield _leak_row(place, await probe.drive(command(energised, 0.0), _LEAK_S), drawn_pa_s)
+        rested = await probe.drive(command(energised, 0.0), _LEAK_S)
+        yield _leak_row(place, [moments[-1], *rested], drawn_pa_s)  # a big leak is through before the next reading
         for channel in CHANNELS:
             async for row in _valve_rows(probe, channel, place, drawn_pa_s):
                 yield row

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 from functools import partial
@@ -76,18 +77,21 @@ def check_port(port: str) -> None:
 class Line:
     """One client on one line. Not to be used from two tasks at once."""
 
-    def __init__(self, port: str, wiring: Wiring) -> None:
+    def __init__(self, port: str, wiring: Wiring, tries: int = 1) -> None:
         """Make a line that is not open.
 
         Args:
             port: Path of a serial device, or tcp://HOST[:PORT].
             wiring: Baud rate, unit and timeout.
+            tries: How often a request is sent until it counts as lost. Who controls a pump says it anew in the next
+                cycle instead, with what is true then.
 
         """
         # Errors are counted here and reported by the driver; pymodbus would log them a hundred times a second.
         logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
         self._port = port
         self._wiring = wiring
+        self._tries = tries
         self._serial = not port.startswith("tcp://")
         self._client: Any = None
         self._silence_s = silence_s(wiring.baud_rate) if self._serial else 0.0
@@ -115,7 +119,7 @@ class Line:
             self._check_device()
         options: dict[str, Any] = {
             "timeout": self._wiring.reply_timeout_s,
-            "retries": 0,  # the next cycle says it anew, with what is true then
+            "retries": 0,  # of the library; see `tries`
             "reconnect_delay": 0,
             "trace_packet": self._trace,
         }
@@ -187,6 +191,15 @@ class Line:
         return await self._ask(what, _READ_WRITE, count, call)
 
     async def _ask(self, what: str, code: int, count: int, call: partial[Any]) -> Sequence[int]:
+        """Send a request until it is answered, and return the registers of the reply."""
+        for _ in range(self._tries - 1):
+            with contextlib.suppress(LineError):
+                return await self._ask_once(what, code, count, call)
+            if not self.is_open:
+                break
+        return await self._ask_once(what, code, count, call)
+
+    async def _ask_once(self, what: str, code: int, count: int, call: partial[Any]) -> Sequence[int]:
         """Send one request and return the registers of its reply.
 
         A frame carries no number, so that a reply that comes late would pass for that to the next request. After a

@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.board.line import LineError, RefusedError
+from jammkle_driver.board.line import RefusedError
 from jammkle_driver.core.hardware import ActuatorCommand, released
 from jammkle_graph.names import CHANNELS
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.01
 RELEASED = released(CHANNELS)
-_LOST_AFTER = 5
 _VENT_TURNS = 6
 _VENT_TURN_S = 0.15
 
@@ -49,7 +48,6 @@ class Probe:
         self._talk = talk
         self._wiring = wiring
         self._rest_pa: dict[str, float] = {}
-        self._failed = 0
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -74,30 +72,22 @@ class Probe:
         end_s = time.monotonic() + self._pace * duration_s
         while time.monotonic() < end_s or not found:
             exchange = await self.exchange(wanted)
-            if exchange is not None:
-                found.append((time.monotonic(), exchange))
-                if until is not None and until(exchange):
-                    break
+            found.append((time.monotonic(), exchange))
+            if until is not None and until(exchange):
+                break
             await asyncio.sleep(PERIOD_S)
         return found
 
-    async def exchange(self, wanted: ActuatorCommand) -> Exchange | None:
-        """Exchange once; None if a frame was lost, which a line may do now and then.
+    async def exchange(self, wanted: ActuatorCommand) -> Exchange:
+        """Exchange once.
 
         Raises:
-            LineError: several in a row were lost.
+            LineError: the board has gone.
 
         """
-        try:
-            exchange = await self._talk.exchange(wanted)
-        except LineError:
-            self._failed += 1
-            if self._failed >= _LOST_AFTER:
-                raise
-            return None
-        self._failed = 0
+        exchange = await self._talk.exchange(wanted)
         if exchange.latched:
-            with contextlib.suppress(RefusedError, LineError):  # the next exchange tells, and it is tried again
+            with contextlib.suppress(RefusedError):  # the next exchange tells, and it is tried again
                 await self._talk.acknowledge()
         return exchange
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import statistics
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from jammkle_driver.board import calibration
@@ -33,6 +33,9 @@ _AVERAGED_S = 0.5
 _BOOT_S = 3.0
 """An Arduino's bootloader waits for up to 2 s."""
 _EVACUATION_S = 10.0
+_REPLY_TIMEOUT_S = 0.08
+"""A walk has time: a computer that is busy for so long has lost nothing, and the board's watchdog still waits."""
+_TRIES = 10
 
 
 class Person(Protocol):
@@ -74,7 +77,8 @@ async def walk(options: WalkOptions, person: Person) -> list[CheckRow]:
         LineError: the board is not there, or has gone.
 
     """
-    line = Line(options.port, options.wiring)
+    patient = replace(options.wiring, reply_timeout_s=max(options.wiring.reply_timeout_s, _REPLY_TIMEOUT_S))
+    line = Line(options.port, patient, tries=_TRIES)
     rows: list[CheckRow] = []
 
     def tell(row: CheckRow) -> None:
@@ -173,8 +177,6 @@ async def _asked(
     kept = int(_AVERAGED_S / PERIOD_S)
     while not answer.done() or len(numbers) < kept:
         exchange = await probe.exchange(held)
-        if exchange is None:
-            continue
         raw = options.wiring.firmware is Firmware.JAMMKLE
         numbers.append(await calibration.raw_numbers(line, options.wiring) if raw else exchange.numbers)
         del numbers[:-kept]
