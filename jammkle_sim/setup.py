@@ -30,6 +30,7 @@ setup(
             "paper = jammkle_sim.commands:app",
             "rig = jammkle_sim.commands:app",
             "robot = jammkle_sim.commands:app",
+            "urdf = jammkle_sim.commands:app",
         ],
     },
 )

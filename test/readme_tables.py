@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 from command_reference import command_text
 from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES
@@ -23,6 +24,9 @@ from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_graph.version import VERSION
 from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
+from jammkle_sim.robots.alone import ankle_alone
+from jammkle_sim.robots.urdf_control import control_tags
+from jammkle_sim.robots.urdf_names import UrdfNames
 from jammkle_view.parameters import ViewerParameters
 
 ROOT = Path(__file__).parents[1]
@@ -110,6 +114,7 @@ def tables() -> dict[str, str]:
         ("from", "on", "to"),
         [(state.value, trigger.value, following.value) for (state, trigger), following in TRANSITIONS.items()],
     )
+    made["ros2_control"] = control_text()
     made["registers"] = register_table()
     made["command"] = command_text()
     made["interfaces"] = interfaces_text()
@@ -118,6 +123,19 @@ def tables() -> dict[str, str]:
     for example in EXAMPLES.glob("*.py"):
         made[f"example {example.name}"] = f"```python\n{example.read_text()}```"
     return made
+
+
+def control_text() -> str:
+    """Tags of ros2_control of an ankle in a namespace, as its URDF has them: of joints and channels the first."""
+    ankle, namespace = ankle_alone(), "/lf_ankle"
+    parts = control_tags(ankle, UrdfNames(ankle, namespace), namespace)
+    for part in parts:
+        others = [*part.findall("joint")[1:], *part.findall("gpio")[1:]]
+        for other in others:
+            part.remove(other)
+        part.append(ET.Comment(f" and so on: {', '.join(other.attrib['name'] for other in others)} "))
+        ET.indent(part)
+    return "```xml\n" + "\n".join(ET.tostring(part, encoding="unicode") for part in parts) + "\n```"
 
 
 def workspace_text() -> str:

@@ -12,7 +12,15 @@ import pytest
 import rclpy
 import yaml
 
-from jammkle_bringup.core.node_table import NODES, ROBOT_NODES, Robot, command_of, nodes_for, simulated_time
+from jammkle_bringup.core.node_table import (
+    NODES,
+    ROBOT_NODES,
+    ROBOT_VALUES,
+    Robot,
+    command_of,
+    nodes_for,
+    simulated_time,
+)
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
 from jammkle_bringup.graph_options import GraphOptions, check, robot_values
 from jammkle_bringup.up import child_specs
@@ -210,7 +218,9 @@ def test_a_quadruped_is_one_simulation_and_a_set_for_each_ankle(robot_launch_fil
 def test_the_parameter_file_of_robots_is_made_from_the_tables() -> None:
     """config/robot.yaml fits a leg, and every ankle of a quadruped; a section may be one ankle's."""
     path = PACKAGE / "config" / "robot.yaml"
-    assert path.read_text() == parameter_file_text(ROBOT_NODES), "out of date: run scripts/write_parameter_file.py"
+    text = parameter_file_text(ROBOT_NODES, ROBOT_VALUES)
+    assert path.read_text() == text, "out of date: run scripts/write_parameter_file.py"
+    assert "imu_mount: shank" in text  # where a simulated robot has it unless told otherwise
     for robot in (Robot.LEG, Robot.QUADRUPED):
         check_parameter_files([path], "/", nodes_for("sim", robot))
 

@@ -47,6 +47,9 @@ MANIFOLD_FRAME = "manifold"
 FOOT_FRAME = "foot"
 """Frames of one ankle; a channel's pressure is in a frame of the channel's name. `frame` puts them into a namespace."""
 
+BASE_FRAME = "base_link"
+"""Frame of a whole robot (REP-105): the origin of the body that carries the rest."""
+
 
 class TopicKind(enum.Enum):
     """How a topic is delivered; `jammkle_graph.qos` turns it into profiles for both ends."""

@@ -12,6 +12,7 @@ from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.provided import HARDWARE, entries
 from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, QUADRUPED_ANKLES, SIM_NODE, VIEWER_NODE
 from jammkle_graph.namespace import resolved
+from jammkle_sim.robots.options import RobotOptions
 
 if TYPE_CHECKING:
     from jammkle_graph.parameters import ParameterClass
@@ -111,6 +112,9 @@ ROBOT_SIM = NodeEntry(
 
 ROBOT_NODES = (ROBOT_SIM, *(entry for entry in NODES if not entry.simulates))
 """Each kind of node of a leg or a quadruped once."""
+
+ROBOT_VALUES = {CONTROLLER_NODE: {"imu_mount": RobotOptions().imu}}
+"""What fits our robots better than the default of a node: where their IMUs are."""
 
 GAP_MONITOR = NodeEntry(
     package="jammkle_gap",

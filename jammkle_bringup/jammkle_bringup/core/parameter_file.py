@@ -85,8 +85,14 @@ def merged_values(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> di
     return merged
 
 
-def parameter_file_text(nodes: Sequence[NodeEntry]) -> str:
-    """Return a parameter file that holds every parameter of the nodes with its default, described."""
+def parameter_file_text(nodes: Sequence[NodeEntry], values: Mapping[str, Mapping[str, object]] | None = None) -> str:
+    """Return a parameter file that holds every parameter of the nodes, described, with its default.
+
+    Args:
+        nodes: The nodes.
+        values: What stands there instead of a default, by node name and parameter.
+
+    """
     lines = [
         "# Every parameter with its default, made from the nodes' tables. Copy it, keep what you change,",
         "# and give it to the graph: jammkle up --params FILE",
@@ -97,7 +103,7 @@ def parameter_file_text(nodes: Sequence[NodeEntry]) -> str:
             about = row.description if not row.unit else f"{row.description} [{row.unit}]"
             limits = f" ({row.range_text})" if row.range_text else ""
             lines += [f"    # {part}" for part in _wrapped(about + limits)]
-            lines.append(f"    {row.name}: {_scalar(row.default)}")
+            lines.append(f"    {row.name}: {_scalar((values or {}).get(entry.name, {}).get(row.name, row.default))}")
     return "\n".join(lines) + "\n"
 
 

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, REFERENCE_PA, LinkState, LinkStatus, PressureSample, SafeCause, released
+from jammkle_driver.core.hardware import (
+    MANIFOLD,
+    REFERENCE_PA,
+    LinkState,
+    LinkStatus,
+    PressureSample,
+    SafeCause,
+    released,
+)
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant

@@ -1,4 +1,4 @@
-"""Arguments of `jammkle rig`, `robot` and `paper`. What they do stands in modules of their own."""
+"""Arguments of `jammkle rig`, `robot`, `urdf` and `paper`. What they do stands in modules of their own."""
 
 # ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for NumPy and Matplotlib
 
@@ -11,7 +11,13 @@ import typer
 
 from jammkle_graph.command.options import JsonOption
 from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
+from jammkle_graph.namespace import normalised
 from jammkle_sim.commands.robot_options import RobotRequest, robot_command
+from jammkle_sim.robots.options import ROBOTS, ImuPlace
+
+ANKLE = "ankle"
+"""What is no robot, but has a URDF."""
+IMU_PLACES = tuple(place.value for place in ImuPlace)
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -36,6 +42,19 @@ def _run_robot(request: RobotRequest) -> int:
 
 
 app.command("robot")(robot_command(_run_robot))
+
+
+@app.command()
+def urdf(
+    robot: Annotated[str, typer.Argument(help=f"{', '.join((ANKLE, *ROBOTS))}.", metavar="ROBOT")],
+    namespace: Annotated[str, typer.Option("--namespace", help="ROS namespace that the frames begin with.")] = "/",
+    imu: Annotated[str, typer.Option(help=f"Where a robot's IMUs are: {', '.join(IMU_PLACES)}.")] = "shank",
+    payload_kg: Annotated[float, typer.Option(help="What a robot carries, 0 to 4 kg.")] = 0.0,
+) -> int:
+    """Print the URDF of an ankle, a leg or a quadruped, made from the model that is simulated."""
+    from jammkle_sim.commands.urdf_made import urdf as write
+
+    return write(robot, normalised(namespace), {"imu": imu, "payload_kg": payload_kg})
 
 
 @app.command()

@@ -51,6 +51,11 @@ class AttachedAnkle:
         return f"{self.name}/{part}"
 
     @property
+    def mount(self) -> str:
+        """Name of the body that the foot hangs on."""
+        return self.named(_MOUNT)
+
+    @property
     def foot(self) -> str:
         """Name of the foot's body."""
         return self.named(_FOOT)
@@ -129,7 +134,7 @@ def attach_ankle(
         raise ParameterError(msg)
     frame = shank.add_frame(pos=position_m, quat=(math.cos(pitch_rad / 2.0), 0.0, math.sin(pitch_rad / 2.0), 0.0))
     frame.attach_body(_ankle_alone(fitting.parameters, fitting.friction), f"{name}/", "")
-    places = {ImuPlace.FOOT: ankle.foot, ImuPlace.SHANK: ankle.named(_MOUNT), ImuPlace.BODY: fitting.imu_body}
+    places = {ImuPlace.FOOT: ankle.foot, ImuPlace.SHANK: ankle.mount, ImuPlace.BODY: fitting.imu_body}
     _body(spec, places[fitting.imu]).add_site(name=ankle.named(_IMU))
     _add_sensors(spec, ankle, fitting.sensors)
     if fitting.rigid:
