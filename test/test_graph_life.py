@@ -54,7 +54,7 @@ def test_the_first_session(domain_id: int, make_probe: Callable[..., Probe], tmp
     said, _ = session.communicate(timeout=2 * TIMEOUT_S)
     assert session.returncode == 0, said
     for words in (*CHANNELS, "unjamming", "jamming achilles at 40000 Pa"):
-        assert words in said
+        assert words in said, said
     assert (tmp_path / "up.log").read_text().endswith("jammkle: stopped\n")
     probe.spin_until(lambda: all(probe.heard[topic.name] for topic in SOLENOIDS.values()), "the solenoids are heard")
     probe.spin_until(lambda: not any(probe.last(topic).data for topic in SOLENOIDS.values()), "all solenoids released")

@@ -23,6 +23,8 @@ class SensorWatch:
         self._names = tuple(channels)
         self._timeout_s = timeout_s
         self._silences = {place: Watchdog(timeout_s) for place in (*self._names, MANIFOLD)}
+        # Sensors of one board fall silent within milliseconds, and each may be the first to be noticed.
+        self._all_silent = Watchdog(0.5 * timeout_s)
 
     @property
     def timeout_s(self) -> float:
@@ -37,6 +39,7 @@ class SensorWatch:
     def hear(self, place: str, now: Instant) -> None:
         """Note that a sensor was heard."""
         self._silences[place].feed(now)
+        self._all_silent.feed(now)
 
     def silent(self, place: str, now: Instant) -> bool:
         """Whether a sensor that was heard is silent now."""
@@ -44,28 +47,27 @@ class SensorWatch:
 
     def excuse(self, stood_s: float) -> None:
         """Hold a silence of `stood_s` s against nobody: nobody was there to hear."""
-        for silence in self._silences.values():
+        for silence in (*self._silences.values(), self._all_silent):
             silence.excuse(stood_s)
 
     def forget(self) -> None:
         """Be as new: nothing was heard yet."""
-        for silence in self._silences.values():
+        for silence in (*self._silences.values(), self._all_silent):
             silence.forget()
 
     def look(self, ankle: Ankle, now: Instant, *, active: bool) -> None:
         """Let an ankle forget the pressures of silent sensors; where it is active, their channels fail."""
-        silent = [
-            name
-            for name, channel in ankle.channels.items()
-            if channel.vacuum_pa is not None and self._silences[name].expired(now)
-        ]
-        if self._silences[MANIFOLD].expired(now):
+        measured = [name for name, channel in ankle.channels.items() if channel.vacuum_pa is not None]
+        silent = [name for name in measured if self._silences[name].expired(now)]
+        every = bool(silent) and self._all_silent.expired(now)
+        if every:
+            silent = measured
+        if every or self._silences[MANIFOLD].expired(now):
             ankle.manifold_vacuum_pa = None
         for name in silent:
             ankle.channels[name].forget_pressure()
         if not silent or not active:
             return
-        every = len(silent) == len(self._names) and ankle.manifold_vacuum_pa is None
         fault = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
         whose = "of any sensor " if every else ""
         remedy = "look at hardware or simulation" if every else REMEDIES[fault]
