@@ -65,6 +65,19 @@ def test_a_healthy_ankle_raises_no_alarm() -> None:
     assert alarms(5, 30.0) == []
 
 
+@pytest.mark.parametrize("seed", [5, 9])
+def test_readings_that_come_late_are_no_fault(seed: int) -> None:
+    """A host that hands readings over up to 40 ms late, while an ankle jams and vents all the time: not a word."""
+    bench = bench_of(seed)
+    bench.late_samples = 4
+    for _ in range(4):
+        run(bench, 0.5)
+        bench.driver.jam((), 40e3, "test")
+        run(bench, 1.0)
+        assert bench.driver.ankle.findings == ()
+        bench.driver.unjam((), "test")
+
+
 def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
     """Steady, each channel's true vacuum is within 1.5 kPa; the pump is off most of the time; the leak comes out."""
     bench = jammed_bench()
@@ -152,7 +165,7 @@ def torn_under_a_wrong_sensor(channels: tuple[str, ...], *, diagnose: bool, whil
     bench.plant.inject(FakeFault.LEAK, "achilles", 2e-9)
     bench.plant.inject(FakeFault.SENSOR_BIAS, "achilles", 2e3 - SET_POINT_PA)  # the pump comes to some 2 kPa there
     if not while_jammed:
-        run(bench, 0.3)
+        run(bench, 0.1)  # nothing is told sooner than in a quarter of a second
         bench.driver.jam(channels, SET_POINT_PA, "test")
     working = []
     run(bench, 6.0, lambda: working.append(bench.driver.command.pump_duty > 0.9))
@@ -164,10 +177,13 @@ def torn_under_a_wrong_sensor(channels: tuple[str, ...], *, diagnose: bool, whil
 
 @pytest.mark.parametrize("channels", [(), ("achilles",)], ids=["all", "alone"])
 def test_a_sensor_off_by_the_set_point_does_not_hide_a_leak(channels: tuple[str, ...]) -> None:
-    """The sensor is blamed where it is off before the jam; both failing while jammed is told, if as one of several."""
+    """The sensor is blamed where it is off before the jam; both failing while jammed is told, if as one of several.
+
+    Whether a sensor that jumped at rest is off or stuck shows only once the pressure moves.
+    """
     bench = torn_under_a_wrong_sensor(channels, diagnose=True, while_jammed=False)
     faulty = {channel.name: channel.fault for channel in bench.driver.ankle.faulty}
-    assert faulty == {"achilles": Reason.SENSOR_DRIFTING}
+    assert faulty in ({"achilles": Reason.SENSOR_DRIFTING}, {"achilles": Reason.SENSOR_STUCK})
     bench = torn_under_a_wrong_sensor(channels, diagnose=True, while_jammed=True)
     assert bench.driver.status.trouble.reason in {Reason.LEAK, Reason.BLOCKED_LINE, Reason.SENSOR_DRIFTING}
 

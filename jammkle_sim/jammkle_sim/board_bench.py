@@ -139,16 +139,14 @@ class BoardBench:
         try:
             while not self._stop.is_set():
                 readable, _, _ = select.select([self._pins], [], [], _PERIOD_S)
-                now_s = time.monotonic()
-                self.plant.advance(min(now_s - last_s, _LARGEST_LAG_S))
-                last_s = now_s
                 if readable:
                     came = self._pins.recv(4096)
                     if not came:
                         return
                     *lines, pending = (pending + came).split(b"\n")
                     for line in lines:
-                        self._take(line.decode())
+                        last_s = self._take(line.decode(), last_s)
+                last_s = self._advance(last_s, time.monotonic())
                 self._tell_pins()
         except OSError:  # the firmware has ended
             return
@@ -159,11 +157,20 @@ class BoardBench:
             pins[pin] = voltage_uv
         self.tell(f"adc {' '.join(map(str, pins))}")
 
-    def _take(self, line: str) -> None:
+    def _advance(self, last_s: float, to_s: float) -> float:
+        """Take the plant on to a moment, and return the latest that it has come to."""
+        if to_s > last_s:
+            self.plant.advance(min(to_s - last_s, _LARGEST_LAG_S))
+        return max(to_s, last_s)
+
+    def _take(self, line: str, last_s: float) -> float:
+        """Let outputs act from when they changed, however late that is heard; return the time of the plant."""
         _, solenoids, duty, at_us = line.split()
         edge = Edge(float(at_us) / _MICROSECONDS, int(solenoids), float(duty) / _FULL_DUTY)
+        last_s = self._advance(last_s, edge.at_s)
         self.edges.append(edge)
         self.plant.drive(edge.solenoids, edge.duty)
+        return last_s
 
 
 def main(

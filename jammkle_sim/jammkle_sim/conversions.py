@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from std_msgs.msg import Float32
 
-    from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+    from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.robots.foot_truth import FootTruth
 
 # Those of ROS for the node; a rig without the graph fills the same where no ROS is installed.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from jammkle_sim.core.engine import Tick
-    from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+    from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.robots.foot_truth import FootTruth
 
 

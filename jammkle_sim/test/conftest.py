@@ -17,7 +17,8 @@ from jammkle_graph.testing import own_domain
 from jammkle_msgs.srv import Step
 from jammkle_sim.landing import make_simulation
 from jammkle_sim.node import SimNode
-from jammkle_sim.rigs.simulation import ImuSample, TendonSample, UnstableSimulationError
+from jammkle_sim.rigs.readout import ImuSample, TendonSample
+from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

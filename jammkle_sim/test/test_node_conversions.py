@@ -22,7 +22,7 @@ from jammkle_sim.conversions import (
 )
 from jammkle_sim.landing import make_simulation
 from jammkle_sim.parameters import SimParameters
-from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+from jammkle_sim.rigs.readout import ImuSample, TendonSample
 
 FINITE = st.floats(-1e6, 1e6)
 VECTOR = st.tuples(FINITE, FINITE, FINITE)

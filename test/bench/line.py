@@ -41,6 +41,8 @@ IMPACT_TRIALS = 300
 SERIAL_TRIALS = 300
 RATE_S = 3.0
 TIMEOUT_S = 30.0
+LONGEST_FALL_SAMPLES = 250
+RECOVERY_SAMPLES = 1000
 ACHILLES_BIT = 1 << CHANNELS.index(ACHILLES)
 
 
@@ -90,8 +92,14 @@ class BoardStimulus(Stimulus):
         for force_m_s2, count in ((STANDARD_GRAVITY_M_S2, REST_SAMPLES), (0.0, FLIGHT_SAMPLES)):
             for _ in range(count):
                 self.send(force_m_s2)
+        fallen = 0
         while self._bench.edges[-1].solenoids & ACHILLES_BIT:
             self.send(0.0)
+            fallen += 1
+            if fallen > LONGEST_FALL_SAMPLES:  # an IMU without gravity for so long is believed no more
+                for _ in range(RECOVERY_SAMPLES):
+                    self.send(STANDARD_GRAVITY_M_S2)
+                return 0.0, 0.0
         self.echo_at_s = 0.0
         at_s = time.monotonic()
         sent_s = self.send(IMPACT_M_S2, MARK)

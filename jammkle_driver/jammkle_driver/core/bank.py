@@ -9,6 +9,7 @@ that come next. What it has gained over the healthy one since it was last no bet
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -49,6 +50,9 @@ lively sensor that repeats itself is news."""
 
 _REPEAT_NATS = 3.0
 """What a stuck sensor gains by a repeated reading of a lively one, nats: ln(20), as fewer than one in ten repeat."""
+
+_LATELY = 6
+"""Readings that say how fast a pressure changes now: a late one repeats those before it, for some 50 ms."""
 
 _UNKNOWN_PA = 1e4
 """Deviation of a pressure that no sensor has told yet, Pa."""
@@ -113,6 +117,7 @@ class FilterBank:
         self._held_pa = np.full((models, volumes), ambient_pa)
         self._held_variance = np.full((models, volumes), self._spread.noise_pa**2)
         self._last_pa = np.full(volumes, np.nan)
+        self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
         self._repeated = np.ones(volumes)
         self._bridging = False
         self._fresh = True
@@ -145,7 +150,8 @@ class FilterBank:
         if self._fresh:
             self._begin(readings_pa, step.ambient_pa)
         self._predictor.advance(self._state, self._covariance, step)
-        likelihood = self._weigh(step.readings_pa) + self._repeats(readings_pa)
+        likelihood = self._weigh(step.readings_pa, self._late_pa(readings_pa, step.duration_s))
+        likelihood += self._repeats(readings_pa)
         if self._bridging:
             self._bridging = False
             return
@@ -161,6 +167,18 @@ class FilterBank:
         self._scores = np.where(self._nothing_changes(), np.minimum(self._scores, 0.0), self._scores)
         self._scores[0] = 0.0
         self._begin_again(self._tables.begins_again & (self._scores == 0.0), readings_pa)
+
+    def _late_pa(self, readings_pa: Array, duration_s: float) -> Array:
+        """Return how far each reading may be off as nobody knows to the millisecond when it was made, Pa.
+
+        From the readings alone, and so the same for all: a hypothesis gains nothing by being vague in time.
+        """
+        self._lately.append((duration_s, readings_pa))
+        known = np.array([readings for _, readings in self._lately])
+        known = np.where(np.isfinite(known), known, readings_pa)  # one that is missing has not moved
+        span_s = sum(duration for duration, _ in self._lately)
+        late_pa: Array = self._spread.timing_s * np.nan_to_num(np.ptp(known, axis=0)) / span_s
+        return late_pa
 
     def _repeats(self, readings_pa: Array) -> Array:
         """Return what stuck sensors gain, nats, where readings repeat that never did."""
@@ -203,14 +221,14 @@ class FilterBank:
         self._held_pa[again] = np.where(np.isfinite(readings_pa), readings_pa, self._held_pa[again])
         self._held_variance[again] = self._spread.noise_pa**2
 
-    def _weigh(self, readings_pa: tuple[float, ...]) -> Array:
+    def _weigh(self, readings_pa: tuple[float, ...], late_pa: Array) -> Array:
         """Take the readings one after the other into every filter; return the log-likelihood of each."""
         state, covariance, tables = self._state, self._covariance, self._tables
-        noise = self._spread.noise_pa**2
         total = np.zeros(len(state))
         for place, reading_pa in enumerate(readings_pa):
             if not math.isfinite(reading_pa):
                 continue
+            noise = self._spread.noise_pa**2 + float(late_pa[place]) ** 2
             offset, stuck = self._layout.offset(place), tables.stuck[:, place]
             row = covariance[:, place, :] + covariance[:, offset, :]
             held = self._held_variance[:, place]

@@ -52,6 +52,7 @@ class Spread:
 
     Attributes:
         noise_pa: Of one reading, Pa.
+        timing_s: Of the time at which it was made, s: a cycle of the line, or as much delay in a host that is busy.
         offset_pa: Of a sensor's offset, Pa.
         pump: Of the pump's share of its declared flow, 1.
         line: Of a line's share of its declared conductance, 1.
@@ -63,6 +64,7 @@ class Spread:
     """
 
     noise_pa: float = 60.0
+    timing_s: float = 0.008
     offset_pa: float = 250.0
     pump: float = 0.2
     line: float = 0.2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 SAMPLE_S = 0.01
 _SAMPLES_PER_TICK = 5
+_BUSY_CHANGES = 0.3
+"""Share of samples at which a busy host comes to be more or less late."""
 _BOARD_WATCHDOG_S = 0.2
 """As the firmware's, s."""
 
@@ -70,6 +73,10 @@ class FaultBench:
         self.guard = LinkGuard()
         self.noise = NoiseMeter()
         self.noisy = False
+        self.late_samples = 0
+        """How many periods late a reading comes at the most, with the stamp of when it came: a host that is busy."""
+        self._readings: deque[dict[str, float]] = deque(maxlen=100)
+        self._late = 0
         self.streams = False
         self.rests = 0.0
         """Share of the actions after which nothing is asked for a quarter of a minute or so."""
@@ -150,10 +157,12 @@ class FaultBench:
         self.link = replace(self.link, latched=frozenset({SafeCause.HOST_SILENT}))
 
     def _samples_now(self) -> list[PressureSample]:
-        stamp_s = self.plant.time_s
+        self._readings.appendleft(self.plant.readings_pa())
+        if self.late_samples and self.draw.random() < _BUSY_CHANGES:
+            self._late = self.draw.randint(0, self.late_samples)
+        read = self._readings[min(self._late, len(self._readings) - 1)]
         return [
-            PressureSample(place, REFERENCE_PA - pressure_pa, stamp_s)
-            for place, pressure_pa in self.plant.readings_pa().items()
+            PressureSample(place, REFERENCE_PA - pressure_pa, self.plant.time_s) for place, pressure_pa in read.items()
         ]
 
     def wander(self) -> None:

@@ -29,7 +29,7 @@ from jammkle_graph.names import (
     Topic,
 )
 from jammkle_sim.conversions import OutgoingMessages, parameters_message, time_message
-from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+from jammkle_sim.rigs.readout import ImuSample, TendonSample
 from jammkle_sim.robots.foot_truth import FootTruth
 
 if TYPE_CHECKING:

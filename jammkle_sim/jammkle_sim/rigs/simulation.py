@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import operator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.sensors import Noise
 from jammkle_sim.rigs.assembly import assembled, pose
 from jammkle_sim.rigs.options import changed_text
+from jammkle_sim.rigs.readout import channel_index, check_duty, imu_sample, tendon_samples
 from jammkle_sim.rigs.rig import GROUND
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.rigs.rig import Rig
 
 
@@ -36,27 +37,6 @@ class UnstableSimulationError(RuntimeError):
 
 class OverloadError(UnstableSimulationError):
     """Something grew past what the rig can measure or a part can bear. The message names value, limit, way out."""
-
-
-@dataclass(frozen=True)
-class ImuSample:
-    """What the IMU gives now, in its own frame."""
-
-    specific_force_m_s2: tuple[float, float, float]
-    """Acceleration less gravity: +g along z at rest."""
-    angular_velocity_rad_s: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class TendonSample:
-    """One tendon, without noise."""
-
-    name: str
-    extension_m: float
-    """Beyond the free length; negative when slack."""
-    extension_rate_m_s: float
-    tension_n: float
-    broken: bool
 
 
 class Simulation:
@@ -112,9 +92,7 @@ class Simulation:
             ValueError: out of range or not a number.
 
         """
-        if not 0.0 <= duty <= 1.0:
-            msg = f"pump duty is {duty}; it must be 0 to 1"
-            raise ValueError(msg)
+        check_duty(duty)
         self._obey("duty", (0,), duty)
 
     def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001  # the state of a coil, as Bool is
@@ -124,10 +102,7 @@ class Simulation:
             ValueError: there is no such channel.
 
         """
-        if channel not in CHANNELS:
-            msg = f"channel '{channel}' does not exist; known are: {', '.join(CHANNELS)}"
-            raise ValueError(msg)
-        self._obey("command", (0, CHANNELS.index(channel)), float(energised))
+        self._obey("command", (0, channel_index(channel)), float(energised))
 
     def advance(self, steps: int) -> None:
         """Take `steps` time steps.
@@ -199,8 +174,7 @@ class Simulation:
 
     def imu(self) -> ImuSample:
         """Latest output of the IMU, noise, range and filter included."""
-        x, y, z, roll, pitch, yaw = self._states.imu["second"][0].tolist()
-        return ImuSample((x, y, z), (roll, pitch, yaw))
+        return imu_sample(self._states)
 
     def channel_pressures_pa(self) -> dict[str, float]:
         """Absolute pressure per channel, Pa, as the sensors give it."""
@@ -220,16 +194,7 @@ class Simulation:
 
     def tendons(self) -> tuple[TendonSample, ...]:
         """Every tendon, in the order of the rig: TENDONS, where it has a whole ankle."""
-        return tuple(
-            TendonSample(
-                name,
-                float(state["extension_m"]),
-                float(state["rate_m_s"]),
-                float(state["tension_n"]),
-                bool(state["broken"] > 0.0),
-            )
-            for name, state in zip(self._rig.tendon_names, self._states.tendons, strict=True)
-        )
+        return tendon_samples(self._rig.tendon_names, self._states)
 
     def joint_position(self, name: str) -> float:
         """Position of any joint with one degree of freedom, rad or m.

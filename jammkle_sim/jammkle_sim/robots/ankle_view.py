@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_graph.names import ANKLE_JOINTS, CHANNELS, TENDONS
-from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+from jammkle_sim.rigs.readout import channel_index, check_duty, imu_sample, tendon_samples
 from jammkle_sim.rigs.vacuum import VacuumRegulator
 from jammkle_sim.robots.foot_truth import FootTruth
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from jammkle_sim.physics import records
     from jammkle_sim.physics.sensors import Noise, SensorParameters
+    from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.robots.attach import AttachedAnkle
 
 
@@ -72,9 +73,7 @@ class AnkleView:
             ValueError: out of range or not a number.
 
         """
-        if not 0.0 <= duty <= 1.0:
-            msg = f"pump duty is {duty}; it must be 0 to 1"
-            raise ValueError(msg)
+        check_duty(duty)
         self._regulator = None
         self._parts.states.pneumatics["duty"][0] = duty
 
@@ -85,9 +84,9 @@ class AnkleView:
             ValueError: there is no such channel.
 
         """
-        _check_channel(channel)
+        index = channel_index(channel)
         self._regulator = None
-        self._parts.states.pneumatics["command"][0, CHANNELS.index(channel)] = float(energised)
+        self._parts.states.pneumatics["command"][0, index] = float(energised)
 
     def hold_vacuum(self, vacuum_pa: Mapping[str, float]) -> None:
         """Let a regulator like the driver's hold these channels at a vacuum from now on; the others stay as they are.
@@ -100,7 +99,7 @@ class AnkleView:
 
         """
         for channel, value_pa in vacuum_pa.items():
-            _check_channel(channel)
+            channel_index(channel)
             if not value_pa >= 0.0:
                 msg = f"vacuum of {channel} is {value_pa} Pa; it must be 0 or more"
                 raise ValueError(msg)
@@ -130,8 +129,7 @@ class AnkleView:
 
     def imu(self) -> ImuSample:
         """Latest output of the IMU, noise, range and filter included."""
-        x, y, z, roll, pitch, yaw = self._parts.states.imu["second"][0].tolist()
-        return ImuSample((x, y, z), (roll, pitch, yaw))
+        return imu_sample(self._parts.states)
 
     def channel_pressures_pa(self) -> dict[str, float]:
         """Absolute pressure per channel, Pa, as the sensors give it."""
@@ -151,16 +149,7 @@ class AnkleView:
 
     def tendons(self) -> tuple[TendonSample, ...]:
         """Every tendon, in the order of TENDONS."""
-        return tuple(
-            TendonSample(
-                name,
-                float(state["extension_m"]),
-                float(state["rate_m_s"]),
-                float(state["tension_n"]),
-                bool(state["broken"] > 0.0),
-            )
-            for name, state in zip(TENDONS, self._parts.states.tendons, strict=True)
-        )
+        return tendon_samples(TENDONS, self._parts.states)
 
     def foot(self) -> FootTruth:
         """What the foot truly does on the ground."""
@@ -204,9 +193,3 @@ class AnkleView:
             self._parts.states.pneumatics["pressure_pa"][0] + self._noise.pressure_pa(self._steps)
         ).tolist()
         return measured
-
-
-def _check_channel(channel: str) -> None:
-    if channel not in CHANNELS:
-        msg = f"channel '{channel}' does not exist; known are: {', '.join(CHANNELS)}"
-        raise ValueError(msg)
