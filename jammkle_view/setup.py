@@ -24,7 +24,7 @@ setup(
     description="The page in the browser: the robot in 3D, live or from a bag, with buttons that jam and unjam.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["viewer = jammkle_view.__main__:main"],
+        "console_scripts": ["foxglove = jammkle_view.foxglove.__main__:main", "viewer = jammkle_view.__main__:main"],
         "jammkle.commands": ["view = jammkle_view.commands:app"],
     },
 )

@@ -27,6 +27,7 @@ from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.alone import ankle_alone
 from jammkle_sim.robots.urdf_control import control_tags
 from jammkle_sim.robots.urdf_names import UrdfNames
+from jammkle_view.foxglove.parameters import FoxgloveParameters
 from jammkle_view.parameters import ViewerParameters
 
 ROOT = Path(__file__).parents[1]
@@ -43,6 +44,7 @@ NODES: dict[str, type[ParameterClass]] = {
     "sim, of a robot": RobotParameters,
     "gap_monitor": GapMonitorParameters,
     "viewer": ViewerParameters,
+    "foxglove": FoxgloveParameters,
 }
 
 

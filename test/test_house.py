@@ -62,6 +62,7 @@ PURE = (
     "jammkle_gap.trial",
     "jammkle_contact",
     "jammkle_view.core",
+    "jammkle_view.foxglove.server",
     "jammkle_view.page",
     "jammkle_view.playback",
     "jammkle_bringup.core",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -14,8 +15,10 @@ from jammkle_graph.names import (
     IMU,
     JAM_STATE,
     JOINT_STATES,
+    ODOMETRY,
     PRESSURES,
     QUADRUPED_ANKLES,
+    ROBOT_DESCRIPTION,
     TRUE_CONTACT,
 )
 from jammkle_msgs.msg import ChannelJamState
@@ -45,6 +48,18 @@ def test_a_quadruped_stands_jams_and_is_recorded(
         assert probe.last(IMU).header.frame_id == f"{ankle}/imu"
         assert probe.last(PRESSURES[ACHILLES]).header.frame_id == f"{ankle}/achilles"
         assert {"ankle_pitch", "hip", "knee", "abduction"} <= set(probe.last(JOINT_STATES).name)
+    whole = make_probe()
+    whole.listen(ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES)
+    parts = (ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES)
+    whole.spin_until(lambda: all(whole.last(topic) for topic in parts), "the whole robot is heard")
+    tree = ET.fromstring(whole.last(ROBOT_DESCRIPTION).data)  # noqa: S314 - our own
+    moving = {joint.attrib["name"] for joint in tree.findall("joint") if joint.attrib["type"] != "fixed"}
+    assert set(whole.last(JOINT_STATES).name) == moving
+    links = {link.attrib["name"] for link in tree.findall("link")}
+    assert {probe.last(topic).header.frame_id for probe in probes.values() for topic in SENSORS[:3]} <= links
+    odometry = whole.last(ODOMETRY)
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
+    assert odometry.pose.pose.position.z == pytest.approx(0.28, abs=0.02)
     assert start("jam").wait() == 0
     for probe in probes.values():
         probe.wait_for_channels(ChannelJamState.JAMMED)
@@ -55,6 +70,7 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     assert set(found["ankles"]) == set(QUADRUPED_ANKLES)
     assert any(line["name"] == "/sim: simulation" for line in found["health"])
     assert up.stop() == 0, up.text()
+    assert len(messages_of(bag, f"/{ODOMETRY.name}")) > 10
     for ankle in QUADRUPED_ANKLES:
         truth = messages_of(bag, f"/{ankle}/{TRUE_CONTACT.name}")
         assert truth[-1].stands

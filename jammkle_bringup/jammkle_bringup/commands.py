@@ -57,15 +57,25 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     view_host: Annotated[
         str | None, typer.Option(help="Address it listens on; 0.0.0.0: every network.", show_default="this machine")
     ] = None,
+    foxglove: Annotated[  # noqa: FBT002 - as above
+        bool, typer.Option("--foxglove", help="Let the Foxglove app look on, over a WebSocket; it can change nothing.")
+    ] = False,
+    foxglove_port: Annotated[int | None, typer.Option(help="TCP port of that WebSocket.", show_default="8765")] = None,
+    foxglove_host: Annotated[
+        str | None, typer.Option(help="Address it listens on; 0.0.0.0: every network.", show_default="this machine")
+    ] = None,
 ) -> int:
     """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
-    from jammkle_bringup.graph_options import GraphOptions, given_values, robot_values, viewer_values
+    from jammkle_bringup.graph_options import GraphOptions, foxglove_values, given_values, robot_values, viewer_values
     from jammkle_bringup.up import up as run_graph
 
     values = given_values(hardware, speed, port) | viewer_values(robot, view_host, view_port, view=view)
+    values |= foxglove_values(foxglove_host, foxglove_port, foxglove=foxglove)
     for node, chosen in robot_values(robot, behaviour, hardware).items():
         values[node] = {**values.get(node, {}), **chosen}
-    options = GraphOptions(normalised(namespace), hardware, tuple(params or ()), record, values, robot, monitor, view)
+    options = GraphOptions(
+        normalised(namespace), hardware, tuple(params or ()), record, values, robot, monitor, view, foxglove
+    )
     try:
         return run_graph(options, StopRequest())
     except Interrupted:  # while it was still starting: asked to stop, and nothing is left

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from jammkle_bringup.core.node_table import GAP_MONITOR, NODES, SIM_HARDWARE, VIEWER, Robot, check_hardware, nodes_for
+from jammkle_bringup.core.node_table import (
+    FOXGLOVE,
+    GAP_MONITOR,
+    NODES,
+    SIM_HARDWARE,
+    VIEWER,
+    Robot,
+    check_hardware,
+    nodes_for,
+)
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values
 from jammkle_graph.bags.writing import check_free
 from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, SIM_NODE, VIEWER_NODE
+from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, FOXGLOVE_NODE, SIM_NODE, VIEWER_NODE
 from jammkle_graph.namespace import resolved
 from jammkle_graph.parameters import ParameterError, rows
 from jammkle_sim.robots.options import RobotOptions
+from jammkle_view.foxglove.parameters import NOT_INSTALLED
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,11 +45,14 @@ class GraphOptions:
     """Whether a simulated twin follows the robot."""
     view: bool = False
     """Whether there is a page in the browser."""
+    foxglove: bool = False
+    """Whether the Foxglove app can look on."""
 
     @property
     def nodes(self) -> tuple[NodeEntry, ...]:
         """Nodes to start; those that look on are the first to start and the last to stop."""
-        watchers = (*((GAP_MONITOR,) if self.monitor else ()), *((VIEWER,) if self.view else ()))
+        asked = ((GAP_MONITOR, self.monitor), (VIEWER, self.view), (FOXGLOVE, self.foxglove))
+        watchers = [entry for entry, wanted in asked if wanted]
         return (*watchers, *nodes_for(self.hardware, self.robot))
 
 
@@ -134,6 +148,25 @@ def viewer_values(
         if value is not None:
             values[name] = value
     return {VIEWER_NODE: values} if values else {}
+
+
+def foxglove_values(host: str | None, port: int | None, *, foxglove: bool) -> dict[str, dict[str, ParameterValue]]:
+    """Return what the options of the command say of the connection for the Foxglove app.
+
+    Raises:
+        InputError: there is none, or it is not installed.
+
+    """
+    values: dict[str, ParameterValue] = {}
+    for name, value in (("host", host), ("port", port)):
+        if value is not None and not foxglove:
+            msg = f"--foxglove-{name} {value} needs --foxglove: there is no connection without"
+            raise InputError(msg)
+        if value is not None:
+            values[name] = value
+    if foxglove and importlib.util.find_spec("foxglove") is None:
+        raise InputError(NOT_INSTALLED)
+    return {FOXGLOVE_NODE: values} if values else {}
 
 
 def check_speed(speed: float, hardware: str) -> float:

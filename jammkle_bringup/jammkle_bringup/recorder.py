@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
@@ -21,8 +21,9 @@ from jammkle_bringup.conversions import clock_ns, message_class
 from jammkle_graph.bags.offered import bag_qos
 from jammkle_graph.bags.writing import FLUSH_PERIOD_S, BagLog, TimeSource
 from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS
-from jammkle_graph.namespace import relative, resolved
+from jammkle_graph.names import CLOCK, SIM_PARAMETERS, TOPICS
+from jammkle_graph.namespace import resolved
+from jammkle_graph.overhearing import belongs, misses, strongest
 from jammkle_graph.qos import publisher_qos
 
 if TYPE_CHECKING:
@@ -42,8 +43,6 @@ QUEUE_DEPTH = 2000
 
 _DISCOVERY_PERIOD_S = 0.2
 _UNDECIDED_S = 1.0
-_OUTSIDE = (CLOCK.name, DIAGNOSTICS.name, "/tf", "/tf_static")
-_LEFT_OUT = ("/rosout", "/parameter_events")
 _SPIN_TIMEOUT_S = 0.1
 _DRAIN_S = 1.0  # a graph that goes on publishes without end
 
@@ -109,7 +108,7 @@ class Recorder(Node):
     def _discover(self) -> None:
         """Subscribe to topics that have appeared, and anew where a publisher offers less than was asked for."""
         for name, types in self.get_topic_names_and_types():
-            if name in self._refused or not self._wanted(name):
+            if name in self._refused or not belongs(self._namespace, name):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
             if not publishers:
@@ -119,15 +118,8 @@ class Recorder(Node):
                 continue
             offered = [publisher.qos_profile for publisher in publishers]
             asked = self._requested.get(name)
-            if asked is None or any(_misses(asked, offer) for offer in offered):
-                self._subscribe(name, types[0], _weakest(offered))
-
-    def _wanted(self, name: str) -> bool:
-        if name in _OUTSIDE:
-            return True
-        inside = relative(self._namespace, name)
-        hidden = any(part.startswith("_") for part in name.split("/"))  # of actions; ros2 bag leaves them out as well
-        return inside is not None and name not in _LEFT_OUT and not hidden
+            if asked is None or any(misses(asked, offer) for offer in offered):
+                self._subscribe(name, types[0], strongest(offered, QUEUE_DEPTH))
 
     def _subscribe(self, name: str, message_type: str, offered: QoSProfile) -> None:
         try:
@@ -206,24 +198,3 @@ def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
 def _text(data: bytes) -> str:
     message: Any = deserialize_message(data, String)
     return str(message.data)
-
-
-def _misses(asked: QoSProfile, offered: QoSProfile) -> bool:
-    """Return True if a subscription that asks for `asked` never sees a publisher that offers `offered`."""
-    return (
-        asked.reliability is ReliabilityPolicy.RELIABLE and offered.reliability is not ReliabilityPolicy.RELIABLE
-    ) or (
-        asked.durability is DurabilityPolicy.TRANSIENT_LOCAL
-        and offered.durability is not DurabilityPolicy.TRANSIENT_LOCAL
-    )
-
-
-def _weakest(offered: Sequence[QoSProfile]) -> QoSProfile:
-    """Return the strongest request that all of these publishers can meet."""
-    reliable = all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offered)
-    latched = all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offered)
-    return QoSProfile(
-        depth=QUEUE_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )

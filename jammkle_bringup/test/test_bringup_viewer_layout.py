@@ -9,16 +9,20 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
+import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
+from jammkle_graph.delivery import published
 from jammkle_graph.names import (
     ANKLE_JOINTS,
+    BASE_FRAME,
     CARRIAGE_JOINT,
     CHANNELS,
     IMU,
     JOINT_STATES,
     MANIFOLD_PRESSURE,
+    ODOM_FRAME,
     PRESSURES,
     PUMP_DUTY,
     SOLENOIDS,
@@ -37,6 +41,13 @@ PATHS = sorted(path["value"] for plot in PLOTS.values() for path in plot["paths"
 
 LAYOUT_OF_PLOTJUGGLER = ET.parse(CONFIG / "ankle.plotjuggler.xml")  # noqa: S314 - our own file
 CURVES = sorted(curve.attrib["name"] for curve in LAYOUT_OF_PLOTJUGGLER.iter("curve"))
+LAYOUT_OF_RVIZ = yaml.safe_load((CONFIG / "robot.rviz").read_text())["Visualization Manager"]
+SHOWN_BY = {
+    "rviz_default_plugins/RobotModel": ("Description Topic", "std_msgs/msg/String"),
+    "rviz_default_plugins/Odometry": ("Topic", "nav_msgs/msg/Odometry"),
+    "rviz_default_plugins/Wrench": ("Topic", "geometry_msgs/msg/WrenchStamped"),
+}
+"""By display of RViz: its property that names a topic, and the type that it takes."""
 ENTRIES = {
     "jammkle_msgs/msg/JamState": CHANNELS,
     "jammkle_msgs/msg/TendonStates": TENDONS,
@@ -80,6 +91,26 @@ def test_a_curve_of_plotjuggler_exists(curve: str) -> None:
     for place in re.findall(r"\[(\d+)\]", curve):
         assert int(place) < len(ENTRIES[kind])
     check_fields(kind, [re.sub(r"\[\d+\]", "", field) for field in fields])
+
+
+@pytest.mark.parametrize("display", LAYOUT_OF_RVIZ["Displays"], ids=lambda display: display["Name"])
+def test_a_display_of_rviz_gets_what_it_takes(display: dict[str, Any]) -> None:
+    """Its topic is one of the graph, of the type that it shows, and is delivered as it asks for it."""
+    if display["Class"] not in SHOWN_BY:
+        assert not {"Topic", "Description Topic"} & set(display)
+        return
+    key, kind = SHOWN_BY[display["Class"]]
+    (topic,) = [each for each in TOPICS if f"/{each.name}" == display[key]["Value"]]
+    assert topic.message_type == kind
+    offered = published(topic)
+    assert offered.latched or display[key]["Durability Policy"] == "Volatile"
+    assert offered.reliable or display[key]["Reliability Policy"] == "Best Effort"
+
+
+def test_the_frames_of_rviz_are_those_of_the_robot() -> None:
+    """It stands in odom and looks at the base; a layout for a namespace would have other frames."""
+    assert LAYOUT_OF_RVIZ["Global Options"]["Fixed Frame"] == ODOM_FRAME
+    assert LAYOUT_OF_RVIZ["Views"]["Current"]["Target Frame"] == BASE_FRAME
 
 
 def test_every_panel_has_its_place() -> None:

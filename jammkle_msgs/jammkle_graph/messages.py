@@ -17,11 +17,13 @@ ROS_MODULES = (
     "diagnostic_msgs",
     "geometry_msgs",
     "lifecycle_msgs",
+    "nav_msgs",
     "rcl_interfaces",
     "rosgraph_msgs",
     "sensor_msgs",
     "std_msgs",
     "std_srvs",
+    "tf2_msgs",
 )
 """Python modules that come with ROS, or are built with it, and may not be there."""
 

@@ -14,6 +14,7 @@ CONTROLLER_NODE = "controller"
 SIM_NODE = "sim"
 GAP_MONITOR_NODE = "gap_monitor"
 VIEWER_NODE = "viewer"
+FOXGLOVE_NODE = "foxglove"
 
 PERONEAL_LEFT = "peroneal_left"
 PERONEAL_RIGHT = "peroneal_right"
@@ -47,8 +48,8 @@ MANIFOLD_FRAME = "manifold"
 FOOT_FRAME = "foot"
 """Frames of one ankle; a channel's pressure is in a frame of the channel's name. `frame` puts them into a namespace."""
 
-BASE_FRAME = "base_link"
-"""Frame of a whole robot (REP-105): the origin of the body that carries the rest."""
+BASE_FRAME, ODOM_FRAME = "base_link", "odom"
+"""Frames of a whole robot (REP-105): the origin of the body that carries the rest, and what it moves in."""
 
 
 class TopicKind(enum.Enum):
@@ -129,6 +130,18 @@ EMERGENCY_STOP = Topic(
 SIM_PARAMETERS = Topic(
     "sim_parameters", "std_msgs/msg/String", TopicKind.STATE, "rig and simulation parameters as YAML"
 )
+ROBOT_DESCRIPTION = Topic(
+    "robot_description",
+    "std_msgs/msg/String",
+    TopicKind.STATE,
+    "URDF of what is simulated: its frames are those of the messages, its joints those of joint_states",
+)
+ODOMETRY = Topic(
+    "odom",
+    "nav_msgs/msg/Odometry",
+    TopicKind.SENSOR,
+    "pose of base_link in odom, and its velocity in itself; of a simulation the truth",
+)
 SIMULATOR_GAP = Topic(
     "simulator_gap",
     "jammkle_msgs/msg/SimulatorGap",
@@ -145,6 +158,8 @@ CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TopicKind.CLOCK, "simulated t
 DIAGNOSTICS = Topic(
     "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TopicKind.EVENT, "health of every node, 1 Hz and on change"
 )
+
+TF = Topic("/tf", "tf2_msgs/msg/TFMessage", TopicKind.SENSOR, "the same pose for tf, where tf2_msgs is installed")
 
 
 def solenoid_topic(channel: str) -> Topic:
@@ -180,6 +195,8 @@ TOPICS: tuple[Topic, ...] = (
     PLANNED_CONTACT,
     EMERGENCY_STOP,
     SIM_PARAMETERS,
+    ROBOT_DESCRIPTION,
+    ODOMETRY,
     SIMULATOR_GAP,
     DIAGNOSTICS,
     CLOCK,
@@ -188,6 +205,9 @@ TOPICS: tuple[Topic, ...] = (
 
 FROM_OUTSIDE: tuple[Topic, ...] = (EMERGENCY_STOP, FOOT_CONTACT, GAIT_PHASE, PLANNED_CONTACT)
 """Those that only a robot around the ankle publishes."""
+
+OF_THE_WHOLE: tuple[Topic, ...] = (SIM_PARAMETERS, ROBOT_DESCRIPTION, ODOMETRY)
+"""What one simulation of several ankles says above them, and once."""
 
 ROBOT_TOPICS: tuple[Topic, ...] = (TRUE_CONTACT,)
 """What there is besides, for each ankle of a simulated leg or quadruped."""

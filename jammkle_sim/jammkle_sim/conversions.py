@@ -13,7 +13,7 @@ import yaml
 
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.messages import message_class
-from jammkle_graph.names import FOOT_FRAME, IMU_FRAME, LOAD_CELL_FRAME, TENDONS, frame
+from jammkle_graph.names import BASE_FRAME, FOOT_FRAME, IMU_FRAME, LOAD_CELL_FRAME, ODOM_FRAME, TENDONS, frame
 from jammkle_sim.physics.sensors import SensorParameters, imu_variance
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from std_msgs.msg import Float32
 
+    from jammkle_sim.rigs.base import BaseSample
     from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.robots.foot_truth import FootTruth
 
@@ -31,6 +32,7 @@ FluidPressure = message_class("sensor_msgs/msg/FluidPressure")
 Header = message_class("std_msgs/msg/Header")
 Imu = message_class("sensor_msgs/msg/Imu")
 JointState = message_class("sensor_msgs/msg/JointState")
+Odometry = message_class("nav_msgs/msg/Odometry")
 String = message_class("std_msgs/msg/String")
 TendonState = message_class("jammkle_msgs/msg/TendonState")
 TendonStates = message_class("jammkle_msgs/msg/TendonStates")
@@ -71,7 +73,9 @@ class OutgoingMessages:
         self._joints = JointState()
         self._tendons = TendonStates(tendons=[TendonState(name=name) for name in tendons])
         self._wrench = WrenchStamped(header=Header(frame_id=frame(namespace, LOAD_CELL_FRAME)))
-
+        self._odometry = Odometry(
+            header=Header(frame_id=frame(namespace, ODOM_FRAME)), child_frame_id=frame(namespace, BASE_FRAME)
+        )
         self._contact = TrueContact(header=Header(frame_id=frame(namespace, FOOT_FRAME)))
 
     def clock(self, time_ns: int) -> Clock:
@@ -120,6 +124,17 @@ class OutgoingMessages:
         self._contact.sliding_speed_m_s = foot.sliding_speed_m_s
         self._contact.sliding_distance_m = foot.sliding_distance_m
         return _stamped(self._contact, self._contact.header.stamp, time_ns)
+
+    def odometry(self, time_ns: int, base: BaseSample) -> Odometry:
+        """Return where the base is, m, and how it moves in its own frame, m/s and rad/s. No covariance: it is true."""
+        _check_finite("the base", (*base.position_m, *base.rotation, *base.linear_m_s, *base.angular_rad_s))
+        pose, twist = self._odometry.pose.pose, self._odometry.twist.twist
+        _fill_vector(pose.position, base.position_m)
+        turn = pose.orientation
+        turn.w, turn.x, turn.y, turn.z = base.rotation
+        _fill_vector(twist.linear, base.linear_m_s)
+        _fill_vector(twist.angular, base.angular_rad_s)
+        return _stamped(self._odometry, self._odometry.header.stamp, time_ns)
 
     def wrench(self, time_ns: int, force_n: tuple[float, float, float]) -> WrenchStamped:
         """Return the force between rig and leg, N, tension positive on z. The load cell measures no torque."""

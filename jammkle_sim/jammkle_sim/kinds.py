@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 from jammkle_sim.ankles import RIG_OUTPUTS, ROBOT_OUTPUTS
 from jammkle_sim.landing import landing_options
 from jammkle_sim.parameters import RobotParameters, RunParameters, SimParameters
+from jammkle_sim.robots.alone import ankle_alone
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from jammkle_sim.ankles import Ankle
     from jammkle_sim.core.schedule import Output
+    from jammkle_sim.robots.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class SimKind:
     """Whether ~/run_rig can put a rig in its place."""
     reset_by: Callable[[Any], object]
     """Gives of the parameters what a reset builds the simulation anew for, once it is something else."""
+    robot_of: Callable[[Any], Robot]
+    """Gives what its robot description is made from."""
 
 
 def _of_robot(simulation: Any) -> Mapping[str, Ankle]:
@@ -38,5 +42,24 @@ def _of_robot(simulation: Any) -> Mapping[str, Ankle]:
     return ankles if len(ankles) > 1 else {"": next(iter(ankles.values()))}
 
 
-RIG = SimKind(SimParameters, RIG_OUTPUTS, lambda simulation: {"": simulation}, runs_rigs=True, reset_by=landing_options)
-ROBOT = SimKind(RobotParameters, ROBOT_OUTPUTS, _of_robot, runs_rigs=False, reset_by=lambda _: None)
+def _ankle_of_rig(simulation: Any) -> Robot:
+    """Return a rig's ankle by itself: what a rig adds to it is none of a robot's."""
+    return ankle_alone(simulation.rig.parts.get("ankle"))
+
+
+RIG = SimKind(
+    SimParameters,
+    RIG_OUTPUTS,
+    lambda simulation: {"": simulation},
+    runs_rigs=True,
+    reset_by=landing_options,
+    robot_of=_ankle_of_rig,
+)
+ROBOT = SimKind(
+    RobotParameters,
+    ROBOT_OUTPUTS,
+    _of_robot,
+    runs_rigs=False,
+    reset_by=lambda _: None,
+    robot_of=lambda simulation: simulation.robot,
+)

@@ -28,10 +28,13 @@ from jammkle_sim.core.schedule import Output, steps_per_output
 from jammkle_sim.health import rig_health, simulation_health
 from jammkle_sim.kinds import RIG, SimKind
 from jammkle_sim.outputs import ClockOutput
-from jammkle_sim.parameters import MAX_RATE_HZ, PRESSURE_RATE_HZ
+from jammkle_sim.parameters import MAX_RATE_HZ, PRESSURE_RATE_HZ, WHOLE_RATE_HZ
 from jammkle_sim.rig_action import NoRigAction, RigAction
 from jammkle_sim.rigs.simulation import UnstableSimulationError
+from jammkle_sim.robots.urdf import robot_urdf
+from jammkle_sim.robots.urdf_names import UrdfNames
 from jammkle_sim.services import Services
+from jammkle_sim.whole import Whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -96,6 +99,8 @@ class SimNode(Node):
             self._diagnostics.check,
             lambda: self._engine.time_ns / NANOSECONDS_PER_SECOND,
         )
+        self._whole = _make_whole(self, kind, self._simulation)
+        self._shown = self._simulation
         self._describe(self._simulation)
         self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
         self._rigs: RigAction | NoRigAction = NoRigAction()
@@ -135,6 +140,7 @@ class SimNode(Node):
                 if own and Output.PRESSURES in tick.outputs:
                     self._ankles.repeat(tick.time_ns)
                 self._ankles.publish(tick)
+                self._whole.publish(tick, self._shown, self._kind.ankles_of(self._shown))
                 self._clock_output.publish(tick.time_ns)
         except (UnstableSimulationError, NotFiniteError) as error:
             self._fail(str(error))
@@ -215,7 +221,7 @@ class SimNode(Node):
 
     def _show(self, rig: Simulation | None) -> None:
         """Publish the outputs of a rig, or of the ankle again, and say what it is."""
-        simulation = self._simulation if rig is None else rig
+        simulation = self._shown = self._simulation if rig is None else rig
         self._ankles.show(self._kind.ankles_of(simulation))
         self._describe(simulation)
 
@@ -240,6 +246,13 @@ class SimNode(Node):
         ]
 
 
+def _make_whole(node: SimNode, kind: SimKind, simulation: Any) -> Whole:
+    """Make what is told of the whole; joints of several ankles together, as a single one tells its own."""
+    robot = kind.robot_of(simulation)
+    told = UrdfNames(robot).told if len(robot.ankles) > 1 else ()
+    return Whole(node, robot_urdf(robot, node.get_namespace()), told)
+
+
 def _make_engine(simulation: Any, parameters: RunParameters, outputs: Collection[Output]) -> Engine:
     """Make the engine; that rates and time step fit each other was checked with the parameters."""
     timestep_s = simulation.timestep_s
@@ -250,6 +263,7 @@ def _make_engine(simulation: Any, parameters: RunParameters, outputs: Collection
         Output.TENDON_STATES: state,
         Output.LOAD_CELL: state,
         Output.TRUE_CONTACT: state,
+        Output.WHOLE: steps_per_output(WHOLE_RATE_HZ, timestep_s, MAX_RATE_HZ),
         Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
     }
     periods = {output: period for output, period in periods.items() if output in outputs}

@@ -117,7 +117,8 @@ class Outputs:
 
         """
         for output in tick.outputs:
-            self._publish[output](tick.time_ns)
+            if output is not Output.WHOLE:
+                self._publish[output](tick.time_ns)
 
     def _imu(self, time_ns: int) -> Imu:
         return self._messages.imu(time_ns, self._ankle.imu())

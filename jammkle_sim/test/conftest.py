@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -17,6 +18,7 @@ from jammkle_graph.testing import own_domain
 from jammkle_msgs.srv import Step
 from jammkle_sim.landing import make_simulation
 from jammkle_sim.node import SimNode
+from jammkle_sim.rigs.base import BaseSample
 from jammkle_sim.rigs.readout import ImuSample, TendonSample
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
@@ -33,6 +35,7 @@ class FakeSimulation:
     """A rig whose values a test sets as it likes."""
 
     timestep_s = 0.0005
+    rig = SimpleNamespace(parts={})
 
     def __init__(self, _parameters: SimParameters | None = None) -> None:
         self.steps = 0
@@ -85,6 +88,9 @@ class FakeSimulation:
 
     def tendons(self) -> tuple[TendonSample, ...]:
         return tuple(TendonSample(name, 0.01, 0.02, 3.0, name in self.broken) for name in names.TENDONS)
+
+    def base(self) -> BaseSample:
+        return BaseSample((0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.2), (0.0, 0.0, 0.0))
 
     def load_cell_force_n(self) -> tuple[float, float, float]:
         return (0.0, 0.0, 17.7)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_graph import names
 from jammkle_view.core.samples import (
+    Base,
     Channel,
     ChannelState,
     Description,
@@ -52,6 +53,15 @@ def _imu(message: Any) -> Imu:
     return Imu(_stamp_s(message), (float(force.x), float(force.y), float(force.z)))
 
 
+def _base(message: Any) -> Base:
+    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    return Base(
+        _stamp_s(message),
+        (float(place.x), float(place.y), float(place.z)),
+        (float(turn.w), float(turn.x), float(turn.y), float(turn.z)),
+    )
+
+
 def _pressure(topic: str, message: Any) -> Pressure:
     return Pressure(_stamp_s(message), topic, float(message.fluid_pressure))
 
@@ -90,6 +100,7 @@ TAKERS: dict[str, Callable[[Any], Sample]] = {
     names.JOINT_STATES.name: _joints,
     names.TENDON_STATES.name: _tendons,
     names.IMU.name: _imu,
+    names.ODOMETRY.name: _base,
     **{topic.name: partial(_pressure, topic.name) for topic in (names.MANIFOLD_PRESSURE, *names.PRESSURES.values())},
     names.JAM_STATE.name: _jam_report,
     names.CONTACT_EVENTS.name: _event,

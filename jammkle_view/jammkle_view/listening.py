@@ -30,7 +30,7 @@ _IMU_DEPTH = 100
 class AnkleEars:
     """Subscriptions to one ankle's topics, and whom they tell."""
 
-    def __init__(self, node: Node, watcher: Node, namespace: str, ankle: Ankle) -> None:
+    def __init__(self, node: Node, watcher: Node, namespace: str, ankle: Ankle, *, with_base: bool) -> None:
         """Subscribe.
 
         Args:
@@ -38,6 +38,7 @@ class AnkleEars:
             watcher: A node without executor: nobody is called for what it hears.
             namespace: Of the ankle, relative to both nodes'; empty: their own.
             ankle: Who takes what is heard.
+            with_base: Whether to hear where the whole is, too; one of several ankles will do.
 
         """
         self._ankle = ankle
@@ -59,6 +60,8 @@ class AnkleEars:
                 subscriber_qos(_OF_THE_WHOLE),
             )
         self._newest = [(topic.name, _watch(watcher, prefix, topic, 1)) for topic in _NEWEST]
+        if with_base:
+            self._newest.append((names.ODOMETRY.name, _watch(watcher, "", names.ODOMETRY, 1)))
         self._imu = _watch(watcher, prefix, names.IMU, _IMU_DEPTH)
 
     def look(self, *, with_imu: bool) -> None:

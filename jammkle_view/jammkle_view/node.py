@@ -56,7 +56,10 @@ class ViewerNode(Node):
         self._watcher = Node(
             _WATCHER, namespace=self.get_namespace(), enable_rosout=False, start_parameter_services=False
         )
-        self._ears = {name: AnkleEars(self, self._watcher, name, ankle) for name, ankle in self._known.items()}
+        self._ears = {
+            name: AnkleEars(self, self._watcher, name, ankle, with_base=place == 0)
+            for place, (name, ankle) in enumerate(self._known.items())
+        }
         self.get_logger().info(f"page: {address_of(self._server)}")
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:

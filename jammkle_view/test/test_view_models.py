@@ -7,10 +7,12 @@ import pytest
 
 from jammkle_graph.names import QUADRUPED_ANKLES, TENDONS
 from jammkle_sim.rigs.catalogue import RIGS
-from jammkle_sim.robots.options import ROBOTS
+from jammkle_sim.robots.catalogue import robot_simulation
+from jammkle_sim.robots.options import ROBOTS, RobotOptions
 from jammkle_view.core.figure import figure_of
 from jammkle_view.core.kinematics import Kinematics, along
 from jammkle_view.core.models import HANGING, setting_of
+from jammkle_view.core.samples import Base
 
 DESCRIPTIONS = [*(f"rig: {name}" for name in RIGS), *(f"robot: {name}" for name in ROBOTS)]
 
@@ -73,3 +75,23 @@ def test_a_robot_stands_on_the_ground_that_it_is_drawn_on() -> None:
     assert kinematics.clearance_m == pytest.approx(0.0, abs=2e-3)
     kinematics.move({"hip": 1.2, "knee": -2.4})
     assert kinematics.clearance_m > 0.05
+
+
+def test_a_robot_is_drawn_where_it_says_that_it_is() -> None:
+    """A trotting quadruped, from what its topics tell: every body is where the simulation has it, the ground below."""
+    simulation = robot_simulation("quadruped", RobotOptions(behaviour="walk", slope_deg=8.0))
+    setting = setting_of("robot: quadruped\noptions: {behaviour: walk, slope_deg: 8.0}")
+    kinematics = Kinematics(setting.model)
+    (*_, sample) = simulation.samples(1.2, 100)
+    joints = {
+        setting.ankles[name].joint(told): value
+        for name, ankle in sample.ankles.items()
+        for told, value in ankle.positions.items()
+    }
+    kinematics.move(joints, Base(0.0, sample.base.position_m, sample.base.rotation))
+    assert kinematics.positions_m == pytest.approx(simulation.data.xpos[1:], abs=1e-3)
+    assert np.abs((kinematics.rotations * simulation.data.xquat[1:]).sum(axis=1)) == pytest.approx(1.0, abs=1e-4)
+    travel_m = kinematics.travel_m
+    assert travel_m[0] > 0.005
+    assert travel_m[2] == pytest.approx(travel_m[0] * np.tan(np.radians(8.0)))  # along the ground
+    assert kinematics.clearance_m == pytest.approx(0.0, abs=2e-3)

@@ -88,3 +88,21 @@ def test_what_cannot_be_shown_is_refused_in_a_line(bag: Path) -> None:
 def effect(folder: Path, text: str) -> Path:
     (folder / "effect.yaml").write_text(text)
     return folder / "effect.yaml"
+
+
+def test_a_walking_robot_is_followed_through_its_bag(tmp_path: Path) -> None:
+    """One ankle of a quadruped is chosen; where the trunk was and how the other legs stood is read as well."""
+    bag = tmp_path / "trot"
+    words = ["robot", "quadruped", "--behaviour", "walk", "--duration-s", "1.5", "--imu-rate-hz", "100", "-o", str(bag)]
+    subprocess.run([JAMMKLE, *words], check=True, capture_output=True)
+    trot = read_recorded(bag, "/rf_ankle", lambda _: None)
+    assert "quadruped" in trot.description
+    assert set(trot.others) == {"lf_ankle", "lh_ankle", "rh_ankle"}
+    assert {"hip", "knee", "ankle_pitch"} <= set(trot.others["lh_ankle"].columns)
+    start, end = trot.base_at(0.1), trot.base_at(1.4)
+    assert start is not None
+    assert end is not None
+    assert end.position_m[0] - start.position_m[0] > 0.05
+    assert end.position_m[2] == pytest.approx(start.position_m[2], abs=0.02)
+    assert end.rotation[0] == pytest.approx(1.0, abs=0.02)
+    assert refused(str(bag)).count("_ankle") >= 4  # it says which there are

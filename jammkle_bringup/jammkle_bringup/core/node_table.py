@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.provided import HARDWARE, entries
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, GAP_MONITOR_NODE, QUADRUPED_ANKLES, SIM_NODE, VIEWER_NODE
+from jammkle_graph.names import (
+    CONTROLLER_NODE,
+    DRIVER_NODE,
+    FOXGLOVE_NODE,
+    GAP_MONITOR_NODE,
+    QUADRUPED_ANKLES,
+    SIM_NODE,
+    VIEWER_NODE,
+)
 from jammkle_graph.namespace import resolved
 from jammkle_sim.robots.options import RobotOptions
 
@@ -134,6 +142,16 @@ VIEWER = NodeEntry(
     follows_simulated_time=False,
 )
 """The page in the browser; looks on as well, and hands on what is clicked."""
+
+FOXGLOVE = NodeEntry(
+    package="jammkle_view",
+    executable="foxglove",
+    name=FOXGLOVE_NODE,
+    parameter_table="jammkle_view.foxglove.parameters:FoxgloveParameters",
+    follows_simulated_time=True,
+    module="jammkle_view.foxglove",
+)
+"""The live connection for the Foxglove app; looks on."""
 
 ParameterValue = bool | int | float | str
 

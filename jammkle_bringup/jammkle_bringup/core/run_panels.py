@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_bringup.core.panels import COLOURS, Bar, Curve, Mark, Panel, RunPicture
 from jammkle_bringup.core.run_samples import MANIFOLD, MOST_CHANGES, RunSamples
-from jammkle_bringup.core.run_series import namespaces_in
+from jammkle_graph.bags.namespaces import namespaces_in
 from jammkle_graph.bags.reading import messages, opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jammkle_graph.bags.namespaces import namespaces_in
 from jammkle_graph.bags.reading import messages, opened
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
@@ -113,22 +114,6 @@ def read_run(path: Path, namespace: str | None = None) -> RunSeries:
             message: Any = reader.deserialize(data, connection.msgtype)
             collector.takers[connection.topic](message, log_time_ns)
         return collector.run((reader.end_time - reader.start_time) / NANOSECONDS_PER_SECOND)
-
-
-def namespaces_in(topics: set[str]) -> tuple[str, ...]:
-    """Return the namespaces in which topics of an ankle stand, sorted."""
-    known = [IMU, JAM_STATE, LOAD_CELL, JOINT_STATES, MANIFOLD_PRESSURE, CONTACT_EVENTS, PUMP_DUTY]
-    known += [*PRESSURES.values(), *SOLENOIDS.values()]
-    return tuple(
-        sorted(
-            {
-                topic[: -len(name.name) - 1] or "/"
-                for topic in topics
-                for name in known
-                if topic.endswith(f"/{name.name}")
-            }
-        )
-    )
 
 
 class _Collector:

@@ -12,7 +12,7 @@ from jammkle_graph.bags.delivered import bag_delivery
 from jammkle_graph.bags.serialisation import Serialiser
 from jammkle_graph.bags.writing import BagLog, TimeSource
 from jammkle_graph.delivery import published
-from jammkle_graph.names import CLOCK, DIAGNOSTICS, ROBOT_TOPICS, SIM_PARAMETERS, TOPICS, below
+from jammkle_graph.names import CLOCK, DIAGNOSTICS, OF_THE_WHOLE, ROBOT_TOPICS, SIM_PARAMETERS, TOPICS, below
 from jammkle_graph.namespace import resolved
 from jammkle_sim.commands.rig_messages import messages
 from jammkle_sim.conversions import OutgoingMessages
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 RESULTS_KEY = "rig_results"
 """Custom data of a bag that holds what the rig itself measured, as JSON."""
 
-_OF_SIMULATION = (SIM_PARAMETERS, DIAGNOSTICS)
+_OF_SIMULATION = (*OF_THE_WHOLE, DIAGNOSTICS)
 """What one simulation says for all of its ankles."""
 
 
@@ -96,7 +96,7 @@ def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitio
 
 def _stream(run: RigRun, ankle: str, namespace: str, *, is_first: bool) -> Iterator[tuple[int, str, Topic, Any]]:
     """Give the messages of one ankle with their full names; of what the one simulation says, only the first's."""
-    for time_ns, topic, message in messages(run, resolved(namespace, ankle).rstrip("/") or "/"):
+    for time_ns, topic, message in messages(run, resolved(namespace, ankle).rstrip("/") or "/", namespace):
         if is_first or topic not in _OF_SIMULATION:
             yield time_ns, _name(topic, ankle, namespace), topic, message
 

@@ -18,8 +18,10 @@ from jammkle_graph.names import (
     LOAD_CELL,
     MANIFOLD_FRAME,
     MANIFOLD_PRESSURE,
+    ODOMETRY,
     PRESSURES,
     PUMP_DUTY,
+    ROBOT_DESCRIPTION,
     SIM_NODE,
     SIM_PARAMETERS,
     SOLENOIDS,
@@ -29,6 +31,7 @@ from jammkle_graph.names import (
     Topic,
 )
 from jammkle_sim.conversions import OutgoingMessages, parameters_message, time_message
+from jammkle_sim.rigs.base import BaseSample
 from jammkle_sim.rigs.readout import ImuSample, TendonSample
 from jammkle_sim.robots.foot_truth import FootTruth
 
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
 
 Bool = message_class("std_msgs/msg/Bool")
 Float32 = message_class("std_msgs/msg/Float32")
+String = message_class("std_msgs/msg/String")
 
 _HARDWARE_ID = "jammkle_sim"
 _DIAGNOSTICS_PERIOD_S = 1.0
@@ -47,7 +51,7 @@ Timed = tuple[int, int, Topic, Callable[[], Any]]
 """Time, ns since the start of the rig; rank of the topic among those of one time; topic; what makes the message."""
 
 
-def messages(run: RigRun, namespace: str) -> Iterator[tuple[int, Topic, Any]]:
+def messages(run: RigRun, namespace: str, robot_namespace: str = "") -> Iterator[tuple[int, Topic, Any]]:
     """Give every message of a run in the order of time, sensors before commands, without /clock.
 
     A message may be filled anew for the next one: it must be used before the next is asked for.
@@ -55,6 +59,7 @@ def messages(run: RigRun, namespace: str) -> Iterator[tuple[int, Topic, Any]]:
     Args:
         run: The run.
         namespace: Normalised namespace of the ankle, for the name that diagnostics carry.
+        robot_namespace: That of its robot, if it is another.
 
     Yields:
         Time, ns since the start of the rig; topic; message.
@@ -65,12 +70,13 @@ def messages(run: RigRun, namespace: str) -> Iterator[tuple[int, Topic, Any]]:
     """
     present = {name.partition(".")[0] for name in _columns(run, TENDON_STATES)}
     tendons = tuple(tendon for tendon in TENDONS if tendon in present)
-    outgoing = OutgoingMessages(tendons, namespace)
+    outgoing, whole = OutgoingMessages(tendons, namespace), OutgoingMessages((), robot_namespace or namespace)
     makers: list[tuple[Topic, Callable[[int, dict[str, float]], Any]]] = [
         (IMU, lambda time_ns, row: outgoing.imu(time_ns, _imu(row))),
         (JOINT_STATES, lambda time_ns, row: outgoing.joint_states(time_ns, *_joints(row))),
         (TENDON_STATES, lambda time_ns, row: outgoing.tendon_states(time_ns, _tendons(row, tendons))),
         (TRUE_CONTACT, lambda time_ns, row: outgoing.true_contact(time_ns, _truth(row))),
+        (ODOMETRY, lambda time_ns, row: whole.odometry(time_ns, BaseSample(*_base(row)))),
         (LOAD_CELL, lambda time_ns, row: outgoing.wrench(time_ns, _vector(row, "force_{}_n"))),
         *(
             (topic, lambda time_ns, row, place=place: outgoing.pressure(time_ns, row["fluid_pressure_pa"], place))
@@ -99,6 +105,8 @@ def _stream(series: Series, rank: int, topic: Topic, make: Callable[[int, dict[s
 
 def _parameters(run: RigRun) -> Iterator[Timed]:
     yield 0, 0, SIM_PARAMETERS, lambda: parameters_message(run.description)
+    if run.robot_description:
+        yield 0, 0, ROBOT_DESCRIPTION, lambda: String(data=run.robot_description)
 
 
 def _diagnostics(run: RigRun, namespace: str, rank: int) -> Iterator[Timed]:
@@ -142,6 +150,11 @@ def _imu(row: dict[str, float]) -> ImuSample:
 
 def _truth(row: dict[str, float]) -> FootTruth:
     return FootTruth(row["stands"] > 0.0, row["normal_force_n"], row["sliding_speed_m_s"], row["sliding_distance_m"])
+
+
+def _base(row: dict[str, float]) -> tuple[Any, Any, Any, Any]:
+    turn = tuple(row[f"orientation_{axis}"] for axis in "wxyz")
+    return _vector(row, "position_{}_m"), turn, _vector(row, "linear_{}_m_s"), _vector(row, "angular_{}_rad_s")
 
 
 def _vector(row: dict[str, float], pattern: str) -> tuple[float, float, float]:

@@ -47,7 +47,7 @@ def robot(request: RobotRequest) -> int:
     results.check_writable(request.json)
     check_free(request.bag)
     with progress_bar(f"robot {request.robot}") as show:
-        runs = _run(request, lambda share: show(_RUN_SHARE * share, ""), StopRequest())
+        runs = _run(request, lambda share: show(_RUN_SHARE * share, ""), StopRequest(), namespace)
         # as on the graph: a single ankle is in the robot's own namespace, several are below it
         placed = runs if len(runs) > 1 else {"": next(iter(runs.values()))}
         try:
@@ -63,12 +63,14 @@ def robot(request: RobotRequest) -> int:
     return 0
 
 
-def _run(request: RobotRequest, on_progress: Callable[[float], None], stop: Callable[[], bool]) -> dict[str, RigRun]:
+def _run(
+    request: RobotRequest, on_progress: Callable[[float], None], stop: Callable[[], bool], namespace: str
+) -> dict[str, RigRun]:
     try:
         simulation = robot_simulation(request.robot, request.options)
         for view in simulation.ankles.values():
             view.hold_vacuum(dict.fromkeys(CHANNELS, request.vacuum_pa))
-        return record(simulation, request.duration_s, request.imu_rate_hz, on_progress, stop)
+        return record(simulation, request.duration_s, request.imu_rate_hz, on_progress, stop, namespace)
     except ParameterError as error:
         raise InputError(as_typed(str(error))) from error
     except ValueError as error:

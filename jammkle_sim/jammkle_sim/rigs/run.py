@@ -98,6 +98,8 @@ class RigRun:
     """Tendons that tore."""
     clipped: tuple[str, ...]
     """What read the end of its range, as a plain phrase with the range: figures taken from it are too small."""
+    robot_description: str = ""
+    """URDF, of a robot."""
 
 
 def steps_per_row(timestep_s: float) -> int:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import CHANNELS
+from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.sensors import Noise
 from jammkle_sim.rigs.assembly import assembled, pose
+from jammkle_sim.rigs.base import base_sample
 from jammkle_sim.rigs.options import changed_text
 from jammkle_sim.rigs.readout import channel_index, check_duty, imu_sample, tendon_samples
 from jammkle_sim.rigs.rig import GROUND
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_sim.rigs.base import BaseSample
     from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.rigs.rig import Rig
 
@@ -195,6 +197,10 @@ class Simulation:
     def tendons(self) -> tuple[TendonSample, ...]:
         """Every tendon, in the order of the rig: TENDONS, where it has a whole ankle."""
         return tendon_samples(self._rig.tendon_names, self._states)
+
+    def base(self) -> BaseSample:
+        """Where the carriage is, on which the ankle's mount is fixed: the truth."""
+        return base_sample(self._model, self._data, int(self._model.jnt_bodyid[self._model.joint(CARRIAGE_JOINT).id]))
 
     def joint_position(self, name: str) -> float:
         """Position of any joint with one degree of freedom, rad or m.

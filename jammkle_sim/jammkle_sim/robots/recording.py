@@ -13,10 +13,12 @@ from jammkle_sim.rigs.recording import (
     Series,
 )
 from jammkle_sim.rigs.run import RigCancelledError, RigRun
+from jammkle_sim.robots.urdf import robot_urdf
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from jammkle_sim.rigs.base import BaseSample
     from jammkle_sim.robots.ankle_view import AnkleSample, AnkleView
     from jammkle_sim.robots.simulation import RobotSimulation
 
@@ -24,6 +26,13 @@ PRESSURE_RATE_HZ = 100
 """Rate of every pressure, Hz, as on the graph."""
 TRUTH_COLUMNS = ("stands", "normal_force_n", "sliding_speed_m_s", "sliding_distance_m")
 """Of the true contact: fields of its message."""
+BASE_COLUMNS = (
+    *(f"position_{axis}_m" for axis in "xyz"),
+    *(f"orientation_{axis}" for axis in "wxyz"),
+    *(f"linear_{axis}_m_s" for axis in "xyz"),
+    *(f"angular_{axis}_rad_s" for axis in "xyz"),
+)
+"""Of the odometry: numbers of a BaseSample."""
 _LOOKS_PER_S = 10
 
 
@@ -39,11 +48,12 @@ class AnkleRecorder:
             topic.name: [] for topic in (names.IMU, names.JOINT_STATES, names.TENDON_STATES, names.TRUE_CONTACT)
         }
         self._pressures_pa: list[list[float]] = []
+        self._bases: list[list[float]] = []
         self._changes: dict[str, list[tuple[float, float]]] = {}
         self._joints: tuple[str, ...] = ()
         self._tendons: tuple[str, ...] = ()
 
-    def note(self, time_s: float, sample: AnkleSample, *, with_pressures: bool) -> None:
+    def note(self, time_s: float, sample: AnkleSample, base: BaseSample, *, with_pressures: bool) -> None:
         """Keep a sample, and what pump and solenoids are told, where that is new."""
         self._time_s.append(time_s)
         self._joints = tuple(sample.positions)
@@ -65,6 +75,7 @@ class AnkleRecorder:
         if with_pressures:
             self._pressure_time_s.append(time_s)
             self._pressures_pa.append([sample.manifold_pressure_pa, *sample.channel_pressures_pa.values()])
+            self._bases.append([*base.position_m, *base.rotation, *base.linear_m_s, *base.angular_rad_s])
         told = {names.PUMP_DUTY.name: self._view.pump_duty}
         told |= {
             names.SOLENOIDS[channel].name: float(energised)
@@ -75,7 +86,7 @@ class AnkleRecorder:
             if not kept or kept[-1][1] != value:
                 kept.append((time_s, value))
 
-    def run(self, robot: str, options: Any, description: dict[str, object]) -> RigRun:
+    def run(self, robot: str, options: Any, description: dict[str, object], urdf: str) -> RigRun:
         """Return what was kept, with the figures that it makes."""
         columns = {
             names.IMU.name: IMU_COLUMNS,
@@ -90,11 +101,12 @@ class AnkleRecorder:
         pressures_pa, pressure_time_s = np.array(self._pressures_pa), np.array(self._pressure_time_s)
         for i, topic in enumerate((names.MANIFOLD_PRESSURE, *names.PRESSURES.values())):
             topics[topic.name] = Series(("fluid_pressure_pa",), pressure_time_s, pressures_pa[:, i : i + 1])
+        topics[names.ODOMETRY.name] = Series(BASE_COLUMNS, pressure_time_s, np.array(self._bases))
         for name, changes in self._changes.items():
             table = np.array(changes)
             topics[name] = Series(("data",), table[:, 0], table[:, 1:])
         broken = tuple(tendon.name for tendon in self._view.tendons() if tendon.broken)
-        return RigRun(robot, options, topics, description, _figures(topics), broken, ())
+        return RigRun(robot, options, topics, description, _figures(topics), broken, (), urdf)
 
 
 def record(
@@ -103,6 +115,7 @@ def record(
     rate_hz: int,
     on_progress: Callable[[float], None],
     cancelled: Callable[[], bool],
+    namespace: str = "/",
 ) -> dict[str, RigRun]:
     """Go on for a time, and return what every ankle measured, by its name.
 
@@ -112,6 +125,7 @@ def record(
         rate_hz: Rate of IMU, joints, tendons and the truth; a multiple of 100 that divides the step rate.
         on_progress: Called with the share done, 0 to 1.
         cancelled: Asked as often; true ends the run.
+        namespace: Normalised ROS namespace of the robot, for the frames of its description.
 
     Raises:
         ValueError: the rate does not fit.
@@ -126,14 +140,14 @@ def record(
     for index, sample in enumerate(simulation.samples(duration_s, rate_hz), start=1):
         with_pressures = index % (rate_hz // PRESSURE_RATE_HZ) == 0
         for name, recorder in recorders.items():
-            recorder.note(sample.time_s, sample.ankles[name], with_pressures=with_pressures)
+            recorder.note(sample.time_s, sample.ankles[name], sample.base, with_pressures=with_pressures)
         if index % (rate_hz // _LOOKS_PER_S) == 0:
             on_progress(sample.time_s / duration_s)
             if cancelled():
                 msg = f"robot '{simulation.robot.name}' was cancelled after {sample.time_s:g} s of {duration_s:g} s"
                 raise RigCancelledError(msg)
-    robot, description = simulation.robot, simulation.description()
-    return {name: recorder.run(robot.name, robot.options, description) for name, recorder in recorders.items()}
+    robot, description, urdf = simulation.robot, simulation.description(), robot_urdf(simulation.robot, namespace)
+    return {name: recorder.run(robot.name, robot.options, description, urdf) for name, recorder in recorders.items()}
 
 
 def _figures(topics: dict[str, Series]) -> dict[str, float]:

@@ -29,6 +29,7 @@ from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
 from jammkle_sim.physics.sensors import Noise, imu_law
 from jammkle_sim.physics.tendon import relaxed_state
 from jammkle_sim.rigs.assembly import imu_at_rest
+from jammkle_sim.rigs.base import BaseSample, base_sample
 from jammkle_sim.rigs.model import ankle_laws
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.ankle_view import AnkleSample, AnkleView
@@ -65,6 +66,8 @@ class RobotSample:
     """Angle between the base's z axis and straight up. Truth."""
     base_velocity_m_s: tuple[float, float, float]
     """Of the base, in the world. Truth."""
+    base: BaseSample
+    """All of the body that carries the robot. Truth."""
 
 
 class RobotSimulation:
@@ -179,7 +182,12 @@ class RobotSimulation:
             (position[0], position[1], position[2]),
             float(np.arccos(np.clip(upright, -1.0, 1.0))),
             (float(velocity[3]), float(velocity[4]), float(velocity[5])),
+            self.base(),
         )
+
+    def base(self) -> BaseSample:
+        """Where the body that carries the robot is, and how it moves: the truth."""
+        return base_sample(self._model, self.data, int(self._model.body_rootid[self._base.id]))
 
     def reset(self) -> None:
         """Start the robot again, with the same noise; the time goes on."""

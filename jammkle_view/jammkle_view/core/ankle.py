@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_graph import names
 from jammkle_view.core.samples import (
+    Base,
     ChannelState,
     Description,
     Event,
@@ -43,6 +44,8 @@ class Ankle:
         self.time_s = math.nan
         """Latest stamp of a measurement, s."""
         self.joints: dict[str, float] = {}
+        self.base: Base | None = None
+        """Where the robot is, if somebody tells."""
         self.tensions_n: dict[str, float] = {}
         self.broken: frozenset[str] = frozenset()
         self.channels: dict[str, Channel] = {}
@@ -70,6 +73,8 @@ class Ankle:
             case Imu():
                 self._measured_at(sample.time_s)
                 self.forces_m_s2.append(sample.time_s, sample.specific_force_m_s2)
+            case Base():
+                self.base = sample
             case JamReport():
                 self.channels, self.emergency_stopped = dict(sample.channels), sample.emergency_stopped
             case Event():

@@ -41,7 +41,7 @@ _RAIL_BEHIND_M, _RAIL_SIDE_M = 0.11, 0.045
 _RAIL_DOWN_M, _RAIL_UP_M = 0.16, 0.14
 """How far the rails reach from where the carriage starts, m."""
 _GROUND_HALF_M = (0.18, 0.12, 0.006)
-_FLOOR_HALF_M = (0.55, 0.4)
+FLOOR_HALF_M = (0.55, 0.4)
 """Of the ground that a robot without a rig stands on."""
 _GROUND_KINDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 _FOOT_SPHERES = 3
@@ -94,7 +94,7 @@ def _grounds(model: Any) -> Iterator[Solid]:
     """Give the planes, as far as a robot reaches."""
     half_m = np.array(_GROUND_HALF_M)
     if not any(model.joint(index).name == CARRIAGE_JOINT for index in range(model.njnt)):
-        half_m[:2] = _FLOOR_HALF_M
+        half_m[:2] = FLOOR_HALF_M
     for index in range(model.ngeom):
         if int(model.geom_type[index]) in _GROUND_KINDS:
             slab = creation.box(extents=2.0 * half_m)

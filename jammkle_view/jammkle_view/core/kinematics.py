@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_view.core.samples import Base
+
+_BASE = 1
+"""Body that carries a robot: the first after the world."""
 _GROUNDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 _BALL = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 _FOOT_BALLS = 4
@@ -71,13 +75,54 @@ class Kinematics:
         self._ends = [end for _, _, end in pairs]
         self.move({})
 
-    def move(self, positions: Mapping[str, float]) -> None:
-        """Put joints where they are, rad or m, by name; those that the model does not have are passed over."""
+    def move(self, positions: Mapping[str, float], base: Base | None = None) -> None:
+        """Put joints where they are.
+
+        Args:
+            positions: By name, rad or m; those that the model does not have are passed over.
+            base: Where the body that carries the robot is; None: where the model has it.
+
+        """
         for name, value in positions.items():
             address = self._address.get(name)
             if address is not None:
                 self._data.qpos[address] = value
         mujoco.mj_kinematics(self._model, self._data)
+        self._turn, self._matrix, self._shift_m = np.array((1.0, 0.0, 0.0, 0.0)), np.eye(3), np.zeros(3)
+        if base is not None:
+            back, matrix = np.zeros(4), np.zeros(9)
+            mujoco.mju_negQuat(back, self._data.xquat[_BASE])
+            mujoco.mju_mulQuat(self._turn, np.array(base.rotation), back)
+            mujoco.mju_normalize4(self._turn)
+            mujoco.mju_quat2Mat(matrix, self._turn)
+            self._matrix = matrix.reshape(3, 3)
+            self._shift_m = np.array(base.position_m) - self._matrix @ self._data.xpos[_BASE]
+
+    @property
+    def travel_m(self) -> NDArray[np.float64]:
+        """Way along the ground to below the base from below where the model has its origin, m."""
+        x, y, _ = self._placed(self._data.xpos[_BASE])
+        nx, ny, nz = self.ground_matrix[:, 2]
+        return np.array((x, y, -(nx * x + ny * y) / nz))
+
+    @property
+    def ground_matrix(self) -> NDArray[np.float64]:
+        """Axes of the ground as columns: along it, to the left, up from it; level where there is none."""
+        if self._ground is None:
+            return np.eye(3)
+        found: NDArray[np.float64] = self._data.geom_xmat[self._ground].reshape(3, 3)
+        return found
+
+    @property
+    def ground_rotation(self) -> NDArray[np.float64]:
+        """The same as a quaternion (w, x, y, z)."""
+        turn = np.zeros(4)
+        mujoco.mju_mat2Quat(turn, self.ground_matrix.ravel())
+        return turn
+
+    def _placed(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        found: NDArray[np.float64] = points_m @ self._matrix.T + self._shift_m
+        return found
 
     @property
     def clearance_m(self) -> float:
@@ -87,26 +132,27 @@ class Kinematics:
         """
         if self._ground is None or not self._corners:
             return 0.0
-        normal = self._data.geom_xmat[self._ground].reshape(3, 3)[:, 2]
-        above_m = (self._data.geom_xpos[self._corners] - self._data.geom_xpos[self._ground]) @ normal
+        normal = self.ground_matrix[:, 2]
+        above_m = (self._placed(self._data.geom_xpos[self._corners]) - self._data.geom_xpos[self._ground]) @ normal
         return float((above_m - self._model.geom_size[self._corners, 0]).min() / normal[2])
 
     @property
     def positions_m(self) -> NDArray[np.float64]:
         """Origin of each body, shape (bodies, 3), m."""
-        found: NDArray[np.float64] = self._data.xpos[1:]
-        return found
+        return self._placed(self._data.xpos[1:])
 
     @property
     def rotations(self) -> NDArray[np.float64]:
         """Orientation of each body as a quaternion (w, x, y, z), shape (bodies, 4)."""
-        found: NDArray[np.float64] = self._data.xquat[1:]
+        w, x, y, z = self._turn
+        left = np.array(((w, -x, -y, -z), (x, w, -z, y), (y, z, w, -x), (z, -y, x, w)))  # quaternions multiply so
+        found: NDArray[np.float64] = self._data.xquat[1:] @ left.T
         return found
 
     @property
     def segment_ends_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Begin and end of each straight piece of a tendon, each of shape (segments, 3), m."""
-        return self._data.site_xpos[self._begins], self._data.site_xpos[self._ends]
+        return self._placed(self._data.site_xpos[self._begins]), self._placed(self._data.site_xpos[self._ends])
 
 
 def along(

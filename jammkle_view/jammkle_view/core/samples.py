@@ -66,6 +66,15 @@ class Imu:
 
 
 @dataclass(frozen=True)
+class Base:
+    """Where the body that carries a robot is, m, and how it is turned, as a quaternion (w, x, y, z)."""
+
+    time_s: float
+    position_m: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
 class Channel:
     """What the driver says of one channel. Vacuums are gauge, Pa; NaN: not measured."""
 
@@ -102,5 +111,5 @@ class Description:
     text: str
 
 
-Sample = Joints | Tendons | Pressure | Imu | JamReport | Event | Description
+Sample = Joints | Tendons | Pressure | Imu | Base | JamReport | Event | Description
 """Anything that the page takes."""

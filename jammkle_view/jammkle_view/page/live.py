@@ -144,7 +144,7 @@ class LivePage:
                     tension_n, broken = ankle.tensions_n.get(told, 0.0), told in ankle.broken
                     tints[naming.tendon(told)] = tendon_tint(ankle.state_of(told), tension_n, broken=broken)
                     shares[naming.tendon(told)] = ankle.vacuum_share(told)
-            drawn.scene.show(positions, tints, shares)
+            drawn.scene.show(positions, tints, shares, next(iter(ankles.values())).base)
 
     def _build(self, descriptions: Mapping[str, str]) -> None:
         """Draw all robots anew, as a simulation now says that it is something else."""

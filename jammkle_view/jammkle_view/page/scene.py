@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_view.core.figure import WORLD, fibre_bundle, figure_of
+from jammkle_view.core.figure import FLOOR_HALF_M, WORLD, fibre_bundle, figure_of
 from jammkle_view.core.kinematics import Kinematics, along
 
 if TYPE_CHECKING:
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     import viser
 
+    from jammkle_view.core.samples import Base
     from jammkle_view.core.tints import Rgb
 
 TENDON_RADIUS_M = 0.0055
@@ -21,6 +22,8 @@ TENDON_RADIUS_M = 0.0055
 SHRUNK = 0.2
 """Share of it by which a whole atmosphere would press the bundle together. Assumed, to be seen."""
 _GHOST_OPACITY = 0.3
+_CELL_M, _ABOVE_M = 0.1, 0.001
+"""Width of the squares on the ground of a robot that moves, and how far above it they are drawn."""
 
 
 class RobotScene:
@@ -35,17 +38,33 @@ class RobotScene:
             server: Of the page.
             root: Name in the scene that everything hangs below.
             model: The mujoco.MjModel.
-            floats: Whether nobody tells where it is: it is then put onto the ground.
+            floats: Whether its joints do not tell where it is. Until somebody else does it is put onto the ground; then
+                it stays in sight, and the ground passes under it.
             ghost: Its one colour, if it is to be seen through; the world around it is then left out.
 
         """
         self._kinematics = Kinematics(model)
         self._root = server.scene.add_frame(root, show_axes=False)
         self._bodies: dict[str, viser.FrameHandle] = {}
+        self._floats = floats
+        self._place_m = np.zeros(3)
+        self._ground: viser.FrameHandle | None = None
+        self._grid: viser.GridHandle | None = None
+        if floats:
+            self._ground = server.scene.add_frame(f"{root}/ground", show_axes=False)
+            self._grid = server.scene.add_grid(
+                f"{root}/grid",
+                width=2.0 * FLOOR_HALF_M[0],
+                height=2.0 * FLOOR_HALF_M[1],
+                cell_size=_CELL_M,
+                section_size=_CELL_M,
+                wxyz=self._kinematics.ground_rotation,
+                shadow_opacity=0.0,
+            )
         for solid in figure_of(model):
             if solid.body == WORLD and ghost is not None:
                 continue
-            parent = root
+            parent = f"{root}/ground" if floats else root
             if solid.body != WORLD:
                 parent = f"{root}/{solid.body}"
                 if solid.body not in self._bodies:
@@ -77,7 +96,6 @@ class RobotScene:
                 lod="off",
             )
         self._ghost = ghost
-        self._floats = floats
         self.show({}, {}, {})
 
     @property
@@ -87,8 +105,9 @@ class RobotScene:
 
     @property
     def centre_m(self) -> Sequence[float]:
-        """Middle of the bodies, m."""
-        found: list[float] = self._kinematics.positions_m.mean(axis=0).tolist()
+        """Middle of the bodies as they are seen, m."""
+        middle_m = self._kinematics.positions_m.mean(axis=0) - (self._kinematics.travel_m if self._floats else 0.0)
+        found: list[float] = middle_m.tolist()
         return found
 
     @property
@@ -98,6 +117,7 @@ class RobotScene:
 
     def put(self, place_m: tuple[float, float, float]) -> None:
         """Draw all of it elsewhere, m."""
+        self._place_m = np.array(place_m)
         self._root.position = place_m
 
     def remove(self) -> None:
@@ -109,7 +129,11 @@ class RobotScene:
         self._root.visible = visible
 
     def show(
-        self, positions: Mapping[str, float], tints: Mapping[str, Rgb], vacuum_shares: Mapping[str, float]
+        self,
+        positions: Mapping[str, float],
+        tints: Mapping[str, Rgb],
+        vacuum_shares: Mapping[str, float],
+        base: Base | None = None,
     ) -> None:
         """Move it.
 
@@ -117,10 +141,18 @@ class RobotScene:
             positions: Of joints by name, rad or m; a joint that is not named stays.
             tints: Colour by tendon; a ghost keeps its own.
             vacuum_shares: How far each tendon is evacuated, 0 to 1, by name.
+            base: Where it is, if that is known and its joints do not tell.
 
         """
-        self._kinematics.move(positions)
-        sunk_m = np.array((0.0, 0.0, -self._kinematics.clearance_m if self._floats else 0.0))
+        self._kinematics.move(positions, base if self._floats else None)
+        sunk_m = np.zeros(3)
+        if self._floats and base is None:
+            sunk_m[2] = -self._kinematics.clearance_m
+        if self._ground is not None and self._grid is not None:
+            travel_m, axes = self._kinematics.travel_m, self._kinematics.ground_matrix
+            self._root.position = self._place_m - travel_m
+            self._ground.position = travel_m
+            self._grid.position = axes @ (_CELL_M * np.round(travel_m @ axes / _CELL_M) + (0.0, 0.0, _ABOVE_M))
         positions_m, rotations = self._kinematics.positions_m + sunk_m, self._kinematics.rotations
         for name, frame in self._bodies.items():
             place = self._places[name]

@@ -53,7 +53,9 @@ class PlaybackPage:
         model = setting.model
         if overlay is not None and not recorded.description:
             model = overlay.runs[0].model
-        self._naming = setting.ankles.get(recorded.namespace.strip("/"), next(iter(setting.ankles.values())))
+        self._namings = setting.ankles
+        ankle = recorded.namespace.rpartition("/")[2]
+        self._naming = setting.ankles.get(ankle, next(iter(setting.ankles.values())))
         self._robot = RobotScene(server, "/recorded", model, floats=setting.floats)
         self._ghost = None
         if overlay is not None:
@@ -165,8 +167,11 @@ class PlaybackPage:
             broken = self._recorded.broken.get(told, math.inf) <= time_s
             tints[tendon] = tendon_tint(state, tensions_n.get(told, 0.0), broken=broken)
             shares[tendon] = share
-        joints = self._recorded.joints.at(time_s)
-        self._robot.show({self._naming.joint(told): value for told, value in joints.items()}, tints, shares)
+        moved = {self._naming.joint(told): value for told, value in self._recorded.joints.at(time_s).items()}
+        for ankle, track in self._recorded.others.items():
+            if ankle in self._namings:
+                moved |= {self._namings[ankle].joint(told): value for told, value in track.at(time_s).items()}
+        self._robot.show(moved, tints, shares, self._recorded.base_at(time_s))
 
     def _vacuum_share(self, channel: str, time_s: float) -> float:
         topic = names.PRESSURES[channel].name if channel in names.PRESSURES else ""

@@ -5,18 +5,20 @@ from __future__ import annotations
 import bisect
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_graph import names
 from jammkle_graph.bags.namespaces import namespaces_in
 from jammkle_graph.bags.reading import messages, opened
 from jammkle_graph.command.errors import InputError
 from jammkle_view.conversions import TAKERS
-from jammkle_view.core.samples import Description, Event, Imu, JamReport, Joints, Pressure, Tendons
+from jammkle_view.core.samples import Base, Description, Event, Imu, JamReport, Joints, Pressure, Tendons
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -60,6 +62,10 @@ class Recorded:
     """First stamp of a measurement, s."""
     duration_s: float
     joints: Track
+    base: Track
+    """Of the whole robot: columns x, y, z, m, and the quaternion qw, qx, qy, qz; empty where nobody told."""
+    others: Mapping[str, Track]
+    """Joints of the robot's other ankles, by their names below its namespace."""
     tensions_n: Track
     pressures_pa: Mapping[str, Track]
     """By topic; each track has one column of the same name."""
@@ -70,6 +76,14 @@ class Recorded:
     reports: Sequence[JamReport]
     events: Sequence[Event]
     description: str
+
+    def base_at(self, time_s: float) -> Base | None:
+        """Return where the robot was at a time, s; None where nobody told."""
+        at = self.base.at(time_s)
+        if not at:
+            return None
+        turn = (at["qw"], at["qx"], at["qy"], at["qz"])
+        return Base(time_s, (at["x"], at["y"], at["z"]), turn)
 
     def report_at(self, time_s: float) -> JamReport | None:
         """Return what the driver said last before a time, s."""
@@ -91,12 +105,13 @@ def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[floa
     """
     heard = _Heard()
     with opened(path) as reader:
-        chosen = _chosen(path, namespaces_in(reader.topics), namespace)
-        takers = {f"{chosen.rstrip('/')}/{name}": take for name, take in TAKERS.items()}
+        found = namespaces_in(reader.topics)
+        chosen = _chosen(path, found, namespace)
+        takers = _takers(heard, chosen, found, set(reader.topics))
         wanted = [each for each in reader.connections if each.topic in takers]
         total = max(sum(each.msgcount for each in wanted), 1)
         for count, (connection, _, data) in enumerate(messages(reader, path, wanted) if wanted else ()):
-            heard.take(takers[connection.topic](reader.deserialize(data, connection.msgtype)))
+            takers[connection.topic](reader.deserialize(data, connection.msgtype))
             if count % 1000 == 0:
                 on_progress(count / total)
     return heard.recorded(path.name, chosen)
@@ -114,11 +129,39 @@ def _chosen(path: Path, found: Sequence[str], namespace: str | None) -> str:
     return str(namespace)
 
 
+def _takers(
+    heard: _Heard, chosen: str, found: Sequence[str], present: Collection[str]
+) -> dict[str, Callable[[Any], None]]:
+    """Return what takes the messages of each topic: the ankle's own, its robot's, and the joints of its others."""
+    above = chosen.rpartition("/")[0]
+    takers: dict[str, Callable[[Any], None]] = {}
+    for other in found:
+        parent, _, ankle = other.rpartition("/")
+        if parent == above and ankle and other != chosen:
+            takers[f"{other}/{names.JOINT_STATES.name}"] = partial(heard.take_other, ankle)
+    own = chosen.rstrip("/")
+    of_ankle = {f"{own}/{name}": take for name, take in TAKERS.items()}
+    of_robot = {
+        f"{above}/{topic.name}": TAKERS[topic.name]
+        for topic in names.OF_THE_WHOLE
+        if topic.name in TAKERS and f"{own}/{topic.name}" not in present
+    }
+    for topic, take in {**of_robot, **of_ankle}.items():
+        takers[topic] = partial(_take, heard, take)
+    return takers
+
+
+def _take(heard: _Heard, made: Callable[[Any], Sample], message: Any) -> None:
+    heard.take(made(message))
+
+
 class _Heard:
     """Collects samples."""
 
     def __init__(self) -> None:
         self._joints: list[tuple[float, Mapping[str, float]]] = []
+        self._others: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
+        self._base: list[tuple[float, Mapping[str, float]]] = []
         self._tensions_n: list[tuple[float, Mapping[str, float]]] = []
         self._forces_m_s2: list[tuple[float, Mapping[str, float]]] = []
         self._pressures_pa: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
@@ -127,8 +170,17 @@ class _Heard:
         self._events: list[Event] = []
         self._description = ""
 
+    def take_other(self, ankle: str, message: Any) -> None:
+        """Take joints of another ankle of the robot."""
+        sample = TAKERS[names.JOINT_STATES.name](message)
+        if isinstance(sample, Joints):
+            self._others.setdefault(ankle, []).append((sample.time_s, sample.positions))
+
     def take(self, sample: Sample) -> None:
+        """Take a sample of the ankle, or of its robot."""
         match sample:
+            case Base():
+                self._base.append((sample.time_s, _base_row(sample, self._base[-1][1] if self._base else None)))
             case Joints():
                 self._joints.append((sample.time_s, sample.positions))
             case Tendons():
@@ -167,6 +219,8 @@ class _Heard:
             start_s=start_s,
             duration_s=max(max(times_s) - start_s, _SHORTEST_S),
             joints=_track(self._joints, start_s),
+            base=_track(self._base, start_s),
+            others={ankle: _track(rows, start_s) for ankle, rows in self._others.items()},
             tensions_n=_track(self._tensions_n, start_s),
             pressures_pa={topic: _track(rows, start_s) for topic, rows in self._pressures_pa.items()},
             forces_m_s2=_track(self._forces_m_s2, start_s),
@@ -179,6 +233,14 @@ class _Heard:
             ),
             description=self._description,
         )
+
+
+def _base_row(base: Base, before: Mapping[str, float] | None) -> dict[str, float]:
+    """Return a row of the track; of the two quaternions of a turn the one that is next to the row before."""
+    turn = dict(zip(("qw", "qx", "qy", "qz"), base.rotation, strict=True))
+    if before is not None and sum(before[name] * value for name, value in turn.items()) < 0.0:
+        turn = {name: -value for name, value in turn.items()}
+    return {**dict(zip("xyz", base.position_m, strict=True)), **turn}
 
 
 def _time_s(sample: JamReport | Event) -> float:

@@ -1,0 +1,102 @@
+"""`jammkle up --foxglove`: an app that knows the protocol gets the topics that it asks for, and changes nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import struct
+import time
+from typing import TYPE_CHECKING, Any
+
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu
+from std_msgs.msg import String
+from websockets.sync.client import ClientConnection, connect
+
+from browser import wait_until
+from jammkle_graph.names import IMU, JAM_STATE, ROBOT_DESCRIPTION
+from jammkle_msgs.msg import JamState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from graph import Up
+
+PROTOCOL = "foxglove.sdk.v1"
+MESSAGE = 1
+"""First byte of a binary frame that holds a message; then its subscription, uint32, and its time, uint64 ns."""
+TIMEOUT_S = 60.0
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return int(taken.getsockname()[1])
+
+
+class App:
+    """As much of the app as it takes to look on."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self.connection = connection
+        self.channels: dict[str, dict[str, Any]] = {}
+        self.messages: dict[int, list[tuple[int, bytes]]] = {}
+        self.told: list[dict[str, Any]] = []
+
+    def listen_until(self, holds: Callable[[], bool], what: str) -> None:
+        end_s = time.monotonic() + TIMEOUT_S
+        while not holds():
+            assert time.monotonic() < end_s, f"gave up waiting until {what}; channels: {sorted(self.channels)}"
+            try:
+                frame = self.connection.recv(timeout=0.5)
+            except TimeoutError:
+                continue
+            if isinstance(frame, str):
+                said = json.loads(frame)
+                self.told.append(said)
+                for channel in said.get("channels", ()):
+                    self.channels[channel["topic"]] = channel
+            elif frame[0] == MESSAGE:
+                subscription, time_ns = struct.unpack_from("<IQ", frame, 1)
+                self.messages.setdefault(subscription, []).append((time_ns, frame[13:]))
+
+    def subscribe(self, number: int, topic: str) -> None:
+        self.listen_until(lambda: topic in self.channels, f"{topic} is offered")
+        wish = {"op": "subscribe", "subscriptions": [{"id": number, "channelId": self.channels[topic]["id"]}]}
+        self.connection.send(json.dumps(wish))
+
+
+def test_the_app_gets_the_topics_it_looks_at(start: Callable[..., Up], tmp_path: Path) -> None:
+    """Messages come as they were sent, in the time of the graph; latched ones reach whoever comes late."""
+    (tmp_path / "manual.yaml").write_text("/**/controller: {ros__parameters: {auto_at_start: false}}\n")
+    port = str(free_port())
+    up = start("up", "--foxglove", "--foxglove-port", port, "--params", str(tmp_path / "manual.yaml"))
+    address = wait_until(lambda: re.findall(r"Foxglove: (ws://localhost:\d+)", up.text()), "it listens", up.text)[0]
+    assert address.endswith(port)
+    wait_until(lambda: "jammkle: up" in up.text(), "the graph is up", up.text)
+    for _ in range(2):  # the second one joins after all that is latched was sent to the first
+        with connect(address, subprotocols=[PROTOCOL]) as connection:
+            app = App(connection)
+            for number, topic in enumerate((JAM_STATE, ROBOT_DESCRIPTION, IMU), start=1):
+                app.subscribe(number, f"/{topic.name}")
+                assert app.channels[f"/{topic.name}"]["schemaName"] == topic.message_type
+                assert app.channels[f"/{topic.name}"]["encoding"] == "cdr"
+            app.listen_until(lambda: {1, 2, 3} <= set(app.messages), "every topic was heard")  # noqa: B023
+            app.listen_until(lambda: len(app.messages[3]) > 100, "the IMU streams")  # noqa: B023
+            state = deserialize_message(app.messages[1][0][1], JamState)
+            assert [each.channel for each in state.channels] == ["peroneal_left", "peroneal_right", "achilles"]
+            assert "<robot" in deserialize_message(app.messages[2][0][1], String).data
+            time_ns, data = app.messages[3][-1]
+            stamp = deserialize_message(data, Imu).header.stamp
+            assert abs(time_ns - (stamp.sec * 10**9 + stamp.nanosec)) < 10**9  # the graph's time, not this machine's
+            (info,) = [said for said in app.told if said["op"] == "serverInfo"]
+            assert set(info["capabilities"]) == {"time"}  # nothing that would let it publish or call
+    assert up.stop() == 0, up.text()
+
+
+def test_what_cannot_be_is_refused_in_a_line(start: Callable[..., Up]) -> None:
+    """A port without the connection, and one that is taken."""
+    refused = start("up", "--foxglove-port", "9999")
+    assert refused.wait() == 2
+    assert "--foxglove-port 9999 needs --foxglove" in refused.text()
