@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import subprocess
 import sys
@@ -10,9 +11,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
+from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
 from graph import Probe, environment
@@ -28,6 +32,8 @@ from jammkle_graph.names import (
     Service,
 )
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, JamState
+from jammkle_sim.robots.catalogue import robot_simulation
+from jammkle_sim.robots.options import RobotOptions
 from readme_tables import EXAMPLES
 
 if TYPE_CHECKING:
@@ -133,6 +139,51 @@ def test_the_controller_hears_an_imu_of_another_name(
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         late.node.create_subscription(Bool, "contact", lambda message, heard=heard: heard.append(message.data), latched)
         late.spin_until(lambda heard=heard, contact=contact: heard[-1:] == [contact], "the latched state is heard")
+
+
+def test_the_load_on_a_foot_is_estimated(run: Callable[..., Any], make_probe: Callable[..., Probe]) -> None:
+    """Over DDS: nothing before the contact is known, then mass times specific force, shared by the feet that stand."""
+    run(EXAMPLES / "foot_load.py", "--ros-args", "-p", "mass_kg:=4.0", "-p", "ankles:=[left, right]")
+    probe = make_probe("/")
+    imu = probe.node.create_publisher(Imu, "/imu/data", 10)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    heard: dict[str, list[WrenchStamped]] = {"left": [], "right": []}
+    contacts = {}
+    for foot, messages in heard.items():
+        probe.node.create_subscription(WrenchStamped, f"/{foot}/foot_load", messages.append, 10)
+        contacts[foot] = probe.node.create_publisher(Bool, f"/{foot}/contact", latched)
+    probe.spin_until(lambda: imu.get_subscription_count() > 0, "the IMU is heard")
+    sample = Imu()
+    sample.header.frame_id = "trunk"
+    sample.linear_acceleration.x, sample.linear_acceleration.z = 1.0, 10.0
+
+    def told() -> list[tuple[float, float]]:
+        imu.publish(sample)
+        forces = [each[-1].wrench.force for each in heard.values() if each]
+        return [(force.x, force.z) for force in forces]
+
+    for left, right, expected in ((True, True, [(2.0, 20.0), (2.0, 20.0)]), (False, True, [(0.0, 0.0), (4.0, 40.0)])):
+        assert told() != expected
+        for foot, stands in (("left", left), ("right", right)):
+            contacts[foot].publish(Bool(data=stands))
+        probe.spin_until(lambda expected=expected: told() == expected, f"the loads are {expected}")
+    assert heard["right"][-1].header.frame_id == "trunk"
+
+
+@pytest.mark.parametrize(
+    ("robot", "mass_kg", "behaviour", "median_n"), [("quadruped", 7.2, "stand", 1.0), ("leg", 1.8, "walk", 3.0)]
+)
+def test_the_estimate_is_as_good_as_the_guide_says(robot: str, mass_kg: float, behaviour: str, median_n: float) -> None:
+    """Against the truth of the simulation, the feet that stand known: standing it is right, walking it is rough."""
+    simulation = robot_simulation(robot, RobotOptions(behaviour=behaviour, imu="body"))
+    errors_n = []
+    for sample in simulation.samples(2.5, 100):
+        standing = {name: ankle.foot.stands for name, ankle in sample.ankles.items()}
+        felt = next(iter(sample.ankles.values())).imu.specific_force_m_s2
+        for name, force_n in example("foot_load").loads_n(mass_kg, felt, standing).items():
+            if sample.time_s > 0.5 and standing[name]:
+                errors_n.append(abs(math.hypot(*force_n) - sample.ankles[name].foot.normal_force_n))
+    assert np.median(errors_n) < median_n
 
 
 def test_the_mission_in_cpp_fits_the_messages() -> None:
