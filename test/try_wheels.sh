@@ -17,14 +17,17 @@ echo 'line_leak_achilles: {conductance_dm3_s_bar: 0.003}' > leak.yaml
 alone/bin/jammkle rig pressure --effects leak.yaml --seed 3 -o leaking > /dev/null
 alone/bin/jammkle gap diagnose leaking $(printf -- '--reference %s ' healthy_*) -o gap --json gap.json > /dev/null
 grep -q '"verdict": "EFFECTS"' gap.json
+alone/bin/jammkle urdf quadruped | grep -q 'link name="lf_ankle/foot"'
+alone/bin/jammkle robot leg --duration-s 1 -o leg > /dev/null
+alone/bin/jammkle detect leg > /dev/null
 if alone/bin/jammkle status 2> said; then exit 1; fi
 grep -q "jammkle\[ros\]" said
 echo "without ROS: command, rigs and the diagnosis work"
 
 "$PYTHON" -m venv graph
-graph/bin/pip install --quiet --disable-pip-version-check --find-links "$dist" "jammkle[ros]"
+graph/bin/pip install --quiet --disable-pip-version-check --find-links "$dist" "jammkle[ros,view,foxglove]"
 export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID="${ROS_DOMAIN_ID:-99}"
-graph/bin/jammkle up > up.log 2>&1 &
+graph/bin/jammkle up --view --foxglove --foxglove-port 0 > up.log 2>&1 &
 up=$!
 until grep -q "jammkle: up" up.log; do kill -0 "$up" || { cat up.log; exit 1; }; sleep 1; done
 graph/bin/jammkle unjam

@@ -87,7 +87,8 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
         values = dict(options.values.get(entry.name, {}))
         if simulated_time(entry, options.hardware):
             values["use_sim_time"] = True
-        specs.append(ChildSpec(entry.path, command_of(entry, options.namespace, values, files)))
+        command = command_of(entry, options.namespace, values, files)
+        specs.append(ChildSpec(entry.path, command, looks_on=entry.looks_on))
     return tuple(specs)
 
 
@@ -110,7 +111,9 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
     with (
         NamespaceLock(options.namespace, ros_domain(), default_folder()),
         ClockLock(ros_domain(), default_folder()) as clock,
-        Supervisor(paused_specs(options), pass_on, held=True) as supervisor,  # they load while it is looked
+        Supervisor(
+            paused_specs(options), pass_on, held=True, on_loss=say_loss
+        ) as supervisor,  # they load while it is looked
     ):
         death = None
         failed = False
@@ -209,6 +212,11 @@ def say(text: str) -> None:
 def say_death(death: Death) -> None:
     """Say who died and how."""
     say(death.text())
+
+
+def say_loss(death: Death) -> None:
+    """Say who died without taking the graph along."""
+    say(f"{death.text()}; the graph goes on without it")
 
 
 def pass_on(name: str, line: str) -> None:

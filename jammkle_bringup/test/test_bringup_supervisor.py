@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import subprocess
@@ -219,3 +220,19 @@ def test_a_child_has_a_session_of_its_own(tmp_path: Path) -> None:
     finally:
         parent.terminate()
         parent.wait(TIMEOUT_S)
+
+
+def test_what_only_looks_on_may_die() -> None:
+    """It is told of once, and the others run on; before all was loaded its death counts as any other."""
+    lost = []
+    watcher = dataclasses.replace(spec("viewer", DYING), looks_on=True)
+    with Supervisor([spec("driver", OBEDIENT), watcher], lambda *_: None, on_loss=lost.append) as supervisor:
+        wait_until(lambda: supervisor.first_death() is not None, "the viewer has died")
+        assert not lost
+        supervisor.loaded()
+        assert supervisor.first_death() is None
+        assert supervisor.first_death() is None
+        (death,) = lost
+        assert death.text() == "viewer died with exit code 3; it said: the pump is on fire"
+        assert set(supervisor.process_ids()) == {"driver"}
+    assert not supervisor.process_ids()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import JAM_COMMAND
+from jammkle_graph.names import CHANNEL_JAMS, JAM_COMMAND, UNJAM, UNJAM_ALL
 from jammkle_msgs.msg import ChannelJamCommand, Fault, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
 
@@ -28,6 +28,9 @@ _TYPES = {
     ContactKind.SWING: ContactEventMessage.SWING,
     ContactKind.SETTLED: ContactEventMessage.SETTLED,
 }
+
+_VENTED_BY_HAND = (UNJAM.name, UNJAM_ALL.name, *(service.name for service in CHANNEL_JAMS.values()))
+"""How the reason of a channel ends that somebody has vented by a service of the driver."""
 
 
 def contact_event_message(event: ContactEvent, frame_id: str) -> ContactEventMessage:
@@ -60,11 +63,14 @@ def driver_view(message: JamState) -> DriverView:
         or (channel.commanded_vacuum_pa > 0.0 and channel.reason.endswith(JAM_COMMAND.name))
         for channel in message.channels
     )
+    vented = [channel for channel in message.channels if channel.commanded_vacuum_pa == 0.0]
+    by_hand = tuple(each.channel for each in vented if each.reason.endswith(_VENTED_BY_HAND) and not each.fault)
     return DriverView(
         min_vacuum_pa=message.min_vacuum_pa,
         max_vacuum_pa=message.max_vacuum_pa,
         refused=message.refused_command,
-        unfollowed=tuple((c.channel, c.reason) for c in message.channels if c.commanded_vacuum_pa == 0.0),
+        unfollowed=tuple((each.channel, each.reason) for each in vented if each.channel not in by_hand),
+        by_hand=by_hand,
         stopped=message.emergency_stopped,
         hold=Hold.STREAM if by_stream else Hold.NOBODY,
     )

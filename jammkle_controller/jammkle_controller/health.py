@@ -11,7 +11,7 @@ from jammkle_controller.core.watch import ImuTrouble
 from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from jammkle_controller.core.controller import AnkleController
     from jammkle_controller.core.freshness import Freshness
@@ -96,13 +96,14 @@ def input_health(controller: AnkleController, time_ns: int, topics: Mapping[Inpu
     return Health("inputs", Level.OK, f"beside the IMU: {names or 'none'}", values)
 
 
-def policy_health(controller: AnkleController, *, auto: bool, trouble: str) -> Health:
+def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_hand: Sequence[str] = ()) -> Health:
     """Tell what the policy wants, and whether it is heard.
 
     Args:
         controller: Whose policy it is.
         auto: Whether it is let decide.
         trouble: Why the driver does not follow, or would not; empty if it does.
+        by_hand: Channels that somebody has vented by a service while the policy wants them jammed.
 
     """
     values = {
@@ -118,4 +119,6 @@ def policy_health(controller: AnkleController, *, auto: bool, trouble: str) -> H
     if controller.state is PolicyState.FAULT:
         return Health("policy", Level.ERROR, f"fault: nothing tells of contact; {SAFE_MODE}", values)
     what = controller.state.value if controller.mode is PolicyMode.AUTO else controller.mode.value
+    if by_hand:
+        what += f"; vented by a service: {', '.join(by_hand)}, until the policy changes its wish"
     return Health("policy", Level.OK, f"automatic: {what}", values)

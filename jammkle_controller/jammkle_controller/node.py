@@ -207,7 +207,8 @@ class ControllerNode(Node):
         self._freshness.observe(counts.usable, steady_s, self._graph_time_s())
         trouble = self._trouble.recent(counts, steady_s)
         imu = imu_health(self._controller, self._freshness, self.resolve_topic_name(IMU.name), trouble=trouble)
-        policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver())
+        by_hand = self._driver.by_hand if self._controller.vacuum_pa > 0.0 else ()
+        policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver(), by_hand=by_hand)
         time_ns = max(self.get_clock().now().nanoseconds, self._controller.gate.last_ns or 0)
         inputs = input_health(self._controller, time_ns, INPUT_TOPICS)
         return [imu, inputs, policy, self._roll_call.health()]

@@ -31,6 +31,7 @@ from jammkle_graph.names import (
     JAM_COMMAND,
     JAM_STATE,
     SET_AUTO,
+    UNJAM,
 )
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_graph.testing import own_domain
@@ -306,7 +307,7 @@ def test_set_points_that_the_driver_would_refuse_are_refused(make_bench: Callabl
 def test_a_stance_that_was_held_before_is_taken_up(make_bench: Callable[..., Bench]) -> None:
     """Channels that were let go since jam_command fell silent are jammed again once the body is seen at rest.
 
-    And a driver that does not follow then is told where it hurts, in its own words.
+    And a driver that does not follow then is told where it hurts, in its own words; somebody who vents is no fault.
     """
     bench = make_bench()
     bench.wait_until_up()
@@ -317,6 +318,13 @@ def test_a_stance_that_was_held_before_is_taken_up(make_bench: Callable[..., Ben
     bench.stand(0.1, 0.6)
     bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 40e3), "the stance is held")
     bench.spin_until(lambda: bench.policy_says("an example"), "the refusal is told")
+    assert bench.health["policy"].level == DiagnosticStatus.ERROR
+    by_hand = [ChannelJamState(channel=channel, reason=f"asked by {UNJAM.name}") for channel in CHANNELS]
+    bench.driver_says(JamState(channels=by_hand))
+    bench.spin_until(lambda: bench.policy_says("vented by a service"), "what somebody has asked for is told")
+    assert bench.health["policy"].level == DiagnosticStatus.OK
+    bench.driver_says(JamState(channels=[*by_hand[:2], ChannelJamState(channel=CHANNELS[2], reason="let go")]))
+    bench.spin_until(lambda: bench.policy_says(f"{CHANNELS[2]}: let go"), "what nobody has asked for is told")
     assert bench.health["policy"].level == DiagnosticStatus.ERROR
 
 

@@ -57,6 +57,7 @@ class NodeEntry:
         follows_simulated_time: True if the node runs on /clock while the hardware is simulated.
         module: What `python -m` starts; empty: the Python package of the same name as the ROS package.
         within: Namespace below the graph's own: that of the node's ankle, where there are several.
+        looks_on: True if the ankle is the same without the node, so that its death stops nothing.
 
     """
 
@@ -68,6 +69,7 @@ class NodeEntry:
     simulates: bool = False
     module: str = ""
     within: str = ""
+    looks_on: bool = False
 
     @property
     def path(self) -> str:
@@ -131,6 +133,7 @@ GAP_MONITOR = NodeEntry(
     parameter_table="jammkle_gap.monitor.parameters:GapMonitorParameters",
     follows_simulated_time=True,
     module="jammkle_gap.monitor",
+    looks_on=True,
 )
 """Looks on, and is started where it is asked for."""
 
@@ -140,6 +143,7 @@ VIEWER = NodeEntry(
     name=VIEWER_NODE,
     parameter_table="jammkle_view.parameters:ViewerParameters",
     follows_simulated_time=False,
+    looks_on=True,
 )
 """The page in the browser; looks on as well, and hands on what is clicked."""
 
@@ -150,6 +154,7 @@ FOXGLOVE = NodeEntry(
     parameter_table="jammkle_view.foxglove.parameters:FoxgloveParameters",
     follows_simulated_time=True,
     module="jammkle_view.foxglove",
+    looks_on=True,
 )
 """The live connection for the Foxglove app; looks on."""
 

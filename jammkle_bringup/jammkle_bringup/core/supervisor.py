@@ -34,12 +34,14 @@ _TETHER = Path(tether.__file__)
 class ChildSpec:
     """One process to start: its name for people and its command, whose first entry is an absolute path.
 
-    `stop_timeout_s` is how long it may take to end before it is killed.
+    `stop_timeout_s` is how long it may take to end before it is killed. What only `looks_on` may die, once all has
+    started, without taking the others along.
     """
 
     name: str
     command: tuple[str, ...]
     stop_timeout_s: float = STOP_TIMEOUT_S
+    looks_on: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,7 @@ class Supervisor:
         on_line: Callable[[str, str], None],
         *,
         held: bool = False,
+        on_loss: Callable[[Death], None] = lambda _: None,
     ) -> None:
         """Prepare; nothing is started yet.
 
@@ -147,6 +150,7 @@ class Supervisor:
             specs: What to start, in order.
             on_line: Called with the name and every line that a process writes, from another thread.
             held: Whether the processes, each a `python -m MODULE`, only load until `release` is called.
+            on_loss: Told once of a process that only looked on, and has died after all was loaded.
 
         """
         self._held = held
@@ -154,6 +158,7 @@ class Supervisor:
         self._on_line = on_line
         self._children: list[_Child] = []
         self._loading = True
+        self._on_loss = on_loss
 
     def __enter__(self) -> Self:
         """Start all processes."""
@@ -191,10 +196,17 @@ class Supervisor:
         return {child.spec.name: child.process.pid for child in self._children}
 
     def first_death(self) -> Death | None:
-        """Return a process that has ended although nobody asked it to, or None while all run."""
-        for child in self._children:
-            if child.process.poll() is not None:
+        """Return a process that has ended although nobody asked it to, or None while all run.
+
+        Of those that only look on, one that ends after all was loaded is given up, and told of once.
+        """
+        for child in tuple(self._children):
+            if child.process.poll() is None:
+                continue
+            if self._loading or not child.spec.looks_on:
                 return child.death()
+            self._children.remove(child)
+            self._on_loss(child.death())
         return None
 
     def watch(self, stop: Callable[[], bool], period_s: float = 0.1) -> Death | None:

@@ -24,6 +24,7 @@ class DriverView:
         max_vacuum_pa: Most vacuum that it takes, Pa; 0: not known.
         refused: Why it refused the last jam_command; empty: it did not.
         unfollowed: Channels that are not asked to jam, with the reason; by name.
+        by_hand: Channels that somebody has vented by a service; they follow the next change of wish.
         stopped: Whether an emergency stop holds.
         hold: Whether jam_command holds, or held until it fell silent.
 
@@ -33,6 +34,7 @@ class DriverView:
     max_vacuum_pa: float = 0.0
     refused: str = ""
     unfollowed: tuple[tuple[str, str], ...] = ()
+    by_hand: tuple[str, ...] = ()
     stopped: bool = False
     hold: Hold = Hold.NOBODY
 

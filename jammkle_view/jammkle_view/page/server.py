@@ -5,17 +5,20 @@ from __future__ import annotations
 import contextlib
 import io
 import socket
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import viser
 
 from jammkle_graph.command.errors import InputError
+from jammkle_view.core.origin import is_own_page, own_names
 from jammkle_view.parameters import ANY_PORT, FIRST_PORT, LOCAL_HOST
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _PORTS_TRIED = 100
+_POLICY_VIOLATION = 1008
+"""Status of a WebSocket that is closed for what it is (RFC 6455, 7.4.1)."""
 _NEAREST_M = 0.27
 """How much around a robot is seen at least, m: an ankle, its shank and its slope."""
 _BRAND: tuple[int, int, int] = (25, 110, 235)
@@ -37,8 +40,26 @@ def serve(host: str, port: int, title: str) -> viser.ViserServer:
     _check_free(host, taken)
     with contextlib.redirect_stdout(io.StringIO()):  # it would draw a frame around its address
         server = viser.ViserServer(host=host, port=taken, label=title, verbose=False)
+    _refuse_foreign_pages(server)
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
     return server
+
+
+def _refuse_foreign_pages(server: viser.ViserServer) -> None:
+    """Let nobody in whose page is not our own; viser has no option for it.
+
+    Its callbacks for new clients run before anything is sent to them or read from them, and the connection that the
+    request came by is kept beside them: attributes of the version that is pinned, and a test fails without them.
+    """
+    websockets, names = server._websock_server, own_names()  # noqa: SLF001 - as above
+
+    async def check(client: Any) -> None:
+        connection = websockets._live_connections[client.client_id]  # noqa: SLF001 - as above
+        headers = connection.request.headers if connection.request is not None else {}
+        if not is_own_page(headers.get("Origin"), headers.get("Host"), names):
+            await connection.close(_POLICY_VIOLATION, "this page is not the server's own")
+
+    websockets.on_client_connect(check)
 
 
 def address_of(server: viser.ViserServer) -> str:
