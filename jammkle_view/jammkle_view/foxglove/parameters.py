@@ -18,7 +18,7 @@ class FoxgloveParameters:
     host: str = parameter(
         LOCAL_HOST, "Address that it listens on; 0.0.0.0 lets every machine of the network read the topics"
     )
-    port: int = parameter(USUAL_PORT, "TCP port of the WebSocket", "", 1, 65535)
+    port: int = parameter(USUAL_PORT, "TCP port of the WebSocket; 0 takes any free one", "", 0, 65535)
 
 
 NOT_INSTALLED = "--foxglove needs foxglove-sdk, which is not installed: pip install 'jammkle[foxglove]'"
