@@ -266,6 +266,7 @@ class DriverNode(LifecycleNode):
             return
         command = self._driver.command
         self._hardware.apply(command)
+        self._driver.ankle.note_command(self._now())
         self._outputs.update_command(command)
         status = self._driver.status
         if self._outputs.update_state(status, self._refused_command):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.diagnosis import THRESHOLD
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, released
 from jammkle_driver.core.overload import OverloadWatch
@@ -63,6 +64,18 @@ def test_a_fault_is_told_with_its_reason_and_place(seed: int, reason: Reason) ->
 def test_a_healthy_ankle_raises_no_alarm() -> None:
     """Half a minute of jamming and resting, with parts off by their tolerances: not a word."""
     assert alarms(5, 30.0) == []
+
+
+def test_a_release_between_two_readings_is_no_fault() -> None:
+    """A jam that is taken back and asked again at once, which the board followed for a cycle, is known of."""
+    bench, gained = jammed_bench(), [0.0]
+    for _ in range(3):
+        bench.driver.unjam((), "test")
+        bench.hand_over()
+        bench.driver.jam((), SET_POINT_PA, "test")
+        bench.hand_over(late_s=0.04)
+        run(bench, 0.5, lambda: gained.append(max(bench.driver.ankle.diagnosis.scores.values())))
+    assert max(gained) < 0.5 * THRESHOLD
 
 
 @pytest.mark.parametrize("seed", [5, 9])

@@ -183,7 +183,7 @@ class Ankle:
         judged = self._settings.diagnose and not 0.0 <= self._own_way_until_s - stamp_s < _LONGEST_WAIT_S
         if judged:
             self._note(place, pressure_pa, elapsed_s, command)
-            self.diagnosis.command(command, now.graph_s)
+            self.note_command(now)
         vacuum_pa = self.atmosphere.pressure_pa - pressure_pa
         if place == MANIFOLD:
             self.manifold_vacuum_pa = vacuum_pa
@@ -227,6 +227,11 @@ class Ankle:
         """Note that readings of a while are missing because nobody took them."""
         self._stamps.clear()
         self.leaks.stop()
+
+    def note_command(self, now: Instant) -> None:
+        """Note what the actuators are told from now on; to be called whenever they are, or a brief one is missed."""
+        if self._settings.diagnose:
+            self.diagnosis.command(self.command, now.graph_s)
 
     def went_its_own_way(self, now: Instant) -> None:
         """Note that until now the hardware did what its own watchdog wants, and not what it was told.

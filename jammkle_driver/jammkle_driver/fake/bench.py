@@ -129,10 +129,14 @@ class FaultBench:
         self._samples += 1
         if self._samples % _SAMPLES_PER_TICK == 0:
             self._tick(now)
-        command = self.driver.command
-        if connected and command != self._applied:
-            self._applied = command
-            self.plant.command(command.solenoids, command.pump_duty)
+        if connected and self.driver.command != self._applied:
+            self.hand_over()
+
+    def hand_over(self, late_s: float = 0.0) -> None:
+        """Give the driver's command to the plant, which gets it `late_s` s later; before, it did what it was told."""
+        self._applied = self.driver.command
+        self.driver.ankle.note_command(self.now)
+        self.plant.command(self._applied.solenoids, self._applied.pump_duty, late_s)
 
     def _tick(self, now: Instant) -> None:
         if self.streams:

@@ -93,9 +93,9 @@ class FakePlant:
         """What the plant is built of, without faults."""
         return replace(self._air)
 
-    def command(self, solenoids: Mapping[str, bool], duty: float) -> None:
+    def command(self, solenoids: Mapping[str, bool], duty: float, late_s: float = 0.0) -> None:
         """Take a command; a valve moves after its dead time."""
-        due_s = self.time_s + self._air.valve_dead_time_s
+        due_s = self.time_s + self._air.valve_dead_time_s + late_s
         self._wanted += [(due_s, name, energised) for name, energised in solenoids.items()]
         self._duty = duty
 
