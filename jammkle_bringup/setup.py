@@ -32,7 +32,10 @@ setup(
     description="The jammkle command, launch files, parameters and viewer layouts.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["jammkle = jammkle_bringup.__main__:main"],
+        "console_scripts": [
+            "composed = jammkle_bringup.composed:main",
+            "jammkle = jammkle_bringup.__main__:main",
+        ],
         "jammkle.commands": [
             *(f"{verb} = jammkle_bringup.commands:app" for verb in ("demo", "jam", "record", "status", "unjam", "up")),
             *(f"{verb} = jammkle_bringup.bag_commands:app" for verb in ("export", "info", "plot", "recover")),

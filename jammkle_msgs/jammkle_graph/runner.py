@@ -74,6 +74,36 @@ def run(
         The exit code: 0 after a signal, 2 after bad input, which was explained in one line on stderr.
 
     """
+
+    def end(nodes: Sequence[Node]) -> None:
+        if shut_down is not None:
+            shut_down(nodes[0])
+
+    def drive(nodes: Sequence[Node], executor: Executor, stop: StopFlag) -> None:
+        loop(nodes[0], executor, stop)
+
+    return run_together((make_node,), arguments, loop=drive, shut_down=end)
+
+
+def run_together(
+    makers: Sequence[NodeBuilder],
+    arguments: Sequence[str] | None,
+    *,
+    loop: Callable[[Sequence[Node], Executor, StopFlag], None],
+    shut_down: Callable[[Sequence[Node]], None],
+) -> int:
+    """Run several nodes on one executor of one process, as `run` runs one.
+
+    Args:
+        makers: Make the nodes, in order.
+        arguments: As for `run`; parameters of one of them are `-p NODE:NAME:=VALUE`.
+        loop: What to do until the flag is set, with all of them.
+        shut_down: As for `run`, with all that were made.
+
+    Returns:
+        The exit code, as `run`.
+
+    """
     stop = StopFlag()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop.stop)
@@ -84,21 +114,25 @@ def run(
         sys.stderr.write(f"{error}\n")
         return EXIT_BAD_INPUT
     try:
+        nodes: list[Node] = []
+        executor = EventsExecutor()
         try:
-            node = make_node()
+            for make_node in makers:
+                nodes.append(make_node())
+                executor.add_node(nodes[-1])
+            loop(nodes, executor, stop)
         except ParameterError as error:
+            if len(nodes) == len(makers):  # not of one that was being made
+                raise
             sys.stderr.write(f"{error}\n")
             return EXIT_BAD_INPUT
-        executor = EventsExecutor()
-        executor.add_node(node)
-        try:
-            loop(node, executor, stop)
         finally:
             # A defect that ends the loop must not leave a pump running and solenoids energised.
-            if shut_down is not None:
-                shut_down(node)
+            if nodes:
+                shut_down(nodes)
         executor.shutdown()  # first, so that nothing that arrives calls into a node that is gone
-        node.destroy_node()
+        for node in nodes:
+            node.destroy_node()
         return 0
     finally:
         rclpy.try_shutdown()
