@@ -50,7 +50,7 @@ blind: set-up
 		$(addprefix --real ,$(wildcard ../shared/data))
 
 contact: set-up
-	@$(BIN)/jammkle contact --steps 4000 --runs 20 -o runs/contact
+	@$(BIN)/jammkle contact --steps 4000 --runs 20 -o runs/contact $(addprefix --real ,$(wildcard ../shared/data/foot_imu))
 
 firmware: set-up
 	@$(FIRMWARE) host

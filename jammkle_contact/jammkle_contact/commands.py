@@ -81,10 +81,13 @@ def contact(
         int, typer.Option(help="Landings and slips of each robot and policy for the benefit; 0: none.")
     ] = 4,
     jobs: Annotated[int, typer.Option(help="Processes, each for one run.")] = 1,
+    real: Annotated[
+        Path | None, typer.Option(help="Folder of recordings of a real foot beside a force, as tables.", metavar="DIR")
+    ] = None,
     json: JsonOption = None,
 ) -> int:
     """Try the detectors on randomised steps, slips and landings, and write a page with every figure."""
     from jammkle_contact.trying import ContactRequest
     from jammkle_contact.trying import contact as run
 
-    return run(ContactRequest(output, steps, seed, runs, jobs, json))
+    return run(ContactRequest(output, steps, seed, runs, jobs, json, real))

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_contact.robot_stories import run, story_of
+from jammkle_contact.robot_stories import felt_on_the_body, of_the_body, run, story_of
 from jammkle_contact.sensing import draw_imu
+from jammkle_controller.core.detector_settings import Mount
 from jammkle_graph.names import CHANNELS
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot_simulation
@@ -52,7 +53,7 @@ def draw_options(chance: np.random.Generator, mount: str, *, wide: bool) -> Robo
 
 
 def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> list[Story]:
-    """Run a robot once, and return a story of each of its ankles; none where the simulation blew up.
+    """Run a robot once, and return a story per ankle, or one of its body; none where it blew up.
 
     Args:
         robot: Name.
@@ -71,10 +72,14 @@ def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> l
         traces = run(simulation, _DURATION_S[options.behaviour])
     except UnstableSimulationError:
         return []
+    feet = list(traces.values())
+    if mount == Mount.BODY.value:
+        traces = {"body": of_the_body(feet)}
     vibration = float(10.0 ** chance.uniform(-1.3, 0.0 if wide else -0.2))
-    return [
+    stories = [
         story_of(
             f"{robot} {options.behaviour} {seed} {name}", mount, each, draw_imu(chance, wide=wide), vibration, chance
         )
         for name, each in traces.items()
     ]
+    return [felt_on_the_body(story, feet) for story in stories] if mount == Mount.BODY.value else stories

@@ -13,7 +13,7 @@ from jammkle_contact.sensing import CLOCK_START_S, Imu, read_with
 from jammkle_contact.story import Slide, Story
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     from jammkle_sim.robots.simulation import RobotSample, RobotSimulation
 
 RATE_HZ = 1000
-LEAST_AIR_S = 0.02
-"""A foot that loses touch for less than this has chattered, and not lifted."""
-LEAST_STAND_S = 0.02
+LEAST_AIR_S = 0.06
+"""A foot that loses touch for less than this rebounds, and has not lifted: one that bounces off at 0.3 m/s, as fast as
+feet are put down here, is back after 2 v / g = 61 ms. The times in the air of simulated feet have a gap there."""
+LEAST_STAND_S = 0.06
+"""A foot that touches for less than this has grazed the ground, and does not stand: fibres that are evacuated from its
+touch on begin to grip after 36 to 44 ms."""
 SLIDING_M_S = 0.03
 """Speed from which on a foot slides: below it soles creep, in simulation as in rubber."""
 JOINED_S = 0.03
@@ -109,6 +112,7 @@ def story_of(
 
     """
     touchdowns, liftoffs = contact_changes(traces.stands)
+    touches = [begin for begin, _ in spans_of(traces.stands)]
     shaken = traces.imu.copy()
     for axis in range(3):
         shaken[:, axis] += vibration_m_s2 * _shaking(chance, len(shaken))
@@ -121,6 +125,7 @@ def story_of(
         liftoffs_s=tuple(CLOCK_START_S + index / RATE_HZ for index in liftoffs),
         slides=slides_of(traces),
         duration_s=len(shaken) / RATE_HZ,
+        touches_s=tuple(CLOCK_START_S + index / RATE_HZ for index in touches),
     )
 
 
@@ -144,20 +149,54 @@ def _moved(slide: Slide, by_s: float) -> Slide:
     )
 
 
+def of_the_body(ankles: Sequence[Traces]) -> Traces:
+    """Return what a body does whose IMU feels all feet: carried if one stands, and sliding as they do on average."""
+    stands = np.array([each.stands for each in ankles])
+    share = stands / np.maximum(1, stands.sum(axis=0))
+    sliding_m_s = np.sum(share * np.array([each.sliding_m_s for each in ankles]), axis=0)
+    return Traces(
+        imu=ankles[0].imu,
+        stands=np.asarray(np.any(stands, axis=0)),
+        sliding_m_s=sliding_m_s,
+        way_m=np.cumsum(sliding_m_s) / RATE_HZ,
+        bears=np.any([each.bears for each in ankles], axis=0),
+    )
+
+
+def felt_on_the_body(story: Story, ankles: Sequence[Traces]) -> Story:
+    """Return a body's story with the touch-downs of all its feet.
+
+    From the body nobody can tell whose foot it was, so that the truth of one foot is not what its IMU is judged by.
+    Feet that come down within `LEAST_AIR_S` of each other are felt as one.
+    """
+    touchdowns_s: list[float] = []
+    for at_s in sorted(CLOCK_START_S + index / RATE_HZ for each in ankles for index in contact_changes(each.stands)[0]):
+        if not touchdowns_s or at_s - touchdowns_s[-1] >= LEAST_AIR_S:
+            touchdowns_s.append(at_s)
+    touches_s = sorted(CLOCK_START_S + begin / RATE_HZ for each in ankles for begin, _ in spans_of(each.stands))
+    return dataclasses.replace(story, touchdowns_s=tuple(touchdowns_s), touches_s=tuple(touches_s))
+
+
 def contact_changes(stands: NDArray[np.bool_]) -> tuple[list[int], list[int]]:
     """Return the indices of touch-downs and lift-offs, without chatter."""
-    spans = _joined(_spans(stands), round(LEAST_AIR_S * RATE_HZ))
-    spans = [(begin, end) for begin, end in spans if end - begin >= LEAST_STAND_S * RATE_HZ]
+    spans = joined_contacts(stands, RATE_HZ)
     touchdowns = [begin for begin, _ in spans if begin > 0]
     liftoffs = [end for _, end in spans if end < len(stands)]
     return touchdowns, liftoffs
+
+
+def joined_contacts(stands: NDArray[np.bool_], rate_hz: float) -> list[tuple[int, int]]:
+    """Return begin and end of each contact as indices, without rebounds, and without grazes of a foot that swings."""
+    spans = _joined(spans_of(stands), round(LEAST_AIR_S * rate_hz))
+    least = LEAST_STAND_S * rate_hz
+    return [(begin, end) for begin, end in spans if end - begin >= least or begin == 0 or end == len(stands)]
 
 
 def slides_of(traces: Traces) -> tuple[Slide, ...]:
     """Return every time that the foot slid by more than `LEAST_WAY_M`."""
     slides = []
     moves = traces.stands & (traces.sliding_m_s > SLIDING_M_S)
-    for begin, end in _joined(_spans(moves), round(JOINED_S * RATE_HZ)):
+    for begin, end in _joined(spans_of(moves), round(JOINED_S * RATE_HZ)):
         way_m = traces.way_m[begin:end] - traces.way_m[begin]
         if way_m[-1] < LEAST_WAY_M:
             continue
@@ -166,7 +205,8 @@ def slides_of(traces: Traces) -> tuple[Slide, ...]:
     return tuple(slides)
 
 
-def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def spans_of(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return begin and end, as indices, of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return [(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
 

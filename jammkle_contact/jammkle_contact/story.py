@@ -39,6 +39,8 @@ class Story:
     liftoffs_s: tuple[float, ...]
     slides: tuple[Slide, ...]
     duration_s: float
+    touches_s: tuple[float, ...] = ()
+    """Every time that the foot met the ground: touch-downs, rebounds, and grazes of a foot that swings."""
     phase: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     """Times, s, and gait phase, 0 at touch-down to 1, where the robot has a gait."""
     facts: dict[str, float] = field(default_factory=dict)

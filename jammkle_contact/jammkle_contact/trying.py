@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 from jammkle_contact.trial.benefit import benefit
 from jammkle_contact.trial.page import page, results
-from jammkle_contact.trial.run import run_trial
+from jammkle_contact.trial.real_foot import real_foot
+from jammkle_contact.trial.real_page import draw_real_foot, real_figures
+from jammkle_contact.trial.run import best_settings, run_trial
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.results import check_writable, console, write_json
@@ -28,6 +30,8 @@ class ContactRequest:
     runs: int
     jobs: int
     json: Path | None
+    real: Path | None = None
+    """Folder of recordings of a real foot."""
 
 
 def contact(request: ContactRequest) -> int:
@@ -51,10 +55,17 @@ def contact(request: ContactRequest) -> int:
     except OSError as error:
         msg = f"-o {request.output} cannot be written: {error.strerror}"
         raise InputError(msg) from error
+    recordings = [] if request.real is None else sorted(request.real.glob("*.csv"))
+    if request.real is not None and not recordings:
+        msg = f"--real {request.real} holds no .csv; it must be a folder of tables: force, acceleration, rate"
+        raise InputError(msg)
     with progress_bar("contact") as update:
         outcome = run_trial(request.seed, request.steps, request.jobs, update)
         rows = benefit(request.seed, request.runs, update) if request.runs else []
-    figures = results(outcome, rows)
+    feet = [real_foot(path, best_settings(outcome)) for path in recordings]
+    figures = results(outcome, rows) | {"real": [real_figures(foot) for foot in feet]}
+    for foot in feet:
+        draw_real_foot(foot, request.output / f"{foot.name}.png")
     path = request.output / "contact.html"
     path.write_text(page(outcome, figures, request.seed), encoding="utf-8")
     write_json(request.output / "contact.json", figures)
@@ -65,6 +76,12 @@ def contact(request: ContactRequest) -> int:
             screen.print(
                 f"{row['part']:9} {row['kind']:9} {row['way']:20} recall {_share(row['recall'])}  "
                 f"precision {_share(row['precision'])}  delay {_share(row['delay_ms'], 1)} ms"
+            )
+    for foot in figures["real"]:
+        for row in foot["rows"]:
+            screen.print(
+                f"{foot['name']:24} {row['kind']:9} {row['way']:20} recall {_share(row['recall'])}  "
+                f"precision {_share(row['precision'])}"
             )
     screen.print(f"page: {path}")
     return 0

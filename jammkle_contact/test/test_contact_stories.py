@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import itertools
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from jammkle_contact.replay import new_controller
-from jammkle_contact.robot_stories import contact_changes
+from jammkle_contact.robot_stories import Traces, contact_changes, of_the_body
 from jammkle_contact.story import Slide
 from jammkle_contact.synthetic import walk
 from jammkle_contact.trial.cases import Case
+from jammkle_contact.trial.real_foot import real_foot
 from jammkle_contact.trial.run import run_case
 from jammkle_contact.trial.scoring import Score, score_slides, score_times, wilson
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @pytest.mark.parametrize("mount", ["foot", "shank"])
@@ -45,10 +50,13 @@ def test_a_story_is_the_same_every_time_and_its_truth_alternates() -> None:
 
 
 def test_chatter_is_no_step() -> None:
-    """Touch that is lost for 10 ms is not a lift-off; that of 200 ms is one, and its end a touch-down."""
+    """Touch that is lost for 10 or 50 ms is not a lift-off; that of 200 ms is one, and its end a touch-down.
+
+    A graze of 30 ms in that swing is neither.
+    """
     stands = np.ones(1000, dtype=bool)
-    stands[100:110] = False
-    stands[400:600] = False
+    stands[100:110] = stands[200:250] = stands[400:600] = False
+    stands[480:510] = True
     assert contact_changes(stands) == ([600], [400])
 
 
@@ -57,12 +65,47 @@ def test_scores_count_each_truth_and_each_event_once() -> None:
     score = score_times([1.0, 2.0], [1.001, 1.002, 3.0], "impact")
     assert (score.hits, score.missed, score.false) == (1, 1, 2)
     assert score.delays_s == [pytest.approx(0.001)]
+    grazed = score_times([1.0], [0.5, 1.0], "impact", unclear_s=[0.5])
+    assert (grazed.hits, grazed.missed, grazed.false) == (1, 0, 0)
     slide = Slide(1.0, 1.2, np.array([1.0, 1.2]), np.array([0.0, 0.02]))
     score = score_slides([slide], [1.1, 1.15, 2.0])
     assert (score.hits, score.missed, score.false) == (1, 0, 1)
     assert score.ways_m == [pytest.approx(0.01)]
     share, low, high = wilson(9, 10)
     assert low < 0.6 < share == 0.9 < high < 1.0
+
+
+def test_a_body_is_carried_while_any_foot_stands_and_slides_as_they_do_on_average() -> None:
+    """Of two feet of which one slides the body slides half as fast, and it lifts off when both have."""
+    still, slides = np.zeros(100), np.full(100, 0.2)
+    one, other = np.ones(100, dtype=bool), np.ones(100, dtype=bool)
+    one[50:], other[80:] = False, False
+    imu = np.zeros((100, 6))
+    body = of_the_body([Traces(imu, one, still, still, one), Traces(imu, other, slides, still, other)])
+    assert body.stands.tolist() == [True] * 80 + [False] * 20
+    assert body.sliding_m_s[[0, 60, 90]].tolist() == pytest.approx([0.1, 0.2, 0.0])
+
+
+def test_two_clocks_of_a_real_foot_are_put_together(tmp_path: Path) -> None:
+    """A foot that turns while the force is gone gives away that its IMU runs 5 % slow and began 0.3 s late."""
+    force_s, imu_s = np.arange(4000) / 500.0, np.arange(1800) / 250.0
+    chance = np.random.default_rng(3)
+    begins = 0.5 + np.cumsum(chance.uniform(0.6, 0.9, 9))
+
+    def swings(time_s: np.ndarray) -> np.ndarray:
+        return np.array([any(begin <= at < begin + 0.25 for begin in begins) for at in time_s])
+
+    rate = np.where(swings(0.95 * imu_s + 0.3), 300.0, 10.0) + chance.normal(0.0, 5.0, len(imu_s))
+    path = tmp_path / "walk.csv"
+    with path.open("w") as file:
+        for index, force in enumerate(np.where(swings(force_s), 20.0, 400.0)):
+            row = f"0,{-1 + 0.01 * chance.normal()},0,{rate[index]},0,0" if index < len(imu_s) else ",,,,,"
+            file.write(f"{force},{row}\n")
+    foot = real_foot(path, {("impact", "always"): "always 0.1"})
+    assert foot.fit.clock == pytest.approx(0.95, abs=0.006)
+    assert foot.fit.shift_s == pytest.approx(0.3, abs=0.04)
+    assert foot.touchdowns_s == pytest.approx([begin + 0.25 for begin in begins if begin + 0.25 < 7.1], abs=0.003)
+    assert foot.score("impact", "always 0.1").hits >= len(foot.touchdowns_s) - 2
 
 
 def test_a_case_of_a_trial_is_repeatable_and_of_its_own_kind() -> None:

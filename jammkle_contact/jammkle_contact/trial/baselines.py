@@ -19,8 +19,8 @@ REFRACTORY_S = 0.15
 """As of the detectors: after an alarm no other for so long, s."""
 _SPREAD_TIME_S = 1.0
 
-THRESHOLDS_M_S2 = (2.0, 4.0, 8.0, 12.0, 20.0, 30.0)
-LIMITS = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0)
+THRESHOLDS_M_S2 = (2.0, 4.0, 8.0, 12.0, 20.0, 30.0, 40.0)
+LIMITS = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0)
 """Settings that are tried on the tuning part; the best by the harmonic mean of recall and precision is taken."""
 
 

@@ -41,8 +41,9 @@ def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
             ways = (OURS, *(best[kind, name] for each, name in best if each == kind))
             rows += [_row(part, "all", "all", kind, way, pooled(outcome, part, kind, way)) for way in ways]
             rows += [
-                _row(part, source, mount, kind, OURS, pooled(outcome, part, kind, OURS, mount, source))
+                _row(part, source, mount, kind, way, pooled(outcome, part, kind, way, mount, source))
                 for source, mount in sources
+                for way in ways
             ]
     return {
         "steps": dict(outcome.steps),

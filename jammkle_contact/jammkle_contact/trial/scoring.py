@@ -73,8 +73,17 @@ def median_with_interval(values: Sequence[float]) -> tuple[float, float, float]:
     return (float(np.median(array)), float(low), float(high))
 
 
-def score_times(truth_s: Sequence[float], told_s: Sequence[float], kind: str) -> Score:
-    """Match told times to true ones in order, each at most once."""
+def score_times(truth_s: Sequence[float], told_s: Sequence[float], kind: str, unclear_s: Sequence[float] = ()) -> Score:
+    """Match told times to true ones in order, each at most once.
+
+    Args:
+        truth_s: What must be told, s.
+        told_s: What was told, s.
+        kind: Of the events: a key of `WINDOWS_S`.
+        unclear_s: What may be told and need not: a rebound, or the graze of a foot that swings. Within its window an
+            event is neither right nor wrong.
+
+    """
     before_s, after_s = WINDOWS_S[kind]
     score = Score()
     free = sorted(told_s)
@@ -86,7 +95,7 @@ def score_times(truth_s: Sequence[float], told_s: Sequence[float], kind: str) ->
             free.remove(inside[0])
         else:
             score.missed += 1
-    score.false = len(free)
+    score.false = sum(not any(at + before_s <= told <= at + after_s for at in unclear_s) for told in free)
     return score
 
 

@@ -44,7 +44,7 @@ class ContactEvent:
         magnitude: Size of what was felt, in `unit`.
         unit: Unit of `magnitude`.
         detection_delay_s: From the first sample that carries the event to the one that decided, s.
-        probability: That it is one, 0 to 1, as calibrated on simulated steps.
+        probability: That it is one, 0 to 1: a posterior on a foot or shank that steps, otherwise assumed.
         source: What it was felt on.
         direction: Unit vector of the sliding or of the blow in the IMU's frame; zeros: not known.
 
