@@ -1,0 +1,136 @@
+"""What an IMU on the foot or the shank tells of its steps: the foot has left, swings, is down, slides."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from jammkle_controller.core.density_ratio import learned
+from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
+from jammkle_controller.core.scales import Scales
+from jammkle_controller.core.sole import SoleFilter
+from jammkle_controller.core.swing import SwingFilter
+from jammkle_controller.core.touchdown import TouchdownDetector
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+
+if TYPE_CHECKING:
+    from jammkle_controller.core.detector_settings import DetectorSettings
+    from jammkle_controller.core.imu import ImuSample
+    from jammkle_controller.core.motion import Motion, Vector
+
+REBOUND_S = 0.06
+"""After a touch-down a foot does not leave again so soon, s: what shakes it is the touch-down."""
+AS_LIKELY = 0.5
+SURE_SWING = 0.95
+SURE_SWING_S = 0.06
+"""Probability and time of a swing from which on it is told: twice the longest window of the features."""
+
+
+class SteppingFoot:
+    """The detectors of one foot that steps, on one IMU that moves with it."""
+
+    def __init__(self, settings: DetectorSettings) -> None:
+        """Start on the ground."""
+        self.settings = settings
+        mount = settings.mount.value
+        self.swing = SwingFilter(learned(f"swing_{mount}"))
+        self.sole = SoleFilter(learned(f"slide_{mount}"), settings.slip.lever_m)
+        self.scales = Scales((0.0, 0.0, 0.0))
+        self._touchdown = TouchdownDetector(learned(f"touchdown_{mount}"), settings.touchdown_probability)
+        self._interval_s = 0.0
+        self._rising_since_ns: int | None = None
+        self._swing_since_ns = 0
+        self._swing_told = False
+        self._sliding = False
+        self._slide_since_ns = 0
+
+    def restart(self, force: Vector) -> None:
+        """Forget what cannot be compared with the next sample; `force` is its specific force, m/s^2."""
+        self.scales = Scales(force)
+        self.swing.restart()
+        self._interval_s = 0.0
+
+    def suspend(self) -> None:
+        """Forget a lift-off that has begun."""
+        self._rising_since_ns = None
+
+    def update(self, sample: ImuSample, motion: Motion, interval_s: float) -> None:
+        """Take the next sample, `interval_s` after the one before, and the motion at it."""
+        self._interval_s = interval_s
+        self.scales.update(sample, motion, interval_s)
+        self.swing.update(self.scales.features(motion), interval_s)
+
+    def leaving(self, time_ns: int, landed_ns: int | None, motion: Motion) -> ContactEvent | None:
+        """Return a lift-off when a swing becomes probable.
+
+        Args:
+            time_ns: Of the sample.
+            landed_ns: When the foot hit the ground last; None: never.
+            motion: Of the sample.
+
+        """
+        swing = self.swing.probability
+        if swing < AS_LIKELY:
+            self._rising_since_ns = None
+        elif self._rising_since_ns is None:
+            self._rising_since_ns = time_ns
+        rebounds = landed_ns is not None and _since_s(landed_ns, time_ns) < REBOUND_S
+        if swing < self.settings.swing.swing_probability or rebounds:
+            return None
+        rising_s = self._rising_s(time_ns)
+        return ContactEvent(ContactKind.LIFTOFF, time_ns, motion.force_m_s2, M_S2, rising_s, swing)
+
+    def leave(self, time_ns: int) -> None:
+        """Take that the foot has left the ground."""
+        self._swing_since_ns = time_ns
+        self._swing_told = False
+        self._rising_since_ns = None
+        self.swing.lift()
+        self._touchdown.restart()
+
+    def end_of_swing(self, time_ns: int, motion: Motion) -> ContactEvent | None:
+        """Return the touch-down of a foot that swings: a blow, or, told late, that it stands."""
+        impact = self._touchdown.in_swing(time_ns, self.scales, motion, self._interval_s)
+        swing = self.swing.probability
+        if impact is None and swing < self.settings.swing.stance_probability:
+            return self._touchdown.event(time_ns, 1.0 - swing)
+        return impact
+
+    def swinging(self, time_ns: int, motion: Motion) -> ContactEvent | None:
+        """Return once per swing that the foot swings freely."""
+        swing, swung_s = self.swing.probability, _since_s(self._swing_since_ns, time_ns)
+        if self._swing_told or swing < SURE_SWING or swung_s < SURE_SWING_S:
+            return None
+        self._swing_told = True
+        return ContactEvent(ContactKind.SWING, time_ns, motion.force_m_s2, M_S2, swung_s, swing)
+
+    def land(self, time_ns: int) -> None:
+        """Take that the foot has hit the ground."""
+        self._rising_since_ns = None
+        self._sliding = False
+        self.sole.land(time_ns)
+        self.swing.land()
+
+    def sliding(self, sample: ImuSample, motion: Motion) -> ContactEvent | None:
+        """Return a slip of a foot on the ground when it becomes probable; another only after it was improbable."""
+        time_ns, sole, least = sample.time_ns, self.sole, self.settings.slip.probability
+        sole.follow(sample, self._interval_s, motion)
+        before = sole.probability
+        features = sole.features(time_ns, self.scales.features(motion), self.swing.probability)
+        probability = sole.update(features, self._interval_s)
+        if before < AS_LIKELY <= probability:
+            self._slide_since_ns = time_ns
+        if self._sliding or probability < least:
+            self._sliding &= probability > 1.0 - least
+            return None
+        self._sliding = True
+        since_s = _since_s(self._slide_since_ns, time_ns)
+        return ContactEvent(
+            ContactKind.SLIP, time_ns, sole.speed_m_s, M_S, since_s, probability, direction=sole.direction
+        )
+
+    def _rising_s(self, time_ns: int) -> float:
+        return 0.0 if self._rising_since_ns is None else _since_s(self._rising_since_ns, time_ns)
+
+
+def _since_s(begin_ns: int, time_ns: int) -> float:
+    return (time_ns - begin_ns) / NANOSECONDS_PER_SECOND
