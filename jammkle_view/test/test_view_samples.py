@@ -13,7 +13,7 @@ from jammkle_view import conversions
 from jammkle_view.core.ankle import Ankle
 from jammkle_view.core.pace import RealTimeFactor
 from jammkle_view.core.samples import Channel, ChannelState, EventKind, JamReport, Joints, Pressure
-from jammkle_view.core.tints import BROKEN_TINT, tendon_tint
+from jammkle_view.core.tints import BROKEN_TINT, EVENT_TINTS, tendon_tint
 from jammkle_view.core.trace import Trace, thinned
 
 
@@ -22,9 +22,9 @@ def test_numbers_are_those_of_the_messages() -> None:
     assert {each.name: each.value for each in ChannelState} == {
         each.name: getattr(ChannelJamState, each.name) for each in ChannelState
     }
-    assert {each.name: each.value for each in EventKind} == {
-        each.name: getattr(ContactEvent, each.name) for each in EventKind
-    }
+    told = [name for name in dir(ContactEvent) if name.isupper() and name != "SLOT_TYPES"]
+    assert {each.name: each.value for each in EventKind} == {name: getattr(ContactEvent, name) for name in told}
+    assert set(EVENT_TINTS) == set(EventKind)
     assert conversions._BROKEN == TendonState.BROKEN
 
 

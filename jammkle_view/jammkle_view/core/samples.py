@@ -29,6 +29,7 @@ class EventKind(enum.IntEnum):
     SLIP = 2
     LIFTOFF = 3
     SETTLED = 4
+    SWING = 5
 
 
 @dataclass(frozen=True)

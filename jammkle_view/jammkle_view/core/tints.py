@@ -25,6 +25,7 @@ EVENT_TINTS: dict[EventKind, Rgb] = {
     EventKind.SLIP: (240, 140, 20),
     EventKind.LIFTOFF: (30, 120, 220),
     EventKind.SETTLED: (50, 150, 60),
+    EventKind.SWING: (130, 90, 200),
     EventKind.UNKNOWN: (150, 150, 150),
 }
 
