@@ -4,46 +4,77 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from graph import Probe, environment
-from jammkle_graph.names import JAM, JAM_STATE, PUMP_DUTY, SET_AUTO, SOLENOIDS
-from jammkle_msgs.msg import ChannelJamState
+from jammkle_graph.names import CLOCK, JAM, JAM_STATE, PUMP_DUTY, SET_AUTO, SOLENOIDS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
 
 COMPOSED = (sys.executable, "-m", "jammkle_bringup.composed")
+IN_NAMESPACE = ("--ros-args", "-r", "__ns:=/lf_ankle")
 
 
-def test_one_process_is_a_whole_graph(domain_id: int, make_probe: Callable[..., Probe]) -> None:
-    """Slow, so that a busy machine does not matter: three nodes in a namespace, a jam, and on SIGINT the last word."""
-    arguments = ("--ros-args", "-r", "__ns:=/lf_ankle", "-p", "sim:speed:=0.3", "-p", "controller:auto_at_start:=false")
-    process = subprocess.Popen(
-        [*COMPOSED, *arguments], env=environment(domain_id), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
-    try:
-        probe = make_probe("/lf_ankle")
-        probe.listen(JAM_STATE, PUMP_DUTY, *SOLENOIDS.values())
-        probe.wait_until_up()
-        nodes = {"/lf_ankle/sim", "/lf_ankle/controller", "/lf_ankle/driver"}
-        probe.spin_until(
-            lambda: nodes <= {f"{space}/{name}" for name, space in probe.node.get_node_names_and_namespaces()},
-            "all three are on the graph",
-        )
-        assert probe.call(SET_AUTO, data=False).success
-        assert probe.call(JAM, vacuum_pa=40e3).success
-        probe.wait_for_channels(ChannelJamState.JAMMED)
-        process.terminate()
-        assert process.wait(30.0) == 0
-        told = (PUMP_DUTY, *SOLENOIDS.values())
-        probe.spin_until(lambda: not any(probe.last(topic).data for topic in told), "pump and solenoids are let go")
-    finally:
+@pytest.fixture
+def compose(domain_id: int) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start the process with arguments; it is ended after the test, whatever happens."""
+    started: list[subprocess.Popen[str]] = []
+
+    def begin(*arguments: str) -> subprocess.Popen[str]:
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        started.append(subprocess.Popen([*COMPOSED, *arguments], env=environment(domain_id), text=True, **pipes))
+        return started[-1]
+
+    yield begin
+    for process in started:
         process.kill()
         output, _ = process.communicate(timeout=30.0)
         sys.stdout.write(output)
+
+
+def test_controller_and_driver_share_a_process(
+    compose: Callable[..., Any], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """On hardware: they are on the graph as ever, jam, and on SIGTERM the driver has the last word."""
+    own = tmp_path / "own.yaml"
+    own.write_text(
+        "/**/driver: {ros__parameters: {hardware: fake}}\n/**/controller: {ros__parameters: {auto_at_start: false}}\n"
+    )
+    process = compose("controller", "driver", *IN_NAMESPACE, "--params-file", str(own))
+    probe = make_probe("/lf_ankle")
+    probe.listen(JAM_STATE, PUMP_DUTY, *SOLENOIDS.values())
+    probe.wait_until_up()
+    assert probe.call(SET_AUTO, data=False).success
+    assert probe.call(JAM, vacuum_pa=40e3).success
+    told = (PUMP_DUTY, *SOLENOIDS.values())
+    probe.spin_until(lambda: all(probe.last(topic) and probe.last(topic).data for topic in told), "it jams")
+    process.terminate()
+    assert process.wait(30.0) == 0
+    probe.spin_until(lambda: not any(probe.last(topic).data for topic in told), "pump and solenoids are let go")
+
+
+def test_a_simulated_ankle_fits_into_one_process(
+    compose: Callable[..., Any], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """Three nodes, one clock, and the driver knows every channel; slow, as all of it has one core."""
+    (tmp_path / "slow.yaml").write_text("/**/sim: {ros__parameters: {speed: 0.2}}\n")
+    process = compose(*IN_NAMESPACE, "--params-file", str(tmp_path / "slow.yaml"))
+    probe = make_probe("/lf_ankle")
+    probe.listen(JAM_STATE, CLOCK)
+    probe.wait_until_up()
+    nodes = {"/lf_ankle/sim", "/lf_ankle/controller", "/lf_ankle/driver"}
+    probe.spin_until(
+        lambda: nodes <= {f"{space}/{name}" for name, space in probe.node.get_node_names_and_namespaces()},
+        "all three are on the graph",
+    )
+    assert len(probe.node.get_publishers_info_by_topic(CLOCK.name)) == 1
+    assert probe.last(JAM_STATE).header.stamp.sec < 1000  # simulated time
+    process.terminate()
+    assert process.wait(30.0) == 0
 
 
 @pytest.mark.parametrize(

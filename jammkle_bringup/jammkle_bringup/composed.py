@@ -1,7 +1,7 @@
 """Several nodes of one ankle in one process: `python -m jammkle_bringup.composed [NODE ...] [--ros-args ...]`.
 
 Without names the simulated ankle, its controller and its driver. On hardware: `composed controller driver`. Parameters
-of one node are `-p driver:port:=/dev/jammkle`, or stand in a file. One process takes less of the processor and of
+of one node stand in a file, in its own section (`/**/driver`). One process takes less of the processor and of
 memory; its nodes share one core and one end, which is why `jammkle up` keeps them apart.
 """
 
@@ -59,14 +59,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown:
         sys.stderr.write(f"there is no node '{unknown[0]}'; known are: {', '.join(MAKERS)}\n")
         return EXIT_BAD_INPUT
-    if SIM_NODE in names:  # as `jammkle up` sets it: what is around a simulation runs on its clock
-        ros = [*(ros or [_ROS_ARGUMENTS]), *_on_its_clock(name for name in names if name != SIM_NODE)]
+    if SIM_NODE in names:  # what is around a simulation runs on its clock, whatever is set for all; itself it does not
+        ros = [*(ros or [_ROS_ARGUMENTS]), "-p", "use_sim_time:=true"]
     chosen = [name for name in MAKERS if name in names]
     return run_together([MAKERS[name] for name in chosen], ros, loop=_drive, shut_down=_shut_down)
-
-
-def _on_its_clock(names: Any) -> list[str]:
-    return [part for name in names for part in ("-p", f"{name}:use_sim_time:=true")]
 
 
 def _drive(nodes: Sequence[Node], executor: Executor, stop: StopFlag) -> None:

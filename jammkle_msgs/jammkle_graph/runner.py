@@ -96,7 +96,7 @@ def run_together(
 
     Args:
         makers: Make the nodes, in order.
-        arguments: As for `run`; parameters of one of them are `-p NODE:NAME:=VALUE`.
+        arguments: As for `run`; parameters of one of them stand in its section of a file.
         loop: What to do until the flag is set, with all of them.
         shut_down: As for `run`, with all that were made.
 
