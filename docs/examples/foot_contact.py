@@ -4,8 +4,10 @@ python foot_contact.py --ros-args -r __ns:=/lf_ankle
 """
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 
 from jammkle_msgs.msg import ContactEvent
@@ -36,13 +38,17 @@ class FootContact(Node):
 
 
 def main():
-    """Run until Ctrl-C."""
-    rclpy.init()
+    """Run until Ctrl-C; SIGTERM just ends it, as nothing is left to be put in order."""
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    executor = SingleThreadedExecutor()
     try:
-        rclpy.spin(FootContact())
-    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+        executor.add_node(FootContact())
+        while True:
+            executor.spin_once(timeout_sec=0.1)
+    except KeyboardInterrupt:
         pass
     finally:
+        executor.shutdown()
         rclpy.try_shutdown()
 
 
