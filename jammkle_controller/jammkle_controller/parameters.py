@@ -213,13 +213,13 @@ class ControllerParameters:
     )
     unloading_confirm_s: float = parameter(0.015, "Time of unloading that is a LIFTOFF", "s", 0.0, 0.2, dynamic=True)
     swing_probability: float = parameter(
-        0.9, "Probability of swing above which a foot or shank has left the ground", "1", 0.5, 0.999, dynamic=True
+        0.85, "Probability of swing above which a foot or shank has left the ground", "1", 0.5, 0.999, dynamic=True
     )
     stance_probability: float = parameter(
-        0.05, "Probability of swing below which it stands, blow or none", "1", 0.001, 0.5, dynamic=True
+        0.1, "Probability of swing below which it stands, blow or none", "1", 0.001, 0.5, dynamic=True
     )
     touchdown_probability: float = parameter(
-        0.9, "Probability from which on a foot or shank that swings has touched down", "1", 0.05, 0.99
+        0.5, "Probability from which on a blow in a swing is a touch-down", "1", 0.05, 0.99
     )
 
 

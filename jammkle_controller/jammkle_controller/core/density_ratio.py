@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 WEIGHTS_FILE = "learned.json"
-BORDER = 3.5
-"""Features further from the mean, in standard deviations, are moved to here: a square would dominate there."""
 LARGEST_LOG_ODDS = 8.0
 """No single look is surer than 1 in 3000: outside of what was learned from, a polynomial says anything."""
 
@@ -35,8 +33,9 @@ class DensityRatio:
 
     def log_odds(self, features: Sequence[float]) -> float:
         """Return the logarithm of the ratio at the features, within +-`LARGEST_LOG_ODDS`."""
+        # Features far from all that was learned from are moved to its border: a square would dominate there.
         x = [
-            min(BORDER, max(-BORDER, (value - centre) / scale))
+            min(3.5, max(-3.5, (value - centre) / scale))
             for value, centre, scale in zip(features, self.centre, self.scale, strict=True)
         ]
         total = self.constant

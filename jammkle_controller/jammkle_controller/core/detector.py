@@ -116,19 +116,18 @@ class ContactDetector:
         self.motion.update(sample, interval_s)
         self._impact.follow(sample.time_ns, interval_s, self.motion.force_m_s2)
         if self.foot is not None:
-            self.foot.update(sample, self.motion, interval_s)
+            self.foot.update(self.motion, interval_s)
 
     def _begin_anew(self, sample: ImuSample, admission: Admission) -> None:
         """Forget what cannot be compared with the next sample; a flight goes on, its landing may lie in the gap."""
-        force = (sample.force_x, sample.force_y, sample.force_z)
-        self.motion = Motion(force)
+        self.motion = Motion((sample.force_x, sample.force_y, sample.force_z))
         self._impact.restart(self.motion.force_m_s2)
         self._liftoff.restart()
         self._rest.restart()
         self._slip.release()
         self._unloading.restart()
         if self.foot is not None:
-            self.foot.restart(force)
+            self.foot.restart()
         if admission is Admission.RESTARTED:
             self._impact.forget_impacts()
             self._unloading.forget()

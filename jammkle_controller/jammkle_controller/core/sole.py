@@ -9,8 +9,6 @@ from jammkle_controller.core.swing import SwingFilter
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from jammkle_controller.core.density_ratio import DensityRatio
     from jammkle_controller.core.imu import ImuSample
     from jammkle_controller.core.motion import Motion
@@ -35,8 +33,8 @@ class SoleFilter:
     the features of the motion and the probability of swing: a foot that is lifted gains speed upward and turns.
     """
 
-    EXTRA = ("speed", "upward", "swing", "since landing")
-    """Features beside those of the motion."""
+    NAMES = ("unrest", "turning", "sharpness", "load", "long unrest", "speed", "upward", "swing", "since landing")
+    """Of the features."""
 
     def __init__(self, ratio: DensityRatio, lever_m: Vector) -> None:
         """Make a filter.
@@ -87,23 +85,21 @@ class SoleFilter:
         weight = math.sqrt(gx * gx + gy * gy + gz * gz) or 1.0
         self._up = (self.direction[0] * gx + self.direction[1] * gy + self.direction[2] * gz) / weight
 
-    def features(self, time_ns: int, motion_features: Sequence[float], swing: float) -> tuple[float, ...]:
-        """Return what the probability is made of: how the foot moves, and its speed.
-
-        Args:
-            time_ns: Of the sample.
-            motion_features: `Scales.features`.
-            swing: Probability of swing, neither 0 nor 1.
-
-        """
+    def features(self, time_ns: int, motion: Motion, swing: float) -> tuple[float, ...]:
+        """Return what the probability is made of."""
+        unrest, turning, sharpness, load, long_unrest, _ = motion.features()
         return (
-            *motion_features,
+            unrest,
+            turning,
+            sharpness,
+            load,
+            long_unrest,
             math.log10(_SPEED_FLOOR_M_S + self.speed_m_s),
             self._up,
             math.log(swing / (1.0 - swing)),
             min(_LONGEST_S, (time_ns - self._landed_ns) / NANOSECONDS_PER_SECOND),
         )
 
-    def update(self, features: Sequence[float], interval_s: float) -> float:
+    def update(self, time_ns: int, interval_s: float, motion: Motion, swing: float) -> float:
         """Return the probability that the foot slides after `follow`."""
-        return self._filter.update(features, interval_s)
+        return self._filter.update(self.features(time_ns, motion, swing), interval_s)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from jammkle_controller.core.density_ratio import learned
 from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
-from jammkle_controller.core.scales import Scales
 from jammkle_controller.core.sole import SoleFilter
 from jammkle_controller.core.swing import SwingFilter
 from jammkle_controller.core.touchdown import TouchdownDetector
@@ -15,9 +14,9 @@ from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 if TYPE_CHECKING:
     from jammkle_controller.core.detector_settings import DetectorSettings
     from jammkle_controller.core.imu import ImuSample
-    from jammkle_controller.core.motion import Motion, Vector
+    from jammkle_controller.core.motion import Motion
 
-REBOUND_S = 0.06
+REBOUND_S = 0.08
 """After a touch-down a foot does not leave again so soon, s: what shakes it is the touch-down."""
 AS_LIKELY = 0.5
 SURE_SWING = 0.95
@@ -34,7 +33,6 @@ class SteppingFoot:
         mount = settings.mount.value
         self.swing = SwingFilter(learned(f"swing_{mount}"))
         self.sole = SoleFilter(learned(f"slide_{mount}"), settings.slip.lever_m)
-        self.scales = Scales((0.0, 0.0, 0.0))
         self._touchdown = TouchdownDetector(learned(f"touchdown_{mount}"), settings.touchdown_probability)
         self._interval_s = 0.0
         self._rising_since_ns: int | None = None
@@ -43,9 +41,8 @@ class SteppingFoot:
         self._sliding = False
         self._slide_since_ns = 0
 
-    def restart(self, force: Vector) -> None:
-        """Forget what cannot be compared with the next sample; `force` is its specific force, m/s^2."""
-        self.scales = Scales(force)
+    def restart(self) -> None:
+        """Forget what cannot be compared with the next sample."""
         self.swing.restart()
         self._interval_s = 0.0
 
@@ -53,11 +50,10 @@ class SteppingFoot:
         """Forget a lift-off that has begun."""
         self._rising_since_ns = None
 
-    def update(self, sample: ImuSample, motion: Motion, interval_s: float) -> None:
-        """Take the next sample, `interval_s` after the one before, and the motion at it."""
+    def update(self, motion: Motion, interval_s: float) -> None:
+        """Take the motion at the next sample, `interval_s` after the one before."""
         self._interval_s = interval_s
-        self.scales.update(sample, motion, interval_s)
-        self.swing.update(self.scales.features(motion), interval_s)
+        self.swing.update(motion.features(), interval_s)
 
     def leaving(self, time_ns: int, landed_ns: int | None, motion: Motion) -> ContactEvent | None:
         """Return a lift-off when a swing becomes probable.
@@ -89,10 +85,10 @@ class SteppingFoot:
 
     def end_of_swing(self, time_ns: int, motion: Motion) -> ContactEvent | None:
         """Return the touch-down of a foot that swings: a blow, or, told late, that it stands."""
-        impact = self._touchdown.in_swing(time_ns, self.scales, motion, self._interval_s)
+        impact = self._touchdown.in_swing(time_ns, motion, _since_s(self._swing_since_ns, time_ns))
         swing = self.swing.probability
         if impact is None and swing < self.settings.swing.stance_probability:
-            return self._touchdown.event(time_ns, 1.0 - swing)
+            return ContactEvent(ContactKind.IMPACT, time_ns, motion.sharp_m_s2, M_S2, 0.0, 1.0 - swing)
         return impact
 
     def swinging(self, time_ns: int, motion: Motion) -> ContactEvent | None:
@@ -115,8 +111,7 @@ class SteppingFoot:
         time_ns, sole, least = sample.time_ns, self.sole, self.settings.slip.probability
         sole.follow(sample, self._interval_s, motion)
         before = sole.probability
-        features = sole.features(time_ns, self.scales.features(motion), self.swing.probability)
-        probability = sole.update(features, self._interval_s)
+        probability = sole.update(time_ns, self._interval_s, motion, self.swing.probability)
         if before < AS_LIKELY <= probability:
             self._slide_since_ns = time_ns
         if self._sliding or probability < least:
