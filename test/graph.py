@@ -48,6 +48,8 @@ def messages_of(bag: Path, topic: str) -> list[Any]:
     """Every message of a topic of a bag, in order."""
     with AnyReader([bag]) as reader:
         connections = [each for each in reader.connections if each.topic == topic]
+        if not connections:  # which the reader would take for all of them
+            return []
         return [reader.deserialize(raw, each.msgtype) for each, _, raw in reader.messages(connections=connections)]
 
 
