@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 TRIALS = 150
 IMU_PERIOD_S = 0.002
 PRESSURE_EVERY = 5
-REST_SAMPLES = 30
+REST_SAMPLES = 100
+"""Long enough for the mean specific force to stay above half of g: below it an IMU counts as one without gravity."""
 FLIGHT_SAMPLES = 60
 GROUND_SAMPLES = 40
 IMPACT_M_S2 = 40.0
