@@ -14,7 +14,7 @@ from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.diagnosis import THRESHOLD
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, LinkState, released
+from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
 from jammkle_driver.core.overload import OverloadWatch
 from jammkle_driver.core.regulator import PumpLoad
 from jammkle_driver.core.releases import check_carried_out
@@ -236,6 +236,19 @@ def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) ->
         bench.driver.clear_fault(bench.now)
     run(bench, 1.0)
     assert bench.driver.command == released(CHANNELS)
+
+
+def test_a_brown_out_that_keeps_the_board_away_is_told_as_one() -> None:
+    """For half a second it does not answer, and counts as unplugged; then it says what it was. FAULT all the while."""
+    bench = jammed_bench()
+    bench.link = replace(bench.link, state=LinkState.LOST, detail="no reply")
+    run(bench, 0.5)
+    assert bench.told()[0] is Reason.BOARD_UNPLUGGED
+    latched, cause = frozenset({SafeCause.RESET}), ResetCause.BROWN_OUT
+    bench.link = replace(bench.link, state=LinkState.CONNECTED, latched=latched, reset_cause=cause)
+    run(bench, 0.2)
+    assert bench.told()[0] is Reason.BROWN_OUT
+    assert len(bench.driver.ankle.faulty) == len(CHANNELS)
 
 
 def test_a_driver_that_stood_still_faults_nobody_and_jams_again() -> None:

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import pytest
 
+from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.hardware_choice import HardwareContext, check_hardware, check_parameters, make_hardware
@@ -38,6 +39,17 @@ def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> Non
         assert not guard.look(link, jammed=False).acknowledge
     guard.clear()
     assert guard.look(LATCHED, jammed=False).acknowledge
+
+
+def test_a_board_that_is_away_while_it_starts_anew_was_not_unplugged() -> None:
+    """The reason is put right once, when it answers again; nothing is acknowledged by that."""
+    guard = LinkGuard()
+    assert guard.look(LOST, jammed=True).reason is Reason.BOARD_UNPLUGGED
+    assert not guard.look(LOST, jammed=False).fault
+    verdict = guard.look(REBOOTED, jammed=False)
+    assert verdict.reason is Reason.BROWN_OUT
+    assert not verdict.acknowledge
+    assert not guard.look(REBOOTED, jammed=False).fault
 
 
 def test_a_board_that_had_not_heard_the_driver_is_no_fault() -> None:

@@ -185,8 +185,13 @@ class Channel:
         self._follow()
 
     def fail(self, reason: str, fault: Reason = Reason.NOT_REACHED) -> None:
-        """Go to FAULT and release until `clear`; one that is in FAULT keeps its first reason."""
+        """Go to FAULT and release until `clear`; one that is in FAULT keeps its first reason.
+
+        But a board that did not answer, and then says that it has started anew, had been away for that.
+        """
         if self._state is ChannelState.FAULT:
+            if self._fault is Reason.BOARD_UNPLUGGED and fault in {Reason.BOARD_REBOOTED, Reason.BROWN_OUT}:
+                self._reason, self._fault = reason, fault
             return
         self._set_point_pa = 0.0
         self._held = False

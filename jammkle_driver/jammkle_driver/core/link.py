@@ -45,6 +45,7 @@ class LinkGuard:
     def __init__(self) -> None:
         """Make a guard that has seen nothing yet."""
         self._failed = False
+        self._lost = False
 
     def look(self, link: LinkStatus, *, jammed: bool) -> LinkVerdict:
         """Return what to do.
@@ -60,7 +61,13 @@ class LinkGuard:
         if jammed:
             reason, fault = _fault(link)
             self._failed = bool(fault)
+            self._lost = reason is Reason.BOARD_UNPLUGGED
             return LinkVerdict(fault, reason)
+        if self._lost and link.state is LinkState.CONNECTED:
+            self._lost = False
+            if SafeCause.RESET in link.latched:  # it was no cable: a boot loader is silent for up to 2 s
+                reason, fault = _fault(link)
+                return LinkVerdict(fault, reason)
         if link.state is LinkState.CONNECTED and not link.latched:
             self._failed = False
         idle = link.state is LinkState.CONNECTED and bool(link.latched) and not self._failed
@@ -68,7 +75,7 @@ class LinkGuard:
 
     def clear(self) -> None:
         """Note that somebody has acknowledged what happened."""
-        self._failed = False
+        self._failed = self._lost = False
 
 
 def _fault(link: LinkStatus) -> tuple[Reason, str]:
