@@ -88,7 +88,7 @@ def command_tree(folder: Path) -> None:
     for kind in ("msg", "srv", "action"):
         copied(ROOT / INTERFACES / kind, folder / SHARED / "share" / INTERFACES / kind)
     packages: list[str] = [SHARED, *subpackages(folder / SHARED, SHARED)]
-    package_data: dict[str, list[str]] = {SHARED: ["share/**/*"]}
+    package_data: dict[str, list[str]] = {SHARED: ["*.xml", "share/**/*"]}
     data: dict[str, list[str]] = {}
     groups: dict[str, dict[str, str]] = {}
     for name in NODES:

@@ -1,0 +1,74 @@
+"""Processes of ours share no memory with others, so that nobody waits for one that was killed; users may choose so."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from jammkle_graph.testing import own_domain
+from jammkle_graph.transport import talk_by_udp
+
+PARTICIPANT = """
+import os, rclpy
+from pathlib import Path
+from jammkle_graph.transport import talk_by_udp
+talk_by_udp(os.environ)
+rclpy.init()
+node = rclpy.create_node("anybody")
+print("/dev/shm/fastrtps" in Path("/proc/self/maps").read_text())
+"""
+
+
+def shares_memory(**environment: str) -> bool:
+    """Whether a participant that is started with this environment maps queues of Fast DDS."""
+    with own_domain() as number:
+        answer = subprocess.run(
+            [sys.executable, "-c", PARTICIPANT],
+            env={**os.environ, "ROS_DOMAIN_ID": str(number), **environment},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    return answer.stdout.strip() == "True"
+
+
+@pytest.mark.parametrize("reach", ["LOCALHOST", "SUBNET"])
+def test_no_memory_is_shared_unless_asked_for(reach: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither with discovery on this machine alone nor beyond it; a user who asks for shared memory gets it."""
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    monkeypatch.delenv("FASTDDS_BUILTIN_TRANSPORTS", raising=False)
+    assert not shares_memory(ROS_AUTOMATIC_DISCOVERY_RANGE=reach)
+
+
+def test_a_user_who_asks_for_shared_memory_gets_it() -> None:
+    """`FASTDDS_BUILTIN_TRANSPORTS` stays as it is."""
+    assert shares_memory(ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET", FASTDDS_BUILTIN_TRANSPORTS="DEFAULT")
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"},
+        {"FASTRTPS_DEFAULT_PROFILES_FILE": "mine.xml"},
+        {"FASTDDS_DEFAULT_PROFILES_FILE": "mine.xml", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+        {"ROS_LOCALHOST_ONLY": "1"},
+    ],
+)
+def test_what_a_user_has_chosen_stays(chosen: dict[str, str]) -> None:
+    """Another middleware, a profile, or the deprecated way to stay on one machine."""
+    environment = dict(chosen)
+    talk_by_udp(environment)
+    assert environment == chosen
+
+
+def test_to_choose_twice_is_to_choose_once() -> None:
+    """As a command does that starts others, which inherit its environment."""
+    once = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    talk_by_udp(once)
+    twice = dict(once)
+    talk_by_udp(twice)
+    assert twice == once
+    assert set(once) == {"ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"}
