@@ -48,8 +48,21 @@ def probe(start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone
     looking_on = make_probe()
     looking_on.listen(JAM_STATE)
     looking_on.wait_until_up()
+    # What a node offers is announced one by one after the node itself, and on a busy machine that takes a while.
     looking_on.spin_until(lambda: set(NODES) <= set(looking_on.node.get_node_names()), "every node is discovered")
+    looking_on.spin_until(lambda: not _unannounced(looking_on), "every topic and service is announced")
     return looking_on
+
+
+def _unannounced(looking_on: Probe) -> list[str]:
+    """Topics that nobody publishes yet, and services and actions that nobody offers yet."""
+    services = {name for name, _ in looking_on.node.get_service_names_and_types()}
+    publishers = {topic.name: looking_on.node.count_publishers(topic.name) for topic in TOPICS}
+    return [
+        *(topic.name for topic in TOPICS if topic not in FROM_OUTSIDE and not publishers[topic.name]),
+        *(f"/{each.path}" for each in SERVICES if f"/{each.path}" not in services),
+        *(f"/{each.path}" for each in ACTIONS if f"/{each.path}{HIDDEN}send_goal" not in services),
+    ]
 
 
 def test_every_pair_of_publisher_and_subscriber_fits(probe: Probe) -> None:
