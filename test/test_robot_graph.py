@@ -1,8 +1,9 @@
-"""A quadruped over real DDS: four drivers and controllers against one simulation, one clock, frames of their own."""
+"""Robots over real DDS: four drivers and controllers on one quadruped, and a leg that tells its gait."""
 
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
@@ -12,10 +13,14 @@ from graph import Probe, Up, messages_of
 from jammkle_graph.names import (
     ACHILLES,
     CLOCK,
+    DIAGNOSTICS,
+    GAIT_PHASE,
     IMU,
+    JAM_COMMAND,
     JAM_STATE,
     JOINT_STATES,
     ODOMETRY,
+    PLANNED_CONTACT,
     PRESSURES,
     QUADRUPED_ANKLES,
     ROBOT_DESCRIPTION,
@@ -83,3 +88,41 @@ def test_a_quadruped_stands_jams_and_is_recorded(
             ChannelJamState.UNJAMMED,
             ChannelJamState.UNKNOWN,
         }
+
+
+@pytest.mark.timeout(300)
+def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """The controller hears the plan, and asks for vacuum before the foot, which comes 34 ms early, can be felt."""
+    early = tmp_path / "early.yaml"
+    early.write_text("/**/controller: {ros__parameters: {jam_lead_s: 0.1}}\n")
+    up = start("up", "--robot", "leg", "--behaviour", "walk", "--speed", "0.5", "--params", str(early))
+    probe = make_probe()
+    probe.listen(JAM_STATE, JAM_COMMAND, GAIT_PHASE, PLANNED_CONTACT, DIAGNOSTICS)
+    probe.wait_until_up()
+
+    def inputs() -> set[str]:
+        lines = [status for each in probe.heard[DIAGNOSTICS.name] for status in each.status]
+        told = [line.message for line in lines if line.name.endswith("controller: inputs")]
+        return set(told[-1].removeprefix("beside the IMU: ").split(", ")) if told else set()
+
+    probe.spin_until(lambda: {"gait phase", "planned contact"} <= inputs(), "the controller hears the gait")
+    begun_at: list[float] = []
+    wanted = True
+
+    def is_jammed_ahead() -> bool:
+        nonlocal wanted
+        before, command = wanted, probe.last(JAM_COMMAND)
+        wanted = command is None or any(channel.vacuum_pa > 0.0 for channel in command.channels)
+        if wanted and not before:
+            begun_at.append(probe.last(GAIT_PHASE).data)
+        return any(0.75 < phase < 0.9 for phase in begun_at)
+
+    probe.spin_until(is_jammed_ahead, "it is jammed ahead of a touch-down")
+    assert {each.data for each in probe.heard[PLANNED_CONTACT.name]} == {True, False}
+    phases = [each.data for each in probe.heard[GAIT_PHASE.name]]
+    assert all(0.0 <= phase < 1.0 for phase in phases)
+    rises = sorted(after - before for before, after in pairwise(phases) if after > before)
+    assert rises[len(rises) // 2] == pytest.approx(0.02, abs=0.001)  # 10 ms of 0.5 s
+    assert up.stop() == 0, up.text()

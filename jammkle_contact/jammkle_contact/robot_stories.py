@@ -44,8 +44,6 @@ class Traces:
     stands: NDArray[np.bool_]
     sliding_m_s: NDArray[np.float64]
     way_m: NDArray[np.float64]
-    bears: NDArray[np.bool_]
-    """By plan."""
 
 
 class Keeper:
@@ -65,7 +63,6 @@ class Keeper:
                 foot.stands,
                 foot.sliding_speed_m_s,
                 foot.sliding_distance_m,
-                ankle.bears,
             )
             self._rows.setdefault(name, []).append(row)
 
@@ -74,7 +71,7 @@ class Keeper:
         made = {}
         for name, rows in self._rows.items():
             table = np.array(rows, dtype=float)
-            made[name] = Traces(table[:, :6], table[:, 6] > 0, table[:, 7], table[:, 8], table[:, 9] > 0)
+            made[name] = Traces(table[:, :6], table[:, 6] > 0, table[:, 7], table[:, 8])
         return made
 
 
@@ -159,7 +156,6 @@ def of_the_body(ankles: Sequence[Traces]) -> Traces:
         stands=np.asarray(np.any(stands, axis=0)),
         sliding_m_s=sliding_m_s,
         way_m=np.cumsum(sliding_m_s) / RATE_HZ,
-        bears=np.any([each.bears for each in ankles], axis=0),
     )
 
 

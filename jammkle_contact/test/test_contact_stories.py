@@ -81,7 +81,7 @@ def test_a_body_is_carried_while_any_foot_stands_and_slides_as_they_do_on_averag
     one, other = np.ones(100, dtype=bool), np.ones(100, dtype=bool)
     one[50:], other[80:] = False, False
     imu = np.zeros((100, 6))
-    body = of_the_body([Traces(imu, one, still, still, one), Traces(imu, other, slides, still, other)])
+    body = of_the_body([Traces(imu, one, still, still), Traces(imu, other, slides, still)])
     assert body.stands.tolist() == [True] * 80 + [False] * 20
     assert body.sliding_m_s[[0, 60, 90]].tolist() == pytest.approx([0.1, 0.2, 0.0])
 

@@ -44,7 +44,12 @@ class ControllerParameters:
     sole_y_m: float = parameter(0.0, "From the IMU to the sole, along y of the IMU; for slip", "m", -2.0, 2.0)
     sole_z_m: float = parameter(0.0, "From the IMU to the sole, along z of the IMU; for slip", "m", -2.0, 2.0)
     stance_share: float = parameter(
-        0.5, "Share of the stride that the foot stands, for gait/phase", "1", 0.05, 0.95, dynamic=True
+        0.5,
+        "Share of the stride that the foot stands, if only gait/phase is heard",
+        "1",
+        0.05,
+        0.95,
+        dynamic=True,
     )
     use_load: bool = parameter(
         default=False,

@@ -180,16 +180,26 @@ def test_a_contact_switch_goes_on_where_the_imu_is_broken(streams: Any) -> None:
     assert controller.wish == HELD
 
 
-def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any) -> None:
-    """With a phase the swing is soft, and jamming begins 30 ms before the planned touch-down, on an IMU at rest."""
+@pytest.mark.parametrize("planned_share", [None, 0.7])
+def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any, planned_share: float | None) -> None:
+    """The swing is soft from its begin on, and is jammed 30 ms before the planned touch-down, on an IMU at rest.
+
+    Where the gait says itself when it plans contact, that counts and not stance_share.
+    """
     controller, last_ns = standing(streams)
-    stride_s, asked_s = 0.5, []
+    stride_s, asked_s, vented_s = 0.5, [], []
     for sample in later(streams.sense(streams.rest(2.0), 500), last_ns):
         since_s = (sample.time_ns - last_ns) * 1e-9
-        controller.hear_phase((since_s / stride_s) % 1.0, sample.time_ns)
+        phase = (since_s / stride_s) % 1.0
         before = controller.wish
+        if planned_share is not None:
+            controller.hear_plan(contact=phase < planned_share, time_ns=sample.time_ns)
+        controller.hear_phase(phase, sample.time_ns)
         controller.update(sample)
         if controller.wish == HELD and before == SOFT:
             asked_s.append(since_s % stride_s)
+        elif controller.wish == SOFT and before == HELD:
+            vented_s.append(since_s % stride_s)
     assert len(asked_s) >= 3
     assert all(abs(stride_s - 0.03 - at_s) < 0.006 for at_s in asked_s[1:])
+    assert vented_s == pytest.approx([(planned_share or 0.5) * stride_s] * len(vented_s), abs=0.006)

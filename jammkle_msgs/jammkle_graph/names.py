@@ -112,10 +112,16 @@ FOOT_CONTACT = Topic(
     "foot_contact", "std_msgs/msg/Bool", TopicKind.SENSOR, "true: the foot's contact switch is closed; optional"
 )
 GAIT_PHASE = Topic(
-    "gait/phase", "std_msgs/msg/Float32", TopicKind.SENSOR, "0 at touch-down to 1 at the next, of the foot; optional"
+    "gait/phase",
+    "std_msgs/msg/Float32",
+    TopicKind.SENSOR,
+    "0 at touch-down to 1 at the next, of the foot; optional; a simulated robot that walks tells it",
 )
 PLANNED_CONTACT = Topic(
-    "gait/contact", "std_msgs/msg/Bool", TopicKind.SENSOR, "whether the gait plans contact of the foot now; optional"
+    "gait/contact",
+    "std_msgs/msg/Bool",
+    TopicKind.SENSOR,
+    "whether the gait plans contact of the foot now; optional; a simulated robot that walks tells it",
 )
 JAM_STATE = Topic("jam_state", "jammkle_msgs/msg/JamState", TopicKind.STATE, "state and vacuum per channel")
 JAM_COMMAND = Topic(
@@ -204,7 +210,7 @@ TOPICS: tuple[Topic, ...] = (
 """Every topic of one ankle's graph: what a complete recording holds."""
 
 FROM_OUTSIDE: tuple[Topic, ...] = (EMERGENCY_STOP, FOOT_CONTACT, GAIT_PHASE, PLANNED_CONTACT)
-"""Those that only a robot around the ankle publishes."""
+"""Those that only a robot around the ankle publishes, a simulated one its gait among them."""
 
 OF_THE_WHOLE: tuple[Topic, ...] = (SIM_PARAMETERS, ROBOT_DESCRIPTION, ODOMETRY)
 """What one simulation of several ankles says above them, and once."""

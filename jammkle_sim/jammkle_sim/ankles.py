@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from jammkle_graph.diagnostics import Health
     from jammkle_sim.core.engine import Tick
 
-RIG_OUTPUTS = tuple(output for output in Output if output is not Output.TRUE_CONTACT)
-"""What a rig's ankle has: no truth of its foot."""
+RIG_OUTPUTS = tuple(output for output in Output if output not in (Output.TRUE_CONTACT, Output.GAIT))
+"""What a rig's ankle has: no truth of its foot, and no gait."""
 ROBOT_OUTPUTS = tuple(output for output in Output if output is not Output.LOAD_CELL)
 """What a robot's ankle has: no load cell."""
 

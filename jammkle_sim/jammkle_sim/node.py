@@ -28,7 +28,7 @@ from jammkle_sim.core.schedule import Output, steps_per_output
 from jammkle_sim.health import rig_health, simulation_health
 from jammkle_sim.kinds import RIG, SimKind
 from jammkle_sim.outputs import ClockOutput
-from jammkle_sim.parameters import MAX_RATE_HZ, PRESSURE_RATE_HZ, WHOLE_RATE_HZ
+from jammkle_sim.parameters import GAIT_RATE_HZ, MAX_RATE_HZ, PRESSURE_RATE_HZ, WHOLE_RATE_HZ
 from jammkle_sim.rig_action import NoRigAction, RigAction
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.urdf import robot_urdf
@@ -263,6 +263,7 @@ def _make_engine(simulation: Any, parameters: RunParameters, outputs: Collection
         Output.TENDON_STATES: state,
         Output.LOAD_CELL: state,
         Output.TRUE_CONTACT: state,
+        Output.GAIT: steps_per_output(GAIT_RATE_HZ, timestep_s, MAX_RATE_HZ),
         Output.WHOLE: steps_per_output(WHOLE_RATE_HZ, timestep_s, MAX_RATE_HZ),
         Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
     }

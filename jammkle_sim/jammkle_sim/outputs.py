@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from geometry_msgs.msg import WrenchStamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu, JointState
+from std_msgs.msg import Bool, Float32
 
 from jammkle_graph import names
 from jammkle_graph.names import MANIFOLD_FRAME
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from jammkle_sim.core.engine import Tick
     from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.robots.foot_truth import FootTruth
+    from jammkle_sim.robots.gait import FootPlan
 
 
 class AnkleSensors(Protocol):
@@ -57,11 +59,14 @@ class WithLoadCell(AnkleSensors, Protocol):
         """Force between rig and leg, N."""
 
 
-class WithTruth(AnkleSensors, Protocol):
+class OfARobot(AnkleSensors, Protocol):
     """An ankle of a robot."""
 
     def foot(self) -> FootTruth:
         """What the foot truly does on the ground."""
+
+    def plan(self) -> FootPlan | None:
+        """What the gait plans of the foot; None: there is no gait."""
 
 
 class Outputs:
@@ -72,7 +77,7 @@ class Outputs:
 
         Args:
             node: The sim node.
-            ankle: What is sampled; `WithLoadCell` or `WithTruth` where such an output is among them.
+            ankle: What is sampled; `WithLoadCell` or `OfARobot` where such an output is among them.
             outputs: What it can publish.
             within: Namespace of the ankle below the node's own; empty: that.
 
@@ -96,6 +101,10 @@ class Outputs:
         for output, (message_type, topic, make) in made.items():
             if output in outputs:
                 self._publish[output] = _publishing(publisher(message_type, topic), make)
+        if Output.GAIT in outputs:
+            self._phase = publisher(Float32, names.GAIT_PHASE)
+            self._planned_contact = publisher(Bool, names.PLANNED_CONTACT)
+            self._publish[Output.GAIT] = self._publish_gait
 
     @property
     def broken_tendons(self) -> tuple[str, ...]:
@@ -127,6 +136,15 @@ class Outputs:
         pressures_pa = {MANIFOLD_FRAME: self._ankle.manifold_pressure_pa(), **self._ankle.channel_pressures_pa()}
         for place, pressure_pa in pressures_pa.items():
             self._pressures[place].publish(self._messages.pressure(time_ns, pressure_pa, place))
+
+    def _publish_gait(self, _time_ns: int) -> None:
+        """Say what is planned of the foot, where a gait plans anything; both messages are of now, without a stamp."""
+        plan: FootPlan | None = self._ankle.plan()
+        if plan is None:
+            return
+        self._planned_contact.publish(Bool(data=plan.bears))
+        if plan.phase is not None:
+            self._phase.publish(Float32(data=plan.phase))
 
     def _joint_states(self, time_ns: int) -> JointState:
         positions, velocities = self._ankle.joint_positions(), self._ankle.joint_velocities()

@@ -11,7 +11,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from jammkle_graph.command.main import main
-from jammkle_graph.names import IMU, QUADRUPED_ANKLES, TRUE_CONTACT
+from jammkle_graph.names import GAIT_PHASE, IMU, PLANNED_CONTACT, QUADRUPED_ANKLES, TRUE_CONTACT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,6 +24,7 @@ def test_a_body_that_slips_has_its_sliding_in_the_bag(tmp_path: Path) -> None:
     assert main([*words.split(), "--json", str(tmp_path / "slip.json")]) == 0
     with AnyReader([bag]) as reader:
         assert {"/clock", "/sim_parameters"} <= set(reader.topics)
+        assert not {f"/{PLANNED_CONTACT.name}", f"/{GAIT_PHASE.name}"} & set(reader.topics)  # it has no gait
         heard = {name: [] for name in (f"/{IMU.name}", f"/{TRUE_CONTACT.name}")}
         for connection, _, raw in reader.messages():
             if connection.topic in heard:
@@ -45,13 +46,15 @@ def test_a_body_that_slips_has_its_sliding_in_the_bag(tmp_path: Path) -> None:
 
 
 def test_a_quadruped_has_a_namespace_for_each_ankle(tmp_path: Path) -> None:
-    """Every ankle's topics below the robot's own; one set of parameters for all."""
+    """Every ankle's topics below the robot's own, its gait's among them; one set of parameters for all."""
     bag = tmp_path / "trot"
-    assert main(["robot", "quadruped", "--behaviour", "walk", "--duration-s", "0.3", "-o", str(bag)]) == 0
+    assert main(["robot", "quadruped", "--behaviour", "walk", "--duration-s", "0.7", "-o", str(bag)]) == 0
     with AnyReader([bag]) as reader:
         counts = {name: topic.msgcount for name, topic in reader.topics.items()}
     for ankle in QUADRUPED_ANKLES:
-        assert counts[f"/{ankle}/{IMU.name}"] == counts[f"/{ankle}/{TRUE_CONTACT.name}"] == 150
+        assert counts[f"/{ankle}/{IMU.name}"] == counts[f"/{ankle}/{TRUE_CONTACT.name}"] == 350
+        assert counts[f"/{ankle}/{PLANNED_CONTACT.name}"] == 70
+        assert counts[f"/{ankle}/{GAIT_PHASE.name}"] == 21  # it stands for 0.5 s, and then walks
     assert counts["/sim_parameters"] == 1
 
 

@@ -115,7 +115,7 @@ def test_it_steps_and_says_when_it_means_to() -> None:
     stands = [each.ankles[ANKLE].foot.stands for each in samples]
     touch_downs = sum(not before and after for before, after in pairwise(stands))
     assert touch_downs in (4, 5)  # one each half second
-    agree = sum(each.ankles[ANKLE].bears == each.ankles[ANKLE].foot.stands for each in samples)
+    agree = sum(each.ankles[ANKLE].plan.bears == each.ankles[ANKLE].foot.stands for each in samples)
     assert agree > 0.85 * len(samples)
     advanced_m = samples[-1].base_position_m[0] - samples[0].base_position_m[0]
     assert advanced_m == pytest.approx(0.15 * 2.0, rel=0.1)

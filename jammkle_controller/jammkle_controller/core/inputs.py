@@ -112,11 +112,16 @@ class ContactInputs:
         return self._change(Input.LOAD, Source.LOAD, time_ns, 1.0, contact=stands)
 
     def hear_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
-        """Take the gait's phase: 0 at touch-down, 1 at the next."""
+        """Take the gait's phase: 0 at touch-down, 1 at the next.
+
+        Where the gait says itself when it plans contact, the share of the stride that the foot stands is not asked.
+        """
         if not 0.0 <= phase <= 1.0:
             return None
         self._heard_ns[Input.GAIT_PHASE] = time_ns
         self.gait.hear(phase, time_ns)
+        if Input.PLANNED_CONTACT in self._heard_ns:
+            return None
         stands = phase < self.settings.stance_share
         return self._change(Input.GAIT_PHASE, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=stands)
 

@@ -13,12 +13,14 @@ from jammkle_graph.messages import message_class
 from jammkle_graph.names import (
     CHANNELS,
     DIAGNOSTICS,
+    GAIT_PHASE,
     IMU,
     JOINT_STATES,
     LOAD_CELL,
     MANIFOLD_FRAME,
     MANIFOLD_PRESSURE,
     ODOMETRY,
+    PLANNED_CONTACT,
     PRESSURES,
     PUMP_DUTY,
     ROBOT_DESCRIPTION,
@@ -76,6 +78,8 @@ def messages(run: RigRun, namespace: str, robot_namespace: str = "") -> Iterator
         (JOINT_STATES, lambda time_ns, row: outgoing.joint_states(time_ns, *_joints(row))),
         (TENDON_STATES, lambda time_ns, row: outgoing.tendon_states(time_ns, _tendons(row, tendons))),
         (TRUE_CONTACT, lambda time_ns, row: outgoing.true_contact(time_ns, _truth(row))),
+        (PLANNED_CONTACT, lambda _, row: Bool(data=row["data"] > 0.0)),
+        (GAIT_PHASE, lambda _, row: Float32(data=row["data"])),
         (ODOMETRY, lambda time_ns, row: whole.odometry(time_ns, BaseSample(*_base(row)))),
         (LOAD_CELL, lambda time_ns, row: outgoing.wrench(time_ns, _vector(row, "force_{}_n"))),
         *(

@@ -20,6 +20,8 @@ class Output(enum.Enum):
     TENDON_STATES = "tendon_states"
     LOAD_CELL = "load_cell"
     TRUE_CONTACT = "true_contact"
+    GAIT = "gait"
+    """What the robot's gait plans of the foot."""
     WHOLE = "whole"
     """Where the base is, and the joints of all ankles together."""
     PRESSURES = "pressures"

@@ -11,7 +11,7 @@ from jammkle_sim.rigs.vacuum import VacuumRegulator
 from jammkle_sim.robots.foot_truth import FootTruth
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     import numpy as np
     from numpy.typing import NDArray
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from jammkle_sim.physics.sensors import Noise, SensorParameters
     from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.robots.attach import AttachedAnkle
+    from jammkle_sim.robots.gait import FootPlan
 
 
 @dataclass(frozen=True)
@@ -36,15 +37,21 @@ class AnkleSample:
     manifold_pressure_pa: float
     tendons: tuple[TendonSample, ...]
     foot: FootTruth
-    bears: bool
-    """Whether the gait's plan has this foot on the ground."""
+    plan: FootPlan | None
+    """What the gait plans of this foot; None: there is no gait."""
 
 
 class AnkleView:
     """One ankle of a simulation."""
 
     def __init__(
-        self, ankle: AttachedAnkle, parts: records.Ankle, data: Any, sensors: SensorParameters, noise: Noise
+        self,
+        ankle: AttachedAnkle,
+        parts: records.Ankle,
+        data: Any,
+        sensors: SensorParameters,
+        noise: Noise,
+        plan: Callable[[], FootPlan | None],
     ) -> None:
         """Look at an ankle.
 
@@ -54,9 +61,11 @@ class AnkleView:
             data: The mujoco.MjData.
             sensors: Of this ankle.
             noise: Of its sensors.
+            plan: Gives what the gait plans of its foot now.
 
         """
         self.ankle = ankle
+        self.plan = plan
         self._parts = parts
         self._sensors = sensors
         self._noise = noise
@@ -162,8 +171,8 @@ class AnkleView:
             float(truth["sliding_distance_m"]),
         )
 
-    def sample(self, *, bears: bool) -> AnkleSample:
-        """Return all of it, and what the plan says of the foot."""
+    def sample(self) -> AnkleSample:
+        """Return all of it."""
         pressures_pa = self._pressures_pa()
         return AnkleSample(
             imu=self.imu(),
@@ -173,7 +182,7 @@ class AnkleView:
             manifold_pressure_pa=pressures_pa[0],
             tendons=self.tendons(),
             foot=self.foot(),
-            bears=bears,
+            plan=self.plan(),
         )
 
     def white(self, steps: int) -> NDArray[np.float64]:

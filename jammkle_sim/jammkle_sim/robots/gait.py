@@ -12,6 +12,16 @@ STRAIGHT_SHARE = 0.25
 
 
 @dataclass(frozen=True)
+class FootPlan:
+    """What a gait plans of one foot, at one time."""
+
+    bears: bool
+    """Whether it has the foot on the ground."""
+    phase: float | None = None
+    """From 0 at touch-down to 1 at the next; None: it has not begun to step."""
+
+
+@dataclass(frozen=True)
 class Gait:
     """A gait, as seen from the hips."""
 
@@ -26,15 +36,18 @@ class Gait:
     push_m: float = 0.0
     """How much further down a foot is asked to be while it stands."""
 
-    def is_bearing(self, time_s: float, phase: float) -> bool:
-        """Tell whether a foot stands by plan.
+    def plan(self, time_s: float, phase: float) -> FootPlan:
+        """Return what is planned of a foot.
 
         Args:
             time_s: Since the robot's start.
             phase: Of the foot: by which share of a period it is ahead.
 
         """
-        return time_s < START_S or self._phase(time_s, phase) < self.bearing_share
+        if time_s < START_S:
+            return FootPlan(bears=True)
+        at = self._phase(time_s, phase)
+        return FootPlan(at < self.bearing_share, at)
 
     def place_m(self, time_s: float, phase: float) -> tuple[float, float]:
         """Return how far forward and up, m, an ankle is of where it stands still; both grow over the first period.
@@ -44,7 +57,7 @@ class Gait:
 
         Args:
             time_s: Since the robot's start.
-            phase: As for `is_bearing`.
+            phase: As for `plan`.
 
         """
         if time_s < START_S:

@@ -14,7 +14,7 @@ from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import new_spec, weigh
 from jammkle_sim.rigs.options import checked
-from jammkle_sim.robots.gait import START_S, Gait
+from jammkle_sim.robots.gait import START_S, FootPlan, Gait
 from jammkle_sim.robots.ground import Ground
 from jammkle_sim.robots.limb import HIP, KNEE, Fitting, LimbParameters, add_limb, make_servo
 from jammkle_sim.robots.options import Behaviour, RobotOptions
@@ -93,9 +93,9 @@ class LegControl:
         up_m = along_m * sine + off_m * cosine - self._stance_m
         data.ctrl[list(self._servos)] = self._segments.angles_rad(forward_m, up_m)
 
-    def bears(self, ankle: str, time_s: float) -> bool:  # noqa: ARG002 - it has but one
-        """Tell whether the plan has the foot on the ground."""
-        return not self._walks or self._gait.is_bearing(time_s, 0.0)
+    def plan(self, ankle: str, time_s: float) -> FootPlan | None:  # noqa: ARG002 - it has but one
+        """Return what the gait plans of the foot; None: it does not walk."""
+        return self._gait.plan(time_s, 0.0) if self._walks else None
 
 
 def leg(options: RobotOptions, parameters: LegParameters | None = None, ankle: AnkleParameters | None = None) -> Robot:

@@ -15,7 +15,7 @@ from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import new_spec
 from jammkle_sim.rigs.options import checked
-from jammkle_sim.robots.gait import Gait
+from jammkle_sim.robots.gait import FootPlan, Gait
 from jammkle_sim.robots.ground import Ground
 from jammkle_sim.robots.kinematics import abducted
 from jammkle_sim.robots.limb import ABDUCTION, HIP, KNEE, Fitting, LimbParameters, add_limb, add_servo
@@ -106,9 +106,9 @@ class QuadrupedControl:
             angle_rad for corner in CORNERS for angle_rad in self._angles_rad(corner, time_s + self._lead_s)
         ]
 
-    def bears(self, ankle: str, time_s: float) -> bool:
-        """Tell whether the plan has a foot on the ground."""
-        return not self._walks or self._gait.is_bearing(time_s, self._phases[ankle])
+    def plan(self, ankle: str, time_s: float) -> FootPlan | None:
+        """Return what the trot plans of a foot; None: it does not walk."""
+        return self._gait.plan(time_s, self._phases[ankle]) if self._walks else None
 
     def _angles_rad(self, corner: Corner, time_s: float) -> tuple[float, float, float]:
         forward_m, up_m = self._gait.place_m(time_s, corner.phase) if self._walks else (0.0, 0.0)

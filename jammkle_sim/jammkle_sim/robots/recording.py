@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 
     from jammkle_sim.rigs.base import BaseSample
     from jammkle_sim.robots.ankle_view import AnkleSample, AnkleView
+    from jammkle_sim.robots.gait import FootPlan
     from jammkle_sim.robots.simulation import RobotSimulation
 
 PRESSURE_RATE_HZ = 100
-"""Rate of every pressure, Hz, as on the graph."""
+"""Rate of every pressure and of what the gait plans, Hz, as on the graph."""
 TRUTH_COLUMNS = ("stands", "normal_force_n", "sliding_speed_m_s", "sliding_distance_m")
 """Of the true contact: fields of its message."""
 BASE_COLUMNS = (
@@ -49,6 +50,7 @@ class AnkleRecorder:
         }
         self._pressures_pa: list[list[float]] = []
         self._bases: list[list[float]] = []
+        self._plans: dict[str, list[tuple[float, float]]] = {}
         self._changes: dict[str, list[tuple[float, float]]] = {}
         self._joints: tuple[str, ...] = ()
         self._tendons: tuple[str, ...] = ()
@@ -76,6 +78,7 @@ class AnkleRecorder:
             self._pressure_time_s.append(time_s)
             self._pressures_pa.append([sample.manifold_pressure_pa, *sample.channel_pressures_pa.values()])
             self._bases.append([*base.position_m, *base.rotation, *base.linear_m_s, *base.angular_rad_s])
+            self._note_plan(time_s, sample.plan)
         told = {names.PUMP_DUTY.name: self._view.pump_duty}
         told |= {
             names.SOLENOIDS[channel].name: float(energised)
@@ -85,6 +88,13 @@ class AnkleRecorder:
             kept = self._changes.setdefault(topic, [])
             if not kept or kept[-1][1] != value:
                 kept.append((time_s, value))
+
+    def _note_plan(self, time_s: float, plan: FootPlan | None) -> None:
+        if plan is None:
+            return
+        self._plans.setdefault(names.PLANNED_CONTACT.name, []).append((time_s, float(plan.bears)))
+        if plan.phase is not None:
+            self._plans.setdefault(names.GAIT_PHASE.name, []).append((time_s, plan.phase))
 
     def run(self, robot: str, options: Any, description: dict[str, object], urdf: str) -> RigRun:
         """Return what was kept, with the figures that it makes."""
@@ -102,8 +112,8 @@ class AnkleRecorder:
         for i, topic in enumerate((names.MANIFOLD_PRESSURE, *names.PRESSURES.values())):
             topics[topic.name] = Series(("fluid_pressure_pa",), pressure_time_s, pressures_pa[:, i : i + 1])
         topics[names.ODOMETRY.name] = Series(BASE_COLUMNS, pressure_time_s, np.array(self._bases))
-        for name, changes in self._changes.items():
-            table = np.array(changes)
+        for name, values in {**self._changes, **self._plans}.items():
+            table = np.array(values)
             topics[name] = Series(("data",), table[:, 0], table[:, 1:])
         broken = tuple(tendon.name for tendon in self._view.tendons() if tendon.broken)
         return RigRun(robot, options, topics, description, _figures(topics), broken, (), urdf)

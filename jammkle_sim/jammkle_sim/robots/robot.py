@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from jammkle_graph.parameters import ParameterClass
     from jammkle_sim.rigs.rig import Event
     from jammkle_sim.robots.attach import AttachedAnkle
+    from jammkle_sim.robots.gait import FootPlan
 
 
 class JointControl(Protocol):
@@ -24,8 +25,8 @@ class JointControl(Protocol):
     def command(self, time_s: float, data: Any) -> None:
         """Write into the controls of the mujoco.MjData what the joints shall do, `time_s` after the robot's start."""
 
-    def bears(self, ankle: str, time_s: float) -> bool:
-        """Tell whether the plan has this ankle's foot on the ground; what a robot's gait would publish."""
+    def plan(self, ankle: str, time_s: float) -> FootPlan | None:
+        """Return what the gait plans of this ankle's foot; None: there is no gait."""
 
 
 class NoControl:
@@ -34,9 +35,9 @@ class NoControl:
     def command(self, time_s: float, data: Any) -> None:
         """Do nothing."""
 
-    def bears(self, ankle: str, time_s: float) -> bool:  # noqa: ARG002 - no plan
-        """Every foot is meant to stand."""
-        return True
+    def plan(self, ankle: str, time_s: float) -> FootPlan | None:  # noqa: ARG002 - for any of them
+        """There is no gait."""
+        return None
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ samples acts from the next step on. The same robot, commands and seed give the s
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_sim.robots.attach import AttachedAnkle
+    from jammkle_sim.robots.gait import FootPlan
     from jammkle_sim.robots.robot import Robot
 
 CONTROL_PERIOD_S = 0.002
@@ -105,7 +107,8 @@ class RobotSimulation:
         """Every ankle, by name: to command, and to look at."""
         for ankle, parts, seed in zip(robot.ankles, self._parts, seeds, strict=True):
             sensors = dataclasses.replace(robot.sensors, seed=seed)
-            self.ankles[ankle.name] = AnkleView(ankle, parts, self.data, sensors, Noise(sensors))
+            plan = functools.partial(self._plan, ankle.name)
+            self.ankles[ankle.name] = AnkleView(ankle, parts, self.data, sensors, Noise(sensors), plan)
         self._base = self.data.body(robot.base)
         self._control_steps = max(1, round(CONTROL_PERIOD_S / self.timestep_s))
         self._regulation_steps = max(1, round(REGULATION_PERIOD_S / self.timestep_s))
@@ -171,14 +174,13 @@ class RobotSimulation:
 
     def sample(self) -> RobotSample:
         """Return all of the robot now."""
-        time_s, control = self.robot_time_s, self._robot.control
         position, upright = self._base.xpos.tolist(), float(self._base.xmat[8])
         velocity = np.zeros(6)
         body = mujoco.mjtObj.mjOBJ_XBODY
         mujoco.mj_objectVelocity(self._model, self.data, body, self._base.id, velocity, 0)
         return RobotSample(
-            time_s,
-            {name: view.sample(bears=control.bears(name, time_s)) for name, view in self.ankles.items()},
+            self.robot_time_s,
+            {name: view.sample() for name, view in self.ankles.items()},
             (position[0], position[1], position[2]),
             float(np.arccos(np.clip(upright, -1.0, 1.0))),
             (float(velocity[3]), float(velocity[4]), float(velocity[5])),
@@ -207,6 +209,9 @@ class RobotSimulation:
             parts = {"options": robot.options, **parts}
         plain = {name: dataclasses.asdict(part) for name, part in parts.items()}
         return {"robot": robot.name, "timestep_s": self.timestep_s, "ankles": list(self.ankles), **plain}
+
+    def _plan(self, ankle: str) -> FootPlan | None:
+        return self._robot.control.plan(ankle, self.robot_time_s)
 
     def _pose(self) -> None:
         self._model.geom_friction[:] = self._friction
