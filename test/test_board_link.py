@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -241,6 +242,13 @@ def test_a_number_outside_its_limits_is_no_pressure() -> None:
     assert math.isnan(sensor.pascals(0x8000))
     assert math.isnan(sensor.pascals(9001))
     assert sensor.pascals(0xFFFF) == -10.0
+
+
+def test_a_gauge_on_a_mountain_is_no_absolute_pressure_at_sea_level() -> None:
+    """A sensor of vacuum counts from the atmosphere that is declared; an absolute one needs none."""
+    gauge = replace(OTHER.sensors[ACHILLES], vacuum=True)
+    assert gauge.absolute_pa(40e3, 79.5e3) == 39.5e3
+    assert replace(gauge, vacuum=False).absolute_pa(39.5e3, 101.3e3) == 39.5e3
 
 
 def test_the_silence_between_frames_is_that_of_the_standard() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from jammkle_contact.replay import new_controller
 from jammkle_controller.core.imu import ImuSample
 from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.hardware import MANIFOLD, REFERENCE_PA, PressureSample
+from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
@@ -94,7 +94,7 @@ class AnkleLoop:
             self._next_pressure_s = time_s + PRESSURE_PERIOD_S
             pressures = {**self.ankle.channel_pressures_pa(), MANIFOLD: self.ankle.manifold_pressure_pa()}
             for place, pressure_pa in pressures.items():
-                self.driver.measure(PressureSample(place, REFERENCE_PA - pressure_pa, time_s), now)
+                self.driver.measure(PressureSample(place, pressure_pa, time_s), now)
         sample = self.sample(time_s)
         reaction = self.controller.update(sample)
         self.events += reaction.events

@@ -14,10 +14,8 @@ from jammkle_driver.board.link import BoardLink
 from jammkle_driver.board.wiring_file import WiringError, load_wiring
 from jammkle_driver.conversions import (
     actuator_states_message,
-    pressure_from_vacuum,
     pressure_message,
     seconds,
-    vacuum_from_pressure,
 )
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
@@ -111,14 +109,12 @@ class BoardHardware:
 
     def _publish(self, exchange: Exchange) -> None:
         now = self._context.node.get_clock().now()
-        ambient_pa, namespace = self._context.ambient_pa(), self._context.node.get_namespace()
+        ambient_pa, namespace = self._context.parameters.ambient_pressure_pa, self._context.node.get_namespace()
         if exchange.taken is not None:
             self._taken.publish(actuator_states_message(exchange.taken, now.to_msg()))
         for place, measured_pa in exchange.sensors_pa.items():
-            gauge = self._wiring.sensors[place].vacuum
-            vacuum_pa = measured_pa if gauge else vacuum_from_pressure(measured_pa, ambient_pa)
-            if math.isfinite(vacuum_pa):
-                absolute_pa = pressure_from_vacuum(vacuum_pa, ambient_pa)
-                message = pressure_message(absolute_pa, now.to_msg(), frame(namespace, place))
+            pressure_pa = self._wiring.sensors[place].absolute_pa(measured_pa, ambient_pa)
+            if math.isfinite(pressure_pa):
+                message = pressure_message(pressure_pa, now.to_msg(), frame(namespace, place))
                 self._pressures[place].publish(message)
-            self._context.take(PressureSample(place, vacuum_pa, seconds(now)))
+            self._context.take(PressureSample(place, pressure_pa, seconds(now)))

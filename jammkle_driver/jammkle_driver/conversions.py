@@ -34,20 +34,9 @@ def stamp_seconds(stamp: Time) -> float:
     return float(stamp.sec + stamp.nanosec / NANOSECONDS_PER_SECOND)
 
 
-def vacuum_from_pressure(absolute_pa: float, ambient_pa: float) -> float:
-    """Return gauge vacuum, Pa, positive below ambient, from absolute pressure, Pa."""
-    return ambient_pa - absolute_pa
-
-
-def pressure_from_vacuum(vacuum_pa: float, ambient_pa: float) -> float:
-    """Return absolute pressure, Pa, from gauge vacuum, Pa, positive below ambient."""
-    return ambient_pa - vacuum_pa
-
-
-def pressure_sample(place: str, message: FluidPressure, ambient_pa: float, received_s: float) -> PressureSample:
+def pressure_sample(place: str, message: FluidPressure, received_s: float) -> PressureSample:
     """Return the reading in `message`; one without a stamp gets `received_s`, the graph's time of arrival, s."""
-    stamp_s = stamp_seconds(message.header.stamp) or received_s
-    return PressureSample(place, vacuum_from_pressure(message.fluid_pressure, ambient_pa), stamp_s)
+    return PressureSample(place, message.fluid_pressure, stamp_seconds(message.header.stamp) or received_s)
 
 
 def pressure_message(absolute_pa: float, stamp: Time, frame_id: str) -> FluidPressure:

@@ -9,10 +9,9 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from sensor_msgs.msg import FluidPressure
 
-from jammkle_driver.conversions import actuator_states_message, pressure_message, seconds, vacuum_from_pressure
+from jammkle_driver.conversions import actuator_states_message, pressure_message, seconds
 from jammkle_driver.core.hardware import (
     MANIFOLD,
-    REFERENCE_PA,
     ActuatorCommand,
     LinkState,
     LinkStatus,
@@ -22,6 +21,7 @@ from jammkle_driver.core.hardware import (
 )
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.script import ScriptError, read_script
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import ACTUATOR_STATES, CHANNELS, MANIFOLD_PRESSURE, PRESSURES, frame
 from jammkle_graph.parameters import ParameterError
 from jammkle_graph.qos import publisher_qos
@@ -55,7 +55,7 @@ class FakeHardware:
         except (OSError, ScriptError) as error:
             msg = f"parameter 'fake_faults': {error}"
             raise ParameterError(msg) from error
-        self._plant = FakePlant(CHANNELS, context.parameters.air(), REFERENCE_PA)
+        self._plant = FakePlant(CHANNELS, context.parameters.air(), STANDARD_ATMOSPHERE_PA)
         self._command = released(CHANNELS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._heard_s = seconds(self._steady.now())
@@ -123,5 +123,4 @@ class FakeHardware:
         namespace = self._context.node.get_namespace()
         for place, pressure_pa in self._plant.readings_pa().items():
             self._pressures[place].publish(pressure_message(pressure_pa, now.to_msg(), frame(namespace, place)))
-            vacuum_pa = vacuum_from_pressure(pressure_pa, self._context.ambient_pa())
-            self._context.take(PressureSample(place, vacuum_pa, seconds(now)))
+            self._context.take(PressureSample(place, pressure_pa, seconds(now)))

@@ -32,15 +32,13 @@ class HardwareContext:
     Attributes:
         node: The driver's node, for topics and the graph's clock.
         take: Takes one pressure sample; to be called from the node's own thread.
-        ambient_pa: Gives the pressure of the atmosphere, Pa, as the driver counts vacuum from it now.
         parameters: The driver's parameters as they were when it was configured; `port`, `board_file` and `safe_state`
-            are for the hardware alone.
+            are for the hardware alone; sensors of vacuum count from `ambient_pressure_pa`.
 
     """
 
     node: Node
     take: Callable[[PressureSample], None]
-    ambient_pa: Callable[[], float]
     parameters: DriverParameters
 
 

@@ -15,7 +15,6 @@ from std_srvs.srv import SetBool, Trigger
 from jammkle_driver.conversions import seconds, wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.hardware import REFERENCE_PA
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError
@@ -104,7 +103,7 @@ class DriverNode(LifecycleNode):
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs = Outputs(self)
         self._link_guard = LinkGuard()
-        self._hardware = make_hardware(HardwareContext(self, self._on_sample, lambda: REFERENCE_PA, self._values))
+        self._hardware = make_hardware(HardwareContext(self, self._on_sample, self._values))
         self._create_subscriptions()
         self._create_services()
         for period_s, callback in ((TICK_PERIOD_S, self._on_tick), (STATE_PERIOD_S, self._repeat_state)):
@@ -292,5 +291,7 @@ class DriverNode(LifecycleNode):
     def _now(self) -> Instant:
         steady_s = seconds(self._steady.now())
         clock = self.get_clock()
-        runs = not clock.ros_time_is_active or steady_s - self._clock_heard_s < CLOCK_TIMEOUT_S
+        # A real ankle does not stand still while somebody pauses the graph's clock.
+        simulated = self._hardware is not None and self._hardware.link.simulated
+        runs = simulated and (not clock.ros_time_is_active or steady_s - self._clock_heard_s < CLOCK_TIMEOUT_S)
         return Instant(steady_s, seconds(clock.now()), runs)

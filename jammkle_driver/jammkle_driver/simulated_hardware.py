@@ -44,7 +44,7 @@ class SimulatedHardware:
     def link(self) -> LinkStatus:
         """Always connected: whether the simulation is there is seen by its pressures; it lets go as a board does."""
         latched = frozenset({SafeCause.HOST_SILENT}) if self._silent else frozenset()
-        return LinkStatus(LinkState.CONNECTED, "topics of the simulation", latched=latched)
+        return LinkStatus(LinkState.CONNECTED, "topics of the simulation", latched=latched, simulated=True)
 
     def apply(self, command: ActuatorCommand) -> None:
         """Do nothing: the driver publishes its commands whatever the hardware, and the simulation listens to them."""
@@ -63,4 +63,4 @@ class SimulatedHardware:
 
     def _on_pressure(self, place: str, message: FluidPressure) -> None:
         received_s = seconds(self._context.node.get_clock().now())
-        self._context.take(pressure_sample(place, message, self._context.ambient_pa(), received_s))
+        self._context.take(pressure_sample(place, message, received_s))

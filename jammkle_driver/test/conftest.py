@@ -12,6 +12,7 @@ from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 
 if TYPE_CHECKING:
     from jammkle_driver.core.channel import ChannelStatus
@@ -42,7 +43,7 @@ class Rig:
 
     def measure(self, vacuum_pa: float, *places: str) -> None:
         for place in places or (*CHANNELS, MANIFOLD):
-            self.driver.measure(PressureSample(place, vacuum_pa, self.now.graph_s), self.now)
+            self.driver.measure(PressureSample(place, STANDARD_ATMOSPHERE_PA - vacuum_pa, self.now.graph_s), self.now)
 
     def follow(self, **vacuums_pa: float) -> None:
         self.driver.follow([Wish(name, value) for name, value in vacuums_pa.items()], self.now, "jam_command")

@@ -98,7 +98,7 @@ def test_a_user_brings_hardware_along(monkeypatch: pytest.MonkeyPatch) -> None:
     parameters = DriverParameters(hardware="our_lab", port="/dev/pump")
     check_parameters(parameters)
     assert OurLab.checked == ["/dev/pump"]
-    context = HardwareContext(None, lambda _: None, lambda: 101325.0, parameters)
+    context = HardwareContext(None, lambda _: None, parameters)
     made = make_hardware(context)
     assert isinstance(made, OurLab)
     assert made.context is context

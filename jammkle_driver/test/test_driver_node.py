@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -20,6 +21,7 @@ from rclpy.clock_type import ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool, Float32
 from std_srvs.srv import SetBool, Trigger
@@ -275,6 +277,21 @@ def test_an_emergency_stop_from_before_the_driver_holds(graph: Graph) -> None:
     publisher.publish(Bool(data=True))
     graph.driver()
     graph.spin_until(lambda: bool(graph.ankle.states) and graph.ankle.states[-1].emergency_stopped)
+
+
+def test_a_clock_that_stands_keeps_no_real_ankle_jammed(graph: Graph) -> None:
+    """With `use_sim_time` and a /clock that is paused, what is no simulation still goes stale by the steady clock."""
+    clock = graph.node.create_publisher(ClockMessage, names.CLOCK.name, publisher_qos(names.CLOCK))
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    graph.node.create_timer(0.1, lambda: clock.publish(ClockMessage(clock=Time(sec=5))), clock=steady)
+    graph.driver(hardware="fake", use_sim_time=True)
+    publisher = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
+    wish = JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=40e3)])
+    stream = graph.node.create_timer(0.05, lambda: publisher.publish(wish), clock=steady)
+    graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.JAMMED)
+    stream.cancel()
+    graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.UNJAMMED)
+    assert "command_timeout_s" in graph.ankle.state_of("achilles").reason
 
 
 def test_jam_commands_are_followed_until_they_go_stale(graph: Graph) -> None:

@@ -68,7 +68,7 @@ class Plant:
     def samples(self) -> list[PressureSample]:
         places = {**self.channels_pa, MANIFOLD: self.manifold_pa}
         return [
-            PressureSample(place, AMBIENT_PA - pressure_pa + self._noise.gauss(0.0, 100.0), self.time_s)
+            PressureSample(place, pressure_pa + self._noise.gauss(0.0, 100.0), self.time_s)
             for place, pressure_pa in places.items()
         ]
 
@@ -205,11 +205,11 @@ def test_a_channel_that_is_never_jammed_faults(miss_pa: list[float]) -> None:
     """A channel that stays off its set point for jam_timeout_s, on whatever side, is in FAULT and not before."""
     driver = Driver(("left",), DriverParameters(jam_timeout_s=1.0, vent_timeout_s=1.0, diagnose=False).settings())
     driver.activate(Instant(0.0, 0.0))
-    driver.measure(PressureSample("left", 0.0, 0.0), Instant(0.0, 0.0))
+    driver.measure(PressureSample("left", AMBIENT_PA, 0.0), Instant(0.0, 0.0))
     driver.jam((), 40e3, "test")
     for count in range(1, 110):
         time_s = count * SAMPLE_S
-        sample = PressureSample("left", 40e3 + miss_pa[count % len(miss_pa)], time_s)
+        sample = PressureSample("left", AMBIENT_PA - 40e3 - miss_pa[count % len(miss_pa)], time_s)
         driver.measure(sample, Instant(time_s, time_s))
         is_fault = driver.status.channels[0].state is ChannelState.FAULT
         if not 99 <= count <= 102:

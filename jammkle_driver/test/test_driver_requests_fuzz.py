@@ -16,6 +16,7 @@ from jammkle_driver.core.hardware import MANIFOLD, PressureSample, released
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS
 
 NAME = st.one_of(st.sampled_from(CHANNELS), st.text(max_size=12))
@@ -50,13 +51,14 @@ class Requests(RuleBasedStateMachine):
 
     @rule(place=st.sampled_from((*CHANNELS, MANIFOLD)), vacuum_pa=PASCALS, age_s=st.sampled_from((0.0, 5.0, -5.0)))
     def measure(self, place: str, vacuum_pa: float, age_s: float) -> None:
-        self.driver.measure(PressureSample(place, vacuum_pa, self.now.graph_s - age_s), self.now)
+        pressure_pa = STANDARD_ATMOSPHERE_PA - vacuum_pa
+        self.driver.measure(PressureSample(place, pressure_pa, self.now.graph_s - age_s), self.now)
 
     @rule()
     def measure_all(self) -> None:
         """Let every sensor say something that can be, so that jams are not only refused."""
         for place in (*CHANNELS, MANIFOLD):
-            self.driver.measure(PressureSample(place, 100.0, self.now.graph_s), self.now)
+            self.driver.measure(PressureSample(place, STANDARD_ATMOSPHERE_PA - 100.0, self.now.graph_s), self.now)
 
     @rule(passed_s=st.sampled_from((0.0, 0.01, 0.05, 0.3, 2.0)), runs=st.booleans())
     def tick(self, passed_s: float, *, runs: bool) -> None:

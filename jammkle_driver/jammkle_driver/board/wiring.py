@@ -92,6 +92,10 @@ class Sensor:
         value = number - 0x10000 if self.signed and number >= 0x8000 else number  # noqa: PLR2004 - two's complement
         return self.offset_pa + self.scale * value if self.minimum <= value <= self.maximum else math.nan
 
+    def absolute_pa(self, measured_pa: float, ambient_pa: float) -> float:
+        """Return the pressure behind what was measured, Pa absolute; vacuum is counted from `ambient_pa`."""
+        return ambient_pa - measured_pa if self.vacuum else measured_pa
+
 
 @dataclass(frozen=True)
 class Wiring:

@@ -19,8 +19,12 @@ from jammkle_driver.core.hypotheses import Spread, Tables
 from jammkle_driver.core.prediction import Predictor, Step
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from jammkle_driver.core.air import AirSettings, Array
     from jammkle_driver.core.hypotheses import Hypothesis
+
+    Flags = NDArray[np.bool_]
 
 _CAP = 25.0
 """Squared normalised error beyond which a reading counts no more against a hypothesis than that: one that is off by
@@ -38,7 +42,10 @@ shift by a fifth of a deviation. Without it, an ankle at rest for minutes lets t
 
 _STILL_PA = 500.0
 """How far a sensor that is taken as stuck must be from what its own filter makes of the pressure, Pa: that a reading
-stands still where nothing changes says nothing."""
+stands still where nothing changes says nothing, unless it repeats to the digit in vacuum and never did before."""
+
+_EVACUATED_PA = 3e3
+"""Vacuum beyond which a sensor reads somewhere within its range, Pa: more than offset and weather together."""
 
 _LIVELY = 0.1
 """Share of readings that repeat the one before, below which a sensor is lively: its noise shows. A converter so coarse
@@ -151,7 +158,8 @@ class FilterBank:
             self._begin(readings_pa, step.ambient_pa)
         self._predictor.advance(self._state, self._covariance, step)
         likelihood = self._weigh(step.readings_pa, self._late_pa(readings_pa, step.duration_s))
-        likelihood += self._repeats(readings_pa)
+        repeats, beyond_doubt = self._repeats(readings_pa, step.ambient_pa)
+        likelihood += _REPEAT_NATS * repeats
         if self._bridging:
             self._bridging = False
             return
@@ -164,7 +172,8 @@ class FilterBank:
             return
         self._grace_s -= step.duration_s
         self._scores = np.maximum(self._scores + gain, _DEBT if self._grace_s > 0.0 else 0.0)
-        self._scores = np.where(self._nothing_changes(), np.minimum(self._scores, 0.0), self._scores)
+        tells_nothing = self._nothing_changes() & ~beyond_doubt
+        self._scores = np.where(tells_nothing, np.minimum(self._scores, 0.0), self._scores)
         self._scores[0] = 0.0
         self._begin_again(self._tables.begins_again & (self._scores == 0.0), readings_pa)
 
@@ -180,22 +189,26 @@ class FilterBank:
         late_pa: Array = self._spread.timing_s * np.nan_to_num(np.ptp(known, axis=0)) / span_s
         return late_pa
 
-    def _repeats(self, readings_pa: Array) -> Array:
-        """Return what stuck sensors gain, nats, where readings repeat that never did."""
+    def _repeats(self, readings_pa: Array, ambient_pa: float) -> tuple[Flags, Flags]:
+        """Return which hypotheses of a stuck sensor see its reading repeat that never did, and which of them in vacuum.
+
+        At the atmosphere a converter may be at the end of its range, and a healthy reading then repeats, too.
+        """
         heard = np.isfinite(readings_pa)
         same = heard & (readings_pa == self._last_pa)
         news = same & (self._repeated < _LIVELY)
         weight = np.where(same, _CALM_DOWN, _LIVEN_UP)
         self._repeated = np.where(heard, self._repeated + weight * (same - self._repeated), self._repeated)
         self._last_pa = np.where(heard, readings_pa, self._last_pa)
-        gain: Array = _REPEAT_NATS * (self._tables.stuck & news).any(axis=1)
-        return gain
+        repeats: Flags = (self._tables.stuck & news).any(axis=1)
+        evacuated = np.nan_to_num(ambient_pa - readings_pa) > _EVACUATED_PA
+        return repeats, (self._tables.stuck & news & evacuated).any(axis=1)
 
-    def _nothing_changes(self) -> Array:
+    def _nothing_changes(self) -> Flags:
         """Hypotheses of a stuck sensor whose pressure is still what that reads."""
         layout, stuck = self._layout, self._tables.stuck
         seen_pa = self._state[:, layout.pressures] + self._state[:, layout.offsets]
-        still: Array = (stuck & (np.abs(seen_pa - self._held_pa) < _STILL_PA)).any(axis=1)
+        still: Flags = (stuck & (np.abs(seen_pa - self._held_pa) < _STILL_PA)).any(axis=1)
         return still
 
     def _begin(self, readings_pa: Array, ambient_pa: float) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from jammkle_driver.core.bank import FilterBank
 from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_driver.core.heat import HeatMeter
 from jammkle_driver.core.prediction import Step
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ class Diagnosis:
         self._places = (MANIFOLD, *self._channels)
         self._settings = settings
         self._bank = FilterBank(settings.air, ambient_pa)
+        self._heat = HeatMeter(len(self._places))
         self.clear(ambient_pa)
 
     @property
@@ -113,6 +115,7 @@ class Diagnosis:
     def clear(self, ambient_pa: float) -> None:
         """Forget everything, faults included, and begin anew from the next readings."""
         self._bank.reset(ambient_pa)
+        self._heat.reset()
         self._commands: deque[tuple[float, ActuatorCommand]] = deque(maxlen=200)
         self._pending: dict[float, dict[str, float]] = {}
         self._last_s = -math.inf
@@ -205,14 +208,16 @@ class Diagnosis:
         lately = self._since(stamp_s - SWITCHING_S, stamp_s)
         switching = tuple(len({command.solenoids[name] for command in lately}) > 1 for name in self._channels)
         duties = [command.pump_duty for command in self._since(stamp_s - DUTY_DOUBT_S, stamp_s)]
+        readings_pa = tuple(readings.get(place, math.nan) for place in self._places)
         return Step(
             duration_s=duration_s,
-            readings_pa=tuple(readings.get(place, math.nan) for place in self._places),
+            readings_pa=readings_pa,
             connected=tuple(acting.solenoids[name] for name in self._channels),
             switching=switching,
             duty=acting.pump_duty,
             duty_doubt=max(duties) - min(duties),
             ambient_pa=ambient_pa,
+            heat_pa=self._heat.measure(readings_pa, duration_s),
         )
 
     def _since(self, begin_s: float, end_s: float) -> list[ActuatorCommand]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from jammkle_driver.core.admission import INACTIVE, check_able, check_ready
 from jammkle_driver.core.ankle import Ankle, SafeState
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import REFERENCE_PA, ActuatorCommand, PressureSample, released
+from jammkle_driver.core.hardware import ActuatorCommand, PressureSample, released
 from jammkle_driver.core.overload import OverloadStatus, OverloadWatch
 from jammkle_driver.core.requests import (
     RequestError,
@@ -227,10 +227,10 @@ class Driver:
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
         """Take a pressure sample. One that is not a finite number is ignored."""
-        if not math.isfinite(sample.vacuum_pa):
+        if not math.isfinite(sample.pressure_pa):
             return
         self._sensors.hear(sample.place, now)
-        self._ankle.measure(sample.place, REFERENCE_PA - sample.vacuum_pa, sample.stamp_s, now)
+        self._ankle.measure(sample.place, sample.pressure_pa, sample.stamp_s, now)
 
     @property
     def jammed(self) -> bool:

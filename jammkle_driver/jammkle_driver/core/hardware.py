@@ -6,16 +6,11 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 MANIFOLD = "manifold"
 """Name under which the manifold's own pressure sensor reports, beside the channels."""
-
-REFERENCE_PA = STANDARD_ATMOSPHERE_PA
-"""Pressure from which the vacuum of a sample is counted, Pa absolute. The driver itself finds the atmosphere."""
 
 
 @dataclass(frozen=True)
@@ -24,13 +19,14 @@ class PressureSample:
 
     Attributes:
         place: Name of a channel, or `MANIFOLD`.
-        vacuum_pa: Pressure below `REFERENCE_PA`, Pa, positive; not finite where the sensor gave no number.
+        pressure_pa: What was measured, Pa absolute; not finite where the sensor gave no number. Of a sensor that
+            measures vacuum, the declared pressure of the atmosphere less that: the driver finds the true one itself.
         stamp_s: When it was measured, s of the graph's clock.
 
     """
 
     place: str
-    vacuum_pa: float
+    pressure_pa: float
     stamp_s: float
 
 
@@ -107,6 +103,7 @@ class LinkStatus:
         timeouts: Requests that nobody answered in time.
         refusals: Requests that the board refused.
         rate_hz: Rate at which outputs and all sensors are exchanged; None where it is not known.
+        simulated: Whether the other end lives in the graph's time, which may stand still or run fast.
 
     """
 
@@ -123,6 +120,7 @@ class LinkStatus:
     timeouts: int = 0
     refusals: int = 0
     rate_hz: float | None = None
+    simulated: bool = False
 
 
 class Hardware(Protocol):

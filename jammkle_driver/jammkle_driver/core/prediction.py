@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_driver.core.air import orifice
+from jammkle_driver.core.heat import HEAT_TIME_S
 
 if TYPE_CHECKING:
     from jammkle_driver.core.air import AirSettings, Array
@@ -21,7 +22,7 @@ _LOWEST_PA = 100.0
 """Pressure below which none is taken to be, Pa: no pump of this kind gets there, and ratios stay finite."""
 
 _LEFT_OUT_PA_RTS = 16.0
-"""How a pressure may walk beyond all flows, Pa/sqrt(s): rounding, temperature. Assumed."""
+"""How a pressure may walk beyond all flows, Pa/sqrt(s): rounding. Assumed."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Step:
         duty: The pump's duty, 0 to 1.
         duty_doubt: How far the duty that acts may be from that, 0 to 1.
         ambient_pa: Pressure of the atmosphere, Pa.
+        heat_pa: Per volume, how far its pressure may still go as its air comes back to the temperature of the wall, Pa.
 
     """
 
@@ -46,6 +48,7 @@ class Step:
     duty: float
     duty_doubt: float
     ambient_pa: float
+    heat_pa: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,8 @@ class Predictor:
         shaped = solved @ self._spreading
         within += (shaped * self._doubt(state, balance, step)[:, None, :]) @ shaped.transpose(0, 2, 1)
         place = np.arange(volumes)
-        within[:, place, place] += _LEFT_OUT_PA_RTS**2 * duration_s
+        heat_pa2 = np.square(np.array(step.heat_pa)) / HEAT_TIME_S
+        within[:, place, place] += (_LEFT_OUT_PA_RTS**2 + heat_pa2) * duration_s
         covariance[:, :volumes, :volumes] = within
         # What is built comes back to its mean within its spread (Ornstein-Uhlenbeck); what was let go walks.
         decay = np.exp(-duration_s / tables.time_s)

@@ -12,8 +12,8 @@ class Instant:
     Attributes:
         steady_s: The machine's steady clock, s; never jumps, never stops.
         graph_s: The graph's clock (ROS time), s; stands still while a simulation is paused.
-        clock_runs: Whether the graph's clock is kept by somebody. A paused simulation repeats its time; one that has
-            died does not, and then the steady clock alone counts.
+        clock_runs: Whether the ankle lives in the graph's time, and somebody keeps it. A paused simulation repeats its
+            time; one that has died does not, and then, as always for real hardware, the steady clock alone counts.
 
     """
 

@@ -10,32 +10,31 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import (
-    MANIFOLD,
-    REFERENCE_PA,
-    LinkState,
-    LinkStatus,
-    PressureSample,
-    SafeCause,
-    released,
-)
+from jammkle_driver.core.hardware import MANIFOLD, LinkState, PressureSample
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.fake.plant import FakePlant, FakeSensors
+from jammkle_driver.fake.board import FakeBoard
+from jammkle_driver.fake.plant import FakePlant
+from jammkle_driver.fake.sensors import SensorErrors
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from jammkle_driver.core.air import AirSettings
-    from jammkle_driver.core.hardware import ActuatorCommand
+    from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.core.settings import DriverSettings
+    from jammkle_driver.fake.plant import Plant
+
+    PlantBuilder = Callable[[AirSettings, random.Random, int], Plant]
+    """Builds an ankle near what was declared, by what is drawn and a seed."""
 
 SAMPLE_S = 0.01
 _SAMPLES_PER_TICK = 5
 _BUSY_CHANGES = 0.3
 """Share of samples at which a busy host comes to be more or less late."""
-_BOARD_WATCHDOG_S = 0.2
-"""As the firmware's, s."""
 
 
 def built(declared: AirSettings, draw: random.Random) -> AirSettings:
@@ -58,18 +57,29 @@ def built(declared: AirSettings, draw: random.Random) -> AirSettings:
     )
 
 
+def fake_plant(declared: AirSettings, draw: random.Random, seed: int) -> FakePlant:
+    """Return an ankle of the law that the driver judges by, off by its tolerances, with sensors off by 150 Pa."""
+    ambient_pa = STANDARD_ATMOSPHERE_PA + draw.gauss(0.0, 800.0)
+    offsets_pa = {place: draw.gauss(0.0, 150.0) for place in (MANIFOLD, *CHANNELS)}
+    return FakePlant(CHANNELS, built(declared, draw), ambient_pa, SensorErrors(50.0, offsets_pa), seed)
+
+
 class FaultBench:
     """A driver on a plant, stepped by 10 ms; somebody jams and vents it at random, by service or by stream."""
 
-    def __init__(self, settings: DriverSettings, seed: int) -> None:
-        """Build an ankle by `seed`, and activate its driver."""
+    def __init__(self, settings: DriverSettings, seed: int, build: PlantBuilder = fake_plant) -> None:
+        """Build an ankle by `seed`, and activate its driver.
+
+        Args:
+            settings: Of the driver.
+            seed: Of all that is random.
+            build: Builds the ankle.
+
+        """
         self.draw = random.Random(seed)  # noqa: S311 - a simulation and no secret
-        ambient_pa = REFERENCE_PA + self.draw.gauss(0.0, 800.0)
-        offsets_pa = {place: self.draw.gauss(0.0, 150.0) for place in (MANIFOLD, *CHANNELS)}
-        air = built(settings.ankle.diagnosis.air, self.draw)
-        self.plant = FakePlant(CHANNELS, air, ambient_pa, FakeSensors(50.0, offsets_pa), seed)
+        self.plant = build(settings.ankle.diagnosis.air, self.draw, seed)
+        self.board = FakeBoard(self.plant)
         self.driver = Driver(CHANNELS, settings)
-        self.link = LinkStatus(LinkState.CONNECTED)
         self.guard = LinkGuard()
         self.noise = NoiseMeter()
         self.noisy = False
@@ -81,7 +91,6 @@ class FaultBench:
         self.rests = 0.0
         """Share of the actions after which nothing is asked for a quarter of a minute or so."""
         self.steady_s = 0.0
-        self._applied: ActuatorCommand = released(CHANNELS)
         self._samples = 0
         self.wish_pa = 0.0
         self._next_s = 1.5
@@ -93,21 +102,22 @@ class FaultBench:
         """The moment, on both clocks."""
         return Instant(self.steady_s, self.plant.time_s)
 
+    @property
+    def link(self) -> LinkStatus:
+        """What is known of the board."""
+        return self.board.link
+
     def stand_still(self, duration_s: float) -> None:
-        """Let the driver's process stand still; the plant goes on, and its board lets go after 0.2 s."""
-        self.plant.advance(_BOARD_WATCHDOG_S)
-        self._let_go()
-        self.plant.advance(max(duration_s - _BOARD_WATCHDOG_S, 0.0))
+        """Let the driver's process stand still; the plant goes on, and its board lets go."""
+        self.board.advance(duration_s)
         self.steady_s += duration_s
 
     def hang(self, duration_s: float) -> None:
-        """Let the driver's node hang; the board lets go after 0.2 s, and every reading of that time waits."""
+        """Let the driver's node hang; the board lets go, and every reading of that time waits."""
         waiting: list[PressureSample] = []
-        for sample in range(round(duration_s / SAMPLE_S)):
-            self.plant.advance(SAMPLE_S)
+        for _ in range(round(duration_s / SAMPLE_S)):
+            self.board.advance(SAMPLE_S)
             self.steady_s += SAMPLE_S
-            if sample == round(_BOARD_WATCHDOG_S / SAMPLE_S):
-                self._let_go()
             waiting += self._samples_now()
         for each in waiting:
             self._look_at_link(self.now)
@@ -115,28 +125,26 @@ class FaultBench:
 
     def step(self) -> None:
         """Let 10 ms pass: samples, every fifth time a tick, and the command that follows."""
-        self.plant.advance(SAMPLE_S)
+        self.board.advance(SAMPLE_S)
         self.steady_s += SAMPLE_S
         now = self.now
         connected = self.link.state is LinkState.CONNECTED
         if connected:
             errors = int(self.noisy and self.draw.random() < 0.1)  # noqa: PLR2004 - a tenth of the telegrams is lost
-            self.link = replace(
-                self.link, exchanges=self.link.exchanges + 1 - errors, crc_errors=self.link.crc_errors + errors
-            )
+            self.board.count(1 - errors, errors)
             for sample in () if errors else self._samples_now():
                 self.driver.measure(sample, now)
         self._samples += 1
         if self._samples % _SAMPLES_PER_TICK == 0:
             self._tick(now)
-        if connected and self.driver.command != self._applied:
+        if connected:
             self.hand_over()
 
     def hand_over(self, late_s: float = 0.0) -> None:
-        """Give the driver's command to the plant, which gets it `late_s` s later; before, it did what it was told."""
-        self._applied = self.driver.command
-        self.driver.ankle.note_command(self.now)
-        self.plant.command(self._applied.solenoids, self._applied.pump_duty, late_s)
+        """Give the driver's command to the board, whose outputs follow `late_s` s later."""
+        if self.driver.command != self.board.driven:
+            self.driver.ankle.note_command(self.now)
+        self.board.hear(self.driver.command, late_s)
 
     def _tick(self, now: Instant) -> None:
         if self.streams:
@@ -153,21 +161,14 @@ class FaultBench:
         if verdict.let_go:
             self.driver.was_let_go(verdict.let_go)
         if verdict.acknowledge:
-            self.link = replace(self.link, latched=frozenset())
-
-    def _let_go(self) -> None:
-        self._applied = released(CHANNELS)
-        self.plant.command(self._applied.solenoids, self._applied.pump_duty)
-        self.link = replace(self.link, latched=frozenset({SafeCause.HOST_SILENT}))
+            self.board.acknowledge()
 
     def _samples_now(self) -> list[PressureSample]:
         self._readings.appendleft(self.plant.readings_pa())
         if self.late_samples and self.draw.random() < _BUSY_CHANGES:
             self._late = self.draw.randint(0, self.late_samples)
         read = self._readings[min(self._late, len(self._readings) - 1)]
-        return [
-            PressureSample(place, REFERENCE_PA - pressure_pa, self.plant.time_s) for place, pressure_pa in read.items()
-        ]
+        return [PressureSample(place, pressure_pa, self.plant.time_s) for place, pressure_pa in read.items()]
 
     def wander(self) -> None:
         """Jam and vent at random: mostly all channels, now and then one or two."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import enum
 import math
-import random
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
 
 from jammkle_driver.core.air import CRITICAL_RATIO, LINEAR_RATIO, REFERENCE_PA
 from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.fake.sensors import FakeSensors, SensorErrors
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,39 +20,31 @@ STEP_S = 0.001
 """Time step of the plant, s: below the 1.3 ms in which a manifold with three open valves follows."""
 
 
-class FakeFault(enum.Enum):
-    """What can be made to fail; the size's meaning and unit stand beside it."""
+class Plant(Protocol):
+    """Pump, valves, volumes and sensors of one ankle, any of which can be made to fail."""
 
-    LEAK = "leak"
-    """Sonic conductance of the hole, m^3/(s Pa)."""
-    BLOCKED = "blocked"
-    """Share of the line's conductance that is left, 0 to 1."""
-    STUCK_OPEN = "stuck_open"
-    """The valve stays at the manifold; no size."""
-    STUCK_CLOSED = "stuck_closed"
-    """The valve stays at the vent; no size."""
-    PUMP_DEAD = "pump_dead"
-    """No size."""
-    PUMP_WEAK = "pump_weak"
-    """Share of the flow that is left, 0 to 1."""
-    SENSOR_DEAD = "sensor_dead"
-    """No reading comes; no size."""
-    SENSOR_STUCK = "sensor_stuck"
-    """The reading stands still where it is; no size."""
-    SENSOR_DRIFT = "sensor_drift"
-    """Rate at which the reading runs away, Pa/s."""
-    SENSOR_BIAS = "sensor_bias"
-    """How much the sensor reads too high from now on, Pa."""
-    SENSOR_OUT_OF_RANGE = "sensor_out_of_range"
-    """What is read, Pa absolute."""
+    @property
+    def time_s(self) -> float:
+        """Time since it was made, s."""
 
+    @property
+    def pressures_pa(self) -> Mapping[str, float]:
+        """True pressures by place, Pa absolute."""
 
-@dataclass(frozen=True)
-class FakeSensors:
-    """Noise of each reading, and offsets of the sensors by place, Pa."""
+    def command(self, solenoids: Mapping[str, bool], duty: float, late_s: float = 0.0) -> None:
+        """Take a command, which reaches the valves `late_s` s later."""
 
-    noise_pa: float = 50.0
-    offsets_pa: Mapping[str, float] = field(default_factory=dict)
+    def advance(self, duration_s: float) -> None:
+        """Let time pass."""
+
+    def readings_pa(self) -> dict[str, float]:
+        """Return what the sensors read, Pa absolute, by place; a dead one is left out."""
+
+    def inject(self, fault: FakeFault, place: str, size: float = 0.0) -> None:
+        """Let something fail now, and until `heal`; see `FakeFault`."""
+
+    def heal(self) -> None:
+        """Undo every fault."""
 
 
 class FakePlant:
@@ -63,15 +55,14 @@ class FakePlant:
         channels: Sequence[str],
         air: AirSettings,
         ambient_pa: float,
-        sensors: FakeSensors | None = None,
+        sensors: SensorErrors | None = None,
         seed: int = 0,
     ) -> None:
         """Make a vented plant, pump off."""
         self._names = tuple(channels)
         self._air = air
         self._ambient_pa = ambient_pa
-        self._sensors = sensors or FakeSensors()
-        self._random = random.Random(seed)  # noqa: S311, sensor noise and not a secret
+        self._sensors = FakeSensors(sensors or SensorErrors(), seed)
         self.places = (MANIFOLD, *self._names)
         self.time_s = 0.0
         self.pressures_pa = dict.fromkeys(self.places, ambient_pa)
@@ -83,10 +74,6 @@ class FakePlant:
         self._wanted: list[tuple[float, str, bool]] = []
         self._open = dict.fromkeys(self._names, False)
         self._duty = 0.0
-        self._dead: set[str] = set()
-        self._stuck_pa: dict[str, float] = {}
-        self._drift: dict[str, tuple[float, float]] = {}
-        self._bias_pa: dict[str, float] = {}
 
     @property
     def healthy_air(self) -> AirSettings:
@@ -116,16 +103,8 @@ class FakePlant:
             self._valves[place] = fault is FakeFault.STUCK_OPEN
         elif fault in {FakeFault.PUMP_DEAD, FakeFault.PUMP_WEAK}:
             self._pump_share = 0.0 if fault is FakeFault.PUMP_DEAD else size
-        elif fault is FakeFault.SENSOR_DEAD:
-            self._dead.add(place)
-        elif fault is FakeFault.SENSOR_STUCK:
-            self._stuck_pa[place] = self._reading_pa(place)
-        elif fault is FakeFault.SENSOR_DRIFT:
-            self._drift[place] = (self.time_s, size)
-        elif fault is FakeFault.SENSOR_BIAS:
-            self._bias_pa[place] = size
         else:
-            self._stuck_pa[place] = size
+            self._sensors.inject(fault, place, size, self.pressures_pa[place], self.time_s)
 
     def heal(self) -> None:
         """Undo every fault."""
@@ -133,10 +112,7 @@ class FakePlant:
         self._lines = dict.fromkeys(self._names, 1.0)
         self._valves.clear()
         self._pump_share = 1.0
-        self._dead.clear()
-        self._stuck_pa.clear()
-        self._drift.clear()
-        self._bias_pa.clear()
+        self._sensors.heal()
 
     def advance(self, duration_s: float) -> None:
         """Let time pass."""
@@ -149,21 +125,11 @@ class FakePlant:
 
     def readings_pa(self) -> dict[str, float]:
         """Return what the sensors read, Pa absolute, by place; a dead one is left out."""
-        return {
-            place: self._stuck_pa[place] if place in self._stuck_pa else self._reading_pa(place)
-            for place in self.places
-            if place not in self._dead
-        }
+        return self._sensors.readings_pa(self.pressures_pa, self.time_s)
 
     def is_open(self, channel: str) -> bool:
         """Return whether the channel is connected to the manifold, whatever was commanded."""
         return self._valves.get(channel, self._open[channel])
-
-    def _reading_pa(self, place: str) -> float:
-        since_s, rate_pa_s = self._drift.get(place, (0.0, 0.0))
-        error_pa = self._sensors.offsets_pa.get(place, 0.0) + rate_pa_s * (self.time_s - since_s)
-        error_pa += self._bias_pa.get(place, 0.0)
-        return self.pressures_pa[place] + error_pa + self._random.gauss(0.0, self._sensors.noise_pa)
 
     def _step(self) -> None:
         air, pressures = self._air, self.pressures_pa

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.fake.plant import FakeFault
+from jammkle_driver.fake.faults import FakeFault
 from jammkle_graph.names import CHANNELS
 
 HEAL = "heal"

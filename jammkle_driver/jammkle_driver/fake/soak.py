@@ -1,25 +1,34 @@
-"""Half an hour of jamming with a random fault every few seconds."""
+"""Half an hour of jamming with something going wrong every few seconds, watched at the board's outputs."""
 
 from __future__ import annotations
 
 import resource
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.hardware import LinkState, LinkStatus, released
+from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.hardware import LinkState, ResetCause, released
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.fake.bench import FaultBench
-from jammkle_driver.fake.trial import PLACED, drawn_size
-from jammkle_driver.parameters import DriverParameters
+from jammkle_driver.fake.board import WATCHDOG_S
+from jammkle_driver.fake.trial import PLACED, drawn_fault
+from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
-    import random
+    from collections.abc import Callable
 
 _BETWEEN_S = (2.0, 8.0)
 _RECOVERY_S = 4.0
 _SETTLE_S = 1.5
+_OF_THE_PLANT = 0.6
+"""Share of the mishaps that befall pump, valves, air and sensors; the rest befalls board, line, and driver."""
+_STALL_S = 1.5
+_WATCHDOG_BOUND_S = WATCHDOG_S
+"""What the firmware promises, s; the board of the bench is held to it."""
+_FROM_STEP_TO_STEP_S = 0.02
+"""What is due now may take two steps of the bench."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +37,9 @@ class SoakResult:
 
     Attributes:
         simulated_s: Time that passed, s.
-        faults: Faults that were injected.
-        told: Faults that were told.
-        missed: Moments at which something was on that had to be off, or a channel that did not recover.
+        faults: Mishaps.
+        told: Those that were told.
+        missed: Moments at which an output was on that had to be off, or a channel that did not recover.
         grown_kib: How much more memory the process has come to hold after the first tenth, KiB.
 
     """
@@ -49,11 +58,13 @@ def soak(duration_s: float, seed: int) -> SoakResult:
     faults = told = 0
     base_kib = None
     while bench.plant.time_s < duration_s:
-        _run(bench, draw.uniform(*_BETWEEN_S), missed)
-        _break_something(bench, draw)
+        watch = _Watch(bench)
+        _run(bench, draw.uniform(*_BETWEEN_S), watch)
+        _break_something(bench, watch)
         faults += 1
-        _run(bench, draw.uniform(*_BETWEEN_S), missed)
-        told += bool(bench.told()[0].value)
+        _run(bench, draw.uniform(*_BETWEEN_S), watch)
+        told += bench.told()[0] is not Reason.NONE
+        missed += watch.missed
         missed += _recover(bench)
         if base_kib is None and bench.plant.time_s > duration_s / 10.0:
             base_kib = _most_held_kib()
@@ -61,35 +72,102 @@ def soak(duration_s: float, seed: int) -> SoakResult:
     return SoakResult(bench.plant.time_s, faults, told, tuple(missed), grown_kib)
 
 
-def _run(bench: FaultBench, duration_s: float, missed: list[str]) -> None:
+class _Watch:
+    """Looks at the outputs of the board: off by when they must be, whatever the driver says of them."""
+
+    def __init__(self, bench: FaultBench) -> None:
+        self._bench = bench
+        self._due: list[tuple[float, str]] = []
+        self._told = False
+        self.missed: list[str] = []
+
+    def must_be_off(self, within_s: float, because: str) -> None:
+        """Expect all outputs off from then on."""
+        self._due.append((self._bench.plant.time_s + within_s + _FROM_STEP_TO_STEP_S, because))
+
+    def look(self) -> None:
+        """Compare with what the outputs do now; what is told as a FAULT has a tick to get there."""
+        faulty = self._bench.driver.ankle.faulty
+        if faulty and not self._told:
+            self._told = True
+            # Where the cable is pulled, the board has its watchdog's time.
+            connected = self._bench.link.state is LinkState.CONNECTED
+            self.must_be_off(TICK_PERIOD_S if connected else _WATCHDOG_BOUND_S, f"{faulty[0].name} is in FAULT")
+        time_s, driven = self._bench.plant.time_s, self._bench.board.driven
+        if driven != released(CHANNELS):
+            late = [because for due_s, because in self._due if time_s > due_s]
+            self.missed += [f"{time_s:.2f} s: {because}, and {driven} goes on" for because in late]
+
+
+def _run(bench: FaultBench, duration_s: float, watch: _Watch) -> None:
     end_s = bench.plant.time_s + duration_s
     while bench.plant.time_s < end_s:
         bench.wander()
         bench.step()
-        command, faulty = bench.driver.command, bench.driver.ankle.faulty
-        if faulty and command != released(CHANNELS):
-            missed.append(f"{bench.plant.time_s:.2f} s: {faulty[0].name} is in FAULT, and {command} goes on")
+        watch.look()
 
 
-def _break_something(bench: FaultBench, draw: random.Random) -> None:
-    if draw.random() < 0.2:  # noqa: PLR2004 - a share
-        bench.link = replace(bench.link, state=LinkState.LOST, detail="no such device")
+def _break_something(bench: FaultBench, watch: _Watch) -> None:
+    """Let one thing go wrong; where that must end in the safe state, say by when."""
+    draw = bench.draw
+    if draw.random() < _OF_THE_PLANT:
+        fault, size = drawn_fault(draw.choice(list(PLACED)), draw)
+        bench.plant.inject(fault, draw.choice(CHANNELS), size)
         return
-    reason = draw.choice(list(PLACED))
-    bench.plant.inject(PLACED[reason], draw.choice(CHANNELS), drawn_size(reason, draw))
+    mishaps: tuple[Callable[[FaultBench, _Watch], None], ...] = (_unplug, _reboot, _brown_out, _noise, _stall, _stop)
+    draw.choice(mishaps)(bench, watch)
+
+
+def _unplug(bench: FaultBench, watch: _Watch) -> None:
+    bench.board.unplug()
+    watch.must_be_off(_WATCHDOG_BOUND_S, "the board is unplugged")
+
+
+def _reboot(bench: FaultBench, watch: _Watch) -> None:
+    bench.board.reboot(bench.draw.choice((ResetCause.EXTERNAL, ResetCause.WATCHDOG)))
+    _expect_latched(bench, watch, "the board has rebooted")
+
+
+def _brown_out(bench: FaultBench, watch: _Watch) -> None:
+    bench.board.sag()
+    _expect_latched(bench, watch, "the supply has sagged")
+
+
+def _expect_latched(bench: FaultBench, watch: _Watch, because: str) -> None:
+    """What was jammed must not go on; where nothing was, the board is acknowledged, and may be jammed."""
+    jammed = bench.driver.jammed
+    _pass(bench, TICK_PERIOD_S)  # in which the driver sees it, and nobody asks for anything else
+    if jammed:
+        watch.must_be_off(0.0, because)
+
+
+def _noise(bench: FaultBench, _watch: _Watch) -> None:
+    bench.noisy = True
+
+
+def _stall(bench: FaultBench, watch: _Watch) -> None:
+    """A driver that stands still, or is killed and started again: the board is on its own meanwhile."""
+    bench.stand_still(_STALL_S)
+    if bench.board.driven != released(CHANNELS):
+        watch.missed.append(f"{bench.plant.time_s:.2f} s: a stall of {_STALL_S} s, and {bench.board.driven} goes on")
+
+
+def _stop(bench: FaultBench, watch: _Watch) -> None:
+    bench.driver.emergency_stop(stop=True, now=bench.now)
+    watch.must_be_off(0.0, "an emergency stop")
 
 
 def _recover(bench: FaultBench) -> list[str]:
     """Repair everything, clear, and jam all; return what did not come back."""
     bench.plant.heal()
-    bench.link = LinkStatus(LinkState.CONNECTED)
+    bench.board.plug()
+    bench.noisy = False
     bench.driver.unjam((), "soak")
-    for _ in range(round(_SETTLE_S / 0.01)):
-        bench.step()
+    bench.driver.emergency_stop(stop=False, now=bench.now)
+    _pass(bench, _SETTLE_S)
     bench.guard.clear()
     bench.driver.clear_fault(bench.now)
-    for _ in range(round(_SETTLE_S / 0.01)):
-        bench.step()
+    _pass(bench, _SETTLE_S)
     try:
         bench.driver.jam((), 40e3, "soak")
     except RequestError as error:
@@ -99,6 +177,11 @@ def _recover(bench: FaultBench) -> list[str]:
         if all(channel.state is ChannelState.JAMMED for channel in bench.driver.ankle.channels.values()):
             return []
     return [f"{bench.plant.time_s:.2f} s: not jammed after the repair: {bench.driver.status.trouble.text}"]
+
+
+def _pass(bench: FaultBench, duration_s: float) -> None:
+    for _ in range(round(duration_s / 0.01)):
+        bench.step()
 
 
 def _most_held_kib() -> float:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import statistics
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause
-from jammkle_driver.fake.bench import FaultBench
-from jammkle_driver.fake.plant import FakeFault
+from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_driver.fake.bench import FaultBench, fake_plant
+from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.names import CHANNELS
 
@@ -19,11 +20,16 @@ if TYPE_CHECKING:
     import random
     from collections.abc import Iterable, Iterator, Sequence
 
+    from jammkle_driver.fake.bench import PlantBuilder
+
 ONSET_S = (3.0, 6.0)
 """When a fault begins, s."""
 
 LONGEST_S = 20.0
 """How long is waited for it to be told while the ankle is jammed and vented, s."""
+
+_EACH_S = 300.0
+"""How long each healthy ankle is jammed and vented, s."""
 
 _SETTLED_S = 0.3
 """How long after the first word the last one is read, s."""
@@ -84,33 +90,44 @@ class Outcome:
         return self.told is self.injected and self.told_place == self.place
 
 
-def drawn_size(reason: Reason, draw: random.Random) -> float:
-    """Return how much fails: leaks of 1 to 5 tenths of a valve, lines of 0.3 to 15 %, pumps of 12 to 40 %."""
+def drawn_fault(reason: Reason, draw: random.Random) -> tuple[FakeFault, float]:
+    """Return what fails in the plant and how much, over the whole range that counts as a fault.
+
+    Leaks of 4 to 50 % of a valve, lines with 0.3 to 30 % left, pumps with 12 to 45 %, drifts of 0.3 to 5 kPa/s, jumps
+    of 1.5 to 20 kPa.
+    """
+    fault = PLACED[reason]
     if reason is Reason.LEAK:
-        return math.exp(draw.uniform(math.log(1e-10), math.log(5e-10)))
+        return fault, math.exp(draw.uniform(math.log(4e-11), math.log(5e-10)))
     if reason is Reason.BLOCKED_LINE:
-        return math.exp(draw.uniform(math.log(0.003), math.log(0.15)))
+        return fault, math.exp(draw.uniform(math.log(0.003), math.log(0.3)))
     if reason is Reason.PUMP_WEAK:
-        return draw.uniform(0.12, 0.4)
+        return fault, draw.uniform(0.12, 0.45)
     if reason is Reason.SENSOR_DRIFTING:
-        return draw.choice([-1.0, 1.0]) * math.exp(draw.uniform(math.log(300.0), math.log(5e3)))
-    return draw.choice([-5e3, 130e3])
+        jumps, sign = draw.random() < 0.5, draw.choice([-1.0, 1.0])  # noqa: PLR2004 - every other one
+        least, most = (1.5e3, 20e3) if jumps else (300.0, 5e3)
+        size = sign * math.exp(draw.uniform(math.log(least), math.log(most)))
+        return (FakeFault.SENSOR_BIAS if jumps else fault), size
+    return fault, draw.choice([-5e3, 130e3])
 
 
-def inject(seed: int, reason: Reason) -> Outcome:
+def inject(seed: int, reason: Reason, build: PlantBuilder = fake_plant) -> Outcome:
     """Let one thing fail in one ankle, and read what the driver says."""
-    bench = FaultBench(DriverParameters().settings(), seed)
+    bench = FaultBench(DriverParameters().settings(), seed, build)
     draw = bench.draw
     bench.streams = reason in {Reason.COMMANDS_STALE, Reason.EXECUTOR_OVERLOADED}
     place = _place(reason, draw)
-    size = drawn_size(reason, draw)
+    fault, size = drawn_fault(reason, draw) if reason in PLACED else (None, 0.0)
     onset_s = draw.uniform(*ONSET_S)
     begun = False
     first_s = None
     while bench.plant.time_s < onset_s + LONGEST_S:
         if not begun and bench.plant.time_s >= onset_s and _ripe(bench, reason):
             begun, onset_s = True, bench.plant.time_s
-            _begin(bench, reason, place, size)
+            if fault is not None:
+                bench.plant.inject(fault, place, size)
+            else:
+                _begin(bench, reason)
         bench.wander()
         bench.step()
         told, where = bench.told()
@@ -123,9 +140,9 @@ def inject(seed: int, reason: Reason) -> Outcome:
     return Outcome(seed, reason, place, size, told, where, math.inf if first_s is None else first_s - onset_s)
 
 
-def alarms(seed: int, duration_s: float) -> list[str]:
+def alarms(seed: int, duration_s: float, build: PlantBuilder = fake_plant) -> list[str]:
     """Jam and vent a healthy ankle for a while; return every fault that was told."""
-    bench = FaultBench(DriverParameters().settings(), seed)
+    bench = FaultBench(DriverParameters().settings(), seed, build)
     bench.rests = 0.1
     said: list[str] = []
     while bench.plant.time_s < duration_s:
@@ -138,26 +155,20 @@ def alarms(seed: int, duration_s: float) -> list[str]:
     return said
 
 
-def run(count: int, seed: int, workers: int) -> Iterator[Outcome]:
+def run(count: int, seed: int, workers: int, build: PlantBuilder = fake_plant) -> Iterator[Outcome]:
     """Yield the outcomes of `count` injections, all reasons in turn."""
-    jobs = [(seed + number, REASONS[number % len(REASONS)]) for number in range(count)]
+    seeds = range(seed, seed + count)
+    reasons = [REASONS[number % len(REASONS)] for number in range(count)]
     with ProcessPoolExecutor(workers) as pool:
-        yield from pool.map(_inject_one, jobs, chunksize=4)
+        yield from pool.map(partial(inject, build=build), seeds, reasons, chunksize=4)
 
 
-def healthy(hours: float, seed: int, workers: int) -> list[str]:
+def healthy(hours: float, seed: int, workers: int, build: PlantBuilder = fake_plant) -> list[str]:
     """Return every false alarm in so many hours of healthy jamming, of an ankle for each five minutes."""
     ankles = max(1, round(hours * 12))
     with ProcessPoolExecutor(workers) as pool:
-        return [line for said in pool.map(_alarms_of_one, range(seed, seed + ankles)) for line in said]
-
-
-def _inject_one(job: tuple[int, Reason]) -> Outcome:
-    return inject(*job)
-
-
-def _alarms_of_one(seed: int) -> list[str]:
-    return alarms(seed, 300.0)
+        said = pool.map(partial(alarms, duration_s=_EACH_S, build=build), range(seed, seed + ankles))
+        return [line for lines in said for line in lines]
 
 
 def _place(reason: Reason, draw: random.Random) -> str:
@@ -179,16 +190,13 @@ def _ripe(bench: FaultBench, reason: Reason) -> bool:
     return reason not in ELSEWHERE or reason is Reason.LINE_NOISE or bench.driver.jammed
 
 
-def _begin(bench: FaultBench, reason: Reason, place: str, size: float) -> None:
-    if reason in PLACED:
-        bench.plant.inject(PLACED[reason], place, size)
-    elif reason is Reason.BOARD_UNPLUGGED:
-        bench.link = replace(bench.link, state=LinkState.LOST, detail="no such device")
+def _begin(bench: FaultBench, reason: Reason) -> None:
+    if reason is Reason.BOARD_UNPLUGGED:
+        bench.board.unplug()
     elif reason is Reason.BOARD_REBOOTED:
-        cause = ResetCause.EXTERNAL
-        bench.link = replace(bench.link, latched=frozenset({SafeCause.RESET}), reset_cause=cause, starts=2)
+        bench.board.reboot()
     elif reason is Reason.BROWN_OUT:
-        bench.link = replace(bench.link, latched=frozenset({SafeCause.SUPPLY_LOW}), supply_v=3.9)
+        bench.board.sag()
     elif reason is Reason.LINE_NOISE:
         bench.noisy = True
     elif reason is Reason.COMMANDS_STALE:
