@@ -87,13 +87,17 @@ class Scene:
         self.probe.close()
         self.bench.close()
 
-    def link(self) -> DiagnosticStatus:
-        """Return the driver's latest line on the link."""
+    def line(self, name: str) -> DiagnosticStatus:
+        """Return the latest line on /diagnostics whose name ends so."""
         for message in reversed(self.probe.heard[DIAGNOSTICS.name]):
             for status in message.status:
-                if status.name.endswith("driver: link"):
+                if status.name.endswith(name):
                     return status
         return DiagnosticStatus()
+
+    def link(self) -> DiagnosticStatus:
+        """Return the driver's latest line on the link."""
+        return self.line("driver: link")
 
     def jam(self) -> None:
         """Jam everything, until the pins and the driver say so; clear whatever comes between."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -15,7 +16,7 @@ from lifecycle_msgs.srv import ChangeState
 
 from graph import COMMAND, TIMEOUT_S, environment
 from jammkle_bringup.graph_client import DISCOVERY_S
-from jammkle_graph.names import CHANNELS, CLOCK, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
+from jammkle_graph.names import CHANNELS, CLOCK, DIAGNOSTICS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
 from jammkle_msgs.msg import ChannelJamState
 from readme_tables import EXAMPLES
 
@@ -73,6 +74,30 @@ def test_up_stops_cleanly(graph: tuple[Up, Probe]) -> None:
     assert "Traceback" not in up.text()
     probe.spin_until(lambda: not any(probe.last(topic).data for topic in SOLENOIDS.values()), "all solenoids released")
     probe.spin_until(lambda: probe.last(PUMP_DUTY).data == 0.0, "the pump is off")
+
+
+def test_status_lists_every_node_every_time(graph: tuple[Up, Probe], start: Callable[..., Up], tmp_path: Path) -> None:
+    """Each call is a process that has to discover the graph anew, and shows every line of every node."""
+    _, probe = graph
+    probe.listen(DIAGNOSTICS)
+    probe.spin_until(lambda: len({node_of(line) for line in lines_of(probe)}) == 3, "every node reports")
+    told = {line for line in lines_of(probe) if "nodes" not in line}
+    for number in range(3):
+        file = tmp_path / f"{number}.json"
+        assert start("status", "--json", str(file)).wait() == 0
+        listed = {line["name"] for line in json.loads(file.read_text())["health"]}
+        assert {node_of(line) for line in listed} == {"/controller", "/driver", "/sim"}
+        assert told <= listed
+
+
+def lines_of(probe: Probe) -> set[str]:
+    """Names of the lines on /diagnostics so far, `/node: about`."""
+    return {status.name for message in probe.heard[DIAGNOSTICS.name] for status in message.status}
+
+
+def node_of(line: str) -> str:
+    """Node that a line on /diagnostics is of."""
+    return line.split(":", maxsplit=1)[0]
 
 
 @pytest.mark.parametrize("package", ["jammkle_driver", "jammkle_controller", "jammkle_sim"])

@@ -28,7 +28,8 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
         Robot, typer.Option(help="What to bring up: one ankle, a leg on one, or a quadruped on four.")
     ] = Robot.ANKLE,
     hardware: Annotated[
-        str, typer.Option(help="What stands behind the driver: sim, modbus, or what an installed package brings along.")
+        str,
+        typer.Option(help="Behind the driver: sim, modbus (a board), fake (plain numbers), or what a package brings."),
     ] = SIM_HARDWARE,
     port: Annotated[
         str | None, typer.Option(help="Where the board is: a serial device, or tcp://HOST[:PORT].", metavar="DEV")

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sensor_msgs.msg import FluidPressure
-
 from jammkle_driver.board.line import check_port
 from jammkle_driver.board.link import BoardLink
 from jammkle_driver.board.wiring_file import WiringError, load_wiring
-from jammkle_driver.conversions import (
-    actuator_states_message,
-    pressure_message,
-    seconds,
-)
-from jammkle_driver.core.hardware import MANIFOLD, PressureSample
-from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
+from jammkle_driver.measured import Measured
 from jammkle_graph.parameters import ParameterError
-from jammkle_graph.qos import publisher_qos
-from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
     from jammkle_driver.board.dialogue import Exchange
@@ -47,13 +36,8 @@ class BoardHardware:
         parameters = context.parameters
         self._wiring = self.check(parameters)
         self._context = context
-        node = context.node
-        topics = {**PRESSURES, MANIFOLD: MANIFOLD_PRESSURE}
-        self._pressures = {
-            place: node.create_publisher(FluidPressure, topics[place].name, publisher_qos(topics[place]))
-            for place in self._wiring.sensors
-        }
-        self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
+        self._measured = Measured(context, self._wiring.sensors)
+        self._closed = False
         self._came: deque[Exchange] = deque(maxlen=10)
         self._link = BoardLink(parameters.port, self._wiring, parameters.safe_state, self._hand_over)
 
@@ -91,10 +75,9 @@ class BoardHardware:
     def close(self) -> None:
         """Send the last command and let go of the port."""
         self._link.close()
+        self._closed = True
         self._came.clear()
-        for publisher in (*self._pressures.values(), self._taken):
-            self._context.node.destroy_publisher(publisher)
-        self._pressures.clear()
+        self._measured.close()
 
     def _hand_over(self, exchange: Exchange) -> None:
         """Take an exchange on the link's thread, and have the node fetch it on its own."""
@@ -104,17 +87,11 @@ class BoardHardware:
             executor.create_task(self._deliver)
 
     def _deliver(self) -> None:
-        while self._came and self._pressures:
-            self._publish(self._came.popleft())
-
-    def _publish(self, exchange: Exchange) -> None:
-        now = self._context.node.get_clock().now()
-        ambient_pa, namespace = self._context.parameters.ambient_pressure_pa, self._context.node.get_namespace()
-        if exchange.taken is not None:
-            self._taken.publish(actuator_states_message(exchange.taken, now.to_msg()))
-        for place, measured_pa in exchange.sensors_pa.items():
-            pressure_pa = self._wiring.sensors[place].absolute_pa(measured_pa, ambient_pa)
-            if math.isfinite(pressure_pa):
-                message = pressure_message(pressure_pa, now.to_msg(), frame(namespace, place))
-                self._pressures[place].publish(message)
-            self._context.take(PressureSample(place, pressure_pa, seconds(now)))
+        while self._came and not self._closed:
+            exchange = self._came.popleft()
+            ambient_pa = self._context.parameters.ambient_pressure_pa
+            pressures_pa = {
+                place: self._wiring.sensors[place].absolute_pa(measured_pa, ambient_pa)
+                for place, measured_pa in exchange.sensors_pa.items()
+            }
+            self._measured.tell(pressures_pa, exchange.taken)

@@ -7,25 +7,15 @@ from typing import TYPE_CHECKING
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from sensor_msgs.msg import FluidPressure
 
-from jammkle_driver.conversions import actuator_states_message, pressure_message, seconds
-from jammkle_driver.core.hardware import (
-    MANIFOLD,
-    ActuatorCommand,
-    LinkState,
-    LinkStatus,
-    PressureSample,
-    SafeCause,
-    released,
-)
+from jammkle_driver.conversions import seconds
+from jammkle_driver.core.hardware import ActuatorCommand, LinkState, LinkStatus, SafeCause, released
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.script import ScriptError, read_script
+from jammkle_driver.measured import Measured
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import ACTUATOR_STATES, CHANNELS, MANIFOLD_PRESSURE, PRESSURES, frame
+from jammkle_graph.names import CHANNELS
 from jammkle_graph.parameters import ParameterError
-from jammkle_graph.qos import publisher_qos
-from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
     from jammkle_driver.hardware_choice import HardwareContext
@@ -61,14 +51,8 @@ class FakeHardware:
         self._heard_s = seconds(self._steady.now())
         self._silent = False
         self._last_s = self._heard_s
-        node = context.node
-        topics = {**PRESSURES, MANIFOLD: MANIFOLD_PRESSURE}
-        self._pressures = {
-            place: node.create_publisher(FluidPressure, topic.name, publisher_qos(topic))
-            for place, topic in topics.items()
-        }
-        self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
-        self._timer = node.create_timer(_PERIOD_S, self._advance, clock=self._steady)
+        self._measured = Measured(context, self._plant.places)
+        self._timer = context.node.create_timer(_PERIOD_S, self._advance, clock=self._steady)
 
     @property
     def plant(self) -> FakePlant:
@@ -99,11 +83,8 @@ class FakeHardware:
 
     def close(self) -> None:
         """Stop the plant."""
-        node = self._context.node
-        node.destroy_timer(self._timer)
-        for publisher in (*self._pressures.values(), self._taken):
-            node.destroy_publisher(publisher)
-        self._pressures.clear()
+        self._context.node.destroy_timer(self._timer)
+        self._measured.close()
 
     def _advance(self) -> None:
         now_s = seconds(self._steady.now())
@@ -118,9 +99,4 @@ class FakeHardware:
                 self._plant.heal()
             else:
                 self._plant.inject(entry.fault, entry.place, entry.size)
-        now = self._context.node.get_clock().now()
-        self._taken.publish(actuator_states_message(self._command, now.to_msg()))
-        namespace = self._context.node.get_namespace()
-        for place, pressure_pa in self._plant.readings_pa().items():
-            self._pressures[place].publish(pressure_message(pressure_pa, now.to_msg(), frame(namespace, place)))
-            self._context.take(PressureSample(place, pressure_pa, seconds(now)))
+        self._measured.tell(self._plant.readings_pa(), self._command)

@@ -47,28 +47,43 @@ ACHILLES_BIT = 1 << CHANNELS.index(ACHILLES)
 
 
 @dataclass(frozen=True)
+class Ratio:
+    """Of medians, and of 99th percentiles, 1."""
+
+    median: float
+    p99: float
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median and 99th percentile, ms."""
+
+    median_ms: float
+    p99_ms: float
+
+    @classmethod
+    def of(cls, delays_s: Sequence[float]) -> Spread:
+        """Return those of some delays, s."""
+        return cls(1e3 * statistics.median(delays_s), 1e3 * statistics.quantiles(delays_s, n=100)[98])
+
+    def over(self, *others: Spread) -> Ratio:
+        """Return both over the sums of the others': median over medians, percentile over percentiles."""
+        return Ratio(
+            self.median_ms / sum(each.median_ms for each in others), self.p99_ms / sum(each.p99_ms for each in others)
+        )
+
+
+@dataclass(frozen=True)
 class LineDelays:
-    """Medians and 99th percentiles, ms, and the rate of a cycle of outputs and all sensors, 1/s."""
+    """Delays to the coils' bytes, bare round trips in the same run, ratios, and the rate of a whole cycle, 1/s."""
 
-    service_median_ms: float
-    service_p99_ms: float
-    impact_median_ms: float
-    impact_p99_ms: float
-    graph_median_ms: float
-    graph_p99_ms: float
-    serial_median_ms: float
-    serial_p99_ms: float
+    service: Spread
+    impact: Spread
+    graph: Spread
+    serial: Spread
+    service_over_bare: Ratio
+    impact_over_bare: Ratio
     cycle_rate_hz: float
-
-    @property
-    def service_ratio(self) -> float:
-        """Median of a service call over the sum of both bare round trips."""
-        return self.service_median_ms / (self.graph_median_ms + self.serial_median_ms)
-
-    @property
-    def impact_ratio(self) -> float:
-        """Median of an impact over the sum of both bare round trips."""
-        return self.impact_median_ms / (self.graph_median_ms + self.serial_median_ms)
 
 
 class BoardStimulus(Stimulus):
@@ -130,8 +145,15 @@ def measure_line(domain_id: int) -> LineDelays:
     graph = [echo for _, echo in impacts if echo > 0.0]
     if len(path) < IMPACT_TRIALS:
         sys.stderr.write(f"{IMPACT_TRIALS - len(path)} of {IMPACT_TRIALS} impacts never reached the pins\n")
+    service, impact, round_trip, bare = (Spread.of(delays_s) for delays_s in (service_s, path, graph, serial_s))
     return LineDelays(
-        *_both_ms(service_s), *_both_ms(path), *_both_ms(graph), *_both_ms(serial_s), cycle_rate_hz=rate_hz
+        service,
+        impact,
+        round_trip,
+        bare,
+        service.over(round_trip, bare),
+        impact.over(round_trip, bare),
+        rate_hz,
     )
 
 
@@ -195,7 +217,3 @@ def _graph(domain_id: int, bench: BoardBench, port: Path) -> tuple[list[float], 
             process.wait()
         stimulus.close()
     return services, impacts
-
-
-def _both_ms(values_s: Sequence[float]) -> tuple[float, float]:
-    return statistics.median(values_s) * 1e3, statistics.quantiles(values_s, n=100)[98] * 1e3

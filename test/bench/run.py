@@ -154,15 +154,21 @@ def table_of(results: Results) -> Table:
 
 def _add_line(table: Table, line: LineDelays) -> None:
     """Lay out the delays on the line to the board."""
+    graph, serial = line.graph, line.serial
     bare = (
-        f"bare round trips: graph {line.graph_median_ms:.2f} ms, p99 {line.graph_p99_ms:.2f} ms; "
-        f"line {line.serial_median_ms:.2f} ms, p99 {line.serial_p99_ms:.2f} ms"
+        f"bare round trips: graph {graph.median_ms:.2f} ms, p99 {graph.p99_ms:.2f} ms; "
+        f"line {serial.median_ms:.2f} ms, p99 {serial.p99_ms:.2f} ms"
     )
-    for what, median_ms, p99_ms, ratio in (
-        ("service call to coil bytes, 115200 baud", line.service_median_ms, line.service_p99_ms, line.service_ratio),
-        ("impact to coil bytes, 115200 baud", line.impact_median_ms, line.impact_p99_ms, line.impact_ratio),
+    for what, delay, ratio in (
+        ("service call to coil bytes, 115200 baud", line.service, line.service_over_bare),
+        ("impact to coil bytes, 115200 baud", line.impact, line.impact_over_bare),
     ):
-        table.add_row(what, f"median {median_ms:.2f} ms, p99 {p99_ms:.2f} ms", bare, f"{ratio:.2f} of their sum")
+        table.add_row(
+            what,
+            f"median {delay.median_ms:.2f} ms, p99 {delay.p99_ms:.2f} ms",
+            bare,
+            f"{ratio.median:.2f} of their sum, p99 {ratio.p99:.2f}",
+        )
     table.add_row("outputs and all sensors, 115200 baud", f"{line.cycle_rate_hz:.0f} cycles per second", "", "")
 
 
