@@ -17,7 +17,7 @@ from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 if TYPE_CHECKING:
     from jammkle_driver.core.channel import ChannelStatus
 
-settings.register_profile("soak", max_examples=2000, stateful_step_count=50, deadline=None)
+settings.register_profile("soak", max_examples=3500, stateful_step_count=50, deadline=None)
 """100,000 requests: `make soak`."""
 
 CHANNELS = ("left", "right", "achilles")

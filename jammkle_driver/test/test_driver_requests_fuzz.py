@@ -30,7 +30,7 @@ class Requests(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.driver = Driver(CHANNELS, DriverParameters(diagnose=False).settings())
+        self.driver = Driver(CHANNELS, DriverParameters().settings())
         self.now = Instant(0.0, 0.0)
         self.driver.activate(self.now)
 
