@@ -109,6 +109,47 @@ def test_a_fault_that_matters_is_told_within_its_time(seed: int, reason: Reason)
     assert bench.board.driven == released(CHANNELS)
 
 
+def _fall_silent(bench: FaultBench) -> None:
+    bench.streams = False
+
+
+def _become_noisy(bench: FaultBench) -> None:
+    bench.noisy = True
+
+
+ELSEWHERE_WITHIN: dict[Reason, tuple[float, Callable[[FaultBench], None]]] = {
+    Reason.BOARD_UNPLUGGED: (0.06, lambda bench: bench.board.unplug()),
+    Reason.BOARD_REBOOTED: (0.06, lambda bench: bench.board.reboot()),
+    Reason.BROWN_OUT: (0.06, lambda bench: bench.board.sag()),
+    Reason.LINE_NOISE: (1.5, _become_noisy),
+    Reason.COMMANDS_STALE: (0.6, _fall_silent),
+}
+"""Time within which docs/faults.md says that each is told, s, and what brings it about."""
+
+
+@pytest.mark.parametrize("reason", ELSEWHERE_WITHIN, ids=lambda each: each.name)
+def test_what_befalls_board_line_and_driver_is_told_within_its_time(reason: Reason) -> None:
+    """While a stream of commands holds everything; all but noise lets go."""
+    within_s, happen = ELSEWHERE_WITHIN[reason]
+    bench = bench_of()
+    bench.streams, bench.wish_pa = True, SET_POINT_PA
+    run(bench, 2.5)
+    assert bench.told()[0] is Reason.NONE
+    happen(bench)
+    run(bench, within_s)
+    assert bench.told()[0] is reason
+    assert any(bench.driver.command.solenoids.values()) is (reason is Reason.LINE_NOISE)
+
+
+def test_a_stall_is_told_at_once() -> None:
+    """Of a driver that holds nothing, and so of a board that has let go of nothing."""
+    bench = bench_of()
+    run(bench, 1.0)
+    bench.stand_still(1.5)
+    run(bench, 0.06)
+    assert bench.told()[0] is Reason.EXECUTOR_OVERLOADED
+
+
 def test_a_sensor_that_repeats_itself_in_vacuum_is_stuck_though_nothing_moves() -> None:
     """A second of the same digits from a sensor whose noise was seen before, of a jammed ankle at rest."""
     bench = jammed_bench()
