@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from command_reference import command_text
+from jammkle_controller.core.offered import OFFERS, Detection
 from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.register_texts import header_text, register_table
@@ -115,6 +116,19 @@ def tables() -> dict[str, str]:
     made["transitions of the policy"] = table(
         ("from", "on", "to"),
         [(state.value, trigger.value, following.value) for (state, trigger), following in TRANSITIONS.items()],
+    )
+    made["what is felt"] = table(
+        ("event", *(mount.value for mount in OFFERS)),
+        [
+            (
+                each.value,
+                *(
+                    f"{'' if OFFERS[mount][each].made else '**not told**: '}{OFFERS[mount][each].reason}"
+                    for mount in OFFERS
+                ),
+            )
+            for each in Detection
+        ],
     )
     made["ros2_control"] = control_text()
     made["registers"] = register_table()

@@ -1,7 +1,7 @@
 """Learn the density ratios of the detectors on synthetic walks and a simulated leg: `python -m jammkle_contact.learn`.
 
 Seeds of learning are below `FIRST_TRIAL_SEED`, those of every trial above. The weights in `learned.json` are older than
-the present truth of simulated steps (rebounds and grazes, the first 0.3 s): learned anew they come out otherwise.
+the present truth of simulated steps (rebounds and grazes): learned anew they come out no better (docs/controller.md).
 """
 
 from __future__ import annotations

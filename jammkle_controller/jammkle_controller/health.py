@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.offered import Detection, not_felt
 from jammkle_controller.core.policy import PolicyMode
 from jammkle_controller.core.transitions import PolicyState
 from jammkle_controller.core.watch import ImuTrouble
@@ -58,6 +59,9 @@ def imu_health(controller: AnkleController, freshness: Freshness, topic: str, *,
         "clipped (%)": f"{100.0 * controller.watch.clipped_share:.0f}",
         "silent for (s)": f"{freshness.silent_s:.2f}",
         "detection": "available" if controller.watch.trouble is None else "unavailable",
+        **{
+            f"not felt on the {controller.mount.value}: {what}": why for what, why in not_felt(controller.mount).items()
+        },
     }
     # Whole seconds: a message is sent anew when its text changes.
     silent = f"no usable sample on {topic} for {freshness.silent_s:.0f} s"
@@ -93,7 +97,10 @@ def input_health(controller: AnkleController, time_ns: int, topics: Mapping[Inpu
     heard = controller.inputs.heard(time_ns)
     values = {f"{each.value} ({topics[each]})": "heard" if each in heard else "not heard" for each in Input}
     names = ", ".join(each.value for each in Input if each in heard)
-    return Health("inputs", Level.OK, f"beside the IMU: {names or 'none'}", values)
+    missing = ""
+    if not controller.feels(Detection.STEP) and not controller.inputs.tells_contact(time_ns):
+        missing = f"; a step is not felt on the {controller.mount.value}: a robot that walks needs gait, switch or load"
+    return Health("inputs", Level.OK, f"beside the IMU: {names or 'none'}{missing}", values)
 
 
 def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_hand: Sequence[str] = ()) -> Health:

@@ -13,7 +13,6 @@ from jammkle_controller.core.policy import PolicyMode, PolicySettings
 from jammkle_controller.core.settled import SettledSettings
 from jammkle_controller.core.slip import SlipSettings
 from jammkle_controller.core.swing import SwingSettings
-from jammkle_controller.core.unloading import UnloadingSettings
 from jammkle_controller.core.watch import WatchSettings
 from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.parameters import parameter
@@ -149,9 +148,9 @@ class ControllerParameters:
     touchdown_threshold_m_s2: float = parameter(
         4.0, "|specific force| above which a flight has ended in an IMPACT", "m/s^2", 3.6, 9.0, dynamic=True
     )
-    impact_jump_m_s2: float = parameter(
-        12.0,
-        "Jump of |specific force| that is an IMPACT on the ground; vibration of up to half of it raises none",
+    impact_threshold_m_s2: float = parameter(
+        6.0,
+        "Rise of |specific force| above g that is an IMPACT on a body that stands; vibration of as much raises none",
         "m/s^2",
         2.0,
         60.0,
@@ -207,16 +206,6 @@ class ControllerParameters:
     slip_probability: float = parameter(
         0.8, "Probability from which on the sole of a foot or shank slides", "1", 0.5, 0.999, dynamic=True
     )
-    unloaded_load: float = parameter(
-        0.6,
-        "Load in units of the weight below which a walking body is said to lift off, after a push; foot and shank have "
-        "better evidence",
-        "1",
-        0.0,
-        0.9,
-        dynamic=True,
-    )
-    unloading_confirm_s: float = parameter(0.015, "Time of unloading that is a LIFTOFF", "s", 0.0, 0.2, dynamic=True)
     swing_probability: float = parameter(
         0.85, "Probability of swing above which a foot or shank has left the ground", "1", 0.5, 0.999, dynamic=True
     )
@@ -231,7 +220,7 @@ class ControllerParameters:
 def detector_settings(values: ControllerParameters) -> DetectorSettings:
     """Pick what the detectors need."""
     return DetectorSettings(
-        impact=ImpactSettings(values.touchdown_threshold_m_s2, values.impact_jump_m_s2, values.refractory_s),
+        impact=ImpactSettings(values.touchdown_threshold_m_s2, values.impact_threshold_m_s2, values.refractory_s),
         liftoff=LiftoffSettings(values.flight_threshold_m_s2, values.flight_confirm_s),
         settled=SettledSettings(values.settle_window_s, values.settle_rms_m_s2, values.settle_rms_rad_s),
         slip=SlipSettings(
@@ -241,7 +230,6 @@ def detector_settings(values: ControllerParameters) -> DetectorSettings:
             values.slip_probability,
             (values.sole_x_m, values.sole_y_m, values.sole_z_m),
         ),
-        unloading=UnloadingSettings(values.unloaded_load, values.unloading_confirm_s),
         swing=SwingSettings(values.swing_probability, values.stance_probability),
         watch=WatchSettings(values.imu_rate_hz, values.imu_frozen_s, values.imu_recover_s),
         mount=Mount(values.imu_mount),

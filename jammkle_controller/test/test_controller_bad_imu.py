@@ -105,6 +105,16 @@ def test_readings_in_g_are_refused_from_the_start(streams: Any, rate_hz: int) ->
     assert (controller.state, controller.wish) == (PolicyState.FAULT, SOFT)
 
 
+@pytest.mark.parametrize("stood_s", [0.03, 0.09])
+def test_an_imu_that_is_heard_just_before_a_fall_is_believed(streams: Any, stood_s: float) -> None:
+    """A controller that joins late, a moment before the release, tells the whole landing."""
+    samples = streams.sense(streams.drop(*KICK)[0], 500)
+    lifted = next(event for event in streams.events_of(samples) if event.kind is ContactKind.LIFTOFF)
+    begin_ns = lifted.time_ns - round((stood_s + 0.03) * 1e9)
+    kinds = streams.kinds_of([sample for sample in samples if sample.time_ns >= begin_ns])
+    assert kinds == [ContactKind.LIFTOFF, ContactKind.IMPACT, ContactKind.SETTLED]
+
+
 def test_degrees_per_second_are_told_by_the_turning_of_gravity(streams: Any) -> None:
     """A gyro in deg/s, or one turned the wrong way, does not fit the turning of gravity; one in order does."""
     for rate, trouble in ((1.0, None), (math.degrees(1.0), ImuTrouble.TURNING), (-1.0, ImuTrouble.FRAME)):

@@ -361,10 +361,13 @@ def test_other_inputs_are_named_and_vent(make_bench: Callable[..., Bench]) -> No
     bench.stand(LANDED_AT_S + INTERVAL_S, LANDED_AT_S + 0.3)
     bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 40e3), "the stance is held")
     assert "none" in bench.health["inputs"].message
+    assert "a step is not felt on the body" in bench.health["inputs"].message
+    assert "not felt on the body: lift-off of a step" in {each.key for each in bench.health["imu"].values}
     switch = bench.node.create_publisher(Bool, FOOT_CONTACT.name, publisher_qos(FOOT_CONTACT))
     bench.spin_until(lambda: switch.get_subscription_count() > 0, "the controller hears the switch")
     switch.publish(Bool(data=True))
     bench.spin_until(lambda: "contact switch" in bench.health["inputs"].message, "the switch is named")
+    assert "not felt" not in bench.health["inputs"].message
     switch.publish(Bool(data=False))
     bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 0.0), "the ankle is vented")
     bench.spin_until(lambda: bench.events[-1].source == "contact switch", "the lift-off is told")

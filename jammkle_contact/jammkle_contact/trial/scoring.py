@@ -19,7 +19,12 @@ _RESAMPLES = 1000
 
 WINDOWS_S = {"impact": (-0.02, 0.06), "lift-off": (-0.06, 0.15), "slip": (-0.005, 0.05)}
 """From how long before to how long after the truth an event counts as it, s. For a slip the
-second counts from the slide's end. A lift-off counts from the unloading on and for half of a short swing."""
+second counts from the slide's end, at most to `LATEST_SLIP_S`. A lift-off counts from the unloading on and for half of
+a short swing."""
+
+LATEST_SLIP_S = 0.2
+"""So long after a slide's begin its slip must be told, s: as long as slides within a step last. Who slides down a slope
+for a second is hit by something, and what tells of that has not felt the slip."""
 
 
 @dataclass
@@ -100,18 +105,18 @@ def score_times(truth_s: Sequence[float], told_s: Sequence[float], kind: str, un
 
 
 def score_slides(slides: Sequence[Slide], told_s: Sequence[float]) -> Score:
-    """Match slips to slides: the first within one counts, more within the same slide are neither right nor wrong."""
+    """Match slips to slides: the first within one counts, if it comes in time; more are neither right nor wrong."""
     before_s, after_s = WINDOWS_S["slip"]
     score = Score()
     free = sorted(told_s)
     for slide in slides:
         inside = [at_s for at_s in free if slide.begin_s + before_s <= at_s <= slide.end_s + after_s]
-        if not inside:
+        free = [at_s for at_s in free if at_s not in inside]
+        if not inside or inside[0] > slide.begin_s + LATEST_SLIP_S:
             score.missed += 1
             continue
         score.hits += 1
         score.delays_s.append(inside[0] - slide.begin_s)
         score.ways_m.append(slide.way_at_m(inside[0]))
-        free = [at_s for at_s in free if at_s not in inside]
     score.false = len(free)
     return score

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_controller.core.anticipation import Rhythm
 from jammkle_controller.core.detector import ContactDetector
-from jammkle_controller.core.detector_settings import DetectorSettings, Mount, Phase
+from jammkle_controller.core.detector_settings import DetectorSettings, Phase
 from jammkle_controller.core.events import ContactEvent, ContactKind, Source
 from jammkle_controller.core.imu import Admission
 from jammkle_controller.core.inputs import ContactInputs, InputSettings
+from jammkle_controller.core.offered import Detection, is_felt
 from jammkle_controller.core.policy import JammingPolicy, PolicyMode, PolicySettings
 from jammkle_controller.core.transitions import PolicyState
 from jammkle_controller.core.watch import ImuTrouble
@@ -52,7 +53,7 @@ class AnkleController:
     def __init__(self, settings: ControllerSettings) -> None:
         """Start on the ground and soft."""
         self.inputs = ContactInputs(settings.inputs)
-        self._mount = settings.detector.mount
+        self.mount = settings.detector.mount
         self._detector = ContactDetector(settings.detector)
         self._policy = JammingPolicy(settings.policy)
         self._rhythm = Rhythm()
@@ -117,7 +118,7 @@ class AnkleController:
         off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
         plan_only = event.source is Source.GAIT
         # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body.
-        feels = self._detector.available and self._mount is not Mount.BODY
+        feels = self._detector.available and self.feels(Detection.STEP)
         if off_ground is lifted or (plan_only and not lifted and feels):
             return Reaction((), wish_changed=False)
         if plan_only and lifted and self.inputs.measured_contact(time_ns):
@@ -139,7 +140,12 @@ class AnkleController:
         if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
             self._detector.correct(lifted=False, time_ns=event.time_ns)
             return False
-        if touches and self._mount is Mount.BODY and contact is None and self.inputs.is_another_foots(event.time_ns):
+        if (
+            touches
+            and not self.feels(Detection.STEP)
+            and contact is None
+            and self.inputs.is_another_foots(event.time_ns)
+        ):
             if self._policy.state in (PolicyState.SWING, PolicyState.PREPARING):
                 self._detector.correct(lifted=True, time_ns=event.time_ns)
             return False
@@ -185,6 +191,10 @@ class AnkleController:
                 self._stance_held = False
                 self._policy.take_up()
             self._policy.lose()
+
+    def feels(self, detection: Detection) -> bool:
+        """Whether the IMU, where it is mounted, is used to detect it."""
+        return is_felt(self.mount, detection)
 
     @property
     def gate(self) -> ImuGate:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from jammkle_controller.core.detector_settings import DetectorSettings, Mount, Phase
+from jammkle_controller.core.detector_settings import DetectorSettings, Phase
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
 from jammkle_controller.core.impact import ImpactDetector
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate, ImuSample
 from jammkle_controller.core.liftoff import LiftoffDetector
 from jammkle_controller.core.motion import Motion
+from jammkle_controller.core.offered import Detection, is_felt
 from jammkle_controller.core.settled import RestDetector
 from jammkle_controller.core.slip import SlipDetector
 from jammkle_controller.core.stepping import SteppingFoot
-from jammkle_controller.core.unloading import UnloadingDetector
 from jammkle_controller.core.watch import ImuWatch
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
@@ -19,14 +19,14 @@ LONG_GAP_S = 1.0
 """After a silence as long as this a stream is looked at anew: a sensor may have been set up anew, s."""
 JOLT_S = 0.1
 """How long the ankle jolts its IMU when jammed or vented, s: valves move after 20 ms, fibres grip at 44 ms."""
-UNLOADED_RISE_M_S2 = 5.0
-"""Jump of |specific force| that ends the unloading of a walking body, m/s^2: half of its weight within 20 ms."""
 RELOADED = 1.05
-"""Load, in units of gravity, at which an unloaded body is carried again, blow or none."""
+"""Load, in units of gravity, at which a body whose foot was said to swing is carried again, blow or none."""
+STEPPING_S = 1.5
+"""So long after an impact on the ground a body may be walking, s: two strides of 0.7 s. It is not watched for slips."""
 
 _NOTHING: tuple[ContactEvent, ...] = ()
 _FREE_FALL_PROBABILITY = 0.99
-_UNLOADED_PROBABILITY = 0.8
+_RELOADED_PROBABILITY = 0.8
 
 
 class ContactDetector:
@@ -49,10 +49,10 @@ class ContactDetector:
         self._liftoff = LiftoffDetector(settings.liftoff)
         self._rest = RestDetector(settings.settled)
         self._slip = SlipDetector(settings.slip)
-        self._unloading = UnloadingDetector(settings.unloading)
-        self.foot = None if settings.mount is Mount.BODY else SteppingFoot(settings)
+        self.foot = SteppingFoot(settings) if is_felt(settings.mount, Detection.STEP) else None
         self._unsettled = False
         self._jolted_until_ns = 0
+        self._stepped_ns: int | None = None
 
     def configure(self, settings: DetectorSettings) -> None:
         """Take new settings and go on from the present state; the mount stays."""
@@ -63,7 +63,6 @@ class ContactDetector:
         self._liftoff.settings = settings.liftoff
         self._rest.settings = settings.settled
         self._slip.settings = settings.slip
-        self._unloading.settings = settings.unloading
         if self.foot is not None:
             self.foot.settings = settings
 
@@ -125,14 +124,13 @@ class ContactDetector:
         self._liftoff.restart()
         self._rest.restart()
         self._slip.release()
-        self._unloading.restart()
         if self.foot is not None:
             self.foot.restart()
         if admission is Admission.RESTARTED:
             self._impact.forget_impacts()
-            self._unloading.forget()
             self._unsettled = False
             self._jolted_until_ns = 0
+            self._stepped_ns = None
             self.phase = Phase.GROUND
         elif self.phase is Phase.PLANTED:
             self.phase = Phase.GROUND
@@ -142,7 +140,6 @@ class ContactDetector:
         self._liftoff.restart()
         self._rest.restart()
         self._slip.release()
-        self._unloading.restart()
         self._impact.restart(self.motion.force_m_s2)
         if self.foot is not None:
             self.foot.suspend()
@@ -167,10 +164,10 @@ class ContactDetector:
         return _NOTHING if swings is None else (swings,)
 
     def _reloaded(self, time_ns: int) -> ContactEvent | None:
-        """Return an impact when an unloaded body is hit, or, told late, carried again."""
-        impact = self._impact.unloaded(time_ns, self.motion.force_m_s2, UNLOADED_RISE_M_S2)
+        """Return an impact when a body whose foot was said to swing is hit, or, told late, carried again."""
+        impact = self._impact.on_ground(time_ns, self.motion.force_m_s2)
         if impact is None and self.motion.load > RELOADED:
-            return ContactEvent(ContactKind.IMPACT, time_ns, self.motion.force_m_s2, M_S2, 0.0, _UNLOADED_PROBABILITY)
+            return ContactEvent(ContactKind.IMPACT, time_ns, self.motion.force_m_s2, M_S2, 0.0, _RELOADED_PROBABILITY)
         return impact
 
     def _stand(self, sample: ImuSample, interval_s: float) -> tuple[ContactEvent, ...]:
@@ -180,8 +177,8 @@ class ContactDetector:
             return (liftoff,)
         jolted = time_ns < self._jolted_until_ns
         # A foot or shank jumps by itself as it is lifted: there only a swing ends in an impact.
-        impact = self._impact.on_ground(time_ns, force) if self.foot is None else None
-        if impact is not None and not (jolted and impact.magnitude < 2.0 * self._settings.impact.impact_jump_m_s2):
+        impact = self._impact.on_ground(time_ns, force, disturbed=jolted) if self.foot is None else None
+        if impact is not None:
             self._land(time_ns)
             return (impact,)
         if self.foot is None:
@@ -195,18 +192,15 @@ class ContactDetector:
         return self._come_to_rest(sample)
 
     def _leaving(self, time_ns: int) -> ContactEvent | None:
-        """Return a lift-off: by free fall, by unloading, or by the probability of a swing."""
+        """Return a lift-off: by free fall, or, of a foot or shank, by the probability of a swing."""
         force = self.motion.force_m_s2
         liftoff = self._liftoff.on_ground(time_ns, force)
         if liftoff is not None:
             self._leave(Phase.FLIGHT, time_ns)
             return liftoff
-        if self.foot is not None:
-            liftoff = self.foot.leaving(time_ns, self._impact.last_ns, self.motion)
-        else:
-            unloaded_s = self._unloading.on_ground(time_ns, self.motion.load)
-            if unloaded_s is not None and self.phase is not Phase.PLANTED:
-                liftoff = ContactEvent(ContactKind.LIFTOFF, time_ns, force, M_S2, unloaded_s, _UNLOADED_PROBABILITY)
+        if self.foot is None:
+            return None
+        liftoff = self.foot.leaving(time_ns, self._impact.last_ns, self.motion)
         if liftoff is not None:
             self._leave(Phase.SWING, time_ns)
         return liftoff
@@ -216,7 +210,6 @@ class ContactDetector:
         self._unsettled = False
         self._rest.restart()
         self._slip.release()
-        self._unloading.restart()
         if self.foot is not None:
             self.foot.leave(time_ns)
 
@@ -226,15 +219,17 @@ class ContactDetector:
         self._unsettled = True
         self._liftoff.restart()
         self._rest.restart()
-        self._unloading.restart()
-        self._unloading.hit(time_ns, flew=flew)
-        self._slip.land(time_ns)
+        if flew:
+            self._slip.land(time_ns)
+        else:
+            self._slip.release()
+            self._stepped_ns = time_ns
         if self.foot is not None:
             self.foot.land(time_ns)
 
     def _come_to_rest(self, sample: ImuSample) -> tuple[ContactEvent, ...]:
         time_ns, _, _, _, x, y, z = sample
-        if self.phase is Phase.PLANTED and self.foot is None and not self._slip.watching:
+        if self.phase is Phase.PLANTED and self.foot is None and not self._slip.watching and not self._walks(time_ns):
             self.phase = Phase.GROUND
         if self.phase is Phase.PLANTED:
             return _NOTHING
@@ -242,9 +237,15 @@ class ContactDetector:
         if rest is None:
             return _NOTHING
         self.phase = Phase.PLANTED
-        if not self._slip.watching:
+        if not self._slip.watching and not self._walks(time_ns):
             self._slip.plant(sample)
         if not self._unsettled:
             return _NOTHING
         self._unsettled = False
         return (ContactEvent(ContactKind.SETTLED, time_ns, rest.rms_m_s2, M_S2, rest.lasted_s),)
+
+    def _walks(self, time_ns: int) -> bool:
+        """Whether it was hit lately without having flown, so that it may be stepping, and slips are not felt in it."""
+        if is_felt(self._settings.mount, Detection.SLIP_STEPPING):
+            return False
+        return self._stepped_ns is not None and time_ns - self._stepped_ns < STEPPING_S * NANOSECONDS_PER_SECOND

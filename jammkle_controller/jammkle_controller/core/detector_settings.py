@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from jammkle_controller.core.settled import SettledSettings
     from jammkle_controller.core.slip import SlipSettings
     from jammkle_controller.core.swing import SwingSettings
-    from jammkle_controller.core.unloading import UnloadingSettings
     from jammkle_controller.core.watch import WatchSettings
 
 
@@ -48,7 +47,6 @@ class DetectorSettings:
     liftoff: LiftoffSettings
     settled: SettledSettings
     slip: SlipSettings
-    unloading: UnloadingSettings
     swing: SwingSettings
     watch: WatchSettings
     mount: Mount

@@ -1,11 +1,11 @@
-"""Impact detection: the specific force jumps, from free fall or on the ground."""
+"""Impact detection: the ground carries again after free fall, or more than the weight while it does."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 
 FOLLOW_TIME_S = 0.02
 """Time constant with which the level before a hit follows a rise, s. Longer than the rise of a shock (5 to 15 ms for
@@ -16,10 +16,8 @@ ONSET_M_S2 = 1.0
 (80 ug/sqrt(Hz) over 225 Hz is 0.015 m/s^2 per axis), so that noise never opens an impact."""
 
 _FLIGHT_PROBABILITY = 0.99
-_UNLOADED_PROBABILITY = 0.8
 _GROUND_PROBABILITY = 0.7
-"""Probability of an impact after free fall, after unloading, and on the ground, where a blow may also come from another
-foot."""
+"""Probability of an impact after free fall, and on the ground, where a blow may also come from another foot."""
 
 
 @dataclass(frozen=True)
@@ -27,23 +25,22 @@ class ImpactSettings:
     """Thresholds on |specific force|, m/s^2, and the refractory time, s."""
 
     touchdown_m_s2: float
-    impact_jump_m_s2: float
+    impact_m_s2: float
     refractory_s: float
 
 
 class ImpactDetector:
-    """Follows the level of |specific force| and reports rises above it.
+    """Compares |specific force| with thresholds: in flight with nearly nothing, on the ground with the weight.
 
-    The level drops at once with the signal and follows a rise with `FOLLOW_TIME_S`, so a rise is measured from the
-    lowest recent value, at any sample rate. A body whose |specific force| stays within g +- a can never make a rise
-    of more than 2 a: half of `impact_jump_m_s2` is the vibration that is guaranteed to raise no alarm on the ground.
+    A body whose |specific force| stays below g + `impact_m_s2` raises no alarm on the ground, and neither does one that
+    is heaved slowly: the force must also rise above its level. That drops at once with the signal and follows a rise
+    with `FOLLOW_TIME_S`, so that it is the lowest recent value at any rate; the size of an impact is measured from it.
     """
 
     def __init__(self, settings: ImpactSettings) -> None:
         """Make a detector that has seen nothing."""
         self.settings = settings
         self._level = 0.0
-        self._rise = 0.0
         self._level_before = 0.0
         self._onset_ns: int | None = None
         self._last_impact_ns: int | None = None
@@ -51,7 +48,6 @@ class ImpactDetector:
     def restart(self, force_m_s2: float) -> None:
         """Forget the level: the next rise is measured from `force_m_s2`."""
         self._level = force_m_s2
-        self._rise = 0.0
         self._onset_ns = None
 
     def forget_impacts(self) -> None:
@@ -63,10 +59,9 @@ class ImpactDetector:
         level = self._level
         if force_m_s2 <= level:
             self._level = force_m_s2
-            self._rise = 0.0
             self._onset_ns = None
             return
-        self._rise = rise = force_m_s2 - level
+        rise = force_m_s2 - level
         if rise > ONSET_M_S2:
             if self._onset_ns is None:
                 self._onset_ns = time_ns
@@ -76,19 +71,23 @@ class ImpactDetector:
         # Implicit Euler: stable for any interval.
         self._level = level + rise * interval_s / (interval_s + FOLLOW_TIME_S)
 
-    def unloaded(self, time_ns: int, force_m_s2: float, rise_m_s2: float) -> ContactEvent | None:
-        """Return an impact if the force on an unloaded body jumped by more than `rise_m_s2`, m/s^2."""
-        return self._impact(time_ns, force_m_s2, _UNLOADED_PROBABILITY) if self._rise > rise_m_s2 else None
-
     def in_flight(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
         """Return an impact if the flight ended: the ground carries more than `touchdown_m_s2`."""
         if force_m_s2 <= self.settings.touchdown_m_s2:
             return None
         return self._impact(time_ns, force_m_s2, _FLIGHT_PROBABILITY)
 
-    def on_ground(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
-        """Return an impact if the force jumped by more than `impact_jump_m_s2`, unless one was just reported."""
-        if self._rise <= self.settings.impact_jump_m_s2:
+    def on_ground(self, time_ns: int, force_m_s2: float, *, disturbed: bool = False) -> ContactEvent | None:
+        """Return an impact if the force is above weight and level by more than `impact_m_s2`, unless one was just told.
+
+        Args:
+            time_ns: Of the sample.
+            force_m_s2: Its |specific force|.
+            disturbed: The ankle itself is jolting the IMU: only twice as much counts.
+
+        """
+        carried_m_s2 = max(STANDARD_GRAVITY_M_S2, self._level)
+        if force_m_s2 - carried_m_s2 <= self.settings.impact_m_s2 * (2.0 if disturbed else 1.0):
             return None
         last_ns = self._last_impact_ns
         if last_ns is not None and (time_ns - last_ns) / NANOSECONDS_PER_SECOND < self.settings.refractory_s:

@@ -179,9 +179,10 @@ class ImuWatch:
         else:
             self._zeros = 0
         force = math.sqrt(x * x + y * y + z * z)
-        # A mean of what was seen so far, at first: who begins to look in mid-air has landed soon.
+        # A mean of what was seen so far, until it is believed: who begins to look in mid-air has landed soon, and who
+        # has stood for a moment may fall.
         seen_s = (sample.time_ns - (self._begin_ns or 0)) / NANOSECONDS_PER_SECOND
-        level_time_s = min(LEVEL_TIME_S, max(CHECK_S, seen_s))
+        level_time_s = LEVEL_TIME_S if self._believed_once else min(LEVEL_TIME_S, max(CHECK_S, seen_s))
         self._level_m_s2 += (force - self._level_m_s2) * interval_s / (interval_s + level_time_s)
         if self._level_m_s2 < LEAST_LEVEL_M_S2:
             return ImuTrouble.TOO_SMALL
