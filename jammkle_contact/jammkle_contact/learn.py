@@ -1,4 +1,4 @@
-"""Learn the density ratios of the detectors on synthetic walks and a simulated leg: `python -m jammkle_contact.learn`.
+"""Learn the density ratios of the detectors on synthetic walks and a simulated leg; `relearn` judges and writes them.
 
 Seeds of learning are below `FIRST_TRIAL_SEED`, those of every trial above. The weights in `learned.json` are older than
 the present truth of simulated steps (rebounds and grazes): learned anew they come out no better (docs/controller.md).
@@ -6,18 +6,14 @@ the present truth of simulated steps (rebounds and grazes): learned anew they co
 
 from __future__ import annotations
 
-import json
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
-import jammkle_controller.core
 from jammkle_contact.drawing_robots import robot_stories
 from jammkle_contact.synthetic import walk
-from jammkle_controller.core.density_ratio import WEIGHTS_FILE
+from jammkle_controller.core.density_ratio import StepRatios, ratios_of
 from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.detector_settings import Phase
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
@@ -28,14 +24,14 @@ from jammkle_controller.parameters import ControllerParameters, detector_setting
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_contact.story import Story
 
 FIRST_TRIAL_SEED = 100_000
-WALKS = 60
+RUNS = 60
 STRIDES = 12
 UNSURE_S = 0.02
 """Samples so near to a change of contact say nothing clear of either side."""
@@ -45,32 +41,33 @@ EARLY_S = 0.003
 """So shortly before a touch-down nothing is called a swing: stamps jitter."""
 
 
-def stories(mount: str, walks: int = WALKS) -> Iterator[Story]:
-    """Make what is learned from: synthetic walks, and a leg that walks, slips and is dropped."""
-    for seed in range(walks):
-        yield walk(seed, mount, STRIDES)
-        yield from robot_stories("leg", seed, mount)
+def runs_of(mount: str, runs: int = RUNS) -> list[list[Story]]:
+    """Make what is learned from: of each seed a synthetic walk, and a leg that walks, slips or is dropped."""
+    return [[walk(seed, mount, STRIDES), *robot_stories("leg", seed, mount)] for seed in range(runs)]
 
 
-def learn(mount: str, walks: int = WALKS) -> dict[str, dict[str, Any]]:
-    """Learn the ratios of swing and touch-down of a mount; return them by name."""
+def learn(mount: str, stories: Sequence[Story]) -> dict[str, dict[str, Any]]:
+    """Learn the ratios of a place of the IMU; return them by name, as `learned.json` has them.
+
+    That of sliding is learned last, on what a detector with the other two takes for the ground.
+    """
     swing: list[tuple[tuple[float, ...], bool]] = []
     blows: list[tuple[tuple[float, ...], bool]] = []
-    for story in stories(mount, walks):
+    for story in stories:
         _collect(story, swing, blows)
-    return {
+    made = {
         f"swing_{mount}": _fitted(swing, balanced=True),
         f"touchdown_{mount}": _fitted(blows, balanced=False),
         f"slide_{mount}": _nothing(len(SoleFilter.NAMES)),
     }
+    return made | {f"slide_{mount}": _slides(mount, stories, ratios_of(made, mount))}
 
 
-def learn_slides(mount: str, walks: int = WALKS) -> dict[str, dict[str, Any]]:
-    """Learn the ratio of sliding of a mount, on what a detector with the other two takes for the ground."""
+def _slides(mount: str, stories: Sequence[Story], ratios: StepRatios) -> dict[str, Any]:
     rows: list[tuple[tuple[float, ...], bool]] = []
     settings = detector_settings(ControllerParameters(imu_mount=mount))
-    for story in stories(mount, walks):
-        detector = ContactDetector(settings)
+    for story in stories:
+        detector = ContactDetector(settings, ratios)
         if detector.foot is None:
             continue
         sole = detector.foot.sole
@@ -85,7 +82,7 @@ def learn_slides(mount: str, walks: int = WALKS) -> dict[str, dict[str, Any]]:
             if not near:
                 swing = min(0.9999, max(0.0001, detector.swing_probability))
                 rows.append((sole.features(sample.time_ns, detector.motion, swing), slides))
-    return {f"slide_{mount}": _fitted(rows, balanced=True)}
+    return _fitted(rows, balanced=True)
 
 
 def _nothing(width: int) -> dict[str, Any]:
@@ -163,20 +160,3 @@ def _fitted(rows: list[tuple[tuple[float, ...], bool]], *, balanced: bool) -> di
         "products": [[next(products) for _ in range(width - i)] for i in range(width)],
         "learned_from": {"samples": len(y), "positive": int(y.sum()), "accuracy": round(model.score(full, y), 4)},
     }
-
-
-def main() -> int:
-    """Learn all and write the controller's file."""
-    path = Path(jammkle_controller.core.__file__).with_name(WEIGHTS_FILE)
-    made: dict[str, Any] = {}
-    for learner in (learn, learn_slides):
-        for mount in ("foot", "shank"):
-            made |= learner(mount)
-            path.write_text(json.dumps(made, indent=1) + "\n")
-    for name, entry in made.items():
-        sys.stdout.write(f"{name}: {entry['learned_from']}\n")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from jammkle_contact.recording import Heard
+    from jammkle_controller.core.density_ratio import StepRatios
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.imu import StreamCounts
 
@@ -41,9 +42,9 @@ class Replay:
     counts: StreamCounts
 
 
-def new_controller(parameters: ControllerParameters) -> AnkleController:
-    """Return a controller with these parameters."""
-    return AnkleController(controller_settings(parameters))
+def new_controller(parameters: ControllerParameters, ratios: StepRatios | None = None) -> AnkleController:
+    """Return a controller with these parameters, and with other density ratios than its own where given."""
+    return AnkleController(controller_settings(parameters), ratios)
 
 
 def hear(controller: AnkleController, heard: Heard) -> Reaction:

@@ -72,7 +72,7 @@ def contact(request: ContactRequest) -> int:
     write_json(request.json, figures)
     screen = console()
     for row in figures["rows"]:
-        if row["source"] == "all":
+        if row["source"] == "all" and row["mount"] == "all":
             screen.print(
                 f"{row['part']:9} {row['kind']:9} {row['way']:20} recall {_share(row['recall'])}  "
                 f"precision {_share(row['precision'])}  delay {_share(row['delay_ms'], 1)} ms"

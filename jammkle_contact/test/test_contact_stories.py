@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_contact.learn import learn
+from jammkle_contact.relearn import cross_validated
 from jammkle_contact.replay import new_controller
 from jammkle_contact.robot_stories import Traces, contact_changes, of_the_body
 from jammkle_contact.story import Slide
 from jammkle_contact.synthetic import walk
 from jammkle_contact.trial.cases import Case
 from jammkle_contact.trial.real_foot import real_foot
-from jammkle_contact.trial.run import run_case
+from jammkle_contact.trial.run import run_case, scored
 from jammkle_contact.trial.scoring import Score, score_slides, score_times, wilson
+from jammkle_controller.core.density_ratio import learned, ratios_of
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters
 
@@ -117,3 +120,13 @@ def test_a_case_of_a_trial_is_repeatable_and_of_its_own_kind() -> None:
     }
     assert one.steps["tuning"] >= 1
     assert {kind for _, _, _, kind, _ in one.scores} == {"impact", "lift-off", "slip"}
+
+
+def test_ratios_are_judged_on_runs_that_they_have_not_seen() -> None:
+    """Every true event of every run is scored once, and most swings of walks that were not learned from are told."""
+    runs = [[walk(seed, "foot", 6)] for seed in range(4)]
+    judged = cross_validated("foot", runs, folds=2)
+    for kind, score in judged.items():
+        assert score.hits + score.missed == sum(scored(story, kind, ()).missed for run in runs for story in run)
+    assert judged["lift-off"].recall[0] > 0.7
+    assert set(learned("foot").swing.centre) != set(ratios_of(learn("foot", runs[0]), "foot").swing.centre)

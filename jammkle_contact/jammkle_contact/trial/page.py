@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from jammkle_contact.trial.cases import HELD_OUT, SOURCES, TUNING
 from jammkle_contact.trial.run import KINDS, OURS, Outcome, best_settings, pooled
 from jammkle_contact.trial.scoring import WINDOWS_S, median_with_interval
+from jammkle_controller.core.detector_settings import Mount
 from jammkle_graph.command.figures import STYLE
 
 if TYPE_CHECKING:
@@ -34,17 +35,24 @@ MS, MM = 1e3, 1e3
 
 def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
     """Return all figures for machines, and for the page."""
-    best = best_settings(outcome)
     rows = []
     for part, sources in SOURCES.items():
+        places = [("", ""), *(("", mount.value) for mount in Mount), *sources]
         for kind in KINDS:
-            ways = (OURS, *(best[kind, name] for each, name in best if each == kind))
-            rows += [_row(part, "all", "all", kind, way, pooled(outcome, part, kind, way)) for way in ways]
-            rows += [
-                _row(part, source, mount, kind, way, pooled(outcome, part, kind, way, mount, source))
-                for source, mount in sources
-                for way in ways
-            ]
+            for source, mount in places:
+                best = best_settings(outcome, mount)
+                ways = (OURS, *(best[kind, name] for each, name in best if each == kind))
+                rows += [
+                    _row(
+                        part,
+                        source or "all",
+                        mount or "all",
+                        kind,
+                        way,
+                        pooled(outcome, part, kind, way, mount, source),
+                    )
+                    for way in ways
+                ]
     return {
         "steps": dict(outcome.steps),
         "unavailable": outcome.unavailable,

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from jammkle_contact.story import Story
+    from jammkle_controller.core.density_ratio import StepRatios
 
 OURS = "ours"
 KINDS = {"impact": ContactKind.IMPACT, "lift-off": ContactKind.LIFTOFF, "slip": ContactKind.SLIP}
@@ -73,9 +74,9 @@ def run_case(case: Case) -> Outcome:
     return outcome
 
 
-def told_by_ours(story: Story) -> tuple[dict[str, list[float]], bool]:
+def told_by_ours(story: Story, ratios: StepRatios | None = None) -> tuple[dict[str, list[float]], bool]:
     """Return the times, s, that a controller tells by kind, and whether it believes the IMU at the end."""
-    controller = new_controller(ControllerParameters(imu_mount=story.mount))
+    controller = new_controller(ControllerParameters(imu_mount=story.mount), ratios)
     told: dict[str, list[float]] = {kind: [] for kind in KINDS}
     names = {each: kind for kind, each in KINDS.items()}
     for sample in story.samples:
@@ -119,13 +120,19 @@ def run_trial(seed: int, steps: int, jobs: int, on_progress: Callable[[float, st
     return whole
 
 
-def best_settings(outcome: Outcome) -> dict[tuple[str, str], str]:
-    """Return the way with its best setting on the tuning part, by kind and name of the baseline."""
+def best_settings(outcome: Outcome, mount: str = "") -> dict[tuple[str, str], str]:
+    """Return the way with its best setting on the tuning part, by kind and name of the baseline.
+
+    Args:
+        outcome: Of a trial.
+        mount: Where the IMU is; empty: one setting for all places.
+
+    """
     best: dict[tuple[str, str], str] = {}
     for kind in KINDS:
         for name, (_, settings) in WAYS.items():
             ways = [f"{name} {setting:g}" for setting in settings]
-            marks = {way: _f1(pooled(outcome, TUNING, kind, way)) for way in ways}
+            marks = {way: harmonic_mean(pooled(outcome, TUNING, kind, way, mount)) for way in ways}
             best[kind, name] = max(marks, key=marks.__getitem__)
     return best
 
@@ -140,5 +147,6 @@ def pooled(outcome: Outcome, part: str, kind: str, way: str, mount: str = "", so
     return total
 
 
-def _f1(score: Score) -> float:
+def harmonic_mean(score: Score) -> float:
+    """Return the harmonic mean of recall and precision."""
     return 2 * score.hits / max(1, 2 * score.hits + score.missed + score.false)

@@ -20,6 +20,7 @@ from jammkle_controller.core.watch import ImuTrouble
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from jammkle_controller.core.density_ratio import StepRatios
     from jammkle_controller.core.imu import ImuGate, ImuSample
     from jammkle_controller.core.watch import ImuWatch
 
@@ -50,11 +51,11 @@ class AnkleController:
     contact that says otherwise overrules the IMU; a plan that is heard says which blows on the body are this foot's.
     """
 
-    def __init__(self, settings: ControllerSettings) -> None:
-        """Start on the ground and soft."""
+    def __init__(self, settings: ControllerSettings, ratios: StepRatios | None = None) -> None:
+        """Start on the ground and soft; density ratios are those that come with it, unless others are given."""
         self.inputs = ContactInputs(settings.inputs)
         self.mount = settings.detector.mount
-        self._detector = ContactDetector(settings.detector)
+        self._detector = ContactDetector(settings.detector, ratios)
         self._policy = JammingPolicy(settings.policy)
         self._rhythm = Rhythm()
         self._stance_held = False

@@ -10,10 +10,10 @@ import json
 import math
 from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 WEIGHTS_FILE = "learned.json"
 LARGEST_LOG_ODDS = 8.0
@@ -52,14 +52,36 @@ def probability_of(log_odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-log_odds))
 
 
-def learned(name: str) -> DensityRatio:
-    """Return a ratio that was learned on simulated steps, by the name it has in `learned.json`.
+@dataclass(frozen=True)
+class StepRatios:
+    """All ratios of one place of the IMU."""
+
+    swing: DensityRatio
+    touchdown: DensityRatio
+    slide: DensityRatio
+
+
+def learned(mount: str) -> StepRatios:
+    """Return the ratios of a place of the IMU that were learned on simulated steps.
 
     Raises:
-        KeyError: there is none of that name.
+        KeyError: there are none for that place.
 
     """
-    entry = json.loads(resources.files(__package__).joinpath(WEIGHTS_FILE).read_text())[name]
+    return ratios_of(json.loads(resources.files(__package__).joinpath(WEIGHTS_FILE).read_text()), mount)
+
+
+def ratios_of(entries: Mapping[str, Mapping[str, Any]], mount: str) -> StepRatios:
+    """Return the ratios of a place of the IMU from entries as `learned.json` has them.
+
+    Raises:
+        KeyError: there are none for that place.
+
+    """
+    return StepRatios(*(_ratio_of(entries[f"{what}_{mount}"]) for what in ("swing", "touchdown", "slide")))
+
+
+def _ratio_of(entry: Mapping[str, Any]) -> DensityRatio:
     return DensityRatio(
         centre=tuple(entry["centre"]),
         scale=tuple(entry["scale"]),

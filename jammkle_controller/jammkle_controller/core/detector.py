@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from jammkle_controller.core.detector_settings import DetectorSettings, Phase
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
 from jammkle_controller.core.impact import ImpactDetector
@@ -14,6 +16,9 @@ from jammkle_controller.core.slip import SlipDetector
 from jammkle_controller.core.stepping import SteppingFoot
 from jammkle_controller.core.watch import ImuWatch
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+
+if TYPE_CHECKING:
+    from jammkle_controller.core.density_ratio import StepRatios
 
 LONG_GAP_S = 1.0
 """After a silence as long as this a stream is looked at anew: a sensor may have been set up anew, s."""
@@ -38,8 +43,14 @@ class ContactDetector:
     is told.
     """
 
-    def __init__(self, settings: DetectorSettings) -> None:
-        """Make a detector that stands on the ground and has seen nothing."""
+    def __init__(self, settings: DetectorSettings, ratios: StepRatios | None = None) -> None:
+        """Make a detector that stands on the ground and has seen nothing.
+
+        Args:
+            settings: Of every part.
+            ratios: Density ratios of a foot or shank; None: those that come with it.
+
+        """
         self.phase = Phase.GROUND
         self.gate = ImuGate(settings.max_gap_s)
         self.watch = ImuWatch(settings.watch)
@@ -49,7 +60,7 @@ class ContactDetector:
         self._liftoff = LiftoffDetector(settings.liftoff)
         self._rest = RestDetector(settings.settled)
         self._slip = SlipDetector(settings.slip)
-        self.foot = SteppingFoot(settings) if is_felt(settings.mount, Detection.STEP) else None
+        self.foot = SteppingFoot(settings, ratios) if is_felt(settings.mount, Detection.STEP) else None
         self._unsettled = False
         self._jolted_until_ns = 0
         self._stepped_ns: int | None = None

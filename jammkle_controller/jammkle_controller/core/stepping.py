@@ -12,6 +12,7 @@ from jammkle_controller.core.touchdown import TouchdownDetector
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
+    from jammkle_controller.core.density_ratio import StepRatios
     from jammkle_controller.core.detector_settings import DetectorSettings
     from jammkle_controller.core.imu import ImuSample
     from jammkle_controller.core.motion import Motion
@@ -27,13 +28,13 @@ SURE_SWING_S = 0.06
 class SteppingFoot:
     """The detectors of one foot that steps, on one IMU that moves with it."""
 
-    def __init__(self, settings: DetectorSettings) -> None:
-        """Start on the ground."""
+    def __init__(self, settings: DetectorSettings, ratios: StepRatios | None = None) -> None:
+        """Start on the ground, with density ratios of one's own or those of `learned.json`."""
         self.settings = settings
-        mount = settings.mount.value
-        self.swing = SwingFilter(learned(f"swing_{mount}"))
-        self.sole = SoleFilter(learned(f"slide_{mount}"), settings.slip.lever_m)
-        self._touchdown = TouchdownDetector(learned(f"touchdown_{mount}"), settings.touchdown_probability)
+        ratios = ratios or learned(settings.mount.value)
+        self.swing = SwingFilter(ratios.swing)
+        self.sole = SoleFilter(ratios.slide, settings.slip.lever_m)
+        self._touchdown = TouchdownDetector(ratios.touchdown, settings.touchdown_probability)
         self._interval_s = 0.0
         self._rising_since_ns: int | None = None
         self._swing_since_ns = 0

@@ -1,0 +1,89 @@
+"""Learn the density ratios anew, and say whether they are better: `python -m jammkle_contact.relearn [--write]`.
+
+New ones are judged by cross-validation, each fold by ratios that were learned on the others; those in use may have seen
+all of it, which is in their favour. Nothing held out and no recording is in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jammkle_controller.core
+from jammkle_contact.learn import RUNS, learn, runs_of
+from jammkle_contact.trial.run import KINDS, harmonic_mean, scored, told_by_ours
+from jammkle_contact.trial.scoring import Score
+from jammkle_controller.core.density_ratio import WEIGHTS_FILE, ratios_of
+from jammkle_controller.core.detector_settings import Mount
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from jammkle_contact.story import Story
+    from jammkle_controller.core.density_ratio import StepRatios
+
+FOLDS = 4
+
+
+def scores(stories: Iterable[Story], ratios: StepRatios | None) -> dict[str, Score]:
+    """Score a controller by kind of event, with its own ratios or with others."""
+    made: dict[str, Score] = defaultdict(Score)
+    for story in stories:
+        told, _ = told_by_ours(story, ratios)
+        for kind in KINDS:
+            made[kind].add(scored(story, kind, told[kind]))
+    return made
+
+
+def cross_validated(mount: str, runs: Sequence[Sequence[Story]], folds: int = FOLDS) -> dict[str, Score]:
+    """Score ratios that are learned on all other folds, by kind of event.
+
+    Args:
+        mount: Where the IMU is.
+        runs: What is learned from; stories of one run stay together.
+        folds: How many parts.
+
+    """
+    made: dict[str, Score] = defaultdict(Score)
+    for fold in range(folds):
+        others = [story for index, run in enumerate(runs) if index % folds != fold for story in run]
+        ratios = ratios_of(learn(mount, others), mount)
+        left_out = [story for index, run in enumerate(runs) if index % folds == fold for story in run]
+        for kind, score in scores(left_out, ratios).items():
+            made[kind].add(score)
+    return made
+
+
+def main() -> int:
+    """Compare, and write the new ratios where that is asked for."""
+    parser = argparse.ArgumentParser(description="Learn the density ratios anew, and say whether they are better.")
+    parser.add_argument("--write", action="store_true", help="put the new ones into the controller")
+    parser.add_argument("--runs", type=int, default=RUNS, help=f"seeds to learn from, {FOLDS} or more")
+    wanted = parser.parse_args()
+    if wanted.runs < FOLDS:
+        parser.error(f"--runs is {wanted.runs}; it must be {FOLDS} or more, one for each fold")
+    made: dict[str, Any] = {}
+    for mount in (Mount.FOOT.value, Mount.SHANK.value):
+        runs = runs_of(mount, wanted.runs)
+        stories = [story for run in runs for story in run]
+        old, new = scores(stories, None), cross_validated(mount, runs)
+        for kind in KINDS:
+            sys.stdout.write(f"{mount} {kind}: in use {_told(old[kind])}; new {_told(new[kind])}\n")
+            sys.stdout.flush()
+        made |= learn(mount, stories)
+    if wanted.write:
+        path = Path(jammkle_controller.core.__file__).with_name(WEIGHTS_FILE)
+        path.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+def _told(score: Score) -> str:
+    return f"recall {score.recall[0]:.3f}, precision {score.precision[0]:.3f}, mean {harmonic_mean(score):.3f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
