@@ -44,7 +44,7 @@ _OFFSET_PA = 150.0
 def real_plant(_declared: AirSettings, draw: random.Random, seed: int) -> RealAirPlant:
     """Return one specimen on one day; what the driver has declared is the type, of which it is one."""
     offsets_pa = {place: draw.gauss(0.0, _OFFSET_PA) for place in (MANIFOLD, *CHANNELS)}
-    return RealAirPlant(seed, SensorErrors(50.0, offsets_pa))
+    return RealAirPlant(seed, SensorErrors(offsets_pa=offsets_pa))
 
 
 class RealAirPlant:
@@ -65,6 +65,7 @@ class RealAirPlant:
         self._history_pa = np.zeros((1, NODES))
         self._steps = 0
         self._due: list[tuple[float, str, bool]] = []
+        self._wanted = dict.fromkeys(CHANNELS, False)
         self._duty = 0.0
         self._valves: dict[str, bool] = {}
         self._sensors = FakeSensors(errors, seed)
@@ -106,6 +107,8 @@ class RealAirPlant:
         """See `Plant`."""
         self._law = air_law(self._air)
         self._valves.clear()
+        for name, energised in self._wanted.items():
+            self._move(name, energised=energised)
         self._sensors.heal()
 
     def advance(self, duration_s: float) -> None:
@@ -114,6 +117,7 @@ class RealAirPlant:
             self.time_s += _CHUNK_S
             while self._due and self._due[0][0] <= self.time_s:
                 _, name, energised = self._due.pop(0)
+                self._wanted[name] = energised
                 self._move(name, energised=self._valves.get(name, energised))
             self._state.more[0] = self._duty
             advance_air(self._law, self._state, self._steps, _PER_CHUNK, 2**62, self._history_pa)

@@ -29,7 +29,7 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     ] = Robot.ANKLE,
     hardware: Annotated[
         str,
-        typer.Option(help="Behind the driver: sim, modbus (a board), fake (plain numbers), or what a package brings."),
+        typer.Option(help="Behind the driver: sim, modbus (a board), fake (a small built-in plant), or a package's."),
     ] = SIM_HARDWARE,
     port: Annotated[
         str | None, typer.Option(help="Where the board is: a serial device, or tcp://HOST[:PORT].", metavar="DEV")

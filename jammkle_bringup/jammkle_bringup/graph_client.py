@@ -15,7 +15,6 @@ from jammkle_graph.command.errors import GraphError
 from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.names import DRIVER_NODE, PUMP_DUTY, SIM_NODE
 from jammkle_graph.namespace import relative, resolved
-from jammkle_graph.transport import talk_by_udp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,7 +65,6 @@ class GraphClient:
         return self
 
     def _joined(self, name: str) -> Node:
-        talk_by_udp(os.environ)
         context = rclpy.Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         return rclpy.create_node(

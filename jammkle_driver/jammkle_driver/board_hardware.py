@@ -94,4 +94,4 @@ class BoardHardware:
                 place: self._wiring.sensors[place].absolute_pa(measured_pa, ambient_pa)
                 for place, measured_pa in exchange.sensors_pa.items()
             }
-            self._measured.tell(pressures_pa, exchange.taken)
+            self._measured.publish(pressures_pa, exchange.taken)

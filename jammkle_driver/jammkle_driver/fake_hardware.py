@@ -99,4 +99,4 @@ class FakeHardware:
                 self._plant.heal()
             else:
                 self._plant.inject(entry.fault, entry.place, entry.size)
-        self._measured.tell(self._plant.readings_pa(), self._command)
+        self._measured.publish(self._plant.readings_pa(), self._command)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from sensor_msgs.msg import FluidPressure
 
 from jammkle_driver.conversions import actuator_states_message, pressure_message, seconds
@@ -32,6 +34,7 @@ class Measured:
 
         """
         self._context = context
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         topics = {**PRESSURES, MANIFOLD: MANIFOLD_PRESSURE}
         node = context.node
         self._pressures = {
@@ -40,7 +43,7 @@ class Measured:
         }
         self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
 
-    def tell(self, pressures_pa: Mapping[str, float], taken: ActuatorCommand | None) -> None:
+    def publish(self, pressures_pa: Mapping[str, float], taken: ActuatorCommand | None) -> None:
         """Publish and hand over what was measured just now; to be called from the node's own thread.
 
         Args:
@@ -49,14 +52,14 @@ class Measured:
 
         """
         node = self._context.node
-        now = node.get_clock().now()
+        now, steady_s = node.get_clock().now(), seconds(self._steady.now())
         if taken is not None:
             self._taken.publish(actuator_states_message(taken, now.to_msg()))
         for place, pressure_pa in pressures_pa.items():
             if math.isfinite(pressure_pa):
                 message = pressure_message(pressure_pa, now.to_msg(), frame(node.get_namespace(), place))
                 self._pressures[place].publish(message)
-            self._context.take(PressureSample(place, pressure_pa, seconds(now)))
+            self._context.take(PressureSample(place, pressure_pa, steady_s))
 
     def close(self) -> None:
         """Destroy the publishers."""

@@ -238,7 +238,7 @@ class DriverNode(LifecycleNode):
     def _look_at_link(self, hardware: Hardware) -> None:
         verdict = self._link_guard.look(hardware.link, jammed=self._driver.jammed)
         if verdict.fault:
-            self._driver.fail(verdict.fault, verdict.reason)
+            self._driver.fail(verdict.fault, verdict.reason, self._now())
         self._driver.wait_for_board(self._now(), wait=verdict.wait)
         if verdict.let_go:
             self._driver.was_let_go(verdict.let_go)
@@ -292,6 +292,7 @@ class DriverNode(LifecycleNode):
         steady_s = seconds(self._steady.now())
         clock = self.get_clock()
         # A real ankle does not stand still while somebody pauses the graph's clock.
-        simulated = self._hardware is not None and self._hardware.link.simulated
-        runs = simulated and (not clock.ros_time_is_active or steady_s - self._clock_heard_s < CLOCK_TIMEOUT_S)
+        if self._hardware is None or not self._hardware.link.simulated:
+            return Instant(steady_s, steady_s)
+        runs = not clock.ros_time_is_active or steady_s - self._clock_heard_s < CLOCK_TIMEOUT_S
         return Instant(steady_s, seconds(clock.now()), runs)

@@ -19,16 +19,22 @@ from jammkle_driver.core.overload import OverloadWatch
 from jammkle_driver.core.regulator import PumpLoad
 from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError, Wish
-from jammkle_driver.fake.bench import FaultBench
+from jammkle_driver.fake.bench import FaultBench, built
 from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.script import ScriptError, read_script
+from jammkle_driver.fake.sensors import SensorErrors
 from jammkle_driver.fake.soak import soak
 from jammkle_driver.fake.trial import ELSEWHERE, PLACED, alarms, inject
 from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
+    import random
     from collections.abc import Callable
+
+    from jammkle_driver.core.air import AirSettings
 
 SET_POINT_PA = 50e3
 
@@ -156,6 +162,18 @@ def test_a_sensor_that_repeats_itself_in_vacuum_is_stuck_though_nothing_moves() 
     bench.plant.inject(FakeFault.SENSOR_STUCK, "achilles")
     run(bench, 1.0)
     assert bench.told() == (Reason.SENSOR_STUCK, "achilles")
+
+
+@pytest.mark.parametrize(("step_pa", "noise_pa", "seed"), [(98.0, 10.0, 1), (98.0, 30.0, 1), (25.0, 3.0, 2)])
+def test_a_coarse_or_quiet_sensor_that_repeats_itself_is_healthy(step_pa: float, noise_pa: float, seed: int) -> None:
+    """Converters of 10 and 12 bits whose step hides the noise: most readings equal the one before, and not a word."""
+
+    def coarse(declared: AirSettings, draw: random.Random, number: int) -> FakePlant:
+        return FakePlant(
+            CHANNELS, built(declared, draw), STANDARD_ATMOSPHERE_PA, SensorErrors(noise_pa, step_pa), number
+        )
+
+    assert alarms(seed, 35.0, coarse) == []
 
 
 def test_a_sensor_at_the_end_of_its_range_is_no_stuck_one() -> None:

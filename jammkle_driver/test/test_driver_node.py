@@ -26,6 +26,7 @@ from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool, Float32
 from std_srvs.srv import SetBool, Trigger
 
+from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.node import DriverNode
 from jammkle_graph import names
 from jammkle_graph.parameters import ParameterError
@@ -284,7 +285,7 @@ def test_a_clock_that_stands_keeps_no_real_ankle_jammed(graph: Graph) -> None:
     clock = graph.node.create_publisher(ClockMessage, names.CLOCK.name, publisher_qos(names.CLOCK))
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     graph.node.create_timer(0.1, lambda: clock.publish(ClockMessage(clock=Time(sec=5))), clock=steady)
-    graph.driver(hardware="fake", use_sim_time=True)
+    driver = graph.driver(hardware="fake", use_sim_time=True, diagnose=True)
     publisher = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
     wish = JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=40e3)])
     stream = graph.node.create_timer(0.05, lambda: publisher.publish(wish), clock=steady)
@@ -292,6 +293,9 @@ def test_a_clock_that_stands_keeps_no_real_ankle_jammed(graph: Graph) -> None:
     stream.cancel()
     graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.UNJAMMED)
     assert "command_timeout_s" in graph.ankle.state_of("achilles").reason
+    # Nor does it blind the diagnosis, whose readings are of the steady clock, too.
+    driver._hardware.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
+    graph.spin_until(lambda: graph.ankle.state_of("achilles").fault == Fault.SENSOR_OUT_OF_RANGE)
 
 
 def test_jam_commands_are_followed_until_they_go_stale(graph: Graph) -> None:

@@ -77,7 +77,7 @@ class Requests(RuleBasedStateMachine):
 
     @rule(reason=st.sampled_from((Reason.BOARD_UNPLUGGED, Reason.BROWN_OUT)))
     def fail(self, reason: Reason) -> None:
-        self.driver.fail("the board does not answer", reason)
+        self.driver.fail("the board does not answer", reason, self.now)
 
     @rule(active=st.booleans())
     def change_state(self, *, active: bool) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import importlib
+import os
 import secrets
 from typing import TYPE_CHECKING
 
@@ -56,6 +57,15 @@ def pytest_configure() -> None:
     """
     settings.register_profile("jammkle", derandomize=True, database=None, deadline=None)
     settings.load_profile("jammkle")
+
+
+@pytest.fixture(autouse=True)
+def _environment() -> Iterator[None]:
+    """Give every test the environment back as it was: a process of ours chooses how it talks when it starts."""
+    before = dict(os.environ)
+    yield
+    os.environ.clear()
+    os.environ.update(before)
 
 
 @contextlib.contextmanager

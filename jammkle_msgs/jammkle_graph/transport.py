@@ -18,27 +18,33 @@ _IMPLEMENTATION: Final = "RMW_IMPLEMENTATION"
 _RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _LOCALHOST_ONLY: Final = "ROS_LOCALHOST_ONLY"
 _TRANSPORTS: Final = "FASTDDS_BUILTIN_TRANSPORTS"
+_STATIC_PEERS: Final = "ROS_STATIC_PEERS"
 _PROFILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+_UDP: Final = "UDPv4"
 _OURS: Final = str(Path(__file__).with_name("udp_on_this_machine.xml"))
 
 
 def talk_by_udp(environment: MutableMapping[str, str]) -> None:
-    """Choose UDP for every participant that this process and its children make from now on.
+    """Choose UDP for every participant that this process and its children will make.
 
-    What a user has chosen stays: another middleware, a Fast DDS profile, `FASTDDS_BUILTIN_TRANSPORTS`. With
-    `ROS_LOCALHOST_ONLY=1` (deprecated) shared memory stays, too, since the middleware asks for it by itself.
+    What a user has chosen stays: another middleware, a Fast DDS profile, `FASTDDS_BUILTIN_TRANSPORTS`, static peers
+    (which the middleware reads with a range alone). With `ROS_LOCALHOST_ONLY=1` (deprecated) shared memory stays, too,
+    since the middleware asks for it by itself.
 
     Args:
-        environment: Of the process, `os.environ`; to be called before `rclpy.init`.
+        environment: Of a process that is ours, `os.environ`; to be called when it starts. Fast DDS reads profiles once,
+            with the first participant: later, the range would be another one, and shared memory still there.
 
     """
-    if not environment.get(_IMPLEMENTATION, "rmw_fastrtps").startswith("rmw_fastrtps"):
+    if not (environment.get(_IMPLEMENTATION) or "rmw_fastrtps").startswith("rmw_fastrtps"):
         return
     if environment.get(_LOCALHOST_ONLY) == "1" or any(environment.get(name, _OURS) != _OURS for name in _PROFILES):
+        return
+    if environment.get(_STATIC_PEERS) or environment.get(_TRANSPORTS, _UDP) != _UDP:
         return
     if environment.get(_RANGE) == "LOCALHOST":
         # For this range rmw_fastrtps adds shared memory whatever a profile says; ours has the rest of what it sets.
         environment[_PROFILES[0]] = _OURS
         environment[_RANGE] = "SYSTEM_DEFAULT"
     elif _PROFILES[0] not in environment:
-        environment.setdefault(_TRANSPORTS, "UDPv4")
+        environment[_TRANSPORTS] = _UDP

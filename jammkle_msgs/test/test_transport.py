@@ -22,12 +22,13 @@ print("/dev/shm/fastrtps" in Path("/proc/self/maps").read_text())
 """
 
 
-def shares_memory(**environment: str) -> bool:
-    """Whether a participant that is started with this environment maps queues of Fast DDS."""
+def shares_memory(**chosen: str) -> bool:
+    """Whether a participant that is started with what a user has chosen maps queues of Fast DDS."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("FAST", "ROS_", "RMW_"))}
     with own_domain() as number:
         answer = subprocess.run(
             [sys.executable, "-c", PARTICIPANT],
-            env={**os.environ, "ROS_DOMAIN_ID": str(number), **environment},
+            env={**inherited, "ROS_DOMAIN_ID": str(number), **chosen},
             capture_output=True,
             text=True,
             check=True,
@@ -36,16 +37,10 @@ def shares_memory(**environment: str) -> bool:
 
 
 @pytest.mark.parametrize("reach", ["LOCALHOST", "SUBNET"])
-def test_no_memory_is_shared_unless_asked_for(reach: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither with discovery on this machine alone nor beyond it; a user who asks for shared memory gets it."""
-    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
-    monkeypatch.delenv("FASTDDS_BUILTIN_TRANSPORTS", raising=False)
+def test_memory_is_shared_where_a_user_asks_for_it_alone(reach: str) -> None:
+    """With discovery on this machine alone, and beyond it."""
     assert not shares_memory(ROS_AUTOMATIC_DISCOVERY_RANGE=reach)
-
-
-def test_a_user_who_asks_for_shared_memory_gets_it() -> None:
-    """`FASTDDS_BUILTIN_TRANSPORTS` stays as it is."""
-    assert shares_memory(ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET", FASTDDS_BUILTIN_TRANSPORTS="DEFAULT")
+    assert shares_memory(ROS_AUTOMATIC_DISCOVERY_RANGE=reach, FASTDDS_BUILTIN_TRANSPORTS="DEFAULT")
 
 
 @pytest.mark.parametrize(
@@ -55,6 +50,7 @@ def test_a_user_who_asks_for_shared_memory_gets_it() -> None:
         {"FASTRTPS_DEFAULT_PROFILES_FILE": "mine.xml"},
         {"FASTDDS_DEFAULT_PROFILES_FILE": "mine.xml", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
         {"ROS_LOCALHOST_ONLY": "1"},
+        {"ROS_STATIC_PEERS": "10.0.0.2", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
     ],
 )
 def test_what_a_user_has_chosen_stays(chosen: dict[str, str]) -> None:

@@ -59,7 +59,7 @@ class WithLoadCell(AnkleSensors, Protocol):
         """Force between rig and leg, N."""
 
 
-class OfARobot(AnkleSensors, Protocol):
+class RobotAnkle(AnkleSensors, Protocol):
     """An ankle of a robot."""
 
     def foot(self) -> FootTruth:
@@ -77,7 +77,7 @@ class Outputs:
 
         Args:
             node: The sim node.
-            ankle: What is sampled; `WithLoadCell` or `OfARobot` where such an output is among them.
+            ankle: What is sampled; `WithLoadCell` or `RobotAnkle` where such an output is among them.
             outputs: What it can publish.
             within: Namespace of the ankle below the node's own; empty: that.
 

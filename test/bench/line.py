@@ -55,18 +55,18 @@ class Ratio:
 
 
 @dataclass(frozen=True)
-class Spread:
+class Percentiles:
     """Median and 99th percentile, ms."""
 
     median_ms: float
     p99_ms: float
 
     @classmethod
-    def of(cls, delays_s: Sequence[float]) -> Spread:
+    def of(cls, delays_s: Sequence[float]) -> Percentiles:
         """Return those of some delays, s."""
         return cls(1e3 * statistics.median(delays_s), 1e3 * statistics.quantiles(delays_s, n=100)[98])
 
-    def over(self, *others: Spread) -> Ratio:
+    def over(self, *others: Percentiles) -> Ratio:
         """Return both over the sums of the others': median over medians, percentile over percentiles."""
         return Ratio(
             self.median_ms / sum(each.median_ms for each in others), self.p99_ms / sum(each.p99_ms for each in others)
@@ -77,10 +77,10 @@ class Spread:
 class LineDelays:
     """Delays to the coils' bytes, bare round trips in the same run, ratios, and the rate of a whole cycle, 1/s."""
 
-    service: Spread
-    impact: Spread
-    graph: Spread
-    serial: Spread
+    service: Percentiles
+    impact: Percentiles
+    graph: Percentiles
+    serial: Percentiles
     service_over_bare: Ratio
     impact_over_bare: Ratio
     cycle_rate_hz: float
@@ -145,7 +145,7 @@ def measure_line(domain_id: int) -> LineDelays:
     graph = [echo for _, echo in impacts if echo > 0.0]
     if len(path) < IMPACT_TRIALS:
         sys.stderr.write(f"{IMPACT_TRIALS - len(path)} of {IMPACT_TRIALS} impacts never reached the pins\n")
-    service, impact, round_trip, bare = (Spread.of(delays_s) for delays_s in (service_s, path, graph, serial_s))
+    service, impact, round_trip, bare = (Percentiles.of(delays_s) for delays_s in (service_s, path, graph, serial_s))
     return LineDelays(
         service,
         impact,

@@ -42,21 +42,20 @@ shift by a fifth of a deviation. Without it, an ankle at rest for minutes lets t
 
 _STILL_PA = 500.0
 """How far a sensor that is taken as stuck must be from what its own filter makes of the pressure, Pa: that a reading
-stands still where nothing changes says nothing, unless it repeats to the digit in vacuum and never did before."""
+stands still where nothing changes says nothing, unless it repeats in vacuum as it never did before."""
 
 _EVACUATED_PA = 3e3
 """Vacuum beyond which a sensor reads somewhere within its range, Pa: more than offset and weather together."""
 
-_LIVELY = 0.1
-"""Share of readings that repeat the one before, below which a sensor is lively: its noise shows. A converter so coarse
-that a healthy reading repeats itself tells nothing by repeating."""
+_KNOWN_CHANGES = 100
+"""Readings that differ from the one before, from which a sensor's way to repeat itself is known: a second of noise."""
 
-_CALM_DOWN, _LIVEN_UP = 0.0001, 0.02
-"""Weights of a reading that repeats, and of one that does not, in that share. Slow to calm down: for ten seconds a
-lively sensor that repeats itself is news."""
+_LONGER_RUN, _MORE_REPEATS = 2, 5
+"""A run of equal readings is news beyond so many times the longest one before, and so many more: a lively sensor's runs
+are of one or two, those of a coarse converter or of a slow sensor are as long as they are."""
 
 _REPEAT_NATS = 3.0
-"""What a stuck sensor gains by a repeated reading of a lively one, nats: ln(20), as fewer than one in ten repeat."""
+"""What a stuck sensor gains by each further reading of such a run, nats: ln(20), as a healthy one would have ended."""
 
 _LATELY = 6
 """Readings that say how fast a pressure changes now: a late one repeats those before it, for some 50 ms."""
@@ -125,7 +124,9 @@ class FilterBank:
         self._held_variance = np.full((models, volumes), self._spread.noise_pa**2)
         self._last_pa = np.full(volumes, np.nan)
         self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
-        self._repeated = np.ones(volumes)
+        self._run = np.zeros(volumes)
+        self._longest_run = np.zeros(volumes)
+        self._changes = np.zeros(volumes)
         self._bridging = False
         self._fresh = True
         self._grace_s = 0.0
@@ -190,16 +191,18 @@ class FilterBank:
         return late_pa
 
     def _repeats(self, readings_pa: Array, ambient_pa: float) -> tuple[Flags, Flags]:
-        """Return which hypotheses of a stuck sensor see its reading repeat that never did, and which of them in vacuum.
+        """Return which hypotheses of a stuck sensor see it repeat as it never did, and which of them in vacuum.
 
         At the atmosphere a converter may be at the end of its range, and a healthy reading then repeats, too.
         """
         heard = np.isfinite(readings_pa)
         same = heard & (readings_pa == self._last_pa)
-        news = same & (self._repeated < _LIVELY)
-        weight = np.where(same, _CALM_DOWN, _LIVEN_UP)
-        self._repeated = np.where(heard, self._repeated + weight * (same - self._repeated), self._repeated)
+        changed = heard & ~same
+        self._longest_run = np.where(changed, np.maximum(self._longest_run, self._run), self._longest_run)
+        self._changes += changed
+        self._run = np.where(changed, 0.0, self._run + same)
         self._last_pa = np.where(heard, readings_pa, self._last_pa)
+        news = same & (self._changes >= _KNOWN_CHANGES) & (self._run > _LONGER_RUN * self._longest_run + _MORE_REPEATS)
         repeats: Flags = (self._tables.stuck & news).any(axis=1)
         evacuated = np.nan_to_num(ambient_pa - readings_pa) > _EVACUATED_PA
         return repeats, (self._tables.stuck & news & evacuated).any(axis=1)

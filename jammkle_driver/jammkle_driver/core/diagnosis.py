@@ -183,6 +183,7 @@ class Diagnosis:
             self._silent_sets[place] = 0 if place in readings else self._silent_sets[place] + 1
         if not duration_s < _LONGEST_GAP_S or self._outruns(stamp_s, steady_s):  # also the first one
             self._bank.reset(ambient_pa)
+            self._heat.reset()
             return None
         if duration_s > _LONGEST_STEP_S:
             self._bank.bridge()

@@ -237,8 +237,9 @@ class Driver:
         """Whether a channel is asked to jam."""
         return self._ankle.jammed
 
-    def fail(self, reason: str, fault: Reason = Reason.BOARD_UNPLUGGED) -> None:
-        """Put every channel into FAULT: what drives them has failed."""
+    def fail(self, reason: str, fault: Reason, now: Instant) -> None:
+        """Put every channel into FAULT: what drives them has failed, and did not do what it was told."""
+        self._ankle.went_its_own_way(now)
         self._ankle.fail(self._names, reason, fault)
 
     def wait_for_board(self, now: Instant, *, wait: bool) -> None:

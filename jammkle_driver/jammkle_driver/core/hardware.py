@@ -21,7 +21,7 @@ class PressureSample:
         place: Name of a channel, or `MANIFOLD`.
         pressure_pa: What was measured, Pa absolute; not finite where the sensor gave no number. Of a sensor that
             measures vacuum, the declared pressure of the atmosphere less that: the driver finds the true one itself.
-        stamp_s: When it was measured, s of the graph's clock.
+        stamp_s: When it was measured, s: of the graph's clock where the link is `simulated`, else of the steady clock.
 
     """
 

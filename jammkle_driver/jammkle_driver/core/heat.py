@@ -27,6 +27,7 @@ class HeatMeter:
     def reset(self) -> None:
         """Forget what was measured."""
         self._followed_pa = [math.nan] * self._volumes
+        self._ahead_pa = [0.0] * self._volumes
 
     def measure(self, readings_pa: Sequence[float], duration_s: float) -> tuple[float, ...]:
         """Take what the sensors read after `duration_s` s, Pa, NaN where one is silent; return what may come back, Pa.
@@ -34,14 +35,12 @@ class HeatMeter:
         From the readings alone, and so the same for every hypothesis.
         """
         share = -math.expm1(-duration_s / HEAT_TIME_S)
-        heat_pa = []
         for place, reading_pa in enumerate(readings_pa):
-            ahead_pa = reading_pa - self._followed_pa[place]
-            if math.isfinite(ahead_pa):
-                self._followed_pa[place] += share * ahead_pa
-                heat_pa.append(HEAT_SHARE * abs(ahead_pa))
-            else:
-                heat_pa.append(0.0)
+            if math.isfinite(reading_pa):
                 if math.isnan(self._followed_pa[place]):
                     self._followed_pa[place] = reading_pa
-        return tuple(heat_pa)
+                self._ahead_pa[place] = reading_pa - self._followed_pa[place]
+                self._followed_pa[place] += share * self._ahead_pa[place]
+            else:
+                self._ahead_pa[place] *= 1.0 - share
+        return tuple(HEAT_SHARE * abs(ahead_pa) for ahead_pa in self._ahead_pa)

@@ -11,9 +11,10 @@ class Instant:
 
     Attributes:
         steady_s: The machine's steady clock, s; never jumps, never stops.
-        graph_s: The graph's clock (ROS time), s; stands still while a simulation is paused.
-        clock_runs: Whether the ankle lives in the graph's time, and somebody keeps it. A paused simulation repeats its
-            time; one that has died does not, and then, as always for real hardware, the steady clock alone counts.
+        graph_s: The time that the ankle lives in, s: of a simulation the graph's clock (ROS time), which stands still
+            while it is paused; of real hardware the steady clock.
+        clock_runs: Whether somebody keeps that time. A paused simulation repeats it; one that has died does not, and
+            then the steady clock alone counts.
 
     """
 

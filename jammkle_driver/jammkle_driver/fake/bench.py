@@ -61,7 +61,7 @@ def fake_plant(declared: AirSettings, draw: random.Random, seed: int) -> FakePla
     """Return an ankle of the law that the driver judges by, off by its tolerances, with sensors off by 150 Pa."""
     ambient_pa = STANDARD_ATMOSPHERE_PA + draw.gauss(0.0, 800.0)
     offsets_pa = {place: draw.gauss(0.0, 150.0) for place in (MANIFOLD, *CHANNELS)}
-    return FakePlant(CHANNELS, built(declared, draw), ambient_pa, SensorErrors(50.0, offsets_pa), seed)
+    return FakePlant(CHANNELS, built(declared, draw), ambient_pa, SensorErrors(offsets_pa=offsets_pa), seed)
 
 
 class FaultBench:
@@ -156,7 +156,7 @@ class FaultBench:
     def _look_at_link(self, now: Instant) -> None:
         verdict = self.guard.look(self.link, jammed=self.driver.jammed)
         if verdict.fault:
-            self.driver.fail(verdict.fault, verdict.reason)
+            self.driver.fail(verdict.fault, verdict.reason, now)
         self.driver.wait_for_board(now, wait=verdict.wait)
         if verdict.let_go:
             self.driver.was_let_go(verdict.let_go)

@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Noise of each reading, and offsets of the sensors by place, Pa."""
+    """Noise of each reading, step of the converter (0: none), and offsets of the sensors by place, Pa."""
 
     noise_pa: float = 50.0
+    step_pa: float = 0.0
     offsets_pa: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -76,4 +77,6 @@ class FakeSensors:
         since_s, rate_pa_s = self._drift.get(place, (0.0, 0.0))
         error_pa = self._errors.offsets_pa.get(place, 0.0) + rate_pa_s * (time_s - since_s)
         error_pa += self._bias_pa.get(place, 0.0)
-        return true_pa + error_pa + self._random.gauss(0.0, self._errors.noise_pa)
+        reading_pa = true_pa + error_pa + self._random.gauss(0.0, self._errors.noise_pa)
+        step_pa = self._errors.step_pa
+        return round(reading_pa / step_pa) * step_pa if step_pa else reading_pa

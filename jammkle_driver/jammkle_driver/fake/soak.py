@@ -95,8 +95,9 @@ class _Watch:
             self.must_be_off(TICK_PERIOD_S if connected else _WATCHDOG_BOUND_S, f"{faulty[0].name} is in FAULT")
         time_s, driven = self._bench.plant.time_s, self._bench.board.driven
         if driven != released(CHANNELS):
-            late = [because for due_s, because in self._due if time_s > due_s]
-            self.missed += [f"{time_s:.2f} s: {because}, and {driven} goes on" for because in late]
+            late = [each for each in self._due if time_s > each[0]]
+            self.missed += [f"{time_s:.2f} s: {because}, and {driven} goes on" for _, because in late]
+            self._due = [each for each in self._due if each not in late]
 
 
 def _run(bench: FaultBench, duration_s: float, watch: _Watch) -> None:

@@ -26,7 +26,9 @@ def main() -> int:
     for number in _SIGNALS:
         signal.signal(number, _end)
     from jammkle_graph.command.main import main as run  # noqa: PLC0415 - after the handlers; see above
+    from jammkle_graph.transport import talk_by_udp  # noqa: PLC0415 - as above
 
+    talk_by_udp(os.environ)
     return run()
 
 
