@@ -476,9 +476,10 @@ def test_random_faults_leave_everything_safe() -> None:
 
 
 def test_the_soak_sees_a_board_that_does_not_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A board without its watchdog keeps jamming when the cable is pulled: that is what a soak is to find."""
+    """A board without its watchdog keeps jamming while the driver stands still: that is what a soak is to find."""
     monkeypatch.setattr("jammkle_driver.fake.board.WATCHDOG_S", math.inf)
-    assert any("unplugged" in line for line in soak(120.0, 3).missed)
+    monkeypatch.setattr("jammkle_driver.fake.soak._OF_THE_PLANT", 0.0)
+    assert any("stall" in line for line in soak(15.0, 1).missed)
 
 
 def test_a_script_of_faults_is_read_or_refused_in_one_line() -> None:
