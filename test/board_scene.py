@@ -168,6 +168,10 @@ class Scene:
         """Return the latest pressure of the manifold, Pa absolute."""
         return float(self.probe.last(MANIFOLD_PRESSURE).fluid_pressure)
 
+    def faults(self) -> set[int]:
+        """Return what the channels report as their faults."""
+        return {channel.fault for channel in self.probe.last(JAM_STATE).channels}
+
     def channels_in(self, state: int) -> bool:
         """Whether every channel reports a state."""
         states = self.probe.channel_states()

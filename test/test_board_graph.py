@@ -16,7 +16,7 @@ from boards import AVR, board_command
 from graph import environment
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import DRIVER_NODE, JAM_ALL, MANIFOLD_PRESSURE, PRESSURES, Service
-from jammkle_msgs.msg import ChannelJamState
+from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -78,7 +78,11 @@ def test_a_jam_goes_all_the_way_and_every_mishap_ends_in_the_safe_state(make_sce
 def test_stale_commands_vent_later_than_a_pulled_cable(make_scene: Callable[..., Scene]) -> None:
     """A stream of commands that ends vents after its timeout; the board's watchdog, which is shorter, is sooner."""
     scene = make_scene()
-    stale_s = scene.delay_s(scene.stream_jam(), all_off)
+    for _ in range(5):  # a machine so busy that the board lets go first is not what is measured here
+        stale_s = scene.delay_s(scene.stream_jam(), all_off)
+        scene.probe.spin_until(lambda: bool(scene.faults() & {Fault.COMMANDS_STALE, Fault.BOARD_LET_GO}), "it is told")
+        if scene.faults() == {Fault.COMMANDS_STALE}:
+            break
     if not AVR:  # whose simulator, on a busy machine, may lose the line before
         assert stale_s >= STALE_S
     scene.jam()
