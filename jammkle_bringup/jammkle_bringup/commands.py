@@ -42,6 +42,15 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     params: Annotated[
         list[Path] | None, typer.Option(help="ROS parameter file (YAML); may be repeated.", metavar="FILE")
     ] = None,
+    param: Annotated[
+        list[str] | None,
+        typer.Option(
+            "-p",
+            "--param",
+            help="A parameter of a node, driver, for that of every ankle, or lf_ankle/driver; may be repeated.",
+            metavar="NODE:NAME:=VALUE",
+        ),
+    ] = None,
     behaviour: Annotated[
         str | None,
         typer.Option(help="What a simulated leg or quadruped does: stand, walk, drop, slip.", show_default="stand"),
@@ -67,7 +76,14 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     ] = None,
 ) -> int:
     """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
-    from jammkle_bringup.graph_options import GraphOptions, foxglove_values, given_values, robot_values, viewer_values
+    from jammkle_bringup.graph_options import (
+        GraphOptions,
+        foxglove_values,
+        given_values,
+        robot_values,
+        viewer_values,
+        with_given,
+    )
     from jammkle_bringup.up import up as run_graph
 
     values = given_values(hardware, speed, port) | viewer_values(robot, view_host, view_port, view=view)
@@ -78,7 +94,7 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
         normalised(namespace), hardware, tuple(params or ()), record, values, robot, monitor, view, foxglove
     )
     try:
-        return run_graph(options, StopRequest())
+        return run_graph(with_given(options, param or ()), StopRequest())
     except Interrupted:  # while it was still starting: asked to stop, and nothing is left
         return 0
 

@@ -16,16 +16,17 @@ from jammkle_bringup.core.node_table import (
     check_hardware,
     nodes_for,
 )
-from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values
+from jammkle_bringup.core.parameter_file import assignment, check_parameter_files, merged_values, values_of
 from jammkle_graph.bags.writing import check_free
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, FOXGLOVE_NODE, SIM_NODE, VIEWER_NODE
-from jammkle_graph.namespace import resolved
+from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.parameters import ParameterError, rows
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_view.foxglove.parameters import NOT_INSTALLED
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from jammkle_bringup.core.node_table import NodeEntry, ParameterValue
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GraphOptions:
-    """Which graph to start. `values` are parameters by node name; they win over the files."""
+    """Which graph to start. `values` are parameters by node name or path (see `values_of`); they win over the files."""
 
     namespace: str
     hardware: str = SIM_HARDWARE
@@ -68,7 +69,7 @@ def check(options: GraphOptions) -> None:
     check_parameter_files(options.parameter_files, options.namespace, options.nodes, options.values)
     named = given_value(options, DRIVER_NODE, "hardware")
     if named not in (None, options.hardware):
-        msg = f"a parameter file says hardware: {named} of the driver: start with --hardware {named}"
+        msg = f"hardware: {named} is given for the driver by -p or --params: start with --hardware {named}"
         raise InputError(msg)
     if options.bag is not None:
         check_free(options.bag)
@@ -188,28 +189,57 @@ def check_speed(speed: float, hardware: str) -> float:
         raise InputError(msg) from error
 
 
+def with_given(options: GraphOptions, texts: Sequence[str]) -> GraphOptions:
+    """Return the options with parameters given as `NODE:NAME:=VALUE`; they win over all else.
+
+    NODE is a node's name, `driver`, for that of every ankle, or its path in the graph's namespace, `lf_ankle/driver`,
+    or its full name.
+
+    Raises:
+        InputError: one has another form, or names a node that is not started.
+
+    """
+    known = {known for entry in options.nodes for known in (entry.name, entry.path)}
+    for text in texts:
+        node, name, value = assignment(text)
+        key = relative(options.namespace, node) or node
+        if key not in known:
+            msg = f"-p {text}: no node '{node}' in this graph; known are: {', '.join(sorted(known))}"
+            raise InputError(msg)
+        options = with_value(options, key, name, value=value)
+    return options
+
+
 def given_value(options: GraphOptions, node: str, name: str) -> object:
     """Return what was given for a parameter of a node, or None; what `values` holds wins over the files."""
     found: object = None
     for entry in options.nodes:
         if entry.name == node:
-            found = merged_values(options.parameter_files, options.namespace, entry).get(name)
-    return options.values.get(node, {}).get(name, found)
+            found = given_values_of(options, entry).get(name, found)
+    return found
+
+
+def given_values_of(options: GraphOptions, entry: NodeEntry) -> dict[str, object]:
+    """Return everything that was given for a node, by parameter."""
+    of_files = merged_values(options.parameter_files, options.namespace, entry)
+    return {**of_files, **values_of(options.values, entry)}
 
 
 def with_value(options: GraphOptions, node: str, name: str, *, value: ParameterValue) -> GraphOptions:
-    """Return the options with a parameter that wins over the files."""
+    """Return the options with a parameter that wins over the files, of a node by its name or path."""
     of_node = {**options.values.get(node, {}), name: value}
     return replace(options, values={**options.values, node: of_node})
 
 
 def with_imu_mount(options: GraphOptions) -> GraphOptions:
     """Return the options with controllers that know where a simulated robot has its IMUs, unless somebody says so."""
-    simulated = options.robot is not Robot.ANKLE and options.hardware == SIM_HARDWARE
-    if not simulated or given_value(options, CONTROLLER_NODE, "imu_mount") is not None:
+    if options.robot is Robot.ANKLE or options.hardware != SIM_HARDWARE:
         return options
     place = str(given_value(options, SIM_NODE, "imu") or RobotOptions().imu)
-    return with_value(options, CONTROLLER_NODE, "imu_mount", value=place)
+    for entry in options.nodes:
+        if entry.name == CONTROLLER_NODE and "imu_mount" not in given_values_of(options, entry):
+            options = with_value(options, entry.path, "imu_mount", value=place)
+    return options
 
 
 def node_names(options: GraphOptions) -> set[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.namespace_lock import ClockLock, NamespaceLock, default_folder, ros_domain
 from jammkle_bringup.core.node_table import SIM_HARDWARE, command_of, simulated_time
+from jammkle_bringup.core.parameter_file import values_of
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import DISCOVERY_S, GraphClient
 from jammkle_bringup.graph_options import (
@@ -84,7 +85,7 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
         specs.append(ChildSpec(RECORDER, command, _RECORDER_STOP_TIMEOUT_S))
     files = tuple(str(file.absolute()) for file in options.parameter_files)
     for entry in options.nodes:
-        values = dict(options.values.get(entry.name, {}))
+        values = values_of(options.values, entry)
         if simulated_time(entry, options.hardware):
             values["use_sim_time"] = True
         command = command_of(entry, options.namespace, values, files)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
 
 from jammkle_bringup.core.node_table import Robot
-from jammkle_bringup.graph_options import GraphOptions, given_value, with_imu_mount
+from jammkle_bringup.graph_options import GraphOptions, check, given_value, with_given, with_imu_mount
+from jammkle_bringup.up import child_specs
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import CONTROLLER_NODE, SIM_NODE
 
 if TYPE_CHECKING:
@@ -31,3 +34,38 @@ def test_controllers_of_a_simulated_robot_know_where_its_imus_are(
     file.write_text(given)
     options = GraphOptions("/", parameter_files=(file,) if given else (), robot=robot)
     assert given_value(with_imu_mount(options), CONTROLLER_NODE, "imu_mount") == mount
+
+
+def test_a_parameter_reaches_the_drivers_of_every_ankle_or_of_one() -> None:
+    """By a node's name, its path, or its full name; the closer one wins, and both reach the command of the process."""
+    options = GraphOptions("/robot", robot=Robot.QUADRUPED)
+    given = ("driver:max_vacuum_pa:=5e4", "lf_ankle/driver:max_vacuum_pa:=40000", "/robot/rf_ankle/driver:pump:=it's")
+    commands = {spec.name: spec.command for spec in child_specs(with_given(options, given))}
+    assert {name for name, words in commands.items() if "max_vacuum_pa:=50000.0" in words} == {
+        *("rf_ankle/driver", "lh_ankle/driver", "rh_ankle/driver")
+    }
+    assert "max_vacuum_pa:=40000" in commands["lf_ankle/driver"]
+    assert [name for name, words in commands.items() if "pump:='it''s'" in words] == ["rf_ankle/driver"]
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("max_vacuum_pa:=1", "give NODE:NAME:=VALUE"),
+        ("driver:max_vacuum_pa=1", "give NODE:NAME:=VALUE"),
+        ("lf_ankle/driver:max_vacuum_pa:=1", "no node 'lf_ankle/driver' in this graph; known are: controller"),
+        ("driver:max_vacuum_pa:=[1, 2]", "must be a number"),
+        ("driver:max_vacuum_pa:=-1.0", "max_vacuum_pa"),
+        ("driver:max_vacum_pa:=1.0", "unknown parameter 'max_vacum_pa'"),
+        ("driver:hardware:=modbus", "start with --hardware modbus"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_refused(text: str, why: str) -> None:
+    with pytest.raises(InputError, match=re.escape(why)):
+        check(with_given(GraphOptions("/"), [text]))
+
+
+def test_one_controller_that_is_told_of_its_imu_leaves_the_others_as_they_are() -> None:
+    options = with_given(GraphOptions("/", robot=Robot.QUADRUPED), ["lf_ankle/controller:imu_mount:=body"])
+    told = [with_imu_mount(options).values[f"{ankle}/controller"]["imu_mount"] for ankle in options.robot.ankles]
+    assert told == ["body", "shank", "shank", "shank"]

@@ -216,5 +216,6 @@ def _yaml_text(value: ParameterValue) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return f"'{value}'"
+        doubled = value.replace("'", "''")
+        return f"'{doubled}'"
     return repr(value)

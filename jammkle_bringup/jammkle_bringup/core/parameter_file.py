@@ -7,7 +7,7 @@ of the node is misspelt.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import yaml
 
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from jammkle_bringup.core.node_table import NodeEntry
+    from jammkle_bringup.core.node_table import NodeEntry, ParameterValue
+
+Value = TypeVar("Value")
 
 _PARAMETERS_KEY = "ros__parameters"
 _WILDCARDS = ("*", "**")
@@ -47,7 +49,7 @@ def check_parameter_files(
         paths: The files; the last one wins.
         namespace: Normalised namespace in which the nodes will run.
         nodes: The nodes that will be started.
-        values: Parameters by node name that win over the files.
+        values: Parameters that win over the files, by node name or path; see `values_of`.
 
     Raises:
         InputError: a file cannot be read or names a node that is not there, or a node's parameters hold an unknown
@@ -57,7 +59,7 @@ def check_parameter_files(
     for path in paths:
         _check_sections(path, namespace, nodes)
     for entry in nodes:
-        merged = {**merged_values(paths, namespace, entry), **(values or {}).get(entry.name, {})}
+        merged = {**merged_values(paths, namespace, entry), **values_of(values or {}, entry)}
         try:
             from_mapping(entry.parameters(), of_table(merged))
         except ParameterError as error:
@@ -67,6 +69,33 @@ def check_parameter_files(
             ]
             msg = f"{', '.join(sources) or 'given'}: {entry.path}: {error}"
             raise InputError(msg) from error
+
+
+def values_of(values: Mapping[str, Mapping[str, Value]], entry: NodeEntry) -> dict[str, Value]:
+    """Return what is given for a node: by its name (`driver`: of every ankle), then by its path (`lf_ankle/driver`)."""
+    return {**values.get(entry.name, {}), **values.get(entry.path, {})}
+
+
+def assignment(text: str) -> tuple[str, str, ParameterValue]:
+    """Return node, parameter and value of `NODE:NAME:=VALUE`, the value read as in a parameter file.
+
+    Raises:
+        InputError: it has another form, or the value is not a single one.
+
+    """
+    found = re.fullmatch(r"([^:\s]+):([^:\s]+):=(.*)", text, re.DOTALL)
+    if found is None:
+        msg = f"-p {text}: give NODE:NAME:=VALUE, for example driver:max_vacuum_pa:=50000"
+        raise InputError(msg)
+    node, name, value_text = found.groups()
+    try:
+        value = yaml.load(value_text, _RosLoader)  # noqa: S506 - a safe loader's subclass
+    except yaml.YAMLError:
+        value = None
+    if not isinstance(value, (bool, int, float, str)):
+        msg = f"-p {text}: the value must be a number, true, false or text (text with a colon in quotes)"
+        raise InputError(msg)
+    return node, name, value
 
 
 def merged_values(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> dict[str, object]:
