@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import socket
 import struct
 import time
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from rclpy.serialization import deserialize_message
+from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 from websockets.sync.client import ClientConnection, connect
 
 from browser import wait_until
-from jammkle_graph.names import IMU, JAM_STATE, ROBOT_DESCRIPTION
+from jammkle_graph.names import BASE_FRAME, IMU, JAM_STATE, ODOM_FRAME, ODOMETRY, ROBOT_DESCRIPTION, TF
 from jammkle_msgs.msg import JamState
+from jammkle_view.foxglove.node import TRANSFORM_SUFFIX
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,6 +32,7 @@ PROTOCOL = "foxglove.sdk.v1"
 MESSAGE = 1
 """First byte of a binary frame that holds a message; then its subscription, uint32, and its time, uint64 ns."""
 TIMEOUT_S = 60.0
+BASE_TRANSFORM = f"/{ODOMETRY.name}{TRANSFORM_SUFFIX}"
 
 
 def free_port() -> int:
@@ -67,6 +72,16 @@ class App:
         self.connection.send(json.dumps(wish))
 
 
+def check_transform(data: bytes, urdf: str) -> None:
+    """Fail where the app could not draw the robot of a description in odom, above the ground."""
+    (transform,) = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(data, TF.message_type).transforms  # type: ignore[attr-defined]
+    assert (transform.header.frame_id, transform.child_frame_id) == (ODOM_FRAME, BASE_FRAME)
+    assert f'link name="{BASE_FRAME}"' in urdf
+    assert transform.transform.translation.z > 0.0
+    turn = transform.transform.rotation
+    assert math.hypot(turn.w, turn.x, turn.y, turn.z) == pytest.approx(1.0)
+
+
 def test_the_app_gets_the_topics_it_looks_at(start: Callable[..., Up], tmp_path: Path) -> None:
     """Messages come as they were sent, in the time of the graph; latched ones reach whoever comes late."""
     (tmp_path / "manual.yaml").write_text("/**/controller: {ros__parameters: {auto_at_start: false}}\n")
@@ -78,15 +93,18 @@ def test_the_app_gets_the_topics_it_looks_at(start: Callable[..., Up], tmp_path:
     for _ in range(2):  # the second one joins after all that is latched was sent to the first
         with connect(address, subprotocols=[PROTOCOL]) as connection:
             app = App(connection)
+            app.subscribe(4, BASE_TRANSFORM)
+            assert app.channels[BASE_TRANSFORM]["schemaName"] == TF.message_type
             for number, topic in enumerate((JAM_STATE, ROBOT_DESCRIPTION, IMU), start=1):
                 app.subscribe(number, f"/{topic.name}")
                 assert app.channels[f"/{topic.name}"]["schemaName"] == topic.message_type
                 assert app.channels[f"/{topic.name}"]["encoding"] == "cdr"
-            app.listen_until(lambda: {1, 2, 3} <= set(app.messages), "every topic was heard")  # noqa: B023
+            app.listen_until(lambda: {1, 2, 3, 4} <= set(app.messages), "every topic was heard")  # noqa: B023
             app.listen_until(lambda: len(app.messages[3]) > 100, "the IMU streams")  # noqa: B023
             state = deserialize_message(app.messages[1][0][1], JamState)
             assert [each.channel for each in state.channels] == ["peroneal_left", "peroneal_right", "achilles"]
             assert "<robot" in deserialize_message(app.messages[2][0][1], String).data
+            check_transform(app.messages[4][0][1], deserialize_message(app.messages[2][0][1], String).data)
             time_ns, data = app.messages[3][-1]
             stamp = deserialize_message(data, Imu).header.stamp
             assert abs(time_ns - (stamp.sec * 10**9 + stamp.nanosec)) < 10**9  # the graph's time, not this machine's

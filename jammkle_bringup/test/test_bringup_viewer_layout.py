@@ -23,13 +23,16 @@ from jammkle_graph.names import (
     JOINT_STATES,
     MANIFOLD_PRESSURE,
     ODOM_FRAME,
+    ODOMETRY,
     PRESSURES,
     PUMP_DUTY,
+    ROBOT_DESCRIPTION,
     SOLENOIDS,
     TENDON_STATES,
     TENDONS,
     TOPICS,
 )
+from jammkle_view.foxglove.node import TRANSFORM_SUFFIX
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 KINDS = {f"/{topic.name.lstrip('/')}": topic.message_type for topic in TOPICS}
@@ -123,3 +126,12 @@ def test_every_measurement_of_an_ankle_is_plotted() -> None:
     plotted = {topic for topic in KINDS if any(curve.startswith(f"{topic}/") for curve in CURVES)}
     wanted = (IMU, JOINT_STATES, TENDON_STATES, MANIFOLD_PRESSURE, PUMP_DUTY, *PRESSURES.values(), *SOLENOIDS.values())
     assert {f"/{topic.name}" for topic in wanted} <= plotted
+
+
+def test_foxglove_draws_the_robot_in_the_frames_that_it_gets() -> None:
+    """From the description, on a ground that lies in odom, moved by the transform that the connection makes of it."""
+    panel = LAYOUT["configById"]["3D!robot"]
+    assert panel["followTf"] == BASE_FRAME
+    assert panel["layers"]["ground"]["frameId"] == ODOM_FRAME
+    assert panel["layers"]["robot"]["topic"] == f"/{ROBOT_DESCRIPTION.name}"
+    assert set(panel["topics"]) == {f"/{ODOMETRY.name}{TRANSFORM_SUFFIX}"}

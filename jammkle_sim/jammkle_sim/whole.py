@@ -10,11 +10,11 @@ from std_msgs.msg import String
 
 from jammkle_graph import names
 from jammkle_graph.qos import publisher_qos
+from jammkle_graph.transforms import transform_of
 from jammkle_sim.conversions import OutgoingMessages
 from jammkle_sim.core.schedule import Output
 
 try:  # what tf listens to comes with the distribution, and is not among the wheels
-    from geometry_msgs.msg import TransformStamped
     from tf2_msgs.msg import TFMessage
 except ModuleNotFoundError:
     TFMessage = None
@@ -80,7 +80,7 @@ class Whole:
         odometry = self._messages.odometry(tick.time_ns, simulation.base())
         self._odometry.publish(odometry)
         if self._transforms is not None:
-            self._transforms.publish(_transform(odometry))
+            self._transforms.publish(transform_of(odometry))
         if self._joints is not None:
             positions = {name: ankle.joint_positions() for name, ankle in ankles.items()}
             velocities = {name: ankle.joint_velocities() for name, ankle in ankles.items()}
@@ -91,12 +91,3 @@ class Whole:
                     {told.unique: velocities[told.ankle][told.name] for told in self._told},
                 )
             )
-
-
-def _transform(odometry: Odometry) -> TFMessage:
-    """Return the same pose for tf."""
-    transform = TransformStamped(header=odometry.header, child_frame_id=odometry.child_frame_id)
-    place, way = odometry.pose.pose.position, transform.transform.translation
-    way.x, way.y, way.z = place.x, place.y, place.z
-    transform.transform.rotation = odometry.pose.pose.orientation
-    return TFMessage(transforms=[transform])

@@ -10,19 +10,26 @@ from rclpy.node import Node
 
 from jammkle_graph import names
 from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
+from jammkle_graph.bags.serialisation import Serialiser
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.declare import declare
 from jammkle_graph.messages import message_class
 from jammkle_graph.overhearing import belongs, strongest
 from jammkle_graph.parameters import ParameterError
+from jammkle_graph.transforms import transform_of
 from jammkle_view.foxglove.parameters import FoxgloveParameters
 from jammkle_view.foxglove.server import ForwardingServer
 
 if TYPE_CHECKING:
+    from nav_msgs.msg import Odometry
     from rclpy.executors import Executor
     from rclpy.subscription import Subscription
 
     from jammkle_graph.runner import StopFlag
+
+TRANSFORM_SUFFIX = "/tf"
+"""Behind the name of an odometry: its pose as a transform. The app draws a robot by transforms alone, and `/tf` is only
+there where somebody publishes it."""
 
 _LOOK_PERIOD_S = 0.2
 """How often it is looked for new topics, and the time is told; discovery takes about as long."""
@@ -47,6 +54,7 @@ class FoxgloveNode(Node):
         except InputError as error:
             raise ParameterError(str(error)) from error
         self._definitions = MessageDefinitions(share_folders())
+        self._serialiser = Serialiser(self._definitions)
         self._types: dict[str, str] = {}
         self._forwarded: dict[str, Subscription] = {}
         self.get_logger().info(f"Foxglove: {self._server.address}")
@@ -75,10 +83,15 @@ class FoxgloveNode(Node):
             if name in self._types or not belongs(self.get_namespace(), name) or not self.count_publishers(name):
                 continue
             self._types[name] = types[0]
-            try:
-                self._server.offer(name, types[0], self._definitions.find(types[0]))
-            except InputError as error:
-                self.get_logger().warning(f"{name} is not forwarded: {error}")
+            self._offer(name, types[0])
+            if types[0] == names.ODOMETRY.message_type:
+                self._offer(f"{name}{TRANSFORM_SUFFIX}", names.TF.message_type)
+
+    def _offer(self, name: str, message_type: str) -> None:
+        try:
+            self._server.offer(name, message_type, self._definitions.find(message_type))
+        except InputError as error:
+            self.get_logger().warning(f"{name} is not forwarded: {error}")
 
     def _follow_wishes(self) -> None:
         """Subscribe where somebody looks; anew for each who comes, so that he gets what is latched."""
@@ -90,14 +103,19 @@ class FoxgloveNode(Node):
                 self._subscribe(wanted.topic)
 
     def _subscribe(self, name: str) -> None:
-        offered = [publisher.qos_profile for publisher in self.get_publishers_info_by_topic(name)]
-        take = functools.partial(self._take, name)
+        source = name if name in self._types else name.removesuffix(TRANSFORM_SUFFIX)
+        take = functools.partial(self._take if source == name else self._take_pose, name)
+        qos = strongest([each.qos_profile for each in self.get_publishers_info_by_topic(source)], _QUEUE_DEPTH)
         try:
-            kind = message_class(self._types[name])
+            kind = message_class(self._types[source])
         except InputError as error:
             self.get_logger().warning(f"{name} is not forwarded: {error}")
             return
-        self._forwarded[name] = self.create_subscription(kind, name, take, strongest(offered, _QUEUE_DEPTH), raw=True)
+        self._forwarded[name] = self.create_subscription(kind, source, take, qos, raw=source == name)
 
     def _take(self, name: str, data: bytes) -> None:
+        self._server.forward(name, data, self._now_ns())
+
+    def _take_pose(self, name: str, odometry: Odometry) -> None:
+        data = self._serialiser.serialised(names.TF.message_type, transform_of(odometry))
         self._server.forward(name, data, self._now_ns())
