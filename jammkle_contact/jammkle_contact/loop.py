@@ -1,22 +1,24 @@
 """Controller and driver of one ankle around a simulated one, in one process and without ROS.
 
-The cores are those of the nodes, called in the order in which the graph calls them: pressures, IMU, wish, actuators. It
-is deterministic, and as fast as the simulation lets it be.
+The cores are those of the nodes, called in the order in which the graph calls them: joints, gait, pressures, IMU, wish,
+actuators. It is deterministic, and as fast as the simulation lets it be.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from jammkle_contact.replay import new_controller
+from jammkle_contact.recording import Heard
+from jammkle_contact.replay import hear, new_controller
 from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.core.inputs import Input
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import CHANNELS, JAM_COMMAND
+from jammkle_graph.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,8 +26,8 @@ if TYPE_CHECKING:
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.parameters import ControllerParameters
 
-PRESSURE_PERIOD_S = 0.01
-"""Time between two readings of the pressures, s, as on the graph."""
+STATE_PERIOD_S = 0.01
+"""Time between two readings of pressures, joints and the gait's plan, s, as on the graph of a robot."""
 
 
 class ImuReading(Protocol):
@@ -52,6 +54,9 @@ class SimulatedAnkle(Protocol):
     def manifold_pressure_pa(self) -> float:
         """Return the absolute pressure in the manifold, Pa."""
 
+    def joint_positions(self) -> Mapping[str, float]:
+        """Return angles, rad, and slides, m."""
+
     def set_pump_duty(self, duty: float) -> None:
         """Set the pump's duty, 0 to 1."""
 
@@ -59,8 +64,45 @@ class SimulatedAnkle(Protocol):
         """Energise or release a channel's solenoid."""
 
 
+class PlannedStep(Protocol):
+    """What a gait plans of one foot now."""
+
+    @property
+    def bears(self) -> bool:
+        """Whether it has the foot on the ground."""
+
+    @property
+    def phase(self) -> float | None:
+        """From 0 at touch-down to 1 at the next; None: it has not begun to step."""
+
+
+@runtime_checkable
+class WithPlan(Protocol):
+    """An ankle of a robot, which may walk."""
+
+    def plan(self) -> PlannedStep | None:
+        """Return what the gait plans of the foot; None: there is no gait."""
+
+
+class _Every:
+    """Tells when something periodic is due: on a grid, however the times of the steps are rounded."""
+
+    _ROUNDING_S = 1e-9
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._next_s = 0.0
+
+    def due(self, time_s: float) -> bool:
+        """Whether it is due at a time, s; if it is, the next is a period later."""
+        if time_s < self._next_s - self._ROUNDING_S:
+            return False
+        self._next_s = max(self._next_s, time_s - self._period_s) + self._period_s
+        return True
+
+
 class AnkleLoop:
-    """Controller and driver of one simulated ankle."""
+    """Controller and driver of one simulated ankle. The controller hears what the simulation tells on the graph."""
 
     def __init__(
         self, ankle: SimulatedAnkle, controller: ControllerParameters, driver: DriverParameters | None = None
@@ -78,8 +120,9 @@ class AnkleLoop:
         self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
         self.driver.activate(_instant(0.0))
         self.events: list[ContactEvent] = []
-        self._command_period_s = 1.0 / controller.command_rate_hz
-        self._next_pressure_s = self._next_tick_s = self._next_command_s = 0.0
+        self._states = _Every(STATE_PERIOD_S)
+        self._ticks = _Every(TICK_PERIOD_S)
+        self._commands = _Every(1.0 / controller.command_rate_hz)
 
     def sample(self, time_s: float) -> ImuSample:
         """Return the IMU's reading as a sample of this time, s."""
@@ -90,26 +133,38 @@ class AnkleLoop:
     def step(self, time_s: float) -> ImuSample:
         """Feel and drive at a time, s, which must rise; return what the IMU read."""
         now = _instant(time_s)
-        if time_s >= self._next_pressure_s:
-            self._next_pressure_s = time_s + PRESSURE_PERIOD_S
+        wish_before = self.controller.wish
+        if self._states.due(time_s):
+            for heard in self._told(time_s):
+                self.events += hear(self.controller, heard).events
             pressures = {**self.ankle.channel_pressures_pa(), MANIFOLD: self.ankle.manifold_pressure_pa()}
             for place, pressure_pa in pressures.items():
                 self.driver.measure(PressureSample(place, pressure_pa, time_s), now)
         sample = self.sample(time_s)
-        reaction = self.controller.update(sample)
-        self.events += reaction.events
-        if reaction.wish_changed or time_s >= self._next_command_s:
-            self._next_command_s = time_s + self._command_period_s
+        self.events += self.controller.update(sample).events
+        # The repeats go on at their own times beside what is said on change, as the node's timer does.
+        if self._commands.due(time_s) or self.controller.wish != wish_before:
             wishes = [Wish(channel, vacuum_pa) for channel, vacuum_pa in self.controller.wish.items()]
             self.driver.follow(wishes, now, JAM_COMMAND.name)
-        if time_s >= self._next_tick_s:
-            self._next_tick_s = time_s + TICK_PERIOD_S
+        if self._ticks.due(time_s):
             self.driver.tick(now)
         command = self.driver.command
         self.ankle.set_pump_duty(command.pump_duty)
         for channel, energised in command.solenoids.items():
             self.ankle.set_solenoid(channel, energised)
         return sample
+
+    def _told(self, time_s: float) -> list[Heard]:
+        """Return what joints and gait tell, in the order of the graph."""
+        time_ns = round(time_s * NANOSECONDS_PER_SECOND)
+        roll_rad = self.ankle.joint_positions().get(ANKLE_JOINTS[0])
+        told = [] if roll_rad is None else [Heard(time_ns, Input.JOINTS, roll_rad)]
+        planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
+        if planned is not None:
+            told.append(Heard(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
+            if planned.phase is not None:
+                told.append(Heard(time_ns, Input.GAIT_PHASE, planned.phase))
+        return told
 
 
 def _instant(time_s: float) -> Instant:

@@ -9,7 +9,7 @@ import pytest
 
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind, Source
-from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.inputs import PLAN_SILENT_S, Input
 from jammkle_controller.core.transitions import PolicyState
 from jammkle_controller.core.watch import ImuTrouble
 from jammkle_controller.parameters import ControllerParameters, controller_settings
@@ -213,3 +213,44 @@ def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any, planned_share: 
     assert len(asked_s) >= 3
     assert all(abs(stride_s - 0.03 - at_s) < 0.006 for at_s in asked_s[1:])
     assert vented_s == pytest.approx([(planned_share or 0.5) * stride_s] * len(vented_s), abs=0.006)
+
+
+def test_a_plan_that_fell_silent_leaves_the_swings_to_the_phase(streams: Any) -> None:
+    """Two seconds after the last gait/contact stance_share counts again, and the plan is not named as heard."""
+    controller, last_ns = standing(streams)
+    stride_s, told_s, vented_s = 0.5, 1.0, []
+    for sample in later(streams.sense(streams.rest(5.0), 500), last_ns):
+        since_s = (sample.time_ns - last_ns) * 1e-9
+        phase = (since_s / stride_s) % 1.0
+        before = controller.wish
+        if since_s < told_s:
+            controller.hear_plan(contact=phase < 0.7, time_ns=sample.time_ns)
+        controller.hear_phase(phase, sample.time_ns)
+        controller.update(sample)
+        if controller.wish == SOFT and before == HELD:
+            vented_s.append(since_s)
+        told_lately = Input.PLANNED_CONTACT in controller.inputs.heard(sample.time_ns)
+        assert told_lately is (since_s < told_s + PLAN_SILENT_S - 0.002)
+    by_plan = [at_s for at_s in vented_s if at_s < told_s]
+    by_phase = [at_s for at_s in vented_s if at_s > told_s + PLAN_SILENT_S]
+    assert [at_s % stride_s for at_s in by_plan] == pytest.approx([0.35] * 2, abs=0.006)
+    assert [at_s % stride_s for at_s in by_phase] == pytest.approx([0.25] * 4, abs=0.006)
+
+
+def test_a_load_that_goes_vents_and_jams_again_as_it_comes(streams: Any) -> None:
+    """Unloading is told within 40 ms of a cell at 100 Hz on an IMU at rest; a foot half relieved goes on standing."""
+    controller = AnkleController(controller_settings(ControllerParameters(use_load=True)))
+    streams.events_of(streams.sense(streams.drop(*KICK)[0], 500), controller)
+    last_ns = controller.gate.last_ns or 0
+    wishes = {}
+    for number, sample in enumerate(later(streams.sense(streams.rest(2.0), 500), last_ns)):
+        since_s = 0.002 * number
+        load_n = 40.0 if since_s < 0.5 else 12.0 if since_s < 0.8 else 2.0 if since_s < 1.2 else 40.0
+        if number % 5 == 0:
+            controller.hear_load(load_n, sample.time_ns)
+        controller.update(sample)
+        wishes[number * 2] = controller.wish
+    assert wishes[798] == HELD
+    assert wishes[840] == SOFT
+    assert wishes[1198] == SOFT
+    assert wishes[1270] == HELD

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,7 @@ class BenefitRow:
     runs: int
     peak_m_s2: tuple[float, float, float]
     slid_m: tuple[float, float, float]
+    absorbed_j: tuple[float, float, float]
     falls: tuple[float, float, float]
 
     def as_dict(self) -> dict[str, Any]:
@@ -47,6 +48,18 @@ class BenefitRow:
             name: None if isinstance(value, tuple) and any(map(math.isnan, value)) else value
             for name, value in dataclasses.asdict(self).items()
         }
+
+
+class Measured(NamedTuple):
+    """What came of one run, from the release or the slip on."""
+
+    peak_m_s2: float
+    """Largest deceleration of the base."""
+    slid_m: float
+    """Mean way slid by a foot."""
+    absorbed_j: float
+    """Work done on the tendons of all ankles, less what they gave back: the integral of tension by extension."""
+    fell: bool
 
 
 def draw(behaviour: str, seed: int) -> RobotOptions:
@@ -68,8 +81,8 @@ def draw(behaviour: str, seed: int) -> RobotOptions:
     )
 
 
-def measure(robot: str, options: RobotOptions, way: str) -> tuple[float, float, bool]:
-    """Run a robot once; return peak deceleration, m/s^2, mean way slid by a foot, m, and whether it fell.
+def measure(robot: str, options: RobotOptions, way: str) -> Measured:
+    """Run a robot once.
 
     Raises:
         UnstableSimulationError: it blew up.
@@ -81,20 +94,22 @@ def measure(robot: str, options: RobotOptions, way: str) -> tuple[float, float, 
     controller = ControllerParameters(imu_mount=options.imu, policy=mode)
     loops = [] if way == "rigid" else [AnkleLoop(view, controller) for view in simulation.ankles.values()]
     begin_s = options.release_time_s if options.behaviour == "drop" else options.slip_time_s
-    speeds, slid, fell = [], 0.0, False
+    speeds, slid, absorbed_j, fell = [], 0.0, 0.0, False
     for sample in simulation.samples(_DURATION_S, RATE_HZ):
         for loop in loops:
             loop.step(sample.time_s)
         if sample.time_s >= begin_s:
             speeds.append(sample.base_velocity_m_s[2])
+            tendons = (tendon for ankle in sample.ankles.values() for tendon in ankle.tendons)
+            absorbed_j += sum(tendon.tension_n * tendon.extension_rate_m_s for tendon in tendons) / RATE_HZ
         fell |= sample.base_tilt_rad > _FALLEN_RAD
         slid = float(np.mean([ankle.foot.sliding_distance_m for ankle in sample.ankles.values()]))
     window = round(_SMOOTHED_S * RATE_HZ)
     rises = np.array(speeds)[window:] - np.array(speeds)[:-window]
-    return float(rises.max() / _SMOOTHED_S), slid, fell
+    return Measured(float(rises.max() / _SMOOTHED_S), slid, absorbed_j, fell)
 
 
-def _measured(robot: str, options: RobotOptions, way: str) -> tuple[float, float, bool] | None:
+def _measured(robot: str, options: RobotOptions, way: str) -> Measured | None:
     """Measure; None where the simulation blew up."""
     try:
         return measure(robot, options, way)
@@ -116,9 +131,10 @@ def benefit(seed: int, runs: int, on_progress: Callable[[float, str], None]) -> 
                     behaviour,
                     way,
                     len(measured),
-                    median_with_interval([peak for peak, _, _ in measured]),
-                    median_with_interval([slid for _, slid, _ in measured]),
-                    wilson(sum(fell for _, _, fell in measured), len(measured)),
+                    median_with_interval([each.peak_m_s2 for each in measured]),
+                    median_with_interval([each.slid_m for each in measured]),
+                    median_with_interval([each.absorbed_j for each in measured]),
+                    wilson(sum(each.fell for each in measured), len(measured)),
                 )
             )
     return rows

@@ -21,6 +21,8 @@ LEAST_LOAD_N = 1.0
 """A cell that never reads more says nothing of contact, N."""
 SILENT_S = 0.5
 """An input that was not heard for so long is not there, s."""
+PLAN_SILENT_S = 2.0
+"""The same for planned contact, s: a gait may tell it on change only, and a stance or swing of a walk is shorter."""
 NEAR_TOUCHDOWN = 0.2
 """An impact on the body at another phase than within this of touch-down is another foot's; a fifth of the stride."""
 PLANNED_PROBABILITY = 0.9
@@ -61,12 +63,7 @@ class ContactInputs:
 
     def heard(self, time_ns: int) -> tuple[Input, ...]:
         """Inputs that were heard lately; a switch is heard for ever, as it may speak on change only."""
-        return tuple(
-            each
-            for each, at_ns in self._heard_ns.items()
-            if each in (Input.CONTACT_SWITCH, Input.PLANNED_CONTACT)
-            or abs(time_ns - at_ns) < SILENT_S * NANOSECONDS_PER_SECOND
-        )
+        return tuple(each for each in self._heard_ns if self._is_heard(each, time_ns))
 
     def measured_contact(self, time_ns: int) -> bool | None:
         """Whether a sensor of contact says that the foot stands; None: there is none."""
@@ -114,16 +111,14 @@ class ContactInputs:
     def hear_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
         """Take the gait's phase: 0 at touch-down, 1 at the next.
 
-        Where the gait says itself when it plans contact, the share of the stride that the foot stands is not asked.
+        While the gait says itself when it plans contact, the share of the stride that the foot stands is not asked.
         """
         if not 0.0 <= phase <= 1.0:
             return None
-        self._heard_ns[Input.GAIT_PHASE] = time_ns
         self.gait.hear(phase, time_ns)
-        if Input.PLANNED_CONTACT in self._heard_ns:
-            return None
         stands = phase < self.settings.stance_share
-        return self._change(Input.GAIT_PHASE, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=stands)
+        change = self._change(Input.GAIT_PHASE, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=stands)
+        return None if self._is_heard(Input.PLANNED_CONTACT, time_ns) else change
 
     def hear_joints(self, roll_rad: float, time_ns: int) -> None:
         """Take the ankle's roll, rad."""
@@ -135,6 +130,13 @@ class ContactInputs:
         """Whether a blow on the body comes at a phase at which this foot does not touch down."""
         phase = self.gait.phase(time_ns)
         return phase is not None and NEAR_TOUCHDOWN < phase < 1.0 - NEAR_TOUCHDOWN
+
+    def _is_heard(self, which: Input, time_ns: int) -> bool:
+        at_ns = self._heard_ns.get(which)
+        if at_ns is None or which is Input.CONTACT_SWITCH:
+            return at_ns is not None
+        silent_s = PLAN_SILENT_S if which is Input.PLANNED_CONTACT else SILENT_S
+        return abs(time_ns - at_ns) < silent_s * NANOSECONDS_PER_SECOND
 
     def _change(
         self, which: Input, source: Source, time_ns: int, probability: float, *, contact: bool
