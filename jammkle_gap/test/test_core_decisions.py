@@ -226,12 +226,33 @@ def test_the_simulators_own_error_leaves_scatter_and_constants_their_priors() ->
         nothing = Fit(
             ("nothing",), {"nothing.p": 0.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(map(np.zeros, sizes))
         )
-        return own.scores([fit, nothing])[1:]
+        return own.scores([fit, nothing], 1)[1:]
 
     for error in (0.0, 300.0):
         typical, beyond = (np.subtract(*scores(height, error)) for height in (10.0, 60.0))
         assert abs(typical) < 3.0
         assert beyond > 10.0
+
+
+def test_the_simulators_own_error_hides_no_effect_elsewhere_and_is_none_itself() -> None:
+    """A step in a quarter of the blocks is named beside an error in all of them; a tenth of that error is not."""
+    settings = settings_of(machine(2).record(1), (), PROBLEM)
+    floors = [setting.layout.floor for setting in settings]
+    none = [np.zeros((len(floor), 0)) for floor in floors]
+    blank = np.zeros(sum(map(len, floors)))
+    random = np.random.default_rng(3)
+    error = [30.0 * floor * random.normal(size=len(floor)) for floor in floors]
+    step = [1000.0 * floor * (np.arange(len(floor)) < len(floor) // 4) for floor in floors]
+    rows = [one + two for one, two in zip(error, step, strict=True)]
+    residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
+    own = OwnError(settings, residuals, difference_of(settings, residuals, none, none, none, CONSTANTS), CONSTANTS)
+
+    def explaining(features: list[np.ndarray]) -> Fit:
+        return Fit(("e",), {"e.p": 1.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(features))
+
+    unknown, right, chance = own.scores([explaining(step), explaining([0.1 * each for each in error])], 60)
+    assert right > unknown + 3.0
+    assert chance < unknown - 3.0
 
 
 def test_beside_no_error_the_difference_is_as_it_was() -> None:

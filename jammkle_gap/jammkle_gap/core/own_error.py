@@ -68,7 +68,10 @@ class OwnError:
         self._expected = np.bincount(self._blocks, self._healthy / self._base)
         self._columns = np.hstack([block_diag(*columns), np.vstack([difference.shared[k] for k in self._used])])
         self._scale, self._unknown = constants.own_error_share, constants.unknown_share
-        self._share = min(1.0, constants.discrepancy_freedom / len(self._expected))
+        self._pair_penalty = constants.pair_penalty
+        self._freedom = min(constants.discrepancy_freedom, float(len(self._expected)))
+        # Over settings the error repeats itself, but no more than it hangs together altogether.
+        self._share = max(1.0 / len(self._used), self._freedom / len(self._expected))
 
     def beside(self, features: Features) -> Difference:
         """Return the difference whitened by scatter and the error that a candidate leaves."""
@@ -79,35 +82,55 @@ class OwnError:
             own[k] = part
         return beside(self._difference, self._residuals, own)
 
-    def scores(self, fits: Sequence[Fit]) -> list[float]:
-        """Return the log-likelihood of none of them, and of each candidate beside its own error, up to a constant.
+    def scores(self, fits: Sequence[Fit], effects: int) -> list[float]:
+        """Return the log-likelihood of none of them, and of each candidate beside its own error, with their priors.
 
-        That of a t distribution for every signal and block with one degree of freedom, as the posterior has it for all
-        of them together, and the prior of the scores of scatter and constants. None of them is taken to leave a share
-        of the square of the difference. A candidate that explains many small blocks and leaves the large ones alone
-        must stand up to it in all blocks together as well.
+        That of a t distribution for every signal and block with one degree of freedom, which all settings share since
+        the simulator's error repeats itself over them, and the prior of the scores of scatter and constants. The
+        best must stand up to none of them by all blocks together as well, as in the posterior, so that many small
+        blocks explained do not make up for large ones left alone. The error of a simulator resembles one effect or
+        another by chance, the more of them there are: none of them is as likely beforehand as all single effects
+        together, and each of these as all pairs that it is in (Scott and Berger 2010, Ann. Stat. 38:2587).
+
+        Args:
+            fits: Candidates.
+            effects: How many the library has.
+
+        Returns:
+            Relative to the simulator's error alone; none of them first, which is that, or a cause unknown to the
+            library.
+
         """
-        left, priors = [], []
-        for rest in (self._left(()) * np.sqrt(self._unknown), *(self._left(fit.features) for fit in fits)):
-            _, scores = self._split(rest)
-            left.append(np.bincount(self._blocks, np.square(rest - self._columns @ scores) / self._base))
-            priors.append(float(scores @ scores))
+        nothing = self._left(())
+        rests = [self._weighed(rest) for rest in (nothing, *(self._left(fit.features) for fit in fits))]
+        left, priors = np.array([each for each, _ in rests]), np.array([prior for _, prior in rests])
         # As in the posterior, what the best leaves is the noise of all where it is less than expected.
         noise = np.minimum(np.min(left, axis=0), self._expected)
-        terms = np.array(
-            [
-                (np.log1p((each - noise) / (self._scale * self._expected)).sum(), prior)
-                for each, prior in zip(left, priors, strict=True)
-            ]
-        )
-        whole = np.log1p([float((each - noise).sum() / (self._scale * self._expected.sum())) for each in left])
-        # Over settings the error repeats itself.
-        found = -0.5 * (self._share * terms[:, 0] + terms[:, 1])
-        together = -0.5 * (self._share * len(self._expected) * whole + terms[:, 1])
-        if len(found) > 1:
-            best = 1 + int(np.argmax(found[1:]))
-            found[0] = max(found[0], found[best] + together[0] - together[best])
-        return [float(each) for each in found]
+        likelihoods = self._likelihood(left - noise) - self._likelihood(left[0] - noise)
+        # Of what a second effect costs, the posterior takes the rest.
+        odds, second = np.log(effects), max(np.log(effects) - self._pair_penalty, 0.0)
+        chances = np.array([0.0, *(odds + second * (len(fit.names) - 1) for fit in fits)])
+        scores = likelihoods[:, 0] - 0.5 * (priors - priors[0]) - chances
+        if fits:
+            # Of what the best explains, a cause unknown to the library leaves a share.
+            best = 1 + int(np.argmax(scores[1:]))
+            unknown = left[0] + (1.0 - self._unknown) * np.minimum(left[best] - left[0], 0.0)
+            gained = self._likelihood(unknown - noise) - self._likelihood(left[0] - noise)
+            none = np.logaddexp(0.0, gained) - np.log(2.0)
+            scores[0] = max(none[0], likelihoods[best, 0] + none[1] - likelihoods[best, 1])
+        return [float(each) for each in scores]
+
+    def _weighed(self, rest: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Return what is left of each block beyond scatter and constants, and the square of their scores."""
+        _, scores = self._split(rest)
+        left = np.bincount(self._blocks, np.square(rest - self._columns @ scores) / self._base)
+        return left.astype(float), float(scores @ scores)
+
+    def _likelihood(self, left: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return log-likelihoods of what is left beyond noise: block by block, and of all together, shape (..., 2)."""
+        blocks = self._share * np.log1p(left / (self._scale * self._expected)).sum(axis=-1)
+        together = self._freedom * np.log1p(left.sum(axis=-1) / (self._scale * self._expected.sum()))
+        return -0.5 * np.stack([blocks, together], axis=-1)
 
     def _left(self, features: Features) -> NDArray[np.float64]:
         return self._raw - np.concatenate([features[k] for k in self._used]) if features else self._raw

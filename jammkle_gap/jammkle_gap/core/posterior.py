@@ -79,7 +79,8 @@ def posterior_of(
     unknown = constants.unknown_share * (length - noise)
     scores[NONE_OF_THEM] = _score(unknown, scale, freedom) + own.get(NONE_OF_THEM, 0.0)
     # The same share explained makes it as probable as none of them, however many degrees of freedom there are.
-    scores[NONE_OF_THEM] -= constants.unknown_penalty * freedom / constants.discrepancy_freedom
+    # Without references its prior is that of the simulator's own error.
+    scores[NONE_OF_THEM] -= constants.unknown_penalty * freedom / constants.discrepancy_freedom * bool(features)
     highest = max(scores.values())
     weights = {names: float(np.exp(score - highest)) for names, score in scores.items()}
     total = sum(weights.values())

@@ -240,7 +240,7 @@ def reweighed(
     answers = runner.map(fit_beside, arguments, "weighing the simulator's own error")
     runner.count(made for _, made in answers)
     fits = [fit for fit, _ in answers if fit.features]
-    unknown, *scores = error.scores(fits)
+    unknown, *scores = error.scores(fits, len(problem.library.effects))
     kept: dict[frozenset[str], Fit] = {}
     own = {NONE_OF_THEM: unknown}
     for fit, score in sorted(zip(fits, scores, strict=True), key=lambda item: -item[1]):
