@@ -68,7 +68,7 @@ class OwnError:
         self._expected = np.bincount(self._blocks, self._healthy / self._base)
         self._columns = np.hstack([block_diag(*columns), np.vstack([difference.shared[k] for k in self._used])])
         self._scale, self._unknown = constants.own_error_share, constants.unknown_share
-        self._pair_penalty = constants.pair_penalty
+        self._pair_penalty, self._of_gap = constants.pair_penalty, constants.discrepancy_of_gap
         self._freedom = min(constants.discrepancy_freedom, float(len(self._expected)))
         # Over settings the error repeats itself, but no more than it hangs together altogether.
         self._share = max(1.0 / len(self._used), self._freedom / len(self._expected))
@@ -106,7 +106,8 @@ class OwnError:
         left, priors = np.array([each for each, _ in rests]), np.array([prior for _, prior in rests])
         # As in the posterior, what the best leaves is the noise of all where it is less than expected.
         noise = np.minimum(np.min(left, axis=0), self._expected)
-        likelihoods = self._likelihood(left - noise) - self._likelihood(left[0] - noise)
+        gap = float((left[0] - noise).sum())
+        likelihoods = self._likelihood(left - noise, gap) - self._likelihood(left[0] - noise, gap)
         # Of what a second effect costs, the posterior takes the rest.
         odds, second = np.log(effects), max(np.log(effects) - self._pair_penalty, 0.0)
         chances = np.array([0.0, *(odds + second * (len(fit.names) - 1) for fit in fits)])
@@ -115,7 +116,7 @@ class OwnError:
             # Of what the best explains, a cause unknown to the library leaves a share.
             best = 1 + int(np.argmax(scores[1:]))
             unknown = left[0] + (1.0 - self._unknown) * np.minimum(left[best] - left[0], 0.0)
-            gained = self._likelihood(unknown - noise) - self._likelihood(left[0] - noise)
+            gained = self._likelihood(unknown - noise, gap) - self._likelihood(left[0] - noise, gap)
             none = np.logaddexp(0.0, gained) - np.log(2.0)
             scores[0] = max(none[0], likelihoods[best, 0] + none[1] - likelihoods[best, 1])
         return [float(each) for each in scores]
@@ -126,10 +127,18 @@ class OwnError:
         left = np.bincount(self._blocks, np.square(rest - self._columns @ scores) / self._base)
         return left.astype(float), float(scores @ scores)
 
-    def _likelihood(self, left: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return log-likelihoods of what is left beyond noise: block by block, and of all together, shape (..., 2)."""
+    def _likelihood(self, left: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
+        """Return log-likelihoods of what is left beyond noise: block by block, and of all together, shape (..., 2).
+
+        Args:
+            left: Of each block, shape (..., blocks).
+            gap: What is left where nothing is explained, of all together: the larger it is, the more the true effect
+                leaves, as in the posterior.
+
+        """
         blocks = self._share * np.log1p(left / (self._scale * self._expected)).sum(axis=-1)
-        together = self._freedom * np.log1p(left.sum(axis=-1) / (self._scale * self._expected.sum()))
+        scale = self._scale * self._expected.sum() + self._of_gap * gap
+        together = self._freedom * np.log1p(left.sum(axis=-1) / scale)
         return -0.5 * np.stack([blocks, together], axis=-1)
 
     def _left(self, features: Features) -> NDArray[np.float64]:
