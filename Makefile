@@ -39,7 +39,7 @@ bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
 
 faults: set-up
-	@$(BIN)/python test/trial_of_faults.py --seed 1000 --page docs/faults.md
+	@$(BIN)/python test/trial_of_faults.py --seed 2000 --page docs/faults.md
 
 soak: set-up
 	@$(BIN)/python -m jammkle_driver.fake

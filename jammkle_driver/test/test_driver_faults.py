@@ -1,219 +1,31 @@
-"""Faults are found, told apart and acted on, on plants whose parts are off by their tolerances; the healthy go on."""
+"""What the driver does about faults, stalls, nonsense and a board that let go; policies, safe state, regulation."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import pytest
+from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.diagnosis import THRESHOLD
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, released
 from jammkle_driver.core.overload import OverloadWatch
 from jammkle_driver.core.regulator import PumpLoad
 from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError, Wish
-from jammkle_driver.fake.bench import FaultBench, built
 from jammkle_driver.fake.faults import FakeFault
-from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.script import ScriptError, read_script
-from jammkle_driver.fake.sensors import SensorErrors
-from jammkle_driver.fake.soak import soak
-from jammkle_driver.fake.trial import ELSEWHERE, PLACED, alarms, inject
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
-    import random
-    from collections.abc import Callable
-
-    from jammkle_driver.core.air import AirSettings
-
-SET_POINT_PA = 50e3
-
-
-def bench_of(seed: int = 1, **parameters: Any) -> FaultBench:
-    return FaultBench(DriverParameters(**parameters).settings(), seed)
-
-
-def run(bench: FaultBench, duration_s: float, watch: Callable[[], None] = lambda: None) -> None:
-    end_s = bench.plant.time_s + duration_s
-    while bench.plant.time_s < end_s:
-        bench.step()
-        watch()
-
-
-def jammed_bench(**parameters: Any) -> FaultBench:
-    bench = bench_of(**parameters)
-    run(bench, 1.0)
-    bench.driver.jam((), SET_POINT_PA, "test")
-    run(bench, 1.5)
-    assert bench.driver.command != released(CHANNELS)
-    return bench
-
-
-@pytest.mark.parametrize(("seed", "reason"), list(enumerate((*PLACED, *ELSEWHERE))), ids=str)
-def test_a_fault_is_told_with_its_reason_and_place(seed: int, reason: Reason) -> None:
-    """Each kind of fault, put into a random ankle at a random place, is named; docs/faults.md has 500 of them."""
-    outcome = inject(seed, reason)
-    assert (outcome.told, outcome.told_place) == (reason, outcome.place)
-    assert outcome.delay_s >= 0.0
-
-
-@dataclass(frozen=True)
-class Staged:
-    """A fault that matters from the moment on that it is there or that the ankle is asked for something."""
-
-    fault: FakeFault
-    size: float = 0.0
-    while_jammed: bool = False
-    then_asks: bool = True
-
-
-STAGED = {
-    Reason.LEAK: (0.5, Staged(FakeFault.LEAK, 1e-10, while_jammed=True, then_asks=False)),
-    Reason.BLOCKED_LINE: (1.5, Staged(FakeFault.BLOCKED, 0.1)),
-    Reason.VALVE_STUCK_OPEN: (1.0, Staged(FakeFault.STUCK_OPEN, while_jammed=True)),
-    Reason.VALVE_STUCK_CLOSED: (1.5, Staged(FakeFault.STUCK_CLOSED)),
-    Reason.PUMP_DEAD: (2.0, Staged(FakeFault.PUMP_DEAD)),
-    Reason.PUMP_WEAK: (4.0, Staged(FakeFault.PUMP_WEAK, 0.25)),
-    Reason.SENSOR_DEAD: (0.6, Staged(FakeFault.SENSOR_DEAD, while_jammed=True, then_asks=False)),
-    Reason.SENSOR_STUCK: (1.0, Staged(FakeFault.SENSOR_STUCK)),
-    Reason.SENSOR_DRIFTING: (1.0, Staged(FakeFault.SENSOR_BIAS, 5e3, while_jammed=True, then_asks=False)),
-    Reason.SENSOR_OUT_OF_RANGE: (0.06, Staged(FakeFault.SENSOR_OUT_OF_RANGE, 130e3, then_asks=False)),
-}
-"""Time within which docs/faults.md says that each is told, s, and one of its kind."""
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("reason", STAGED, ids=lambda each: each.name)
-def test_a_fault_that_matters_is_told_within_its_time(seed: int, reason: Reason) -> None:
-    """From the onset, or from the jam or release that it stands in the way of; by then the outputs are off."""
-    within_s, staged = STAGED[reason]
-    bench = bench_of(seed)
-    run(bench, 2.0)
-    if staged.while_jammed:
-        bench.driver.jam((), SET_POINT_PA, "test")
-        run(bench, 1.5)
-    bench.plant.inject(staged.fault, "achilles", staged.size)
-    if staged.then_asks:
-        run(bench, 0.3)
-        assert bench.told()[0] is Reason.NONE
-        if staged.while_jammed:
-            bench.driver.unjam((), "test")
-        else:
-            bench.driver.jam((), SET_POINT_PA, "test")
-    run(bench, within_s)
-    assert bench.told()[0] is reason
-    assert bench.board.driven == released(CHANNELS)
-
-
-def _fall_silent(bench: FaultBench) -> None:
-    bench.streams = False
-
-
-def _become_noisy(bench: FaultBench) -> None:
-    bench.noisy = True
-
-
-ELSEWHERE_WITHIN: dict[Reason, tuple[float, Callable[[FaultBench], None]]] = {
-    Reason.BOARD_UNPLUGGED: (0.06, lambda bench: bench.board.unplug()),
-    Reason.BOARD_REBOOTED: (0.06, lambda bench: bench.board.reboot()),
-    Reason.BROWN_OUT: (0.06, lambda bench: bench.board.sag()),
-    Reason.LINE_NOISE: (1.5, _become_noisy),
-    Reason.COMMANDS_STALE: (0.6, _fall_silent),
-}
-"""Time within which docs/faults.md says that each is told, s, and what brings it about."""
-
-
-@pytest.mark.parametrize("reason", ELSEWHERE_WITHIN, ids=lambda each: each.name)
-def test_what_befalls_board_line_and_driver_is_told_within_its_time(reason: Reason) -> None:
-    """While a stream of commands holds everything; all but noise lets go."""
-    within_s, happen = ELSEWHERE_WITHIN[reason]
-    bench = bench_of()
-    bench.streams, bench.wish_pa = True, SET_POINT_PA
-    run(bench, 2.5)
-    assert bench.told()[0] is Reason.NONE
-    happen(bench)
-    run(bench, within_s)
-    assert bench.told()[0] is reason
-    assert any(bench.driver.command.solenoids.values()) is (reason is Reason.LINE_NOISE)
-
-
-def test_a_stall_is_told_at_once() -> None:
-    """Of a driver that holds nothing, and so of a board that has let go of nothing."""
-    bench = bench_of()
-    run(bench, 1.0)
-    bench.stand_still(1.5)
-    run(bench, 0.06)
-    assert bench.told()[0] is Reason.EXECUTOR_OVERLOADED
-
-
-def test_a_sensor_that_repeats_itself_in_vacuum_is_stuck_though_nothing_moves() -> None:
-    """A second of the same digits from a sensor whose noise was seen before, of a jammed ankle at rest."""
-    bench = jammed_bench()
-    bench.plant.inject(FakeFault.SENSOR_STUCK, "achilles")
-    run(bench, 1.0)
-    assert bench.told() == (Reason.SENSOR_STUCK, "achilles")
-
-
-@pytest.mark.parametrize(("step_pa", "noise_pa", "seed"), [(98.0, 10.0, 1), (98.0, 30.0, 1), (25.0, 3.0, 2)])
-def test_a_coarse_or_quiet_sensor_that_repeats_itself_is_healthy(step_pa: float, noise_pa: float, seed: int) -> None:
-    """Converters of 10 and 12 bits whose step hides the noise: most readings equal the one before, and not a word."""
-
-    def coarse(declared: AirSettings, draw: random.Random, number: int) -> FakePlant:
-        return FakePlant(
-            CHANNELS, built(declared, draw), STANDARD_ATMOSPHERE_PA, SensorErrors(noise_pa, step_pa), number
-        )
-
-    assert alarms(seed, 35.0, coarse) == []
-
-
-def test_a_sensor_at_the_end_of_its_range_is_no_stuck_one() -> None:
-    """One that cannot read above the atmosphere repeats itself as often as its channel is vented: not a word."""
-    bench = jammed_bench()
-    bench.driver.unjam((), "test")
-    run(bench, 0.5)
-    bench.plant.inject(FakeFault.SENSOR_STUCK, "achilles")
-    run(bench, 3.0)
-    assert bench.told()[0] is Reason.NONE
-
-
-def test_a_healthy_ankle_raises_no_alarm() -> None:
-    """Half a minute of jamming and resting, with parts off by their tolerances: not a word."""
-    assert alarms(5, 30.0) == []
-
-
-def test_a_release_between_two_readings_is_no_fault() -> None:
-    """A jam that is taken back and asked again at once, which the board followed for a cycle, is known of."""
-    bench, gained = jammed_bench(), [0.0]
-    for _ in range(3):
-        bench.driver.unjam((), "test")
-        bench.hand_over()
-        bench.driver.jam((), SET_POINT_PA, "test")
-        bench.hand_over(late_s=0.04)
-        run(bench, 0.5, lambda: gained.append(max(bench.driver.ankle.diagnosis.scores.values())))
-    assert max(gained) < 0.5 * THRESHOLD
-
-
-@pytest.mark.parametrize("seed", [5, 9])
-def test_readings_that_come_late_are_no_fault(seed: int) -> None:
-    """A host that hands readings over up to 40 ms late, while an ankle jams and vents all the time: not a word."""
-    bench = bench_of(seed)
-    bench.late_samples = 4
-    for _ in range(4):
-        run(bench, 0.5)
-        bench.driver.jam((), 40e3, "test")
-        run(bench, 1.0)
-        assert bench.driver.ankle.findings == ()
-        bench.driver.unjam((), "test")
+    from jammkle_driver.fake.bench import FaultBench
 
 
 def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
@@ -466,20 +278,6 @@ def test_late_work_is_told() -> None:
         watch.tick(6.45 + count * 0.1)
     assert watch.status(20.0).overloaded
     assert watch.status(20.0).late_s == pytest.approx(0.05, abs=0.005)
-
-
-def test_random_faults_leave_everything_safe() -> None:
-    """Some of `make soak`: no missed safe state at the board's outputs, no channel that does not come back."""
-    result = soak(40.0, 3)
-    assert result.faults > 0
-    assert result.missed == ()
-
-
-def test_the_soak_sees_a_board_that_does_not_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A board without its watchdog keeps jamming while the driver stands still: that is what a soak is to find."""
-    monkeypatch.setattr("jammkle_driver.fake.board.WATCHDOG_S", math.inf)
-    monkeypatch.setattr("jammkle_driver.fake.soak._OF_THE_PLANT", 0.0)
-    assert any("stall" in line for line in soak(15.0, 1).missed)
 
 
 def test_a_script_of_faults_is_read_or_refused_in_one_line() -> None:

@@ -31,10 +31,11 @@ _CAP = 25.0
 five deviations is as likely a broken telegram as the doing of a fault."""
 
 _GRACE_S = 0.3
-"""How long after a valve has moved hypotheses are not begun anew, s: two time constants in which the air spreads."""
+"""How long after a valve has moved a part is not taken anew for built otherwise, s: two time constants in which the air
+spreads, and heat and seats that are not quite shut tell most."""
 
 _DEBT = -20.0
-"""Least score in that time, nats: what was lost while valves moved can be gained back."""
+"""Least score of such a hypothesis in that time, nats: what was lost while valves moved can be gained back."""
 
 _ALLOWANCE = 0.02
 """What a hypothesis must gain with every set of readings to count, nats: Page's reference value, half the square of a
@@ -137,6 +138,13 @@ class FilterBank:
         self._covariance[:, index, index] += _UNKNOWN_PA**2
         self._bridging = True
 
+    def adopt(self, model: int) -> None:
+        """Take what a hypothesis says for the healthy ankle, and let every fault begin from there."""
+        self._state[0] = np.clip(self._state[model], self._tables.least[0], self._tables.most[0])
+        self._covariance[0] = self._covariance[model]
+        self._scores[:] = 0.0
+        self._begin_again(self._tables.begins_again)
+
     def estimate(self, model: int = 0) -> Estimate:
         """Return what a hypothesis makes of the ankle; the first is the healthy one."""
         state, layout = self._state[model], self._layout
@@ -166,17 +174,19 @@ class FilterBank:
             return
         gain = likelihood - likelihood[0] - _ALLOWANCE
         # While a valve may or may not have moved yet, what predicts sharply is not the likelier for it: then
-        # hypotheses may lose, but not gain, and a little later they are not begun anew yet.
+        # hypotheses may lose, but not gain, and none begins anew.
         if any(step.switching):
             self._grace_s = _GRACE_S
-            self._scores = np.maximum(self._scores + np.minimum(gain, 0.0), _DEBT)
+            gain = np.minimum(gain, 0.0)
+        least = np.where(self._tables.built, _DEBT if self._grace_s > 0.0 else 0.0, 0.0)
+        self._scores = np.maximum(self._scores + gain, least)
+        if any(step.switching):
             return
         self._grace_s -= step.duration_s
-        self._scores = np.maximum(self._scores + gain, _DEBT if self._grace_s > 0.0 else 0.0)
         tells_nothing = self._nothing_changes() & ~beyond_doubt
         self._scores = np.where(tells_nothing, np.minimum(self._scores, 0.0), self._scores)
         self._scores[0] = 0.0
-        self._begin_again(self._tables.begins_again & (self._scores == 0.0), readings_pa)
+        self._begin_again(self._tables.begins_again & (self._scores == 0.0))
 
     def _late_pa(self, readings_pa: Array, duration_s: float) -> Array:
         """Return how far each reading may be off as nobody knows to the millisecond when it was made, Pa.
@@ -223,7 +233,7 @@ class FilterBank:
         self._covariance[:, index, index] = np.where(heard, self._spread.offset_pa, _UNKNOWN_PA) ** 2
         self._fresh = False
 
-    def _begin_again(self, again: Array, readings_pa: Array) -> None:
+    def _begin_again(self, again: Flags) -> None:
         """Let hypotheses start from where the healthy one is, their fault beginning now."""
         tables, every = self._tables, self._every
         self._state[again] = self._state[0]
@@ -234,7 +244,8 @@ class FilterBank:
         self._covariance.transpose(0, 2, 1)[moved] = 0.0
         self._covariance[:, every, every] += np.where(moved, tables.deviation**2, 0.0)
         self._covariance[:, every, every] += np.where(again[:, None], tables.jump**2, 0.0)
-        self._held_pa[again] = np.where(np.isfinite(readings_pa), readings_pa, self._held_pa[again])
+        expected_pa = self._state[0, self._layout.pressures] + self._state[0, self._layout.offsets]
+        self._held_pa[again] = np.where(self._run > 0, self._last_pa, expected_pa)  # what repeats may have jumped there
         self._held_variance[again] = self._spread.noise_pa**2
 
     def _weigh(self, readings_pa: tuple[float, ...], late_pa: Array) -> Array:

@@ -229,33 +229,36 @@ class Diagnosis:
 
     def _judge(self, duration_s: float) -> Finding | None:
         bank = self._bank
-        scores = [float(score) for score in bank.scores]
-        told = [self._fair(model, score) for model, score in enumerate(scores)]
-        best = max(range(len(told)), key=told.__getitem__)
+        counted = [self._fair(model, float(score)) for model, score in enumerate(bank.scores)]
+        best = max(range(len(counted)), key=counted.__getitem__)
         chosen = bank.hypotheses[best]
         rivals = [
-            told[model] if told[model] > 0.0 else scores[model] - LEVEL_COST
+            model
             for model, hypothesis in enumerate(bank.hypotheses)
             if not (hypothesis.reason is chosen.reason and hypothesis.place == chosen.place)
         ]
-        if told[best] < THRESHOLD or told[best] < max(rivals):
+        lead = counted[best] - max(counted[model] for model in rivals)
+        self._leading_s = self._leading_s + duration_s if counted[best] >= THRESHOLD else 0.0
+        if self._leading_s < (STEADY_S if lead > LEAD else PATIENCE_S):
+            return None
+        close = (best, *(model for model in rivals if counted[best] - counted[model] <= LEAD))
+        if not any(self._is_small_drift(model) for model in close):
+            return self._describe(best)
+        if lead > LEAD and chosen.sudden:
+            bank.adopt(best)
             self._leading_s = 0.0
-            return None
-        self._leading_s += duration_s
-        clear = told[best] > max(rivals) + LEAD and self._leading_s >= STEADY_S
-        if not clear and self._leading_s < PATIENCE_S:
-            return None
-        return self._describe(best)
+        return None
 
     def _fair(self, model: int, score: float) -> float:
-        """Return what a hypothesis counts for, nats: nothing while what it says has hardly happened."""
+        """Return what a hypothesis counts for, nats."""
+        return score - LEVEL_COST if self._bank.hypotheses[model].reason is Reason.SENSOR_STUCK else score
+
+    def _is_small_drift(self, model: int) -> bool:
+        """Whether a sensor has moved, by this hypothesis, and is still as good as a healthy one."""
         hypothesis = self._bank.hypotheses[model]
-        if hypothesis.reason is Reason.SENSOR_STUCK:
-            return score - LEVEL_COST
-        if hypothesis.reason is Reason.SENSOR_DRIFTING:
-            offset_pa = self._bank.estimate(model).offsets_pa[hypothesis.place] if score > THRESHOLD else 0.0
-            return score if abs(offset_pa) > _DRIFT_PA else 0.0
-        return score
+        if hypothesis.reason is not Reason.SENSOR_DRIFTING:
+            return False
+        return abs(self._bank.estimate(model).offsets_pa[hypothesis.place]) <= _DRIFT_PA
 
     def _describe(self, model: int) -> Finding:
         hypothesis, estimate = self._bank.hypotheses[model], self._bank.estimate(model)

@@ -1,8 +1,9 @@
 """What may have failed, and how the state of a filter differs where it has: ranges, stuck valves, stuck sensors.
 
 A state holds, for a manifold and the channels: pressures, Pa; offsets of the sensors, Pa; the pump's share of its flow;
-each line's share of its conductance; each volume's leak as a share of a valve's conductance. In a healthy ankle all but
-the pressures keep to a range about what was declared; each hypothesis takes one of them to another range.
+each line's share of its conductance; each volume's leak as a share of a valve's conductance;
+and how fast the offset drifts that a hypothesis is about, Pa/s. In a healthy ankle all but the pressures keep to a range
+about what was declared; each hypothesis takes one of them to another range.
 """
 
 from __future__ import annotations
@@ -36,8 +37,11 @@ LARGE_LEAK = (0.2, 1.5)
 JUMP_PA = 50e3
 """How far a sensor's reading may jump at once, Pa."""
 
-DRIFT_PA_RTS = 600.0
-"""How a drifting offset walks, Pa/sqrt(s): 0.3 to 5 kPa/s are found, and noise of 50 Pa is not taken for it."""
+DRIFT_PA_S = 2e3
+"""Standard deviation of the rate at which a drifting offset moves, Pa/s: 0.3 to 5 kPa/s are found."""
+
+DRIFT_TIME_S = 5.0
+"""For how long a drift keeps its rate, s: a healthy one forgets it in the time that it takes to the range's end."""
 
 _RANGE_SPREAD = 0.4
 """Standard deviation of a share within its range, over the range's width: about that of a uniform one."""
@@ -96,12 +100,13 @@ class Layout:
     def __init__(self, volumes: int) -> None:
         """Lay out a state."""
         self.volumes = volumes
-        self.size = 4 * volumes
+        self.size = 4 * volumes + 1
         self.pressures = slice(0, volumes)
         self.offsets = slice(volumes, 2 * volumes)
         self.pump = 2 * volumes
         self.lines = slice(2 * volumes + 1, 3 * volumes)
         self.leaks = slice(3 * volumes, 4 * volumes)
+        self.drift = 4 * volumes
 
     def offset(self, place: int) -> int:
         """Index of a sensor's offset."""
@@ -161,8 +166,11 @@ class Tables:
         self.opened = np.zeros((len(self.hypotheses), channels), dtype=bool)
         self.closed = np.zeros((len(self.hypotheses), channels), dtype=bool)
         self.stuck = np.zeros((len(self.hypotheses), layout.volumes), dtype=bool)
+        self.drifting: list[tuple[int, int]] = []
         for model, hypothesis in enumerate(self.hypotheses):
             self._write(model, hypothesis)
+        self.built = self.moved[:, layout.pump : layout.drift].any(axis=1)
+        """Hypotheses of a part that is built otherwise: pump, lines, leaks."""
         self.begins_again = (
             self.opened.any(axis=1) | self.closed.any(axis=1) | self.stuck.any(axis=1) | self.jump.any(axis=1)
         ) | self.moved.any(axis=1)
@@ -184,8 +192,11 @@ class Tables:
             if hypothesis.sudden:
                 self.jump[model, offset] = JUMP_PA
             else:
-                self.walk[model, offset] = DRIFT_PA_RTS**2
                 self.time_s[model, offset] = np.inf
+                self.deviation[model, layout.drift] = DRIFT_PA_S
+                self.time_s[model, layout.drift] = DRIFT_TIME_S
+                self.moved[model, layout.drift] = True
+                self.drifting.append((model, offset))
         elif reason is not Reason.NONE:
             stuck = {
                 Reason.VALVE_STUCK_OPEN: (self.opened, place - 1),

@@ -80,6 +80,7 @@ class Predictor:
         self._spread = spread
         self._tables = tables
         self._volumes_m3 = np.array(air.volumes_m3)
+        self._drifting = tuple(np.array(tables.drifting).T)  # hypotheses, and the offset that drifts in each
         volumes, channels = tables.layout.volumes, tables.layout.volumes - 1
         self._spreading = np.zeros((volumes, 2 * channels + volumes + 1))  # pressure rate per flow, 1/m^3
         for channel in range(channels):
@@ -111,6 +112,11 @@ class Predictor:
         heat_pa2 = np.square(np.array(step.heat_pa)) / HEAT_TIME_S
         within[:, place, place] += (_LEFT_OUT_PA_RTS**2 + heat_pa2) * duration_s
         covariance[:, :volumes, :volumes] = within
+        models, offsets = self._drifting
+        drift = tables.layout.drift
+        state[models, offsets] += duration_s * state[models, drift]
+        covariance[models, offsets, :] += duration_s * covariance[models, drift, :]
+        covariance[models, :, offsets] += duration_s * covariance[models, :, drift]
         # What is built comes back to its mean within its spread (Ornstein-Uhlenbeck); what was let go walks.
         decay = np.exp(-duration_s / tables.time_s)
         decay[:, :volumes] = 1.0
