@@ -1,9 +1,9 @@
 """What may have failed, and how the state of a filter differs where it has: ranges, stuck valves, stuck sensors.
 
 A state holds, for a manifold and the channels: pressures, Pa; offsets of the sensors, Pa; the pump's share of its flow;
-each line's share of its conductance; each volume's leak as a share of a valve's conductance;
-and how fast the offset drifts that a hypothesis is about, Pa/s. In a healthy ankle all but the pressures keep to a range
-about what was declared; each hypothesis takes one of them to another range.
+each line's share of its conductance; each volume's leak as a share of a valve's conductance; and how fast the offset
+drifts that a hypothesis is about, Pa/s. In a healthy ankle all but the pressures keep to a range about what was
+declared; each hypothesis takes one of them to another range.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ DRIFT_PA_S = 2e3
 """Standard deviation of the rate at which a drifting offset moves, Pa/s: 0.3 to 5 kPa/s are found."""
 
 DRIFT_TIME_S = 5.0
-"""For how long a drift keeps its rate, s: a healthy one forgets it in the time that it takes to the range's end."""
+"""For how long a drift keeps its rate, s: about what the slowest of them takes to be off by what counts."""
 
 _RANGE_SPREAD = 0.4
 """Standard deviation of a share within its range, over the range's width: about that of a uniform one."""
