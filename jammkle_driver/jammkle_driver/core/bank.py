@@ -143,7 +143,7 @@ class FilterBank:
         self._state[0] = np.clip(self._state[model], self._tables.least[0], self._tables.most[0])
         self._covariance[0] = self._covariance[model]
         self._scores[:] = 0.0
-        self._begin_again(self._tables.begins_again)
+        self._begin_again()
 
     def estimate(self, model: int = 0) -> Estimate:
         """Return what a hypothesis makes of the ankle; the first is the healthy one."""
@@ -186,7 +186,7 @@ class FilterBank:
         tells_nothing = self._nothing_changes() & ~beyond_doubt
         self._scores = np.where(tells_nothing, np.minimum(self._scores, 0.0), self._scores)
         self._scores[0] = 0.0
-        self._begin_again(self._tables.begins_again & (self._scores == 0.0))
+        self._begin_again()
 
     def _late_pa(self, readings_pa: Array, duration_s: float) -> Array:
         """Return how far each reading may be off as nobody knows to the millisecond when it was made, Pa.
@@ -233,9 +233,10 @@ class FilterBank:
         self._covariance[:, index, index] = np.where(heard, self._spread.offset_pa, _UNKNOWN_PA) ** 2
         self._fresh = False
 
-    def _begin_again(self, again: Flags) -> None:
-        """Let hypotheses start from where the healthy one is, their fault beginning now."""
+    def _begin_again(self) -> None:
+        """Let hypotheses that have gained nothing start from where the healthy one is, their fault beginning now."""
         tables, every = self._tables, self._every
+        again = tables.begins_again & (self._scores == 0.0)
         self._state[again] = self._state[0]
         self._covariance[again] = self._covariance[0]
         moved = again[:, None] & tables.moved
