@@ -129,7 +129,7 @@ def test_the_controller_hears_an_imu_of_another_name(
 ) -> None:
     """Remapped, it takes the trunk's IMU and no other, and the foot's state follows from its events."""
     run("-m", "jammkle_controller", *IN_NAMESPACE, "-r", "imu/data:=/trunk/imu")
-    run(EXAMPLES / "foot_contact.py", *IN_NAMESPACE)
+    foot = run(EXAMPLES / "foot_contact.py", *IN_NAMESPACE)
     probe = make_probe(NAMESPACE)
     probe.spin_until(lambda: probe.node.count_subscribers("/trunk/imu") == 1, "the controller hears the trunk's IMU")
     assert probe.node.count_subscribers(f"{NAMESPACE}/imu/data") == 0
@@ -142,6 +142,8 @@ def test_the_controller_hears_an_imu_of_another_name(
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         late.node.create_subscription(Bool, "contact", lambda message, heard=heard: heard.append(message.data), latched)
         late.spin_until(lambda heard=heard, contact=contact: heard[-1:] == [contact], "the latched state is heard")
+    foot.terminate()
+    assert foot.wait(timeout=30) == 0
 
 
 def test_joints_and_channels_can_have_other_names(run: Callable[..., Any], make_probe: Callable[..., Probe]) -> None:

@@ -3,13 +3,13 @@
 python foot_contact.py --ros-args -r __ns:=/lf_ankle
 """
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
+import sys
+
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 
+from jammkle_graph.runner import run
 from jammkle_msgs.msg import ContactEvent
 
 CONTACT = {
@@ -37,20 +37,5 @@ class FootContact(Node):
             self.contact.publish(Bool(data=CONTACT[event.type]))
 
 
-def main():
-    """Run until Ctrl-C; SIGTERM just ends it, as nothing is left to be put in order."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    executor = SingleThreadedExecutor()
-    try:
-        executor.add_node(FootContact())
-        while True:
-            executor.spin_once(timeout_sec=0.1)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        executor.shutdown()
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(FootContact))

@@ -8,14 +8,16 @@ second law). What is assumed: the IMU feels just that, so it belongs on the body
 equally. `contact` of foot_contact.py tells which stand. docs/integration.md says how good that is.
 """
 
-import rclpy
+import sys
+
 from geometry_msgs.msg import WrenchStamped
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
+
+from jammkle_graph.parameters import ParameterError
+from jammkle_graph.runner import run
 
 
 def loads_n(mass_kg, specific_force_m_s2, standing):
@@ -32,11 +34,11 @@ class FootLoad(Node):
     """Publishes an estimate with every sample of the IMU, once the contact of every foot is known."""
 
     def __init__(self):
-        """Hear the IMU and the contact of each foot; ValueError without a mass."""
+        """Hear the IMU and the contact of each foot; ParameterError without a mass."""
         super().__init__("foot_load")
         self.mass_kg = self.declare_parameter("mass_kg", 0.0).value
         if not self.mass_kg > 0.0:
-            raise ValueError(f"mass_kg is {self.mass_kg}; give the mass of the whole robot, kg: -p mass_kg:=7.2")
+            raise ParameterError(f"mass_kg is {self.mass_kg}; give the mass of the whole robot, kg: -p mass_kg:=7.2")
         self.ankles = list(self.declare_parameter("ankles", [""]).value)
         self.standing = {}
         self.publishers_of = {}
@@ -62,20 +64,5 @@ class FootLoad(Node):
             self.publishers_of[foot].publish(message)
 
 
-def main():
-    """Run until Ctrl-C; SIGTERM just ends it, as nothing is left to be put in order."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    executor = SingleThreadedExecutor()
-    try:
-        executor.add_node(FootLoad())
-        while True:
-            executor.spin_once(timeout_sec=0.1)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        executor.shutdown()
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(FootLoad))

@@ -7,10 +7,12 @@ States: `gpio_controller/gpio_states`, per channel `vacuum` (measured, Pa) and `
 Needs control_msgs. Do not run the project's own controller beside it: both would wish.
 """
 
-import rclpy
+import sys
+
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from jammkle_graph.runner import run
 from jammkle_msgs.msg import ChannelJamCommand, JamCommand, JamState
 
 VACUUM, STATE = "vacuum", "state"
@@ -42,14 +44,16 @@ def command(wanted, stamp):
 class GpioBridge(Node):
     """Repeats the latest commands as long as somebody is there to take them back."""
 
-    def __init__(self, group_values, interface_value):
-        """Join both sides; the classes are those of control_msgs."""
+    def __init__(self):
+        """Join both sides."""
+        from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue  # noqa: PLC0415 - there may be none
+
         super().__init__("gpio_bridge")
-        self.group_values, self.interface_value = group_values, interface_value
+        self.group_values, self.interface_value = DynamicInterfaceGroupValues, InterfaceValue
         self.wanted = {}
         self.jam_command = self.create_publisher(JamCommand, "jam_command", QoSProfile(depth=1))
-        self.gpio_states = self.create_publisher(group_values, "gpio_controller/gpio_states", 10)
-        self.commands = self.create_subscription(group_values, "gpio_controller/commands", self.take, 10)
+        self.gpio_states = self.create_publisher(DynamicInterfaceGroupValues, "gpio_controller/gpio_states", 10)
+        self.commands = self.create_subscription(DynamicInterfaceGroupValues, "gpio_controller/commands", self.take, 10)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(JamState, "jam_state", self.tell, latched)
         self.create_timer(PERIOD_S, self.repeat)
@@ -77,18 +81,5 @@ class GpioBridge(Node):
         self.gpio_states.publish(message)
 
 
-def main():
-    """Run until Ctrl-C."""
-    from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue  # noqa: PLC0415 - there may be none
-
-    rclpy.init()
-    try:
-        rclpy.spin(GpioBridge(DynamicInterfaceGroupValues, InterfaceValue))
-    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(GpioBridge))

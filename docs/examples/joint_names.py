@@ -7,18 +7,20 @@ python joint_names.py --ros-args -r __ns:=/lf_ankle -r robot/joint_states:=/join
 about x forward, y to the left, z up, so that ankle_pitch is positive toe-down). What is not named is left out.
 """
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
+import sys
+
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+
+from jammkle_graph.parameters import ParameterError
+from jammkle_graph.runner import run
 
 
 def pairs_of(names):
-    """Return ours by theirs; ValueError if the names do not come in pairs."""
+    """Return ours by theirs; ParameterError if the names do not come in pairs."""
     if len(names) % 2 or not names:
-        raise ValueError(f"names is {list(names)}; give pairs, theirs then ours: [their_pitch, ankle_pitch]")
+        raise ParameterError(f"names is {list(names)}; give pairs, theirs then ours: [their_pitch, ankle_pitch]")
     return dict(zip(names[::2], names[1::2], strict=True))
 
 
@@ -43,7 +45,7 @@ class JointNames(Node):
     """Passes joint states on under other names."""
 
     def __init__(self):
-        """Hear the robot's and publish the ankle's; ValueError if the names do not come in pairs."""
+        """Hear the robot's and publish the ankle's; ParameterError if the names do not come in pairs."""
         super().__init__("joint_names")
         self.ours = pairs_of(self.declare_parameter("names", [""]).value)
         self.turned = set(self.declare_parameter("turned", [""]).value)
@@ -57,20 +59,5 @@ class JointNames(Node):
             self.joint_states.publish(found)
 
 
-def main():
-    """Run until Ctrl-C; SIGTERM just ends it, as nothing is left to be put in order."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    executor = SingleThreadedExecutor()
-    try:
-        executor.add_node(JointNames())
-        while True:
-            executor.spin_once(timeout_sec=0.1)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        executor.shutdown()
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(JointNames))

@@ -3,12 +3,14 @@
 python mission.py --ros-args -r __ns:=/lf_ankle
 """
 
+import signal
 import sys
 import time
 
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 from jammkle_msgs.msg import ChannelJamState, JamState
 from jammkle_msgs.srv import Jam, Unjam
@@ -31,7 +33,7 @@ class Ankle(Node):
     def ask(self, kind, name, **request):
         """Call a service of the driver; RuntimeError says what it refused and why."""
         client = self.create_client(kind, name)
-        if not client.wait_for_service(timeout_sec=10.0):
+        if not client.wait_for_service(timeout_sec=5.0):
             raise RuntimeError(f"nobody offers {client.srv_name}")
         future = client.call_async(kind.Request(**request))
         rclpy.spin_until_future_complete(self, future, timeout_sec=5.0)
@@ -51,17 +53,21 @@ class Ankle(Node):
 
 def main():
     """Return 0 if the ankle was stiff when it should be, and soft in the end."""
-    rclpy.init()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # rclpy's own would end the graph before it can let go
     ankle = Ankle()
     try:
-        ankle.ask(Jam, "driver/jam", vacuum_pa=40e3)  # no channels: all of them
-        ankle.wait(ChannelJamState.JAMMED)
-        print("stiff")  # here the robot steps onto the slope
-        ankle.ask(Unjam, "driver/unjam")
+        try:
+            ankle.ask(Jam, "driver/jam", vacuum_pa=40e3)  # no channels: all of them
+            ankle.wait(ChannelJamState.JAMMED)
+            print("stiff")  # here the robot steps onto the slope
+        finally:  # also when it was interrupted, or did not get stiff: nobody else lets go
+            ankle.ask(Unjam, "driver/unjam")
         ankle.wait(ChannelJamState.UNJAMMED)
         print("soft")
-    except RuntimeError as error:
-        print(f"mission: {error}", file=sys.stderr)
+    except (KeyboardInterrupt, RuntimeError) as error:
+        first = error.__context__ or error  # what came before, where letting go failed too
+        print(f"mission: {str(first) or 'interrupted'}", file=sys.stderr)
         return 1
     finally:
         ankle.destroy_node()
