@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -68,3 +69,13 @@ def test_to_choose_twice_is_to_choose_once() -> None:
     talk_by_udp(twice)
     assert twice == once
     assert set(once) == {"ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"}
+
+
+def test_participants_are_announced_for_as_long_as_others_take_to_start() -> None:
+    """On this machine and beyond it, ten times a second for 5 s; the files are there, and say so."""
+    for environment in ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, {}):
+        talk_by_udp(environment)
+        profile = ET.parse(environment["FASTRTPS_DEFAULT_PROFILES_FILE"])  # noqa: S314 - our own file
+        (initial,) = profile.iterfind(".//{*}initialAnnouncements")
+        assert initial.findtext("{*}count") == "50"
+        assert initial.findtext("{*}period/{*}nanosec") == "100000000"
