@@ -15,7 +15,8 @@ from jammkle_bringup.core.run_series import read_run
 from jammkle_bringup.core.run_summary import summary_of
 from jammkle_bringup.core.supervisor import Supervisor
 from jammkle_bringup.graph_client import GraphClient
-from jammkle_bringup.graph_options import GraphOptions
+from jammkle_bringup.graph_options import GraphOptions, makes_clock, node_names
+from jammkle_bringup.neighbours import LOOKERS, refuse_if_doubled
 from jammkle_bringup.readiness import Startup
 from jammkle_bringup.up import beside_others, child_specs, say, say_how_it_ended
 from jammkle_graph.command.errors import GraphError
@@ -120,7 +121,16 @@ def say_verdict(summary: RunSummary) -> int:
 
 
 def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) -> tuple[Death, ...]:
-    """Run the graph through one landing and stop it; return what did not end well."""
+    """Run the graph through one landing and stop it; return what did not end well.
+
+    It takes longer than discovery, so that another graph which was not seen before is seen in its end.
+
+    Raises:
+        InputError: there is one.
+        GraphError: the graph did not start, or a node died.
+        Interrupted: asked to stop.
+
+    """
     lock = threading.Lock()
 
     def keep(name: str, line: str) -> None:
@@ -130,7 +140,10 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
     screen = Console(stderr=True)
     specs = child_specs(options)
     with Supervisor(specs, keep) as supervisor:
-        with GraphClient(options.namespace, asked_to_stop) as client, screen.status("starting the graph") as progress:
+        with (
+            GraphClient(options.namespace, asked_to_stop, LOOKERS) as client,
+            screen.status("starting the graph") as progress,
+        ):
             heard = _Heard()
             client.subscribe(ContactEvent, CONTACT_EVENTS, heard.take_event, subscriber_qos(CONTACT_EVENTS))
             client.subscribe(JamState, JAM_STATE, heard.take_state, subscriber_qos(JAM_STATE))
@@ -138,10 +151,12 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
             startup.wait_until_connected([spec.name for spec in specs])
             startup.wait_until_active()
             supervisor.loaded()
+            refuse_if_doubled(client, node_names(options), makes_clock=makes_clock(options))
             say("simulation, controller, driver and recorder are there")
             progress.update("landing")
             startup.let_go()
             _watch_landing(startup, heard)
+            refuse_if_doubled(client, node_names(options), makes_clock=makes_clock(options))
             progress.update("stopping")
         return supervisor.stop()
 

@@ -40,8 +40,8 @@ def beside_others(
 ) -> GraphOptions:
     """Look at the ROS graph, since a lock file does not know of other users and machines.
 
-    Before a simulation it is looked for a second only, if a client is given that looks on afterwards. Nodes of real
-    hardware are not started before discovery has had all its time.
+    Before a simulation it is looked for a second only: who starts it looks on afterwards, see `refuse_if_doubled`.
+    Nodes of real hardware are not started before discovery has had all its time. Without a client, one is made.
 
     Returns:
         The options, without a /clock of its own where simulated time already comes from another ankle.
@@ -50,12 +50,11 @@ def beside_others(
         InputError: a node of the same name is there.
 
     """
-    names = node_names(options)
     if client is None:
-        with GraphClient(options.namespace, asked_to_stop) as alone:
-            owner = refuse_if_there(alone, names, DISCOVERY_S)
-    else:
-        owner = refuse_if_there(client, names, LOOK_S if options.hardware == SIM_HARDWARE else DISCOVERY_S)
+        with GraphClient(options.namespace, asked_to_stop, LOOKERS) as alone:
+            return beside_others(options, asked_to_stop, alone)
+    look_s = LOOK_S if options.hardware == SIM_HARDWARE else DISCOVERY_S
+    owner = refuse_if_there(client, node_names(options), look_s)
     if not owner or options.hardware != SIM_HARDWARE:
         return options
     say(f"{CLOCK.name} comes from {owner} already, so this simulation publishes none")
