@@ -31,7 +31,7 @@ from jammkle_graph.names import (
     JAM_STATE,
     MANIFOLD_PRESSURE,
 )
-from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand
+from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand
 from jammkle_sim.board_bench import BoardBench
 
 if TYPE_CHECKING:
@@ -167,6 +167,10 @@ class Scene:
     def manifold_pa(self) -> float:
         """Return the latest pressure of the manifold, Pa absolute."""
         return float(self.probe.last(MANIFOLD_PRESSURE).fluid_pressure)
+
+    def wait_for_fault(self, fault: int) -> None:
+        """Wait until a channel is in FAULT for this reason."""
+        self.probe.spin_until(lambda: fault in self.faults(), f"fault {fault} is told")
 
     def faults(self) -> set[int]:
         """Return what the channels report as their faults."""
@@ -314,21 +318,23 @@ class Event:
         happen: Does it, and returns when, s of the monotonic clock.
         bound_s: Within how long everything is off at the pins: of the watchdogs involved, and one cycle or tick each.
         jam: Jams everything before.
+        fault: What a driver that lives says of the channels; UNKNOWN: they are in no FAULT.
 
     """
 
     happen: Callable[[Scene], float]
     bound_s: float
     jam: Callable[[Scene], None] = Scene.jam
+    fault: int = Fault.UNKNOWN
 
 
 EVENTS = {
     "emergency stop": Event(emergency_stop, 0.05),
-    "sensor of a channel breaks": Event(sensor, 0.1),
-    "cable pulled": Event(cable, 0.21),
-    "board reset": Event(reset, 0.01),
-    "brown-out of the controller": Event(brown_out, 0.01),
-    "supply of pump and valves sags": Event(supply, 0.02),
+    "sensor of a channel breaks": Event(sensor, 0.1, fault=Fault.SENSOR_OUT_OF_RANGE),
+    "cable pulled": Event(cable, 0.21, fault=Fault.BOARD_UNPLUGGED),
+    "board reset": Event(reset, 0.01, fault=Fault.BOARD_REBOOTED),
+    "brown-out of the controller": Event(brown_out, 0.01, fault=Fault.BROWN_OUT),
+    "supply of pump and valves sags": Event(supply, 0.02, fault=Fault.BROWN_OUT),
     "SIGSTOP of the driver": Event(sigstop, 0.21),
     "driver's node hangs, its threads live": Event(hang, 0.42),
     "kill -9 of the controller": Event(kill_controller, 0.6, Scene.jam_by_controller),

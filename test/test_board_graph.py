@@ -63,7 +63,7 @@ def make_scene(command: list[str], tmp_path: Path, domain_id: int) -> Iterator[C
 def test_a_jam_goes_all_the_way_and_every_mishap_ends_in_the_safe_state(make_scene: Callable[..., Scene]) -> None:
     """A service jams to the measured vacuum; whatever befalls driver, controller, line or board vents; the next jams.
 
-    Within what time is measured by `make bench`, and printed here.
+    The reason of a FAULT is told. Within what time is measured by `make bench`, and printed here.
     """
     scene = make_scene()
     for name, event in EVENTS.items():
@@ -71,6 +71,8 @@ def test_a_jam_goes_all_the_way_and_every_mishap_ends_in_the_safe_state(make_sce
         scene.probe.spin_until(lambda: scene.manifold_pa() == pytest.approx(HELD_PA, abs=4e3), "drawn to the set point")
         took_s = scene.delay_s(event.happen(scene), all_off)
         sys.stdout.write(f"{name}: {took_s:.3f} s\n")
+        if event.fault != Fault.UNKNOWN:
+            scene.wait_for_fault(event.fault)
         repair(scene)
     scene.probe.wait_for_channels(ChannelJamState.UNJAMMED)  # the driver that was started after the killed one
 
@@ -170,7 +172,7 @@ def test_the_link_is_told_on_diagnostics(make_scene: Callable[..., Scene]) -> No
     scene.bench.tell("unplug")
     scene.probe.spin_until(lambda: scene.link().level == DiagnosticStatus.ERROR, "the link is an error")
     assert "plug the board in" in scene.link().message or "gone" in scene.link().message
-    scene.probe.wait_for_channels(ChannelJamState.FAULT)
+    scene.wait_for_fault(Fault.BOARD_UNPLUGGED)
     scene.bench.tell("plug")
     scene.probe.spin_until(lambda: "lost" not in scene.link().message, "the link is back")
     scene.jam()

@@ -91,6 +91,14 @@ static uint16_t make_frame(uint8_t *frame)
     return (uint16_t)(length + 2);
 }
 
+/* Whether the last frame was a write that was carried out: the only sign of life there is. */
+static bool wrote(const modbus_server *server, uint16_t reply)
+{
+    uint8_t function = server->frame[1];
+    bool broadcast = reply == 0;
+    return function == 5 || function == 6 || function == 15 || function == 16 || (function == 23 && !broadcast);
+}
+
 int main(int count, char **arguments)
 {
     long frames = count > 1 ? atol(arguments[1]) : 100000;
@@ -126,7 +134,7 @@ int main(int count, char **arguments)
             fail("jammed while the safe state was latched", frame);
         uint16_t watchdog_ms = 0;
         map_read_register(false, HOLDING_WATCHDOG_MS, &watchdog_ms);
-        silent_ms = server.frames == taken_before ? silent_ms + step_ms : 0;
+        silent_ms = server.frames != taken_before && wrote(&server, reply) ? 0 : silent_ms + step_ms;
         if (!latched && silent_ms > watchdog_ms + 400u)
             fail("nobody writes and no safe state is taken", frame);
         latched_before = latched != 0;
@@ -138,6 +146,7 @@ int main(int count, char **arguments)
             uint8_t word[2] = {(uint8_t)(latched >> 8), (uint8_t)latched};
             map_write_registers(HOLDING_ACKNOWLEDGE, 1, word);
             latched_before = false;
+            silent_ms = 0;
         }
         if (draw(500) == 0) {
             modbus_init(&server, 1, 115200);

@@ -54,11 +54,6 @@ class Probe:
         """Names of all sensors."""
         return tuple(self._wiring.sensors)
 
-    @property
-    def rest_pa(self) -> Mapping[str, float]:
-        """What each sensor read at rest, Pa."""
-        return self._rest_pa
-
     async def exchanges(
         self, wanted: ActuatorCommand, duration_s: float, until: Callable[[Exchange], bool] | None = None
     ) -> list[tuple[float, Exchange]]:

@@ -11,7 +11,7 @@ from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState
 from jammkle_driver.core.diagnosis import Diagnosis, DiagnosisSettings
 from jammkle_driver.core.faults import REMEDIES, Finding, Reason
-from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand
 from jammkle_driver.core.leakage import LeakMeter
 from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSettings
 
@@ -286,8 +286,3 @@ class Ankle:
         self._frozen = None
         for channel in self.channels.values():
             channel.ask(0.0, reason)
-
-
-def safe_command(channels: Sequence[str]) -> ActuatorCommand:
-    """Return the command of an ankle that is not active: everything vented."""
-    return released(tuple(channels))

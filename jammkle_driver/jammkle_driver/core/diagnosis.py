@@ -77,12 +77,10 @@ class DiagnosisSettings:
 
     Attributes:
         air: The ankle as built.
-        pump_dead_below: Share of its flow below which a pump counts as dead, 1.
 
     """
 
     air: AirSettings
-    pump_dead_below: float = 0.06
 
 
 class Diagnosis:

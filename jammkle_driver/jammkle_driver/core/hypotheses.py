@@ -171,9 +171,7 @@ class Tables:
             self._write(model, hypothesis)
         self.built = self.moved[:, layout.pump : layout.drift].any(axis=1)
         """Hypotheses of a part that is built otherwise: pump, lines, leaks."""
-        self.begins_again = (
-            self.opened.any(axis=1) | self.closed.any(axis=1) | self.stuck.any(axis=1) | self.jump.any(axis=1)
-        ) | self.moved.any(axis=1)
+        self.begins_again = np.arange(len(self.hypotheses)) > 0
         """Hypotheses that cannot follow the truth before their fault has begun: until then the healthy one leads."""
 
     def _write(self, model: int, hypothesis: Hypothesis) -> None:

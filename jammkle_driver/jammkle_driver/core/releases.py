@@ -28,7 +28,7 @@ def check_carried_out(status: DriverStatus, channels: Sequence[str], link: LinkS
 
     """
     if link is not None and link.state is not LinkState.CONNECTED:
-        way_out = "its own watchdog lets go; cut its supply to be sure"
+        way_out = "a board with a watchdog lets go by itself; cut the supply of any other"
         msg = f"released, but the board does not hear it ({link.detail}): {way_out}"
         raise RequestError(msg)
     for channel in status.channels:

@@ -8,12 +8,15 @@ import typer
 
 from jammkle_driver.fake.soak import soak
 
+_MOST_GROWN_KIB = 4096.0
+"""Memory that a soak may come to hold after its first tenth, KiB: that of the whole process is 15 times as much."""
+
 
 def main(
     minutes: Annotated[float, typer.Option(min=0.1, help="Simulated time, min.")] = 30.0,
     seed: Annotated[int, typer.Option(min=0, help="Start of all that is random.")] = 0,
 ) -> None:
-    """Jam with random faults for long; exits 1 where anything was unsafe."""
+    """Jam with random faults for long; exits 1 where anything was unsafe, or memory has grown."""
     result = soak(minutes * 60.0, seed)
     typer.echo(
         f"{result.simulated_s / 60.0:.1f} min, {result.faults} faults, {result.told} told, "
@@ -21,7 +24,7 @@ def main(
     )
     for line in result.missed[:20]:
         typer.echo(line)
-    raise typer.Exit(1 if result.missed else 0)
+    raise typer.Exit(1 if result.missed or result.grown_kib > _MOST_GROWN_KIB else 0)
 
 
 if __name__ == "__main__":

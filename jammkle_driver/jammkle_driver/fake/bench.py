@@ -88,6 +88,8 @@ class FaultBench:
         self._readings: deque[dict[str, float]] = deque(maxlen=100)
         self._late = 0
         self.streams = False
+        self.asks = True
+        """Whether anybody asks for anything."""
         self.rests = 0.0
         """Share of the actions after which nothing is asked for a quarter of a minute or so."""
         self.steady_s = 0.0
@@ -172,7 +174,7 @@ class FaultBench:
 
     def wander(self) -> None:
         """Jam and vent at random: mostly all channels, now and then one or two."""
-        if self.plant.time_s < self._next_s:
+        if not self.asks or self.plant.time_s < self._next_s:
             return
         self._next_s += 0.3 + self.draw.expovariate(1.0 / (15.0 if self.draw.random() < self.rests else 0.9))
         several = list(CHANNELS) if self.draw.random() < 0.7 else self.draw.sample(CHANNELS, self.draw.choice([1, 2]))  # noqa: PLR2004 - a share

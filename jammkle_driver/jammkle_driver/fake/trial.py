@@ -201,7 +201,7 @@ def _begin(bench: FaultBench, reason: Reason) -> None:
         bench.noisy = True
     elif reason is Reason.COMMANDS_STALE:
         bench.streams = False
-        bench.wander = lambda: None  # type: ignore[method-assign]
+        bench.asks = False
     else:
         bench.stand_still(1.5)
 
@@ -210,9 +210,11 @@ def tables(outcomes: Sequence[Outcome], false_alarms: Sequence[str], hours: floa
     """Return the confusion matrix and the delays as Markdown."""
     right = sum(each.right for each in outcomes)
     share = 100.0 * right / len(outcomes)
-    of_all = f"{len(outcomes)} injections, {right} with the right reason at the right place: **{share:.1f} %**."
+    of_all = f"{len(outcomes)} injections, {right} with the right reason at the right place: **{share:.1f} %**"
+    placed = [each.right for each in outcomes if each.injected in PLACED]
+    of_plant = f"of the {len(placed)} into pump, air, valves and sensors {100.0 * statistics.fmean(placed):.1f} %"
     lines = [
-        f"{of_all} False alarms in {hours:g} h of healthy jamming: **{len(false_alarms)}**.",
+        f"{of_all}; {of_plant}. False alarms in {hours:g} h of healthy jamming: **{len(false_alarms)}**.",
         "",
         "| injected | n | right | told, where wrong | delay, median, s | delay, longest, s |",
         "|---|---:|---:|---|---:|---:|",
