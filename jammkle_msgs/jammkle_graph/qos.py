@@ -47,6 +47,11 @@ def patient_qos(topic: Topic) -> QoSProfile:
     return _profile(dataclasses.replace(subscribed(topic), depth=_PATIENT_DEPTH))
 
 
+def every_sample_qos(topic: Topic) -> QoSProfile:
+    """Profile of `patient_qos` under which none is lost on the way; for what this project alone publishes."""
+    return _profile(dataclasses.replace(published(topic), depth=_PATIENT_DEPTH))
+
+
 def newest_qos(depth: int) -> QoSProfile:
     """Profile for those who look at a stream of measurements now and then, and want the newest `depth` alone.
 

@@ -22,7 +22,7 @@ from jammkle_gap.monitor.parameters import FROM_THE_GRAPH, GapMonitorParameters,
 from jammkle_graph import names
 from jammkle_graph.declare import declare
 from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.qos import every_change_qos, patient_qos, publisher_qos, subscriber_qos
+from jammkle_graph.qos import every_change_qos, every_sample_qos, patient_qos, publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ActuatorStates, SimulatorGap
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class GapMonitorNode(Node):
             ActuatorStates,
             names.ACTUATOR_STATES.name,
             self._take_acknowledgement,
-            patient_qos(names.ACTUATOR_STATES),
+            every_sample_qos(names.ACTUATOR_STATES),  # one that is lost leaves the air wrong until the next vent
         )
         if not told:
             self.create_subscription(
