@@ -58,7 +58,7 @@ def test_all_rows_lead_to_a_larger_c1_with_less_friction(example: ModuleType) ->
 
 
 def test_more_noise_says_the_same(example: ModuleType) -> None:
-    """With at least 1.5 % of each mean as noise, the answer hangs on no small standard error; a twentieth is none's."""
+    """With at least 1.5 % of each mean as noise, the answer is the same: C1, or, with little, none of them."""
     found = example.run(least_share=0.015)
     shares = dict(found.posterior)
     none = shares.pop((), 0.0)

@@ -9,7 +9,7 @@ import typer
 from jammkle_driver.fake.soak import soak
 
 _MOST_GROWN_KIB = 4096.0
-"""Memory that a soak may come to hold after its first tenth, KiB: that of the whole process is 15 times as much."""
+"""Memory that a soak may come to hold after its first tenth, KiB: half an hour grew by 0 to 128 KiB. Chosen."""
 
 
 def main(
