@@ -5,12 +5,13 @@ BIN := .venv/bin
 
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help demo test bench blind contact faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
+.PHONY: help demo test bench live blind contact faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
 	@echo "make test   set up, run every test"
 	@echo "make bench  set up, measure speed; writes bench.json"
+	@echo "make live   set up, ten minutes of landings at 1 kHz through the live graph, and four ankles; writes live.json"
 	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes docs/faults.md, 30 minutes"
 	@echo "make soak   set up, jam for half a simulated hour with random faults; then 100,000 malformed requests"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
@@ -37,6 +38,9 @@ test: set-up
 
 bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
+
+live: set-up
+	@PYTHONPATH=test $(BIN)/python test/bench/live.py --json live.json
 
 faults: set-up
 	@$(BIN)/python test/trial_of_faults.py --seed 2000 --page docs/faults.md
@@ -103,5 +107,5 @@ release: set-up
 	@$(MAKE) --no-print-directory wheels
 
 clean:
-	@rm -rf .venv .venv-docs docs/_build dist runs bench.json jammkle_driver/firmware/build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@rm -rf .venv .venv-docs docs/_build dist runs bench.json live.json jammkle_driver/firmware/build .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

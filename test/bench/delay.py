@@ -6,6 +6,7 @@ said in units of what DDS and Python take anyway.
 
 from __future__ import annotations
 
+import math
 import random
 import statistics
 import subprocess
@@ -15,26 +16,39 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import psutil
+from rclpy.experimental import EventsExecutor
 from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import Bool
 
 from echo import ECHO_TOPIC, MARK
 from graph import Probe, environment
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import CHANNELS, IMU, IMU_FRAME, JAM_STATE, MANIFOLD_PRESSURE, PRESSURES, SOLENOIDS
+from jammkle_graph.names import (
+    CHANNELS,
+    CONTACT_EVENTS,
+    IMU,
+    IMU_FRAME,
+    JAM_STATE,
+    MANIFOLD_PRESSURE,
+    PRESSURES,
+    SOLENOIDS,
+)
 from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_msgs.msg import ChannelJamState
+from jammkle_msgs.msg import ChannelJamState, ContactEvent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 TRIALS = 150
-IMU_PERIOD_S = 0.002
-PRESSURE_EVERY = 5
-REST_SAMPLES = 100
+IMU_RATE_HZ = 500
+PRESSURE_PERIOD_S = 0.01
+JAMMED_PA, FILL_TIME_S = 42e3, 0.05
+"""Vacuum of a channel that is jammed, and its time constant: enough for a driver that waits for JAMMED."""
+REST_S = 0.2
 """Long enough for the mean specific force to stay above half of g: below it an IMU counts as one without gravity."""
-FLIGHT_SAMPLES = 60
-GROUND_SAMPLES = 40
+FLIGHT_S = 0.12
+GROUND_S = 0.08
 IMPACT_M_S2 = 40.0
 NOISE_M_S2 = 0.02
 """Of the IMU: one whose readings never change counts as frozen."""
@@ -48,18 +62,32 @@ class Delays:
     """Delays over all trials, and the median per hop as a multiple of a bare hop's."""
 
     trials: int
+    """Landings that reached the solenoid."""
+    landings: int
+    liftoffs_told: int
+    impacts_told: int
+    imu_rate_hz: float
+    """At which samples truly left."""
     median_ms: float
     p99_ms: float
     round_trip_median_ms: float
     round_trip_p99_ms: float
     per_hop_ratio: float
+    load_before: float
+    """Processes that wanted a core in the minute before."""
 
 
 class Stimulus(Probe):
-    """Plays the hardware: IMU at 500 Hz, pressures at 100 Hz, and a clock that watches for the answers."""
+    """Plays the hardware: the IMU, pressures at 100 Hz, and a clock that watches for the answers."""
 
-    def __init__(self, domain_id: int) -> None:
+    def __init__(self, domain_id: int, imu_rate_hz: int = IMU_RATE_HZ) -> None:
         super().__init__(domain_id)
+        self.executor.remove_node(self.node)
+        # At 1 kHz the single-threaded one takes more than its turn: 55 % of a core for 19 %.
+        self.executor = EventsExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._imu_rate_hz = imu_rate_hz
+        self._pressure_every = round(PRESSURE_PERIOD_S * imu_rate_hz)
         self._imu = self.node.create_publisher(Imu, IMU.name, publisher_qos(IMU))
         self._pressures = [
             self.node.create_publisher(FluidPressure, topic.name, publisher_qos(topic))
@@ -71,36 +99,39 @@ class Stimulus(Probe):
         achilles = SOLENOIDS["achilles"]
         self.node.create_subscription(Bool, achilles.name, self._on_solenoid, subscriber_qos(achilles))
         self.node.create_subscription(Bool, ECHO_TOPIC, self._on_echo, publisher_qos(IMU))
-        self.listen(JAM_STATE)
-        self._samples = 0
+        self.listen(JAM_STATE, CONTACT_EVENTS)
+        self.samples = 0
         self._random = random.Random(1)  # noqa: S311 - noise of a sensor
-        self._next_s = time.perf_counter()
+        self._vacuum_pa = 0.0
+        self._next_s = time.monotonic()
 
     def _on_solenoid(self, message: Bool) -> None:
         if message.data and not self.energised:
-            self.solenoid_at_s = time.perf_counter()
+            self.solenoid_at_s = time.monotonic()
         self.energised = message.data
 
     def _on_echo(self, _: Bool) -> None:
-        self.echo_at_s = time.perf_counter()
+        self.echo_at_s = time.monotonic()
 
     def send(self, specific_force_m_s2: float, frame: str = IMU_FRAME) -> float:
         """Send one sample in its turn, pressures when they are due, and return when it left."""
-        while (left_s := self._next_s - time.perf_counter()) > 0.0:
+        while (left_s := self._next_s - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left_s)
-        self._next_s += IMU_PERIOD_S
+        self._next_s += 1.0 / self._imu_rate_hz
         sample = Imu()
         sample.header.stamp = self.node.get_clock().now().to_msg()
         sample.header.frame_id = frame
         sample.linear_acceleration.z = specific_force_m_s2 + self._random.gauss(0.0, NOISE_M_S2)
         sample.orientation_covariance[0] = -1.0
-        sent_s = time.perf_counter()
+        sent_s = time.monotonic()
         self._imu.publish(sample)
-        if self._samples % PRESSURE_EVERY == 0:
-            pressure = FluidPressure(header=sample.header, fluid_pressure=STANDARD_ATMOSPHERE_PA)
+        if self.samples % self._pressure_every == 0:
+            wanted_pa = JAMMED_PA if self.energised else 0.0
+            self._vacuum_pa += (wanted_pa - self._vacuum_pa) * PRESSURE_PERIOD_S / FILL_TIME_S
+            pressure = FluidPressure(header=sample.header, fluid_pressure=STANDARD_ATMOSPHERE_PA - self._vacuum_pa)
             for publisher in self._pressures:
                 publisher.publish(pressure)
-        self._samples += 1
+        self.samples += 1
         self.executor.spin_once(timeout_sec=0.0)
         return sent_s
 
@@ -112,27 +143,46 @@ class Stimulus(Probe):
 
     def trial(self) -> tuple[float, float]:
         """Rest, fall, hit, rest: return the delay to the solenoid and the bare round trip, s."""
-        for force_m_s2, count in ((STANDARD_GRAVITY_M_S2, REST_SAMPLES), (0.0, FLIGHT_SAMPLES)):
-            for _ in range(count):
-                self.send(force_m_s2)
+        self.feel(STANDARD_GRAVITY_M_S2, REST_S)
+        self.feel(0.0, FLIGHT_S)
         while self.energised:
             self.send(0.0)
         self.solenoid_at_s = self.echo_at_s = 0.0
         sent_s = self.send(IMPACT_M_S2, MARK)
-        for _ in range(GROUND_SAMPLES):
-            self.send(STANDARD_GRAVITY_M_S2)
+        self.feel(STANDARD_GRAVITY_M_S2, GROUND_S)
         return self.solenoid_at_s - sent_s, self.echo_at_s - sent_s
 
+    def told(self, kind: int) -> int:
+        """How many events of a kind were told."""
+        return sum(event.type == kind for event in self.heard[CONTACT_EVENTS.name])
 
-def measure_delays(domain_id: int) -> Delays:
-    """Run controller, driver and echo as processes and land on them again and again."""
+    def feel(self, force_m_s2: float, lasts_s: float) -> None:
+        """Send samples of one specific force for so long."""
+        for _ in range(round(lasts_s * self._imu_rate_hz)):
+            self.send(force_m_s2)
+
+
+def measure_delays(
+    domain_id: int, *, imu_rate_hz: int = IMU_RATE_HZ, landings: float = TRIALS, most_s: float = math.inf
+) -> Delays:
+    """Run controller, driver and echo as processes and land on them again and again.
+
+    Args:
+        domain_id: ROS domain.
+        imu_rate_hz: Rate of the IMU.
+        landings: How many, at most.
+        most_s: How long, at most, s.
+
+    """
+    load_before = psutil.getloadavg()[0]
+    of_controller = ("-p", "jam_delay_s:=0.0", "-p", f"imu_rate_hz:={float(imu_rate_hz)}")
     commands: Sequence[Sequence[str]] = (
-        ("-m", "jammkle_driver"),
-        ("-m", "jammkle_controller", "--ros-args", "-p", "jam_delay_s:=0.0"),
+        ("-m", "jammkle_driver", "--ros-args", "-p", "diagnose:=false"),  # its air is no real one
+        ("-m", "jammkle_controller", "--ros-args", *of_controller),
         (str(Path(__file__).with_name("echo.py")),),
     )
     processes = [subprocess.Popen([sys.executable, *command], env=environment(domain_id)) for command in commands]
-    stimulus = Stimulus(domain_id)
+    stimulus = Stimulus(domain_id, imu_rate_hz)
     try:
         deadline_s = time.monotonic() + 30.0
         while not stimulus.ready():
@@ -140,26 +190,42 @@ def measure_delays(domain_id: int) -> Delays:
             if time.monotonic() > deadline_s:
                 msg = f"the graph did not come up; jam_state: {stimulus.last(JAM_STATE)}"
                 raise TimeoutError(msg)
-        trials = [stimulus.trial() for _ in range(TRIALS)]
+        samples, begin_s = stimulus.samples, time.monotonic()
+        trials: list[tuple[float, float]] = []
+        while len(trials) < landings and time.monotonic() - begin_s < most_s:
+            trials.append(stimulus.trial())
+        rate_hz = (stimulus.samples - samples) / (time.monotonic() - begin_s)
+        liftoffs, impacts = stimulus.told(ContactEvent.LIFTOFF), stimulus.told(ContactEvent.IMPACT)
     finally:
         for process in processes:
             process.terminate()
         for process in processes:
             process.wait()
         stimulus.close()
+    if not any(solenoid > 0.0 for solenoid, _ in trials):
+        msg = (
+            f"none of {len(trials)} impacts reached the solenoid; "
+            f"samples left at {rate_hz:.0f} of {imu_rate_hz} Hz: is the machine idle?"
+        )
+        raise RuntimeError(msg)
     path = [solenoid for solenoid, _ in trials if solenoid > 0.0]
     round_trip = [echo for _, echo in trials if echo > 0.0]
-    if len(path) < TRIALS or len(round_trip) < TRIALS:
-        sys.stderr.write(f"{TRIALS - len(path)} of {TRIALS} impacts never reached the solenoid\n")
+    if len(path) < len(trials) or len(round_trip) < len(trials):
+        sys.stderr.write(f"{len(trials) - len(path)} of {len(trials)} impacts never reached the solenoid\n")
     per_hop = statistics.median(path) / PATH_HOPS
     bare_hop = statistics.median(round_trip) / ROUND_TRIP_HOPS
     return Delays(
         len(path),
+        len(trials),
+        liftoffs,
+        impacts,
+        rate_hz,
         statistics.median(path) * 1e3,
         _p99(path) * 1e3,
         statistics.median(round_trip) * 1e3,
         _p99(round_trip) * 1e3,
         per_hop / bare_hop,
+        load_before,
     )
 
 

@@ -21,7 +21,7 @@ from pymodbus.framer.rtu import FramerRTU
 from std_srvs.srv import SetBool
 
 from boards import RELEASED, Host, board_command
-from delay import FLIGHT_SAMPLES, GROUND_SAMPLES, IMPACT_M_S2, REST_SAMPLES, Stimulus
+from delay import FLIGHT_S, GROUND_S, IMPACT_M_S2, REST_S, Stimulus
 from echo import MARK
 from graph import environment
 from jammkle_driver.board.line import silence_s
@@ -104,9 +104,8 @@ class BoardStimulus(Stimulus):
 
     def impact(self) -> tuple[float, float]:
         """Rest, fall, hit, rest: return the delay to the coils' bytes and the bare round trip, s."""
-        for force_m_s2, count in ((STANDARD_GRAVITY_M_S2, REST_SAMPLES), (0.0, FLIGHT_SAMPLES)):
-            for _ in range(count):
-                self.send(force_m_s2)
+        self.feel(STANDARD_GRAVITY_M_S2, REST_S)
+        self.feel(0.0, FLIGHT_S)
         fallen = 0
         while self._bench.edges[-1].solenoids & ACHILLES_BIT:
             self.send(0.0)
@@ -116,11 +115,9 @@ class BoardStimulus(Stimulus):
                     self.send(STANDARD_GRAVITY_M_S2)
                 return 0.0, 0.0
         self.echo_at_s = 0.0
-        at_s = time.monotonic()
         sent_s = self.send(IMPACT_M_S2, MARK)
-        for _ in range(GROUND_SAMPLES):
-            self.send(STANDARD_GRAVITY_M_S2)
-        return self.rose_s(at_s) - silence_s(BAUD) - at_s, self.echo_at_s - sent_s
+        self.feel(STANDARD_GRAVITY_M_S2, GROUND_S)
+        return self.rose_s(sent_s) - silence_s(BAUD) - sent_s, self.echo_at_s - sent_s
 
     def service(self, *, on: bool) -> float:
         """Call the service of one channel; return the delay to the coils' bytes, s."""

@@ -91,7 +91,7 @@ def _round(*, watched: bool) -> _Round:
         try:
             probe.spin_until(lambda: "jammkle: up\n" in up.text(), "the graph is up")
             if not watched:
-                return _Round(_factor(probe, time.sleep))
+                return _Round(real_time_factor(probe, time.sleep))
             probe.spin_until(lambda: "page: " in up.text(), "there is a page")
             port = re.findall(r"page: http://localhost:(\d+)", up.text())[0]
             return _watch(probe, up.child("jammkle_view"), f"ws://127.0.0.1:{port}")
@@ -121,14 +121,14 @@ def _watch(probe: Probe, viewer: psutil.Process, address: str) -> _Round:
         while time.monotonic() < end_s:
             take(end_s - time.monotonic())
         frames, before, begin_s = 0, viewer.cpu_times(), time.perf_counter()
-        factor = _factor(probe, take, settle_s=0.0)
+        factor = real_time_factor(probe, take, settle_s=0.0)
         elapsed_s = time.perf_counter() - begin_s
         after = viewer.cpu_times()
         spent_s = after.user + after.system - before.user - before.system
         return _Round(factor, frames / elapsed_s, spent_s / elapsed_s, viewer.memory_info().rss / 2**20)
 
 
-def _factor(probe: Probe, meanwhile: Callable[[float], None], settle_s: float = SETTLE_S) -> float:
+def real_time_factor(probe: Probe, meanwhile: Callable[[float], None], settle_s: float = SETTLE_S) -> float:
     """Simulated seconds per second, by /clock at the begin and the end; nobody listens to it in between.
 
     Args:
