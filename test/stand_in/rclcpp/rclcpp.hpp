@@ -1,4 +1,4 @@
-// What docs/examples/mission.cpp uses of rclcpp, declared alone: there is no rclcpp among the wheels of ROS.
+// What docs/examples/mission.cpp uses of rclcpp 28.1, declared alone: there is no rclcpp among the wheels of ROS.
 // The messages that it is compiled with are those of the project.
 #pragma once
 #include <chrono>
@@ -11,7 +11,7 @@ namespace rclcpp
 {
 struct QoS {explicit QoS(int) {} QoS & transient_local() {return *this;}};
 struct Logger {};
-template<typename M> struct Subscription {};
+template<typename M> struct Subscription {using SharedPtr = std::shared_ptr<Subscription>;};
 template<typename S> struct Client
 {
   struct FutureAndRequestId {std::shared_ptr<typename S::Response> get();};
@@ -21,6 +21,7 @@ template<typename S> struct Client
 };
 struct Node
 {
+  using SharedPtr = std::shared_ptr<Node>;
   explicit Node(const std::string &);
   Logger get_logger();
   template<typename M, typename F> std::shared_ptr<Subscription<M>> create_subscription(const std::string &, QoS, F && take)
@@ -34,9 +35,10 @@ enum class FutureReturnCode {SUCCESS, INTERRUPTED, TIMEOUT};
 template<typename F> FutureReturnCode spin_until_future_complete(std::shared_ptr<Node>, F &, std::chrono::seconds);
 void spin_some(std::shared_ptr<Node>);
 void sleep_for(std::chrono::milliseconds);
-void init(int, char **);
+struct InitOptions {};
+enum class SignalHandlerOptions {All, None};
+void init(int, char **, const InitOptions &, SignalHandlerOptions);
 void shutdown();
-bool ok();
 }
-#define RCLCPP_ERROR(logger, ...) std::snprintf(nullptr, 0, __VA_ARGS__)
-#define RCLCPP_INFO(logger, ...) std::snprintf(nullptr, 0, __VA_ARGS__)
+#define RCLCPP_ERROR(logger, ...) static_cast<void>(logger), std::snprintf(nullptr, 0, __VA_ARGS__)
+#define RCLCPP_INFO(logger, ...) static_cast<void>(logger), std::snprintf(nullptr, 0, __VA_ARGS__)
