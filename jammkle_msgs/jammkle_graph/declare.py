@@ -44,23 +44,45 @@ def declare(node: Node, table: type[P]) -> P:
 
 
 def on_change(node: Node, table: type[P], apply: Callable[[P], None]) -> None:
-    """Validate changes of dynamic parameters before they are taken, and hand the new table to `apply` after."""
+    """Validate changes of dynamic parameters before they are taken, and hand the new table to `apply` after.
+
+    What is refused is refused in this project's words: rclpy's own name neither the value, nor why, nor the way out.
+    """
+    known = {row.name: row for row in rows(table)}
 
     def merged(changes: Iterable[Parameter]) -> P:
-        names = [row.name for row in rows(table)]
-        values = {name: node.get_parameter(name).value for name in names}
+        values = {name: node.get_parameter(name).value for name in known}
         values.update({change.name: change.value for change in changes if change.name in values})
         return from_mapping(table, values)
 
     def validate(changes: list[Parameter]) -> SetParametersResult:
         try:
+            for name in (change.name for change in changes if change.name in known):
+                _check_dynamic(known[name], node.get_parameter(name).value)
             merged(changes)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    take = node.set_parameters_atomically
+
+    def explained(changes: list[Parameter]) -> SetParametersResult:
+        refused = validate(changes)
+        return take(changes) if refused.successful else refused
+
+    # What the parameter services call; a callback comes after rclpy's own checks.
+    node.set_parameters_atomically = explained  # type: ignore[method-assign]
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(lambda changes: apply(merged(changes)))
+
+
+def _check_dynamic(row: ParameterRow, value: object) -> None:
+    if not row.dynamic:
+        msg = (
+            f"parameter '{row.name}' is {value!r} and stays so while the node runs, which is built on it; "
+            f"stop the node and start it with -p {row.name}:=VALUE"
+        )
+        raise ParameterError(msg)
 
 
 def _descriptor(row: ParameterRow) -> ParameterDescriptor:

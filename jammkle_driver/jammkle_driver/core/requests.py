@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+
+_LONGEST_SHOWN = 60
+"""Characters of a name that an answer repeats."""
 
 
 class RequestError(ValueError):
@@ -53,7 +58,7 @@ def checked_channels(asked: Sequence[str], known: Sequence[str]) -> tuple[str, .
     """
     for name in asked:
         if name not in known:
-            msg = f"unknown channel '{name}'; known are: {', '.join(known)}"
+            msg = f"unknown channel {_shown(name)}; known are: {', '.join(known)}"
             raise RequestError(msg)
     return tuple(name for name in known if name in asked) if asked else tuple(known)
 
@@ -133,6 +138,13 @@ def check_shared_vacuum(wishes: Sequence[Wish], held_pa: Mapping[str, float]) ->
                 "so jam all of them to one vacuum or unjam those first"
             )
             raise RequestError(msg)
+
+
+def _shown(name: str) -> str:
+    """Return a name in quotes, in one line however long or odd it is."""
+    shown = reprlib.Repr()
+    shown.maxstring = _LONGEST_SHOWN
+    return shown.repr(name)
 
 
 def _listed(names: Sequence[str]) -> str:
