@@ -51,7 +51,7 @@ def ankle_lines(driver: Driver) -> tuple[Health, ...]:
     status, ankle = driver.status, driver.ankle
     trouble = status.trouble
     level = Level.OK if trouble.reason is Reason.NONE else Level.ERROR if ankle.faulty else Level.WARN
-    values = {"action": trouble.action or "none", **{k: v for each in ankle.findings for k, v in each.values.items()}}
+    values = {"action": trouble.action or "none", **trouble.values}
     said = f"{trouble.reason.name}: {trouble.text}; action: {trouble.action}" if trouble.text else "none"
     estimate = ankle.diagnosis.estimate
     return (
@@ -170,5 +170,6 @@ def _channel_line(channel: ChannelStatus) -> Health:
         "fault": channel.fault.name,
         "commanded vacuum (Pa)": f"{channel.commanded_vacuum_pa:.0f}",
         "measured vacuum (Pa)": "not measured" if measured_pa is None else f"{measured_pa:.0f}",
+        **channel.values,
     }
     return Health(channel.name, _LEVELS.get(channel.state, Level.OK), message, values)

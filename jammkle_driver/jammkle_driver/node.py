@@ -270,7 +270,7 @@ class DriverNode(LifecycleNode):
         status = self._driver.status
         if self._outputs.update_state(status, self._refused_command):
             self._diagnostics.check()
-            faults = tuple(f"{c.name}: {c.reason}" for c in status.channels if c.state is ChannelState.FAULT)
+            faults = tuple(dict.fromkeys(c.reason for c in status.channels if c.state is ChannelState.FAULT))
             for fault in faults:
                 if fault not in self._faults:
                     self.get_logger().error(fault)

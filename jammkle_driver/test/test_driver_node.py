@@ -7,23 +7,21 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
+from driver_graph import FakeAnkle, Graph
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
-from sensor_msgs.msg import FluidPressure
-from std_msgs.msg import Bool, Float32
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from jammkle_driver.fake.faults import FakeFault
@@ -36,125 +34,7 @@ from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamComma
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from rclpy.node import Node
-
-AMBIENT_PA = 101325.0
-PERIOD_S = 0.01
-DEADLINE_S = 15.0
-
-
-class FakeAnkle:
-    """Pressures that follow the solenoids and the pump within tens of milliseconds, and what the driver says."""
-
-    def __init__(self, node: Node) -> None:
-        self.node = node
-        self.solenoids = dict.fromkeys(names.CHANNELS, False)
-        self.duty = 0.0
-        self.heard: list[str] = []
-        self.states: list[JamState] = []
-        self.silent: set[str] = set()
-        self._manifold_pa = 0.0
-        self._vacuum_pa = dict.fromkeys(names.CHANNELS, 0.0)
-        for channel, topic in names.SOLENOIDS.items():
-            node.create_subscription(Bool, topic.name, self._on_solenoid(channel), subscriber_qos(topic))
-        node.create_subscription(Float32, names.PUMP_DUTY.name, self._on_duty, subscriber_qos(names.PUMP_DUTY))
-        self._pressures = {
-            place: node.create_publisher(FluidPressure, topic.name, publisher_qos(topic))
-            for place, topic in {**names.PRESSURES, "manifold": names.MANIFOLD_PRESSURE}.items()
-        }
-        node.create_timer(PERIOD_S, self._advance, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def watch_states(self) -> None:
-        qos = subscriber_qos(names.JAM_STATE)
-        self.node.create_subscription(JamState, names.JAM_STATE.name, self.states.append, qos)
-
-    def _on_solenoid(self, channel: str) -> Callable[[Bool], None]:
-        def take(message: Bool) -> None:
-            self.solenoids[channel] = message.data
-            self.heard.append(channel)
-
-        return take
-
-    def _on_duty(self, message: Float32) -> None:
-        self.duty = message.data
-
-    def _advance(self) -> None:
-        self._manifold_pa = min(self._manifold_pa + 3e3 * self.duty, 80e3)
-        for channel, vacuum_pa in self._vacuum_pa.items():
-            source_pa = self._manifold_pa if self.solenoids[channel] else 0.0
-            self._vacuum_pa[channel] += 0.4 * (source_pa - vacuum_pa)
-        for place, vacuum_pa in {**self._vacuum_pa, "manifold": self._manifold_pa}.items():
-            if place not in self.silent:
-                message = FluidPressure(fluid_pressure=AMBIENT_PA - vacuum_pa)
-                message.header.stamp = self.node.get_clock().now().to_msg()
-                self._pressures[place].publish(message)
-
-    def released(self) -> bool:
-        return not any(self.solenoids.values()) and self.duty == 0.0
-
-    def state_of(self, channel: str) -> ChannelJamState:
-        return next(c for c in self.states[-1].channels if c.channel == channel) if self.states else ChannelJamState()
-
-    def all_in(self, state: int) -> bool:
-        return bool(self.states) and all(c.state == state for c in self.states[-1].channels)
-
-
-class Graph:
-    """A context of its own, on a domain of its own, with an executor, a test node and a fake ankle."""
-
-    def __init__(self, domain_id: int) -> None:
-        self.domain_id = domain_id
-        self.context = rclpy.Context()
-        self.context.init(domain_id=domain_id)
-        self.executor = EventsExecutor(context=self.context)
-        self.node = self.add(rclpy.create_node("test", context=self.context))
-        self.ankle = FakeAnkle(self.node)
-        self.ankle.watch_states()
-
-    def add(self, node: Any) -> Any:
-        self.executor.add_node(node)
-        return node
-
-    def driver(self, **parameters: Any) -> DriverNode:
-        # this ankle keeps to no law of the air
-        given = {"diagnose": False, "fault_policy": "channel", **parameters}
-        overrides = [Parameter(name, value=value) for name, value in given.items()]
-        driver = self.add(DriverNode(context=self.context, parameter_overrides=overrides))
-        driver.start()
-        return driver
-
-    def jammable_driver(self, **parameters: Any) -> DriverNode:
-        driver = self.driver(**parameters)
-        self.spin_until(lambda: self.ankle.all_in(ChannelJamState.UNJAMMED))
-        return driver
-
-    def spin_until(self, holds: Callable[[], bool], timeout_s: float = DEADLINE_S) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not holds():
-            assert time.monotonic() < deadline, f"never held; last jam_state: {self.ankle.states[-1:]}"
-            self.executor.spin_once(timeout_sec=0.02)
-
-    def call(self, kind: Any, name: str, **fields: Any) -> Any:
-        client = self.node.create_client(kind, name)
-        self.spin_until(client.service_is_ready)
-        future = client.call_async(kind.Request(**fields))
-        self.spin_until(future.done)
-        self.node.destroy_client(client)
-        return future.result()
-
-    def transition(self, identifier: int) -> bool:
-        return bool(self.call(ChangeState, "driver/change_state", transition=Transition(id=identifier)).success)
-
-    def close(self) -> None:
-        nodes = list(self.executor.get_nodes())
-        self.executor.shutdown()  # first, so that nothing that arrives calls into nodes that are gone
-        for node in nodes:
-            node.destroy_node()
-        self.context.try_shutdown()
-        # The garbage collector does not see through an events executor, and with it the whole participant stays alive.
-        del self.executor
+    from collections.abc import Iterator
 
 
 @pytest.fixture
@@ -339,36 +219,44 @@ def test_an_unknown_parameter_is_refused(graph: Graph) -> None:
         DriverNode(context=graph.context, parameter_overrides=[Parameter("jam_timeot_s", value=1.0)])
 
 
-def test_a_scripted_fault_of_the_fake_ankle_is_told_everywhere(graph: Graph) -> None:
-    """A hole in the achilles line: FAULT with its reason on jam_state, numbers on /diagnostics, everything vented.
+REFUSED = (
+    ("hardware", "fake", "'hardware' is 'sim' and stays so while the node runs"),
+    ("port", "/dev/null", "'port' is '' and stays so while the node runs"),
+    ("board_file", "other.yaml", "stop the node and start it with -p board_file:=VALUE"),
+    ("max_vacuum_pa", 60e3, "'max_vacuum_pa' is 70000.0 and stays so while the node runs"),
+    ("default_vacuum_pa", 90e3, "'default_vacuum_pa' is 90000; it must be from min_vacuum_pa to max_vacuum_pa"),
+    ("default_vacuum_pa", math.nan, "'default_vacuum_pa' is nan; it must be a finite number"),
+    ("ambient_pressure_pa", "high", "'ambient_pressure_pa' is 'high', and must be a number"),
+)
+"""A change of a parameter that is not taken, and words of the answer."""
 
-    The stop then says that nothing is wrong with venting, and clearing brings the ankle back once the hole is closed.
-    """
-    lines: dict[str, DiagnosticStatus] = {}
-    topic = names.DIAGNOSTICS
 
-    def take(array: DiagnosticArray) -> None:
-        lines.update({status.name.partition(": ")[2]: status for status in array.status})
-
-    graph.node.create_subscription(DiagnosticArray, topic.name, take, subscriber_qos(topic))
-    script = "2.5 leak achilles 3e-10; 7 heal"
-    driver = graph.jammable_driver(hardware="fake", fake_faults=script, diagnose=True, fault_policy="ankle")
-    state = graph.ankle
-    graph.spin_until(lambda: driver._driver.status.atmosphere.measured)
+def test_what_may_not_change_is_refused_with_the_reason(graph: Graph) -> None:
+    """As `ros2 param set` asks: pins and limits keep their values with why and the way out, the jam goes on."""
+    driver = graph.jammable_driver()
     assert graph.call(Trigger, names.JAM_ALL.path).success
-    graph.spin_until(lambda: state.state_of("achilles").state == ChannelJamState.FAULT)
-    assert state.state_of("achilles").fault == Fault.LEAK
-    assert state.states[-1].fault.reason == Fault.LEAK
-    assert "achilles" in state.states[-1].fault.text
-    assert "vented" in state.states[-1].fault.action
-    graph.spin_until(state.released)
-    graph.spin_until(lambda: "fault" in lines and "LEAK" in lines["fault"].message)
-    values = {value.key: value.value for value in lines["fault"].values}
-    assert float(values["leak conductance (m^3/(s Pa))"]) == pytest.approx(3e-10, rel=0.5)
-    assert not graph.call(Jam, names.JAM.path, channels=["peroneal_left"]).success
-    assert graph.call(Trigger, names.UNJAM_ALL.path).success
-    graph.spin_until(lambda: graph.call(Trigger, names.CLEAR_FAULT.path).success)
-    graph.spin_until(lambda: state.all_in(ChannelJamState.UNJAMMED))
+    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
+    for name, value, words in REFUSED:
+        before = driver.get_parameter(name).value
+        parameters = [Parameter(name, value=value).to_parameter_msg()]
+        (result,) = graph.call(SetParameters, "driver/set_parameters", parameters=parameters).results
+        at_once = graph.call(SetParametersAtomically, "driver/set_parameters_atomically", parameters=parameters).result
+        assert (result.successful, at_once.successful) == (False, False)
+        assert words in result.reason
+        assert at_once.reason == result.reason
+        assert driver.get_parameter(name).value == before
+    assert graph.ankle.all_in(ChannelJamState.JAMMED)
+
+
+def test_the_set_point_of_the_next_jam_may_change_while_jammed(graph: Graph) -> None:
+    """What is dynamic is taken, and counts from the next request on."""
+    graph.jammable_driver()
+    assert graph.call(Trigger, names.JAM_ALL.path).success
+    parameter = Parameter("default_vacuum_pa", value=30e3).to_parameter_msg()
+    assert graph.call(SetParameters, "driver/set_parameters", parameters=[parameter]).results[0].successful
+    assert graph.ankle.state_of("achilles").commanded_vacuum_pa == 50e3
+    assert graph.call(Trigger, names.JAM_ALL.path).success
+    graph.spin_until(lambda: graph.ankle.state_of("achilles").commanded_vacuum_pa == 30e3)
 
 
 def test_a_bad_script_of_faults_ends_the_start(graph: Graph) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.atmosphere import Atmosphere
-from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState
+from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState, missed
 from jammkle_driver.core.diagnosis import Diagnosis, DiagnosisSettings
 from jammkle_driver.core.faults import REMEDIES, Finding, Reason
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand
@@ -16,7 +16,7 @@ from jammkle_driver.core.leakage import LeakMeter
 from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from jammkle_driver.core.watchdog import Instant
 
@@ -150,13 +150,13 @@ class Ankle:
             else:
                 channel.ask(0.0, reason, fault)
 
-    def fail(self, channels: Sequence[str], reason: str, fault: Reason) -> None:
+    def fail(self, channels: Sequence[str], reason: str, fault: Reason, values: Mapping[str, str]) -> None:
         """Put channels into FAULT until they are cleared, and the others to where the policy wants them."""
         hold = self._settings.safe_state is SafeState.HOLD
         if hold and self._frozen is None and self.jammed:
             self._frozen = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for name in channels:
-            self.channels[name].fail(reason, fault)
+            self.channels[name].fail(reason, fault, values)
         self._spread(fault)
         if self._settings.fault_policy is FaultPolicy.CHANNEL and any(pa > 0.0 for pa in self.set_points_pa.values()):
             self._frozen = None
@@ -245,11 +245,11 @@ class Ankle:
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""
         self._regulator.reset()
-        at = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa"
+        at = f"{weakest.name} at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa"
         timeout_s = self._settings.channel.jam_timeout_s
         remedy = f"{REMEDIES[Reason.NOT_REACHED]}, then call ~/clear_fault"
         seen = f"{at} with the pump at full duty for {timeout_s:g} s (jam_timeout_s): {remedy}"
-        self.fail((weakest.name,), seen, Reason.NOT_REACHED)
+        self.fail((weakest.name,), seen, Reason.NOT_REACHED, missed(weakest.status))
 
     def _note(self, place: str, pressure_pa: float, elapsed_s: float, command: ActuatorCommand) -> None:
         """Let what is vented tell of the atmosphere, and what is at rest of leaks."""
@@ -267,7 +267,8 @@ class Ankle:
         if found is None or self.findings:
             return
         self.findings = (found,)
-        self.fail(self._concerned(found), f"{found.text}, then call ~/clear_fault", found.reason)
+        told = f"{found.text}, then call ~/clear_fault"
+        self.fail(self._concerned(found), told, found.reason, found.values)
 
     def _concerned(self, found: Finding) -> tuple[str, ...]:
         """Channels that are in FAULT by a finding: its own, or all, where it is at what all share."""

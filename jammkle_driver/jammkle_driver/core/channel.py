@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from jammkle_driver.core.faults import REMEDIES, Reason
 from jammkle_driver.core.regulator import draws
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 _LONGEST_STEP_S = 0.1
 """Longest time for which one sample counts, s: what a driver that stood still has missed, it has not seen. Assumed."""
@@ -61,6 +65,7 @@ class ChannelStatus:
         measured_vacuum_pa: Vacuum measured, Pa; None where it is not.
         reason: Why it is in this state, in plain English.
         fault: What has failed, or why it was let go; NONE where nothing is wrong.
+        values: What is known of the fault in numbers for people, with units in the key.
 
     """
 
@@ -70,6 +75,7 @@ class ChannelStatus:
     measured_vacuum_pa: float | None
     reason: str
     fault: Reason = Reason.NONE
+    values: Mapping[str, str] = field(default_factory=dict)
 
 
 class Channel:
@@ -88,6 +94,7 @@ class Channel:
         self._missed_s = 0.0
         self._energised = False
         self._fault = Reason.NONE
+        self._values: Mapping[str, str] = {}
         self._held = False
 
     @property
@@ -118,7 +125,9 @@ class Channel:
     @property
     def status(self) -> ChannelStatus:
         """Everything known of the channel."""
-        return ChannelStatus(self._name, self._state, self._set_point_pa, self._vacuum_pa, self._reason, self._fault)
+        return ChannelStatus(
+            self._name, self._state, self._set_point_pa, self._vacuum_pa, self._reason, self._fault, self._values
+        )
 
     def enable(self) -> None:
         """Start to follow; nothing is wanted yet."""
@@ -184,19 +193,26 @@ class Channel:
         self._vacuum_pa = None
         self._follow()
 
-    def fail(self, reason: str, fault: Reason = Reason.NOT_REACHED) -> None:
+    def fail(self, reason: str, fault: Reason, values: Mapping[str, str]) -> None:
         """Go to FAULT and release until `clear`; one that is in FAULT keeps its first reason.
 
         But a board that did not answer, and then says that it has started anew, had been away for that.
+
+        Args:
+            reason: What was seen, and what to do, in one line.
+            fault: What has failed.
+            values: What was seen in numbers for people, with units in the key.
+
         """
         if self._state is ChannelState.FAULT:
             if self._fault is Reason.BOARD_UNPLUGGED and fault in {Reason.BOARD_REBOOTED, Reason.BROWN_OUT}:
-                self._reason, self._fault = reason, fault
+                self._reason, self._fault, self._values = reason, fault, values
             return
         self._set_point_pa = 0.0
         self._held = False
         self._reason = reason
         self._fault = fault
+        self._values = values
         self._enter(ChannelState.FAULT)
         self._energised = False
 
@@ -205,6 +221,7 @@ class Channel:
         self._set_point_pa = 0.0
         self._held = False
         self._fault = Reason.NONE
+        self._values = {}
         self._reason = "cleared by ~/clear_fault" if self._enabled else "driver is not active"
         if self._state is ChannelState.FAULT:
             self._enter(ChannelState.UNKNOWN)
@@ -246,15 +263,26 @@ class Channel:
     def _check_time(self) -> None:
         settings = self._settings
         if self._missed_s > settings.jam_timeout_s:
-            self.fail(
-                f"at {self._vacuum_pa:.0f} of {self._set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
-                f"(jam_timeout_s): {REMEDIES[Reason.NOT_REACHED]}, then call ~/clear_fault",
+            self._give_up(
                 Reason.NOT_REACHED,
+                f"at {self._vacuum_pa:.0f} of {self._set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
+                "(jam_timeout_s)",
             )
         elif self._state is ChannelState.VENTING and not self._held and self._in_state_s > settings.vent_timeout_s:
-            self.fail(
-                f"still at {self._vacuum_pa:.0f} Pa, wanted {self._set_point_pa:.0f} Pa, after venting for "
-                f"{settings.vent_timeout_s:g} s (vent_timeout_s): {REMEDIES[Reason.NOT_VENTED]}, "
-                "then call ~/clear_fault",
+            self._give_up(
                 Reason.NOT_VENTED,
+                f"still at {self._vacuum_pa:.0f} Pa, wanted {self._set_point_pa:.0f} Pa, after venting for "
+                f"{settings.vent_timeout_s:g} s (vent_timeout_s)",
             )
+
+    def _give_up(self, fault: Reason, seen: str) -> None:
+        self.fail(f"{self._name} {seen}: {REMEDIES[fault]}, then call ~/clear_fault", fault, missed(self.status))
+
+
+def missed(status: ChannelStatus) -> dict[str, str]:
+    """Return in numbers for people how far a channel is from what it was asked for."""
+    measured_pa = status.measured_vacuum_pa
+    return {
+        "vacuum wanted (Pa)": f"{status.commanded_vacuum_pa:.0f}",
+        "vacuum at last (Pa)": "not measured" if measured_pa is None else f"{measured_pa:.0f}",
+    }

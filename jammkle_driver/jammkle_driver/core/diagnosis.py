@@ -171,7 +171,11 @@ class Diagnosis:
             Reason.SENSOR_OUT_OF_RANGE,
             place,
             f"reads {pressure_pa:.0f} Pa absolute, and only {least_pa:.0f} to {most_pa:.0f} Pa can be",
-            {"reading (Pa)": f"{pressure_pa:.0f}"},
+            {
+                "reading (Pa)": f"{pressure_pa:.0f}",
+                "least that can be (Pa)": f"{least_pa:.0f}",
+                "most that can be (Pa)": f"{most_pa:.0f}",
+            },
         )
 
     def _take(self, stamp_s: float, readings: dict[str, float], steady_s: float, ambient_pa: float) -> Finding | None:
@@ -279,8 +283,12 @@ class Diagnosis:
             offset_pa = estimate.offsets_pa[index]
             values["sensor offset (Pa)"] = f"{offset_pa:.0f}"
             return finding(reason, place, f"sensor reads {offset_pa:+.0f} Pa off", values)
+        must_pa, manifold_pa = estimate.pressures_pa[index], estimate.pressures_pa[0]
+        values["pressure that must be (Pa)"] = f"{must_pa:.0f}"
         if reason is Reason.SENSOR_STUCK:
-            values["pressure that must be (Pa)"] = f"{estimate.pressures_pa[index]:.0f}"
-            return finding(reason, place, "sensor's reading stands still while the pressure changes", values)
+            seen = f"sensor's reading stands still where the pressure must be {must_pa:.0f} Pa absolute"
+            return finding(reason, place, seen, values)
+        values["pressure of the manifold (Pa)"] = f"{manifold_pa:.0f}"
         stays = "at the manifold" if reason is Reason.VALVE_STUCK_OPEN else "at the vent, or its line is shut"
-        return finding(reason, place, f"valve stays {stays}", values)
+        seen = f"valve stays {stays}: {must_pa:.0f} Pa absolute, the manifold {manifold_pa:.0f}"
+        return finding(reason, place, seen, values)

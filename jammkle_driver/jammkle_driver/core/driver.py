@@ -240,7 +240,7 @@ class Driver:
     def fail(self, reason: str, fault: Reason, now: Instant) -> None:
         """Put every channel into FAULT: what drives them has failed, and did not do what it was told."""
         self._ankle.went_its_own_way(now)
-        self._ankle.fail(self._names, reason, fault)
+        self._ankle.fail(self._names, reason, fault, {})  # its numbers are the link's
 
     def wait_for_board(self, now: Instant, *, wait: bool) -> None:
         """Jam nothing while the board, which had let go, has not yet taken the release; a stream's wish then counts."""

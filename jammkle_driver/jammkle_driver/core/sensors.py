@@ -36,6 +36,11 @@ class SensorWatch:
         """Whether the manifold's sensor was ever heard."""
         return self._silences[MANIFOLD].fed
 
+    @property
+    def values(self) -> dict[str, str]:
+        """What a silent sensor has not kept to, in numbers for people."""
+        return {"silence allowed (s)": f"{self._timeout_s:g}"}
+
     def hear(self, place: str, now: Instant) -> None:
         """Note that a sensor was heard."""
         self._silences[place].feed(now)
@@ -69,11 +74,11 @@ class SensorWatch:
         if not silent or not active:
             return
         fault = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
-        whose = "of any sensor " if every else ""
+        whose = "no sensor gives" if every else f"{', '.join(silent)} sensor gives no"
         remedy = "look at hardware or simulation" if every else REMEDIES[fault]
         ankle.fail(
             silent,
-            f"no valid pressure {whose}for {self._timeout_s:g} s (pressure_timeout_s): {remedy}, "
-            "then call ~/clear_fault",
+            f"{whose} valid pressure for {self._timeout_s:g} s (pressure_timeout_s): {remedy}, then call ~/clear_fault",
             fault,
+            self.values,
         )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.ankle import FaultPolicy
 from jammkle_driver.core.faults import REMEDIES, Reason
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from jammkle_driver.core.ankle import Ankle
     from jammkle_driver.core.atmosphere import AtmosphereStatus
     from jammkle_driver.core.channel import ChannelStatus
@@ -25,12 +27,14 @@ class Trouble:
         reason: What it is; NONE where all is well.
         text: One line: what was seen, with numbers.
         action: What was done about it.
+        values: What was seen in numbers for people, with units in the key.
 
     """
 
     reason: Reason = Reason.NONE
     text: str = ""
     action: str = ""
+    values: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -64,18 +68,18 @@ class DriverStatus:
 def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: str, own_pace: OverloadStatus) -> Trouble:
     """Return the worst that is known: a fault, what was let go, a silent manifold, a noisy line, the own pace."""
     faulty = ankle.faulty
+    acts = "kept as it was, pump off" if ankle.held else "vented"
     if faulty:
-        acts = "kept as they were, pump off" if ankle.held else "vented"
         others = "every channel" if ankle.settings.fault_policy is FaultPolicy.ANKLE else faulty[0].name
-        return Trouble(faulty[0].fault, faulty[0].status.reason, f"{others} {acts} until ~/clear_fault")
+        worst = faulty[0].status
+        return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
     let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
     if let_go:
-        acts = "kept as it was, pump off" if ankle.held else "vented"
         names = ", ".join(channel.name for channel in let_go)
         return Trouble(let_go[0].fault, let_go[0].status.reason, f"{names} {acts} until asked anew")
     if sensors.manifold_heard and ankle.manifold_vacuum_pa is None:
-        text = f"manifold: no pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
-        return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone")
+        text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
+        return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone", sensors.values)
     if line_noise:
         return Trouble(Reason.LINE_NOISE, line_noise, "none: the line repeats what is lost")
     if own_pace.overloaded:
