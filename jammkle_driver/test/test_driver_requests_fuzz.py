@@ -9,6 +9,7 @@ import contextlib
 
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+from malformed import NAME, NAMES, PASCALS
 
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
@@ -18,11 +19,6 @@ from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS
-
-NAME = st.one_of(st.sampled_from(CHANNELS), st.text(max_size=12))
-NAMES = st.one_of(st.just([]), st.lists(st.sampled_from(CHANNELS), max_size=4), st.lists(NAME, max_size=4))
-PASCALS = st.one_of(st.sampled_from((0.0, 30e3, 50e3)), st.floats(-1e5, 2e5), st.floats())
-"""Often one that could be meant; else any float, NaN and infinities among them."""
 
 
 class Requests(RuleBasedStateMachine):
