@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import random
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
+import fault_bench
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,112 +15,57 @@ from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.regulator import PumpRegulator
 from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.fake.bench import SAMPLE_S, FaultBench
+from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.fake.plant import FakePlant
+from jammkle_driver.fake.sensors import SensorErrors
 from jammkle_driver.parameters import DriverParameters
+from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 
 if TYPE_CHECKING:
+    import random
     from collections.abc import Callable
 
-    from jammkle_driver.core.hardware import ActuatorCommand
+    from jammkle_driver.core.air import AirSettings
 
-AMBIENT_PA = 101325.0
-VOLUMES_M3 = {"left": 6e-6, "right": 6e-6, "achilles": 12e-6}
-MANIFOLD_M3 = 15e-6
-FREE_FLOW_M3_S = 1e-4
-ULTIMATE_PA = 80e3
-SAMPLE_S = 0.01
-STEP_S = 0.0005
+NOISE_PA = 100.0
 
 
-def orifice(upstream_pa: float, downstream_pa: float, conductance: float = 1e-9) -> float:
-    """Flow by ISO 6358 with b = 0.5, Pa m^3/s at 100 kPa."""
-    if downstream_pa > upstream_pa:
-        return -orifice(downstream_pa, upstream_pa, conductance)
-    ratio = downstream_pa / upstream_pa
-    choke = 1.0 if ratio <= 0.5 else (1.0 - ((ratio - 0.5) / 0.5) ** 2) ** 0.5
-    return 1e5 * conductance * upstream_pa * choke
+class Bench(FaultBench):
+    """An ankle as declared, and a driver that goes by time-outs alone."""
 
+    def __init__(self, dead_time_s: float = 0.01, **parameters: Any) -> None:
+        def as_declared(declared: AirSettings, _draw: random.Random, seed: int) -> FakePlant:
+            air = replace(declared, valve_dead_time_s=dead_time_s)
+            return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(NOISE_PA), seed)
 
-class Plant:
-    """Isothermal volumes behind valves with dead time, and a pump with a linear curve."""
-
-    def __init__(self, dead_time_s: float = 0.01, leak: float = 2e-12) -> None:
-        self.time_s = 0.0
-        self.manifold_pa = AMBIENT_PA
-        self.channels_pa = dict.fromkeys(VOLUMES_M3, AMBIENT_PA)
-        self.leak = dict.fromkeys(VOLUMES_M3, leak)
-        self._open = dict.fromkeys(VOLUMES_M3, False)
-        self._pending: list[tuple[float, str, bool]] = []
-        self._dead_time_s = dead_time_s
-        self._duty = 0.0
-        self._noise = random.Random(1)  # noqa: S311, sensor noise and not a secret
-
-    def apply(self, command: ActuatorCommand) -> None:
-        self._pending += [(self.time_s + self._dead_time_s, name, on) for name, on in command.solenoids.items()]
-        self._duty = command.pump_duty
-
-    def advance(self) -> None:
-        for _ in range(round(SAMPLE_S / STEP_S)):
-            self.time_s += STEP_S
-            while self._pending and self._pending[0][0] <= self.time_s:
-                _, name, energised = self._pending.pop(0)
-                self._open[name] = energised
-            self._step()
-
-    def samples(self) -> list[PressureSample]:
-        places = {**self.channels_pa, MANIFOLD: self.manifold_pa}
-        return [
-            PressureSample(place, pressure_pa + self._noise.gauss(0.0, 100.0), self.time_s)
-            for place, pressure_pa in places.items()
-        ]
-
-    def _step(self) -> None:
-        speed = self._duty * FREE_FLOW_M3_S * max(0.0, 1.0 - (AMBIENT_PA - self.manifold_pa) / ULTIMATE_PA)
-        into_manifold = -self.manifold_pa * speed
-        for name, volume_m3 in VOLUMES_M3.items():
-            source_pa = self.manifold_pa if self._open[name] else AMBIENT_PA
-            flow = orifice(source_pa, self.channels_pa[name])
-            into_manifold -= flow if self._open[name] else 0.0
-            leak = orifice(AMBIENT_PA, self.channels_pa[name], self.leak[name])
-            self.channels_pa[name] += STEP_S * (flow + leak) / volume_m3
-        self.manifold_pa += STEP_S * into_manifold / MANIFOLD_M3
-
-
-class Bench:
-    """A driver on a plant, sampled at 100 Hz."""
-
-    def __init__(self, plant: Plant | None = None, **parameters: float) -> None:
-        self.plant = plant or Plant()
         given = {"diagnose": False, "fault_policy": "channel", **parameters}
-        self.driver = Driver(tuple(VOLUMES_M3), DriverParameters(**given).settings())
-        self.driver.activate(Instant(0.0, 0.0))
+        super().__init__(DriverParameters(**given).settings(), 1, as_declared)
         self.run(0.05)
 
     def run(self, duration_s: float, watch: Callable[[], None] = lambda: None) -> None:
-        for _ in range(round(duration_s / SAMPLE_S)):
-            now = Instant(self.plant.time_s, self.plant.time_s)
-            for sample in self.plant.samples():
-                self.driver.measure(sample, now)
-            self.driver.tick(now)
+        def watched() -> None:
             assert 0.0 <= self.driver.command.pump_duty <= 1.0
-            self.plant.apply(self.driver.command)
-            self.plant.advance()
             watch()
 
+        fault_bench.run(self, duration_s, watched)
+
     def vacuum_pa(self, channel: str) -> float:
-        return AMBIENT_PA - self.plant.channels_pa[channel]
+        return STANDARD_ATMOSPHERE_PA - self.plant.pressures_pa[channel]
 
     def states(self) -> dict[str, ChannelState]:
         return {channel.name: channel.state for channel in self.driver.status.channels}
 
 
-any_channels = st.sets(st.sampled_from(sorted(VOLUMES_M3)), min_size=1)
+any_channels = st.sets(st.sampled_from(CHANNELS), min_size=1)
 
 
 @settings(max_examples=15, deadline=None)
 @given(vacuum_pa=st.floats(5e3, 65e3), channels=any_channels, dead_time_s=st.floats(0.005, 0.02))
 def test_every_set_point_is_reached_and_held(vacuum_pa: float, channels: set[str], dead_time_s: float) -> None:
     """Any set point on any channels settles within 1 kPa, overshoots by less than 2 kPa and stays JAMMED."""
-    bench = Bench(Plant(dead_time_s))
+    bench = Bench(dead_time_s)
     bench.driver.jam(sorted(channels), vacuum_pa, "test")
     peaks_pa = []
     bench.run(2.5, lambda: peaks_pa.append(max(bench.vacuum_pa(channel) for channel in channels)))
@@ -131,7 +77,7 @@ def test_every_set_point_is_reached_and_held(vacuum_pa: float, channels: set[str
 
     bench.run(0.5, holds)
     assert max(peaks_pa) < vacuum_pa + 2000.0
-    for channel in VOLUMES_M3.keys() - channels:
+    for channel in set(CHANNELS) - channels:
         assert bench.states()[channel] is ChannelState.UNJAMMED
         assert bench.vacuum_pa(channel) < 1.0
 
@@ -191,9 +137,9 @@ def test_jammed_means_at_the_set_point(set_points_pa: list[float], hold_s: float
 def test_a_channel_that_joins_costs_the_others_no_fault(vacuum_pa: float) -> None:
     """Jamming one more channel to the same vacuum ends with all of them JAMMED within a second."""
     bench = Bench()
-    bench.driver.jam(["left", "achilles"], vacuum_pa, "test")
+    bench.driver.jam([PERONEAL_LEFT, ACHILLES], vacuum_pa, "test")
     bench.run(1.5)
-    bench.driver.jam(["right"], vacuum_pa, "test")
+    bench.driver.jam([PERONEAL_RIGHT], vacuum_pa, "test")
     bench.run(1.0)
     assert set(bench.states().values()) == {ChannelState.JAMMED}
 
@@ -205,11 +151,11 @@ def test_a_channel_that_is_never_jammed_faults(miss_pa: list[float]) -> None:
     """A channel that stays off its set point for jam_timeout_s, on whatever side, is in FAULT and not before."""
     driver = Driver(("left",), DriverParameters(jam_timeout_s=1.0, vent_timeout_s=1.0, diagnose=False).settings())
     driver.activate(Instant(0.0, 0.0))
-    driver.measure(PressureSample("left", AMBIENT_PA, 0.0), Instant(0.0, 0.0))
+    driver.measure(PressureSample("left", STANDARD_ATMOSPHERE_PA, 0.0), Instant(0.0, 0.0))
     driver.jam((), 40e3, "test")
     for count in range(1, 110):
         time_s = count * SAMPLE_S
-        sample = PressureSample("left", AMBIENT_PA - 40e3 - miss_pa[count % len(miss_pa)], time_s)
+        sample = PressureSample("left", STANDARD_ATMOSPHERE_PA - 40e3 - miss_pa[count % len(miss_pa)], time_s)
         driver.measure(sample, Instant(time_s, time_s))
         is_fault = driver.status.channels[0].state is ChannelState.FAULT
         if not 99 <= count <= 102:
@@ -220,41 +166,41 @@ def test_a_channel_that_is_never_jammed_faults(miss_pa: list[float]) -> None:
 def test_a_leaking_tendon_faults_and_lets_the_others_jam() -> None:
     """A channel that cannot reach its set point in jam_timeout_s is released with a reason; the others then hold."""
     bench = Bench(jam_timeout_s=1.0)
-    bench.plant.leak["right"] = 1e-9
-    bench.driver.jam(["right"], 50e3, "test")
+    bench.plant.inject(FakeFault.LEAK, PERONEAL_RIGHT, 1e-9)
+    bench.driver.jam([PERONEAL_RIGHT], 50e3, "test")
     bench.run(0.9)
-    assert bench.states()["right"] is ChannelState.JAMMING
+    assert bench.states()[PERONEAL_RIGHT] is ChannelState.JAMMING
     bench.run(0.3)
     right = bench.driver.status.channels[1]
     assert right.state is ChannelState.FAULT
     assert "jam_timeout_s" in right.reason
-    assert not bench.driver.command.solenoids["right"]
-    bench.driver.jam(["left", "achilles"], 50e3, "test")
+    assert not bench.driver.command.solenoids[PERONEAL_RIGHT]
+    bench.driver.jam([PERONEAL_LEFT, ACHILLES], 50e3, "test")
     bench.run(1.0)
-    assert bench.states()["left"] is bench.states()["achilles"] is ChannelState.JAMMED
+    assert bench.states()[PERONEAL_LEFT] is bench.states()[ACHILLES] is ChannelState.JAMMED
 
 
 def test_a_valve_that_does_not_vent_is_a_fault() -> None:
     """A channel still under vacuum after vent_timeout_s of venting is in FAULT and says so."""
     bench = Bench(vent_timeout_s=0.2)
-    bench.driver.jam(["left"], 50e3, "test")
+    bench.driver.jam([PERONEAL_LEFT], 50e3, "test")
     bench.run(1.0)
-    stuck_pa = bench.plant.channels_pa["left"]
-    bench.driver.unjam(["left"], "test")
-    bench.run(0.5, lambda: bench.plant.channels_pa.update(left=stuck_pa))
-    assert bench.states()["left"] is ChannelState.FAULT
+    bench.plant.inject(FakeFault.STUCK_OPEN, PERONEAL_LEFT)
+    bench.driver.unjam([PERONEAL_LEFT], "test")
+    bench.run(0.5)
+    assert bench.states()[PERONEAL_LEFT] is ChannelState.FAULT
     assert "vent_timeout_s" in bench.driver.status.channels[0].reason
 
 
 def test_without_a_manifold_sensor_the_set_point_is_held_all_the_same() -> None:
     """The channels alone are enough to regulate, if with more overshoot."""
     bench = Bench()
-    bench.plant.samples = lambda samples=bench.plant.samples: [s for s in samples() if s.place != MANIFOLD]
+    bench.plant.inject(FakeFault.SENSOR_DEAD, MANIFOLD)
     bench.run(0.6)
     assert bench.driver.status.manifold_vacuum_pa is None
-    bench.driver.jam(["achilles"], 40e3, "test")
+    bench.driver.jam([ACHILLES], 40e3, "test")
     bench.run(1.0)
-    assert bench.vacuum_pa("achilles") == pytest.approx(40e3, abs=2000.0)
+    assert bench.vacuum_pa(ACHILLES) == pytest.approx(40e3, abs=2000.0)
 
 
 @given(
