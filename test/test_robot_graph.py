@@ -54,7 +54,7 @@ def test_a_quadruped_stands_jams_and_is_recorded(
         assert probe.last(PRESSURES[ACHILLES]).header.frame_id == f"{ankle}/achilles"
         assert {"ankle_pitch", "hip", "knee", "abduction"} <= set(probe.last(JOINT_STATES).name)
     whole = make_probe()
-    whole.listen(ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES)
+    whole.listen(ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES, CLOCK)
     parts = (ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES)
     whole.spin_until(lambda: all(whole.last(topic) for topic in parts), "the whole robot is heard")
     tree = ET.fromstring(whole.last(ROBOT_DESCRIPTION).data)  # noqa: S314 - our own
@@ -69,6 +69,8 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     for probe in probes.values():
         probe.wait_for_channels(ChannelJamState.JAMMED)
     assert len(probes["lf_ankle"].node.get_publishers_info_by_topic(CLOCK.name)) == 1
+    ticks_s = [tick.clock.sec + 1e-9 * tick.clock.nanosec for tick in whole.heard[CLOCK.name]]
+    assert min(after - before for before, after in pairwise(ticks_s)) == pytest.approx(0.004)  # for nine nodes
     status = start("status", "--json", str(tmp_path / "status.json"))
     assert status.wait() == 0
     found = json.loads((tmp_path / "status.json").read_text())

@@ -83,7 +83,7 @@ class SimNode(Node):
         self._wanted = self._built = parameters
         self._simulation = make_simulation(parameters)
         self._engine = _make_engine(self._simulation, parameters, kind.outputs)
-        self._clock_output = ClockOutput(self, is_ours=parameters.publish_clock)
+        self._clock_output = ClockOutput(self, parameters.clock_rate_hz, is_ours=parameters.publish_clock)
         self._clock_guard = ClockGuard(self, is_ours=parameters.publish_clock)
         self._description = self.create_publisher(
             String, names.SIM_PARAMETERS.name, publisher_qos(names.SIM_PARAMETERS)
@@ -141,7 +141,8 @@ class SimNode(Node):
                     self._ankles.repeat(tick.time_ns)
                 self._ankles.publish(tick)
                 self._whole.publish(tick, self._shown, self._kind.ankles_of(self._shown))
-                self._clock_output.publish(tick.time_ns)
+                runs = self._engine.control.state is RunState.RUNNING
+                (self._clock_output.run if runs else self._clock_output.publish)(tick.time_ns)
         except (UnstableSimulationError, NotFiniteError) as error:
             self._fail(str(error))
         self._rigs.go_on()

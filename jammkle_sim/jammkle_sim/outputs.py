@@ -11,12 +11,13 @@ from sensor_msgs.msg import FluidPressure, Imu, JointState
 from std_msgs.msg import Bool, Float32
 
 from jammkle_graph import names
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import MANIFOLD_FRAME
 from jammkle_graph.namespace import resolved
 from jammkle_graph.qos import publisher_qos
 from jammkle_msgs.msg import TendonStates, TrueContact
 from jammkle_sim.conversions import OutgoingMessages
-from jammkle_sim.core.schedule import Output
+from jammkle_sim.core.schedule import STATES, Output
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -100,7 +101,8 @@ class Outputs:
         }
         for output, (message_type, topic, make) in made.items():
             if output in outputs:
-                self._publish[output] = _publishing(publisher(message_type, topic), make)
+                publishing = _publishing_if_heard if output in STATES else _publishing
+                self._publish[output] = publishing(publisher(message_type, topic), make)
         if Output.GAIT in outputs:
             self._phase = publisher(Float32, names.GAIT_PHASE)
             self._planned_contact = publisher(Bool, names.PLANNED_CONTACT)
@@ -125,6 +127,8 @@ class Outputs:
             NotFiniteError: the simulation gave NaN or infinity; it was not published.
 
         """
+        if Output.TENDON_STATES in tick.outputs:
+            self._broken_tendons = tuple(tendon.name for tendon in self._ankle.tendons() if tendon.broken)
         for output in tick.outputs:
             if output is not Output.WHOLE:
                 self._publish[output](tick.time_ns)
@@ -151,9 +155,7 @@ class Outputs:
         return self._messages.joint_states(time_ns, positions, velocities)
 
     def _tendon_states(self, time_ns: int) -> TendonStates:
-        tendons = self._ankle.tendons()
-        self._broken_tendons = tuple(tendon.name for tendon in tendons if tendon.broken)
-        return self._messages.tendon_states(time_ns, tendons)
+        return self._messages.tendon_states(time_ns, self._ankle.tendons())
 
     def _load_cell(self, time_ns: int) -> WrenchStamped:
         return self._messages.wrench(time_ns, self._ankle.load_cell_force_n())
@@ -165,19 +167,37 @@ class Outputs:
 class ClockOutput:
     """The graph's clock, if it is this node's to make."""
 
-    def __init__(self, node: Node, *, is_ours: bool) -> None:
-        """Make the publisher on `node`, unless somebody else keeps the graph's time."""
+    def __init__(self, node: Node, rate_hz: int, *, is_ours: bool) -> None:
+        """Make the publisher on `node`, unless somebody else keeps the graph's time; `rate_hz` bounds `run`'s ticks."""
         self._publisher = _publisher(node, "", Clock, names.CLOCK) if is_ours else None
+        self._period_ns = NANOSECONDS_PER_SECOND // rate_hz
+        self._told_ns = -self._period_ns
         self._messages = OutgoingMessages(())
+
+    def run(self, time_ns: int) -> None:
+        """Publish a tick of time that runs on, unless one was published less than a period before."""
+        if not 0 <= time_ns - self._told_ns < self._period_ns:
+            self.publish(time_ns)
 
     def publish(self, time_ns: int) -> None:
         """Publish a tick."""
+        self._told_ns = time_ns
         if self._publisher is not None:
             self._publisher.publish(self._messages.clock(time_ns))
 
 
 def _publishing(publisher: Publisher, make: Callable[[int], Any]) -> Callable[[int], None]:
     return lambda time_ns: publisher.publish(make(time_ns))
+
+
+def _publishing_if_heard(publisher: Publisher, make: Callable[[int], Any]) -> Callable[[int], None]:
+    """As `_publishing`, for states, which nobody need look at: a message that nobody hears costs as much as a step."""
+
+    def publish(time_ns: int) -> None:
+        if publisher.get_subscription_count() > 0:
+            publisher.publish(make(time_ns))
+
+    return publish
 
 
 def _publisher(node: Node, within: str, message_type: type, topic: names.Topic) -> Publisher:

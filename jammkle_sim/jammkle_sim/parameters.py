@@ -48,6 +48,13 @@ class RunParameters:
     publish_clock: bool = parameter(
         default=True, description="Publish /clock; false for all but one of several simulated ankles"
     )
+    clock_rate_hz: int = parameter(
+        MAX_RATE_HZ,
+        "Most ticks of /clock per second while time runs; one comes after an output, so 1000 is one after every output",
+        "Hz",
+        50,
+        MAX_RATE_HZ,
+    )
     imu_rate_hz: int = parameter(500, "Rate of imu/data; must divide the step rate", "Hz", 50, MAX_RATE_HZ)
     state_rate_hz: int = parameter(
         500,
@@ -104,6 +111,13 @@ class SimParameters(RunParameters):
 class RobotParameters(RobotOptions, RunParameters):
     """What can be set on the sim node that simulates a robot."""
 
+    clock_rate_hz: int = parameter(
+        250,
+        "Most ticks of /clock per second while time runs; each goes to every node of every ankle",
+        "Hz",
+        50,
+        MAX_RATE_HZ,
+    )
     state_rate_hz: int = parameter(
         100,
         "Rate of joint_states, tendon_states and true_contact of each ankle; must divide the step rate",
