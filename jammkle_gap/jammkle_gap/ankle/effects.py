@@ -183,7 +183,10 @@ def try_changes(library: Library, rig: Rig) -> None:
 def _chosen(library: Library, values: Mapping[str, float]) -> Iterator[tuple[AnkleEffect, dict[str, float]]]:
     """Give every effect of which values are given, with its own by name of the parameter."""
     left = dict(values)
+    names = {key.partition(".")[0] for key in left}
     for effect in library:
+        if effect.name not in names:
+            continue
         own = {each.name: left.pop(effect.key(each)) for each in effect.parameters if effect.key(each) in left}
         if own and isinstance(effect, AnkleEffect):
             yield effect, own

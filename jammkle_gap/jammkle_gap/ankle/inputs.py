@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
@@ -74,13 +74,29 @@ class AnkleInputs:
         return digest.hexdigest()
 
 
+class Drawing(NamedTuple):
+    """What a nominal rig is built from; fields as those of AnkleInputs."""
+
+    rig: str
+    options: Options
+    ankle: Options
+    ambient_pa: float | None
+    start_m: float | None
+    """Where the carriage is at the start, m, where it is driven as recorded."""
+
+
 def nominal_rig(inputs: AnkleInputs) -> Rig:
     """Return the rig as the simulator has it, built once per process. It must not be changed.
 
     What it does by itself is its own programme; `moved_as_recorded` makes it do what the recording's did.
     """
+    return rig_of(drawing_of(inputs))
+
+
+def drawing_of(inputs: AnkleInputs) -> Drawing:
+    """Return which rig the inputs are of: the same for all that have the same nominal rig."""
     start_m = None if inputs.course is None else inputs.course.start_m
-    return _in_the_weather(inputs.rig, inputs.options, inputs.ankle, inputs.ambient_pa, start_m)
+    return Drawing(inputs.rig, inputs.options, inputs.ankle, inputs.ambient_pa, start_m)
 
 
 def moved_as_recorded(rig: Rig, inputs: AnkleInputs) -> Rig:
@@ -129,11 +145,13 @@ def known_options(rig: str, given: Mapping[str, Any]) -> Options:
 
 
 @lru_cache(maxsize=32)
-def _in_the_weather(rig: str, options: Options, ankle: Options, ambient_pa: float | None, start_m: float | None) -> Rig:
-    built = _built(rig, options, ankle, start_m)
-    if ambient_pa is None:
+def rig_of(drawing: Drawing) -> Rig:
+    """Return the nominal rig of a drawing; see `nominal_rig`."""
+    built = _built(drawing.rig, drawing.options, drawing.ankle, drawing.start_m)
+    if drawing.ambient_pa is None:
         return built
-    return dataclasses.replace(built, pneumatics=dataclasses.replace(built.pneumatics, ambient_pa=ambient_pa))
+    pneumatics = dataclasses.replace(built.pneumatics, ambient_pa=drawing.ambient_pa)
+    return dataclasses.replace(built, pneumatics=pneumatics)
 
 
 @lru_cache(maxsize=32)

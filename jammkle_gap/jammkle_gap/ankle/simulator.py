@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.effects import (
@@ -14,7 +14,7 @@ from jammkle_gap.ankle.effects import (
     machine_constants,
     run_scatter,
 )
-from jammkle_gap.ankle.inputs import nominal_rig
+from jammkle_gap.ankle.inputs import drawing_of, rig_of
 from jammkle_gap.ankle.readings import readings
 from jammkle_gap.ankle.truth import inputs_of, truth_of
 from jammkle_gap.core.effects import Library
@@ -28,9 +28,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from jammkle_gap.ankle.inputs import AnkleInputs
+    from jammkle_gap.ankle.inputs import AnkleInputs, Drawing
     from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.rig import Rig
+
+    Values = tuple[tuple[str, float], ...]
+    """By `effect.parameter`."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class AnkleSimulator:
     def recording(self, recording: Recording, values: Mapping[str, float]) -> Recording:
         """Return a recording with effects in its inputs; the same recording where none changes them."""
         given = inputs_of(recording)
-        inputs = apply_to_inputs(given, self._package, dict(self.machine))
+        inputs = apply_to_inputs(given, _package(), dict(self.machine))
         inputs = apply_to_inputs(inputs, self._all, values)
         return recording if inputs is given else dataclasses.replace(recording, inputs=inputs)
 
@@ -74,13 +77,36 @@ class AnkleSimulator:
         return self._rig(inputs_of(self.recording(recording, values)), values)
 
     def _rig(self, inputs: AnkleInputs, values: Mapping[str, float]) -> Rig:
-        machine = apply_effects(nominal_rig(inputs), self._package, dict(self.machine))
-        return apply_effects(machine, self._all, values)
+        drawn = {key: value for key, value in values.items() if key in _drawn_keys()}
+        built = _built(drawing_of(inputs), self.machine, tuple(drawn.items()))
+        return apply_effects(built, self.library, {key: each for key, each in values.items() if key not in drawn})
 
     @cached_property
     def _all(self) -> Library:
         return Library((*machine_constants(), *run_scatter(), *self.library))
 
-    @cached_property
-    def _package(self) -> Library:
-        return Library((*machine_constants(), *run_scatter(), *ankle_library()))
+
+@lru_cache(maxsize=1)
+def _package() -> Library:
+    """Return all that the package can change."""
+    return Library((*machine_constants(), *run_scatter(), *ankle_library()))
+
+
+@lru_cache(maxsize=1)
+def _drawn_keys() -> frozenset[str]:
+    """Return the parameters of the machine and of the run."""
+    return frozenset(each.key(one) for each in (*machine_constants(), *run_scatter()) for one in each.parameters)
+
+
+@lru_cache(maxsize=8)
+def _built(drawing: Drawing, machine: Values, drawn: Values) -> Rig:
+    """Return a rig as a machine and a run have it, kept, as a search has it the same in all of its runs.
+
+    Args:
+        drawing: Of the nominal rig.
+        machine: What this very machine is like.
+        drawn: Parameters of the machine and of the run that come on top.
+
+    """
+    built = apply_effects(rig_of(drawing), _package(), dict(machine))
+    return apply_effects(built, _package(), dict(drawn))

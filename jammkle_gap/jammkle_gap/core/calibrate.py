@@ -67,7 +67,8 @@ def calibrate(
     """Fit the constants to the references of all settings.
 
     The first step takes the slopes of the nominal machine, which the dictionary has, and those that follow the slopes
-    where it came to. Within scatter it ends: what would move then is noise.
+    where it came to; a constant that moves nothing at all in a setting is not simulated there again. Within scatter it
+    ends: what would move then is noise.
 
     Args:
         settings: Those with references are used.
@@ -84,40 +85,23 @@ def calibrate(
     used = [(setting, own) for setting, own, _ in referenced]
     if not used or not problem.constants:
         return uncalibrated(problem)
-    target = np.concatenate([setting.reference_features.mean(axis=0) for setting, _ in used])
     # The scatter of single runs, not of their mean: a machine need not be known better than a run tells.
     variance = np.concatenate([each.variance + np.square(each.columns).sum(axis=1) for _, each in used])
     blocks, bins_per_block = blocks_of([setting.layout for setting, _ in used], constants)
-
-    def residuals(places: Sequence[NDArray[np.float64]], what: str) -> list[NDArray[np.float64]]:
-        """Return what each place leaves of the references; what the simulator does not give is 0.
-
-        Where it cannot be run at all, it leaves far too much.
-        """
-        tasks = [
-            Task(setting.references[0], setting.layout, _values(problem.constants, place))
-            for place in places
-            for setting, _ in used
-        ]
-        made = iter(runner.features(tasks, what))
-        left = [target - np.concatenate([next(made) for _ in used]) for _ in places]
-        return [np.nan_to_num(each) if np.isfinite(each).any() else np.full(each.shape, np.inf) for each in left]
-
+    references = _References([setting for setting, _ in used], [slope for _, _, slope in referenced], problem, runner)
     count = len(problem.constants)
     place = np.zeros(count)
-    (nominal,) = residuals([place], "")
+    nominal = references.left(place)
     current = nominal
     covariance = np.eye(count)
     left = float((np.square(nominal) / variance).mean())
     if left <= 1.0:
         # Within healthy scatter the machine is as drawn: what would move is noise, which contact makes large again.
         return replace(uncalibrated(problem), before=left, after=left)
-    jacobian = np.concatenate([slope for _, _, slope in referenced])
+    jacobian = np.concatenate(references.slopes)
     for turn in range(constants.calibration_steps):
         if turn > 0:
-            moved = [place + step for step in np.eye(count)]
-            jacobian = np.array([current - each for each in residuals(moved, "calibrating")]).T
-            jacobian[~np.isfinite(jacobian)] = 0.0
+            jacobian = references.slopes_at(place, current)
         step = np.zeros(count)
         total = variance
         for _ in range(TURNS):
@@ -127,7 +111,7 @@ def calibrate(
             total = variance + bins_per_block * beyond(current - jacobian @ step, variance, blocks)
         before = _objective(current, total, place)
         for _ in range(_HALVINGS):
-            (made,) = residuals([place + step], "")
+            made = references.left(place + step)
             if _objective(made, total, place + step) < before:
                 place, current = place + step, made
                 break
@@ -139,6 +123,46 @@ def calibrate(
     after = float((np.square(current) / variance).mean())
     deviations = {each.name: float(x) for each, x in zip(problem.constants, place, strict=True)}
     return Calibration(_values(problem.constants, place), deviations, covariance, left, after)
+
+
+class _References:
+    """The references of all settings, and what constants leave of their means."""
+
+    def __init__(
+        self,
+        settings: Sequence[Setting],
+        slopes: Sequence[NDArray[np.float64]],
+        problem: Problem,
+        runner: Runner,
+    ) -> None:
+        self.slopes = slopes
+        self._settings, self._problem, self._runner = settings, problem, runner
+        self._target = np.concatenate([setting.reference_features.mean(axis=0) for setting in settings])
+        self._starts = np.cumsum([0, *(setting.layout.size for setting in settings)])
+
+    def left(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what a place leaves; what the simulator does not give is 0.
+
+        Where it cannot be run at all, it leaves far too much.
+        """
+        made = self._runner.features([self._task(setting, place) for setting in self._settings])
+        left = self._target - np.concatenate(made)
+        return np.nan_to_num(left) if np.isfinite(left).any() else np.full(left.shape, np.inf)
+
+    def slopes_at(self, place: NDArray[np.float64], left: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the slopes at a place that leaves so much, shape (n, constants); 0 where it cannot be run."""
+        steps = np.eye(len(place))
+        moving = [(k, i) for k, each in enumerate(self.slopes) for i in np.flatnonzero(each.any(axis=0)).tolist()]
+        tasks = [self._task(self._settings[k], place + steps[i]) for k, i in moving]
+        slopes = np.zeros((len(left), len(place)))
+        for (k, i), made in zip(moving, self._runner.features(tasks, "calibrating"), strict=True):
+            part = slice(int(self._starts[k]), int(self._starts[k + 1]))
+            if np.isfinite(made).any():
+                slopes[part, i] = left[part] - np.nan_to_num(self._target[part] - made)
+        return slopes
+
+    def _task(self, setting: Setting, place: NDArray[np.float64]) -> Task:
+        return Task(setting.references[0], setting.layout, _values(self._problem.constants, place))
 
 
 def blocks_of(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

@@ -41,6 +41,8 @@ class Setting:
     reference_features: NDArray[np.float64] = field(repr=False)
     readings: tuple[Mapping[str, NDArray[np.float64]], ...] = field(default=(), repr=False)
     """What healthy sensors would have read in the first faulty run, by signal, at its times; see `readings`."""
+    reading_features: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    """The features of these, shape (readings, n)."""
 
     @property
     def freedom(self) -> int:

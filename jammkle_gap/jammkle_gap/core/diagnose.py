@@ -17,7 +17,7 @@ from jammkle_gap.core.equivalence import classes_of
 from jammkle_gap.core.evidence import Evidence
 from jammkle_gap.core.own_error import OwnError
 from jammkle_gap.core.readings import with_readings
-from jammkle_gap.core.response import grid_signatures
+from jammkle_gap.core.response import grid_features, grid_signatures
 from jammkle_gap.core.screen import screen
 from jammkle_gap.core.search import reweighed, search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
@@ -131,7 +131,8 @@ def evidence_of(
         residuals = residuals_of(settings, runner, calibration.values) if calibration.values else residuals
         difference = _difference(settings, residuals, dictionaries, problem, runner, calibration, constants)
         machine = calibration.values
-    signatures = grid_signatures(problem, settings, dictionaries, difference)
+    grids = grid_features(problem, settings, dictionaries)
+    signatures = grid_signatures(grids, difference)
     classes = classes_of(grids_of(problem), signatures, constants)
     if complete and calibration.after < calibration.before:
         residuals, difference, machine, screening = _better_machine(
@@ -149,7 +150,7 @@ def evidence_of(
     if not complete and candidates.finished:
         error = OwnError(settings, residuals, difference, constants)
         weighed = error.beside(())
-        signatures = grid_signatures(problem, settings, dictionaries, weighed)
+        signatures = grid_signatures(grids, weighed)
         screening = screen(problem, settings, signatures, weighed, machine, runner)
         candidates = search(problem, settings, screening, weighed, machine, runner, constants)
         both = (noticed, candidates)
@@ -166,6 +167,7 @@ def evidence_of(
         candidates,
         own,
         classes,
+        grids,
     )
 
 

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.compare import Difference, Residuals, Setting
+    from jammkle_gap.core.response import GridFeatures
     from jammkle_gap.core.search import Candidates
     from jammkle_gap.core.simulate import Problem
 
@@ -36,3 +37,4 @@ class Evidence:
     own: Mapping[tuple[str, ...], float]
     """Log-likelihood of each candidate in the settings without references, and of none of them, ()."""
     classes: tuple[tuple[str, ...], ...]
+    grids: GridFeatures

@@ -45,15 +45,16 @@ def with_readings(settings: Sequence[Setting], problem: Problem, runner: Runner)
     found = []
     for setting in settings:
         run, references = setting.faulty[0], setting.references[:_REFERENCES]
-        if not references:
-            found.append(replace(setting, readings=(measured(run),)))
-            continue
-        made, *others = (simulated(problem.simulator, each, {}) for each in (run, *references))
-        runner.count([Made(1, each.duration_s) for each in (run, *references)])
-        readings = [
-            _healthy(problem, run, made, reference, other) for reference, other in zip(references, others, strict=True)
-        ]
-        found.append(replace(setting, readings=tuple(readings)))
+        readings = [measured(run)]
+        if references:
+            made, *others = (simulated(problem.simulator, each, {}) for each in (run, *references))
+            runner.count([Made(1, each.duration_s) for each in (run, *references)])
+            readings = [
+                _healthy(problem, run, made, reference, other)
+                for reference, other in zip(references, others, strict=True)
+            ]
+        features = np.array([features_of(setting.layout, run, each, problem.registrar) for each in readings])
+        found.append(replace(setting, readings=tuple(readings), reading_features=features))
     return tuple(found)
 
 
@@ -123,11 +124,9 @@ def sensed_difference(problem: Problem, setting: Setting, values: Mapping[str, f
     values = {key: value for key, value in values.items() if key.partition(".")[0] in problem.sensing.effects}
     if not values:
         return np.zeros(setting.layout.size)
-    found = []
-    for before in setting.readings:
-        run = setting.faulty[0]
+    found, run = [], setting.faulty[0]
+    for before, features in zip(setting.readings, setting.reading_features, strict=True):
         after = problem.sensing(run, before, values)
-        both = [features_of(setting.layout, run, each, problem.registrar) for each in (after, before)]
-        found.append(both[0] - both[1])
+        found.append(features_of(setting.layout, run, after, problem.registrar) - features)
     mean: NDArray[np.float64] = np.nan_to_num(np.mean(found, axis=0))
     return mean

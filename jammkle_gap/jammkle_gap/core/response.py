@@ -93,13 +93,12 @@ def _alike(known: Sequence[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
     return parts
 
 
-def grid_signatures(
-    problem: Problem,
-    settings: Sequence[Setting],
-    dictionaries: Sequence[Dictionary],
-    difference: Difference,
-) -> dict[str, NDArray[np.float64]]:
-    """Return whitened signatures of every effect's grid points, shape (points, n), those that move nothing left out."""
+GridFeatures = dict[str, list["NDArray[np.float64]"]]
+"""What every effect's grid points make of the features, by effect; per setting, shape (points, n of the setting)."""
+
+
+def grid_features(problem: Problem, settings: Sequence[Setting], dictionaries: Sequence[Dictionary]) -> GridFeatures:
+    """Return what the grid points of every effect make of the features."""
     grids = grids_of(problem)
     found = {}
     for effect in problem.library:
@@ -115,7 +114,11 @@ def grid_signatures(
                 own = dictionary.effects[effect.name]
                 rows[:, simulated] = dictionary.laid(setting.layout, own, problem, setting.faulty[0])[:, simulated]
             parts.append(rows)
-        whitened = difference.whiten(parts)
-        if np.abs(whitened).max() > SILENT:
-            found[effect.name] = whitened
+        found[effect.name] = parts
     return found
+
+
+def grid_signatures(features: GridFeatures, difference: Difference) -> dict[str, NDArray[np.float64]]:
+    """Return whitened signatures of every effect's grid points, shape (points, n), those that move nothing left out."""
+    whitened = {name: difference.whiten(parts) for name, parts in features.items()}
+    return {name: each for name, each in whitened.items() if np.abs(each).max() > SILENT}

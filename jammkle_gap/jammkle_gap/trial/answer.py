@@ -14,14 +14,14 @@ from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.diagnose import evidence_of
 from jammkle_gap.core.result import as_dict
-from jammkle_gap.core.signatures import cache_folder, dictionary_of
+from jammkle_gap.core.signatures import cache_folder
 from jammkle_gap.core.simulate import Runner
 from jammkle_gap.diagnosing import failures_told
 from jammkle_gap.inputs import asked_of, in_settings, library_of, recordings_of
 from jammkle_gap.trial import files
 from jammkle_gap.trial.baselines import baselines
 from jammkle_gap.trial.ceiling import CEILING_CONSTANTS, ceiling_problem
-from jammkle_gap.trial.questions import Run, read_questions, said_file
+from jammkle_gap.trial.questions import Run, Way, read_questions, said_file
 from jammkle_gap.trial.remembering import Remembering
 from jammkle_graph.command.commit import commit
 from jammkle_graph.command.signals import Interrupted, StopRequest
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.evidence import Evidence
     from jammkle_gap.core.simulate import Problem
-    from jammkle_gap.trial.questions import Questions, Way
+    from jammkle_gap.trial.questions import Questions
 
 _RANKED = 5
 """How many effects are kept of each ranking."""
@@ -78,8 +78,7 @@ class _Case:
         self._read: dict[tuple[Path, ...], list[Recording]] = {}
         self._known: dict[object, dict[str, Any]] = {}
         self._headline: Evidence | None = None
-        diagnoses = sum(way.run not in {Run.BASELINES, Run.CEILING} for way in asked.ways)
-        self._remembering = Remembering(ankle_problem(ankle_library()).simulator) if diagnoses > 1 else None
+        self._remembering = Remembering(ankle_problem(ankle_library()).simulator)
         self.stop = StopRequest()
 
     def said(self, way: Way, jobs: int) -> dict[str, Any]:
@@ -103,8 +102,6 @@ class _Case:
 
     def _problem(self, way: Way) -> Problem:
         problem = ankle_problem(library_of(None, way.only, way.without))
-        if self._remembering is None or way.only or way.without:
-            return problem
         return dataclasses.replace(problem, simulator=self._remembering)
 
     def _recordings(self, way: Way) -> tuple[list[Recording], list[Recording]]:
@@ -116,8 +113,7 @@ class _Case:
             if paths not in self._read:
                 found = recordings_of(paths, request, self.stop, sensors=SensorSet.INSTRUMENTED)
                 self._read[paths] = found
-                if self._remembering is not None:
-                    self._remembering.know(found)
+                self._remembering.know(found)
         return self._read[bags], self._read[given]
 
     def _ranked(self, runs: Sequence[Recording], references: Sequence[Recording], jobs: int) -> dict[str, Any]:
@@ -126,14 +122,10 @@ class _Case:
         from jammkle_gap.trial.learned import learned  # noqa: PLC0415
 
         started = time.perf_counter()
-        problem, constants = ankle_problem(ankle_library()), Constants()
+        problem = self._problem(Way(Run.BASELINES))
         runner = Runner(problem, jobs)
-        evidence = self._headline or evidence_of(runs, references, problem, runner, constants, cache_folder())
-        dictionaries = [
-            dictionary_of((setting.references or setting.faulty)[0], problem, runner, constants, cache_folder())
-            for setting in evidence.settings
-        ]
-        found, classified = baselines(evidence, dictionaries), learned(evidence, dictionaries)
+        evidence = self._headline or evidence_of(runs, references, problem, runner, Constants(), cache_folder())
+        found, classified = baselines(evidence), learned(evidence)
         ranked = {"rmse": found.rmse, "bic": found.bic, "free": found.free, "learned": tuple(classified)}
         return {
             "baselines": {name: list(names[:_RANKED]) for name, names in ranked.items()},

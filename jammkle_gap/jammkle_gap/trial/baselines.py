@@ -24,14 +24,13 @@ from jammkle_gap.core.search import fit_place
 from jammkle_gap.core.signatures import grids_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
     from jammkle_gap.core.compare import Difference
     from jammkle_gap.core.evidence import Evidence
     from jammkle_gap.core.profiles import Place
-    from jammkle_gap.core.signatures import Dictionary
 
 _FITTED = 4
 """Single effects that are fitted with the simulator: the best on their grids. Chosen: more change no first place."""
@@ -55,17 +54,11 @@ class Baselines:
     """All effects fitted at once, by how much each moves the signals."""
 
 
-def baselines(evidence: Evidence, dictionaries: Sequence[Dictionary]) -> Baselines:
-    """Rank the effects as simpler methods do.
-
-    Args:
-        evidence: Of the headline.
-        dictionaries: Of its settings.
-
-    """
+def baselines(evidence: Evidence) -> Baselines:
+    """Rank the effects as simpler methods do, by the evidence of the headline."""
     plain = in_noise(evidence)
     problem, settings, machine = evidence.problem, evidence.settings, evidence.machine
-    signatures = grid_signatures(problem, settings, dictionaries, plain)
+    signatures = grid_signatures(evidence.grids, plain)
     length = float(plain.whitened @ plain.whitened)
     if not signatures:
         return Baselines((), (), ())

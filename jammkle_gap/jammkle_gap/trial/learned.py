@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.compare import Setting
     from jammkle_gap.core.evidence import Evidence
-    from jammkle_gap.core.signatures import Dictionary
 
 _BLOCKS = 8
 """Of time, per signal and setting. Chosen: as the diagnosis's own smooth scatter."""
@@ -32,16 +31,10 @@ _TREES = 150
 _SEED = 1
 
 
-def learned(evidence: Evidence, dictionaries: Sequence[Dictionary]) -> dict[str, float]:
-    """Return the probability of every effect and of no gap, largest first.
-
-    Args:
-        evidence: Of the headline.
-        dictionaries: Of its settings.
-
-    """
+def learned(evidence: Evidence) -> dict[str, float]:
+    """Return the probability of every effect and of no gap, largest first, by the evidence of the headline."""
     random = np.random.default_rng(_SEED)
-    signatures = grid_signatures(evidence.problem, evidence.settings, dictionaries, evidence.difference)
+    signatures = grid_signatures(evidence.grids, evidence.difference)
     grids = grids_of(evidence.problem)
     blocks = _blocks(evidence.settings)
     noise = np.sqrt(max(evidence.difference.healthy, 0.1))

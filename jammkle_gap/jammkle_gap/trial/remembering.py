@@ -1,4 +1,4 @@
-"""A simulator that remembers: several diagnoses of one case ask for the same runs, seen by different sensors."""
+"""A simulator that remembers: all diagnoses of a case ask for the same runs, again and by different sensors."""
 
 from __future__ import annotations
 
@@ -23,6 +23,10 @@ class Remembering:
         self._simulator = simulator
         self._whole: dict[str, Recording] = {}
         self._known: dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, NDArray[np.float32]]] = {}
+
+    def __getstate__(self) -> dict[str, object]:
+        """Travel to other processes without what is known: it would be sent with every run."""
+        return self.__dict__ | {"_known": {}}
 
     def know(self, recordings: Iterable[Recording]) -> None:
         """Take recordings with all of their signals; their names differ."""

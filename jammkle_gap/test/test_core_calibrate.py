@@ -1,0 +1,80 @@
+"""Calibration: the constants of a machine are found, and what moves nothing is not simulated again."""
+
+from __future__ import annotations
+
+import pickle
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_gap import Constants, Effect, EffectParameter, Library, Nuisance, Problem, Recording, Signal
+from jammkle_gap.core.calibrate import calibrate
+from jammkle_gap.core.compare import settings_of
+from jammkle_gap.core.scatter import Scatter
+from jammkle_gap.core.simulate import Runner
+from jammkle_gap.trial.remembering import Remembering
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+TIMES_S = 0.01 * np.arange(200)
+NOISE = 0.01
+
+
+class Counted:
+    """A spring that bends as the square of its stiffness; a lamp beside it moves nothing. Counts its runs."""
+
+    def __init__(self) -> None:
+        self.asked: list[dict[str, float]] = []
+
+    def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        del recording
+        self.asked.append(dict(values))
+        return {"way": np.sin(TIMES_S) / values.get("spring.stiffness", 1.0) ** 2}
+
+
+EFFECT = Effect("rub", "bearing", (EffectParameter("torque", "N m", 0.0, 0.0, 1.0, "assumed"),), "Oil it.")
+
+
+def problem(simulator: Counted | Remembering) -> Problem:
+    spring = Nuisance("spring.stiffness", "1", 1.0, 0.1, "drawing", 0.5, 2.0)
+    lamp = Nuisance("lamp.power", "1", 1.0, 0.1, "drawing")
+    return Problem(simulator, Library((EFFECT,)), constants=(spring, lamp))
+
+
+def run(name: str, stiffness: float) -> Recording:
+    noise = np.random.default_rng(len(name)).normal(0.0, NOISE, TIMES_S.size)
+    values = np.sin(TIMES_S) / stiffness**2 + noise
+    return Recording(name, (Signal("way", "m", TIMES_S, values, noise=NOISE),), setting="alone")
+
+
+def test_constants_are_found_and_those_that_move_nothing_not_simulated_again() -> None:
+    """The spring is within a hundredth; the lamp is asked for never, the nominal slopes having said that it is idle."""
+    simulator = Counted()
+    given = problem(simulator)
+    settings = settings_of([run("one", 1.25)], [run("two", 1.25), run("three", 1.25)], given)
+    layout = settings[0].layout
+    scatter = Scatter(np.square(layout.floor), np.zeros((layout.size, 0)), 1, np.zeros(0))
+    bend = -2.0 * 0.1 * np.sin(layout.time_s)
+    slopes = np.stack([bend, np.zeros(layout.size)], axis=1)
+    found = calibrate(settings, [scatter], [slopes], given, Runner(given, 1), Constants())
+    assert found.values["spring.stiffness"] == pytest.approx(1.25, abs=0.01)
+    assert found.after < found.before / 100.0
+    assert all("lamp.power" not in each for each in simulator.asked)
+    # Nominal, a step, and then slope and step; halvings aside.
+    assert len(simulator.asked) <= 2 + 2 * 3 + 3
+
+
+def test_what_was_simulated_is_remembered_but_does_not_travel() -> None:
+    """A run is made once; another process is not sent what is known."""
+    simulator = Counted()
+    remembering, recording = Remembering(simulator), run("one", 1.0)
+    remembering.know([recording])
+    first, second = (remembering(recording, {"spring.stiffness": 1.1}) for _ in range(2))
+    assert len(simulator.asked) == 1
+    assert first["way"] == pytest.approx(second["way"])
+    light, heavy = len(pickle.dumps(Remembering(Counted()))), len(pickle.dumps(remembering))
+    assert heavy < light + len(pickle.dumps((recording, simulator.asked)))
