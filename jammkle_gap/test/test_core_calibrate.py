@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from jammkle_gap import Constants, Effect, EffectParameter, Library, Nuisance, Problem, Recording, Signal
+from jammkle_gap import (
+    Constants,
+    Effect,
+    EffectParameter,
+    InfeasibleError,
+    Library,
+    Nuisance,
+    Problem,
+    Recording,
+    Signal,
+    Verdict,
+    diagnose,
+)
 from jammkle_gap.core.calibrate import calibrate
 from jammkle_gap.core.compare import settings_of
 from jammkle_gap.core.scatter import Scatter
 from jammkle_gap.core.simulate import Runner
 from jammkle_gap.trial.remembering import Remembering
+from pendulums import PROBLEM, machine, simulate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -66,6 +80,23 @@ def test_constants_are_found_and_those_that_move_nothing_not_simulated_again() -
     assert all("lamp.power" not in each for each in simulator.asked)
     # Nominal, a step, and then slope and step; halvings aside.
     assert len(simulator.asked) <= 2 + 2 * 3 + 3
+
+
+@pytest.mark.parametrize("count", [5, 0])
+def test_a_machine_that_cannot_make_all_runs_is_not_calibrated(count: int) -> None:
+    """Its simulation blows up at the inputs of one faulty run: the nominal machine is compared with, and no error."""
+    made = machine(23)
+    made.constants = {"arm.mass": 1.12, "servo.stiffness": 1.0}
+    runs, references = made.record(3, {"rubbing.torque": 0.1}), made.record(count)
+
+    def fragile(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        if recording.name == runs[-1].name and values.get("arm.mass", 1.0) > 1.04:
+            raise InfeasibleError
+        return simulate(recording, values)
+
+    found = diagnose(runs, replace(PROBLEM, simulator=fragile), references=references, jobs=1)
+    assert all(abs(each) == 0.0 for each in found.calibration.values())
+    assert found.verdict is not Verdict.NO_GAP
 
 
 def test_what_was_simulated_is_remembered_but_does_not_travel() -> None:

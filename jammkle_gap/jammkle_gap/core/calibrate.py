@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.simulate import Task
+from jammkle_gap.core.compare import residuals_of
+from jammkle_gap.core.simulate import Task, UnrunnableError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.compare import Setting
+    from jammkle_gap.core.compare import Residuals, Setting
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.effects import Nuisance
     from jammkle_gap.core.features import Layout
@@ -123,6 +124,25 @@ def calibrate(
     after = float((np.square(current) / variance).mean())
     deviations = {each.name: float(x) for each, x in zip(problem.constants, place, strict=True)}
     return Calibration(_values(problem.constants, place), deviations, covariance, left, after)
+
+
+def runnable(
+    calibration: Calibration,
+    settings: Sequence[Setting],
+    nominal: Sequence[Residuals],
+    problem: Problem,
+    runner: Runner,
+) -> tuple[Calibration, Sequence[Residuals]]:
+    """Return a calibration and the residuals of all runs with it; the nominal ones where one cannot be run with it.
+
+    It was fitted to one reference of each setting. At the inputs of another run its simulation may blow up.
+    """
+    if not calibration.values:
+        return calibration, nominal
+    try:
+        return calibration, residuals_of(settings, runner, calibration.values)
+    except UnrunnableError:
+        return replace(uncalibrated(problem), before=calibration.before, after=calibration.before), nominal
 
 
 class _References:

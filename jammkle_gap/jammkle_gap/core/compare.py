@@ -14,7 +14,7 @@ import numpy as np
 
 from jammkle_gap.core.features import features_of, layout_of, measured
 from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
-from jammkle_gap.core.simulate import SimulatorError, Task
+from jammkle_gap.core.simulate import Task, UnrunnableError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -117,7 +117,7 @@ def residuals_of(settings: Sequence[Setting], runner: Runner, values: Mapping[st
         values: Constants of the machine, by name; those not named are nominal.
 
     Raises:
-        SimulatorError: it gives nothing to compare with.
+        UnrunnableError: it gives nothing to compare with.
 
     """
     tasks = [
@@ -138,7 +138,7 @@ def residuals_of(settings: Sequence[Setting], runner: Runner, values: Mapping[st
                 if not np.isfinite(setting.layout.by_signal(row)).any():
                     msg = f"without any effect the simulator cannot run recording '{run.name}', or gives none of its "
                     msg += f"signals ({', '.join(setting.layout.signals)})"
-                    raise SimulatorError(msg)
+                    raise UnrunnableError(msg)
             tables.append((np.nan_to_num(features - made), made))
         found.append(Residuals(tables[0][0], tables[1][0], tables[0][1].mean(axis=0)))
     return found

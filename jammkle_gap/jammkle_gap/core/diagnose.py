@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.calibrate import calibrate, uncalibrated
+from jammkle_gap.core.calibrate import calibrate, runnable, uncalibrated
 from jammkle_gap.core.compare import beside, difference_of, residuals_of, settings_of
 from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
@@ -21,7 +21,7 @@ from jammkle_gap.core.response import grid_features, grid_signatures
 from jammkle_gap.core.screen import screen
 from jammkle_gap.core.search import reweighed, search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
-from jammkle_gap.core.simulate import Runner, Task
+from jammkle_gap.core.simulate import Runner, Task, UnrunnableError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -120,6 +120,7 @@ def evidence_of(
         _laid(each.constants, each, setting, problem) for each, setting in zip(dictionaries, settings, strict=True)
     ]
     calibration = calibrate(settings, difference.scatter, slopes, problem, runner, constants)
+    calibration, calibrated = runnable(calibration, settings, nominal, problem, runner)
     machine: Mapping[str, float] = {}
     complete = all(setting.references for setting in settings)
     if not any(setting.references for setting in settings):
@@ -128,7 +129,7 @@ def evidence_of(
         )
     elif not complete:
         # Where references are missing, what is known of the machine is all there is.
-        residuals = residuals_of(settings, runner, calibration.values) if calibration.values else residuals
+        residuals = calibrated
         difference = _difference(settings, residuals, dictionaries, problem, runner, calibration, constants)
         machine = calibration.values
     grids = grid_features(problem, settings, dictionaries)
@@ -136,7 +137,7 @@ def evidence_of(
     classes = classes_of(grids_of(problem), signatures, constants)
     if complete and calibration.after < calibration.before:
         residuals, difference, machine, screening = _better_machine(
-            settings, signatures, residuals, difference, calibration, problem, runner
+            settings, signatures, residuals, difference, calibrated, calibration.values, problem, runner
         )
     else:
         screening = screen(problem, settings, signatures, difference, machine, runner)
@@ -176,7 +177,8 @@ def _better_machine(
     signatures: Mapping[str, NDArray[np.float64]],
     residuals: Sequence[Residuals],
     difference: Difference,
-    calibration: Calibration,
+    calibrated: Sequence[Residuals],
+    machine: Mapping[str, float],
     problem: Problem,
     runner: Runner,
 ) -> tuple[Sequence[Residuals], Difference, Mapping[str, float], Screening]:
@@ -191,18 +193,18 @@ def _better_machine(
         signatures: Whitened, of every effect's grid points.
         residuals: Of the nominal machine.
         difference: Of the nominal machine.
-        calibration: What to compare with.
+        calibrated: Residuals of the calibrated machine.
+        machine: Its constants.
         problem: Simulator and library.
         runner: Makes the runs.
 
     """
-    again = residuals_of(settings, runner, calibration.values)
-    other = replace(difference, whitened=difference.whiten([each.difference for each in again]))
-    screening = screen(problem, settings, signatures, other, calibration.values, runner)
+    other = replace(difference, whitened=difference.whiten([each.difference for each in calibrated]))
+    screening = screen(problem, settings, signatures, other, machine, runner)
     nominal = screen(problem, settings, signatures, difference, {}, runner)
     if nominal.left < screening.left:
         return residuals, difference, {}, nominal
-    return again, other, calibration.values, screening
+    return calibrated, other, machine, screening
 
 
 def _difference(
@@ -250,12 +252,13 @@ def _linearised(
     found = calibrate(asked, difference.scatter, slopes, problem, runner, constants)
     if not found.values:
         return list(residuals), difference, {}
+    try:
+        made = residuals_of(settings, runner, found.values)
+    except UnrunnableError:
+        return list(residuals), difference, {}
     shared = _shared(settings, problem, runner, replace(uncalibrated(problem), values=found.values))
     place = np.array([found.deviations[each.name] for each in problem.constants])
-    moved = [
-        replace(each, faulty=each.faulty + columns @ place)
-        for each, columns in zip(residuals_of(settings, runner, found.values), shared, strict=True)
-    ]
+    moved = [replace(each, faulty=each.faulty + columns @ place) for each, columns in zip(made, shared, strict=True)]
     none = [np.zeros(size) for size in difference.sizes]
     return moved, beside(replace(difference, shared=tuple(shared)), moved, none), found.values
 

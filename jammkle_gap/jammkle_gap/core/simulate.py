@@ -37,6 +37,10 @@ class SimulatorError(RuntimeError):
     """A simulator, or a user's effect in it, failed; the message names recording and parameters."""
 
 
+class UnrunnableError(SimulatorError):
+    """A recording cannot be run at all with some constants of the machine; the message names it."""
+
+
 class StoppedError(RuntimeError):
     """Asked to stop on the way."""
 
