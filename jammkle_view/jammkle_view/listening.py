@@ -1,7 +1,8 @@
 """Hears the topics of one ankle: what is seldom by callbacks, what is fast by looking at the newest once per frame.
 
-A callback per sample would cost more than the page itself: four ankles send some 7,000 measurements per second, of
-which a page that moves 30 times per second can show a tenth.
+A callback per sample would cost more than the page itself: four ankles send some 5,000 measurements per second, of
+which a page that moves 30 times per second can show a tenth. What is only plotted, pressures and IMU, is subscribed to
+for the ankle that is plotted alone.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 
 _SELDOM = (names.JAM_STATE, names.CONTACT_EVENTS, names.SIM_PARAMETERS)
 _OF_THE_WHOLE = names.SIM_PARAMETERS
-_NEWEST = (names.JOINT_STATES, names.TENDON_STATES, *names.PRESSURES.values(), names.MANIFOLD_PRESSURE)
+_SHOWN = (names.JOINT_STATES, names.TENDON_STATES)
+_PLOTTED = (*names.PRESSURES.values(), names.MANIFOLD_PRESSURE)
 _IMU_DEPTH = 100
 """A tenth of a second at 1 kHz: three frames, of which every sample is plotted, as an impact lasts a few alone."""
 
@@ -59,19 +61,31 @@ class AnkleEars:
                 lambda message: ankle.take(take(message)),
                 subscriber_qos(_OF_THE_WHOLE),
             )
-        self._newest = [(topic.name, _watch(watcher, prefix, topic, 1)) for topic in _NEWEST]
+        self._watcher, self._prefix = watcher, prefix
+        self._shown = [(topic.name, _watch(watcher, prefix, topic, 1)) for topic in _SHOWN]
         if with_base:
-            self._newest.append((names.ODOMETRY.name, _watch(watcher, "", names.ODOMETRY, 1)))
-        self._imu = _watch(watcher, prefix, names.IMU, _IMU_DEPTH)
+            self._shown.append((names.ODOMETRY.name, _watch(watcher, "", names.ODOMETRY, 1)))
+        self._plotted: list[tuple[str, Subscription]] = []
+        self._imu: Subscription | None = None
 
-    def look(self, *, with_imu: bool) -> None:
-        """Take the newest of every measurement; of the IMU all since the last look, if it is wanted."""
-        for topic, subscription in self._newest:
+    def look(self) -> None:
+        """Take the newest of every measurement; of an IMU that is plotted all since the last look."""
+        for topic, subscription in (*self._shown, *self._plotted):
             self._take(topic, subscription)
-        if with_imu:
+        if self._imu is not None:
             for _ in range(_IMU_DEPTH):
                 if not self._take(names.IMU.name, self._imu):
                     break
+
+    def plot(self, *, wanted: bool) -> None:
+        """Begin or cease to hear what is only plotted."""
+        if wanted and self._imu is None:
+            self._imu = _watch(self._watcher, self._prefix, names.IMU, _IMU_DEPTH)
+            self._plotted = [(topic.name, _watch(self._watcher, self._prefix, topic, 1)) for topic in _PLOTTED]
+        elif not wanted and self._imu is not None:
+            for subscription in (self._imu, *(subscription for _, subscription in self._plotted)):
+                self._watcher.destroy_subscription(subscription)
+            self._plotted, self._imu = [], None
 
     def _take(self, topic: str, subscription: Subscription) -> bool:
         with subscription.handle:

@@ -87,7 +87,8 @@ class ViewerNode(Node):
         """Look at what is new, do what was clicked, and show it where somebody looks."""
         now_s = time.monotonic()
         for name, ears in self._ears.items():
-            ears.look(with_imu=name == self._page.chosen)
+            ears.plot(wanted=name == self._page.chosen)
+            ears.look()
         while not self._wishes.empty():
             self._asking.carry_out(self._wishes.get())
         self._asking.go_on()
