@@ -123,7 +123,7 @@ def tables() -> dict[str, str]:
             (
                 each.value,
                 *(
-                    f"{'' if OFFERS[mount][each].made else '**not told**: '}{OFFERS[mount][each].reason}"
+                    f"{'' if OFFERS[mount][each].made else '**not reported**: '}{OFFERS[mount][each].reason}"
                     for mount in OFFERS
                 ),
             )

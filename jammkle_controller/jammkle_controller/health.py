@@ -22,7 +22,7 @@ REMEMBERED_S = 5.0
 """How long trouble in the stream is shown after it ended, s."""
 
 SAFE_MODE = "the last wish is kept"
-"""What is done where nothing tells of contact: what is jammed stays jammed, what is soft stays soft."""
+"""What is done where nothing shows contact: what is jammed stays jammed, what is soft stays soft."""
 
 
 class StreamTrouble:
@@ -124,7 +124,7 @@ def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_h
     if trouble:
         return Health("policy", Level.ERROR, f"automatic: {controller.state.value}, but {trouble}", values)
     if controller.state is PolicyState.FAULT:
-        return Health("policy", Level.ERROR, f"fault: nothing tells of contact; {SAFE_MODE}", values)
+        return Health("policy", Level.ERROR, f"fault: nothing shows contact; {SAFE_MODE}", values)
     what = controller.state.value if controller.mode is PolicyMode.AUTO else controller.mode.value
     if by_hand:
         what += f"; vented by a service: {', '.join(by_hand)}, until the policy changes its wish"

@@ -52,7 +52,7 @@ class ControllerParameters:
     )
     use_load: bool = parameter(
         default=False,
-        description="Whether load_cell/wrench is the load on the foot, and tells of contact; in a rig it is not",
+        description="Whether load_cell/wrench is the load on the foot, and shows contact; in a rig it is not",
         dynamic=True,
     )
     command_rate_hz: float = parameter(

@@ -150,7 +150,7 @@ def test_every_state_can_be_left_and_the_table_is_whole() -> None:
 
 @pytest.mark.parametrize("stands", [True, False])
 def test_in_a_fault_the_wish_is_kept(stands: bool) -> None:  # noqa: FBT001
-    """Where nothing tells of contact, what is jammed stays jammed and what is soft stays soft; events are void."""
+    """Where nothing shows contact, what is jammed stays jammed and what is soft stays soft; events are void."""
     policy = new_policy(0.0)
     if stands:
         feel(policy, ContactKind.IMPACT, SECOND_NS)

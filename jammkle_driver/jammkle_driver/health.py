@@ -145,7 +145,7 @@ def _link_line(link: LinkStatus, noise: str) -> Health:
         message = ", ".join(sorted(fault.value for fault in link.faults))
     values = {
         "board starts": str(link.starts),
-        "last reset": "not told" if link.reset_cause is None else link.reset_cause.value,
+        "last reset": "unknown" if link.reset_cause is None else link.reset_cause.value,
         "supply (V)": "not measured" if link.supply_v is None else f"{link.supply_v:.2f}",
         "connects": str(link.connects),
         "exchanges": str(link.exchanges),

@@ -178,7 +178,7 @@ class AnkleController:
             self._policy.foresee(foreseen_ns)
 
     def _look_at_imu(self, time_ns: int) -> None:
-        """Fall back where nothing tells of contact, and come back where something does."""
+        """Fall back where nothing shows contact, and come back where something does."""
         trouble = self._detector.watch.trouble
         believed = trouble is None
         looked_at = trouble is ImuTrouble.CHECKING and not self._believed_before

@@ -41,7 +41,7 @@ class Input(enum.Enum):
 
 @dataclass(frozen=True)
 class InputSettings:
-    """Share of the stride that the foot stands, and whether the load cell tells of contact."""
+    """Share of the stride that the foot stands, and whether the load cell shows contact."""
 
     stance_share: float
     use_load: bool
@@ -74,7 +74,7 @@ class ContactInputs:
         return None
 
     def tells_contact(self, time_ns: int) -> bool:
-        """Whether anything beside the IMU tells of contact."""
+        """Whether anything beside the IMU shows contact."""
         planned = {Input.GAIT_PHASE, Input.PLANNED_CONTACT} & set(self.heard(time_ns))
         return bool(planned) or self.measured_contact(time_ns) is not None
 

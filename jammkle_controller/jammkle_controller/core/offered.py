@@ -57,7 +57,7 @@ _BODY: Mapping[Detection, Offer] = {
     Detection.SWING: Offer(made=False, reason="the swing of one foot is not felt on the body"),
     Detection.SLIP_STANDING: Offer(made=True, reason="a step of the acceleration that becomes a speed"),
     Detection.SLIP_STEPPING: Offer(
-        made=False, reason="a body that walks speeds up and slows down at every step: 2 of 309 told slips were one"
+        made=False, reason="a body that walks speeds up and slows down at every step: 2 of 309 reported slips were one"
     ),
     Detection.REST: _REST,
 }

@@ -166,12 +166,12 @@ class JammingPolicy:
             self._take(Trigger.SHOCK_OVER)
 
     def lose(self) -> None:
-        """Nothing that tells of contact is believed: keep what is wanted now."""
+        """Nothing that shows contact is believed: keep what is wanted now."""
         self._kept = dict(self.wish)
         self._take(Trigger.LOST)
 
     def regain(self) -> None:
-        """Something tells of contact again."""
+        """Something shows contact again."""
         self._take(Trigger.REGAINED_JAMMED if any(self._kept.values()) else Trigger.REGAINED_SOFT)
 
     def _take(self, trigger: Trigger) -> None:

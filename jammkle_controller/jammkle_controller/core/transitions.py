@@ -33,9 +33,9 @@ class Trigger(enum.Enum):
     STOPPED = "no slip for slip_hold_s"
     RECOVERED = "no slip for recover_s"
     INHERITED = "at rest, and held by a controller before"
-    LOST = "nothing tells of contact"
-    REGAINED_JAMMED = "contact is told again, jammed"
-    REGAINED_SOFT = "contact is told again, soft"
+    LOST = "nothing shows contact"
+    REGAINED_JAMMED = "contact is known again, jammed"
+    REGAINED_SOFT = "contact is known again, soft"
 
 
 class Wish(enum.Enum):
@@ -66,7 +66,7 @@ MEANINGS: Mapping[PolicyState, str] = {
     S.STANCE: "the foot stands",
     S.SLIPPING: "the foot slides",
     S.RECOVERING: "the foot slid a moment ago",
-    S.FAULT: "no input that tells of contact is believed: a robot that stands goes on standing as it did",
+    S.FAULT: "no input that shows contact is believed: a robot that stands goes on standing as it did",
 }
 
 TRANSITIONS: Mapping[tuple[PolicyState, Trigger], PolicyState] = {

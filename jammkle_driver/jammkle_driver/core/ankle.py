@@ -88,7 +88,7 @@ class Ankle:
         self._stamps: dict[str, float] = {}
         self._regulated_at_s = -math.inf
         self._duty = 0.0
-        self._frozen: ActuatorCommand | None = None
+        self._held: ActuatorCommand | None = None
         self._own_way_until_s = -math.inf
 
     @property
@@ -99,14 +99,14 @@ class Ankle:
     @property
     def command(self) -> ActuatorCommand:
         """What the actuators shall do now."""
-        if self._frozen is not None:
-            return self._frozen
+        if self._held is not None:
+            return self._held
         return ActuatorCommand({name: channel.energised for name, channel in self.channels.items()}, self._duty)
 
     @property
     def held(self) -> bool:
         """Whether solenoids are kept as they were, in the safe state `hold`."""
-        return self._frozen is not None
+        return self._held is not None
 
     @property
     def resting(self) -> bool:
@@ -136,16 +136,16 @@ class Ankle:
 
     def ask(self, channel: str, vacuum_pa: float, reason: str, fault: Reason = Reason.NONE) -> None:
         """Take a wish for one channel; whatever was held before is regulated, or vented, again."""
-        self._thaw(f"let go with the wish for {channel}")
+        self._end_hold(f"let go with the wish for {channel}")
         self.channels[channel].ask(vacuum_pa, reason, fault)
 
     def let_go(self, channels: Sequence[str], reason: str, fault: Reason) -> None:
         """Bring channels to the safe state; nothing has failed that must be acknowledged."""
         asked = [self.channels[name] for name in channels if self.channels[name].set_point_pa > 0.0]
-        if self._settings.safe_state is SafeState.HOLD and self._frozen is None and asked:
-            self._frozen = ActuatorCommand(dict(self.command.solenoids), 0.0)
+        if self._settings.safe_state is SafeState.HOLD and self._held is None and asked:
+            self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for channel in asked:
-            if self._frozen is not None:
+            if self._held is not None:
                 channel.hold(reason, fault)
             else:
                 channel.ask(0.0, reason, fault)
@@ -153,18 +153,18 @@ class Ankle:
     def fail(self, channels: Sequence[str], reason: str, fault: Reason, values: Mapping[str, str]) -> None:
         """Put channels into FAULT until they are cleared, and the others to where the policy wants them."""
         hold = self._settings.safe_state is SafeState.HOLD
-        if hold and self._frozen is None and self.jammed:
-            self._frozen = ActuatorCommand(dict(self.command.solenoids), 0.0)
+        if hold and self._held is None and self.jammed:
+            self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for name in channels:
             self.channels[name].fail(reason, fault, values)
         self._spread(fault)
         if self._settings.fault_policy is FaultPolicy.CHANNEL and any(pa > 0.0 for pa in self.set_points_pa.values()):
-            self._frozen = None
+            self._held = None
         self.regulate(0.0)
 
     def clear(self, channels: Sequence[Channel]) -> None:
         """Let channels leave their faults, vented."""
-        self._thaw("cleared")
+        self._end_hold("cleared")
         self.findings = ()
         for channel in channels:
             channel.clear()
@@ -173,7 +173,7 @@ class Ankle:
 
     def release(self) -> None:
         """End the safe state `hold`: what was kept is vented."""
-        self._thaw("let go")
+        self._end_hold("let go")
 
     def measure(self, place: str, pressure_pa: float, stamp_s: float, now: Instant) -> None:
         """Take a reading, Pa absolute, of `stamp_s` s on the graph's clock."""
@@ -206,7 +206,7 @@ class Ankle:
         """Set the pump anew, `elapsed_s` s after the last measurement."""
         jammed = [channel for channel in self.channels.values() if channel.set_point_pa > 0.0]
         measured_pa = [channel.vacuum_pa for channel in jammed if channel.vacuum_pa is not None]
-        if not measured_pa or self._frozen is not None:
+        if not measured_pa or self._held is not None:
             self._regulator.reset()
             self._duty = self.load.spare(0.0, elapsed_s)
             return
@@ -281,9 +281,9 @@ class Ankle:
         failed = ", ".join(channel.name for channel in self.faulty)
         self.let_go(others, f"let go with {failed} (fault_policy is ankle)", fault)
 
-    def _thaw(self, reason: str) -> None:
-        if self._frozen is None:
+    def _end_hold(self, reason: str) -> None:
+        if self._held is None:
             return
-        self._frozen = None
+        self._held = None
         for channel in self.channels.values():
             channel.ask(0.0, reason)

@@ -216,7 +216,7 @@ def tables(outcomes: Sequence[Outcome], false_alarms: Sequence[str], hours: floa
     lines = [
         f"{of_all}; {of_plant}. False alarms in {hours:g} h of healthy jamming: **{len(false_alarms)}**.",
         "",
-        "| injected | n | right | told, where wrong | delay, median, s | delay, longest, s |",
+        "| injected | n | right | reported, where wrong | delay, median, s | delay, longest, s |",
         "|---|---:|---:|---|---:|---:|",
     ]
     for reason in REASONS:
