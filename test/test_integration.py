@@ -8,11 +8,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+import yaml
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -20,6 +21,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool
 
 from graph import Probe, environment
+from jammkle_graph.command.main import main
 from jammkle_graph.names import (
     ACHILLES,
     CHANNEL_JAMS,
@@ -30,6 +32,7 @@ from jammkle_graph.names import (
     JOINT_STATES,
     PERONEAL_LEFT,
     PRESSURES,
+    QUADRUPED_ANKLES,
     SOLENOIDS,
     UNJAM_ALL,
     Service,
@@ -46,6 +49,8 @@ NAMESPACE = "/lf_ankle"
 IN_NAMESPACE = ("--ros-args", "-r", f"__ns:={NAMESPACE}")
 CHANGE_STATE = Service("driver", "change_state", "lifecycle_msgs/srv/ChangeState", "")
 STAND_IN = Path(__file__).with_name("stand_in")
+TOLD_BY_CONTROLLER_MANAGER = Path(__file__).with_name("controller_manager.yaml")
+CONFIG = Path(__file__).parents[1] / "jammkle_bringup" / "config"
 ACHILLES_JAMMED_PA = 80e3
 """Between the atmosphere and the default vacuum."""
 
@@ -89,6 +94,11 @@ def example(name: str) -> Any:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def names_told(robot: str) -> list[str]:
+    """What a real controller manager told on introspection_data/names about our description of a robot."""
+    return list(yaml.safe_load(TOLD_BY_CONTROLLER_MANAGER.read_text())[robot])
 
 
 def change(probe: Probe, transition: int) -> bool:
@@ -237,23 +247,57 @@ def test_the_mission_in_cpp_fits_the_messages() -> None:
 
 
 def test_commands_of_ros2_control_are_those_of_the_driver() -> None:
-    """Groups become channels, `vacuum` their set point; states go back with the same names; what is torn is refused."""
+    """What controllers have set becomes a jam_command for each ankle, what nobody has set does not; states go back."""
     bridge = example("gpio_bridge")
-    values = SimpleNamespace(interface_names=["vacuum", "other"], values=[40e3, 1.0])
-    message = SimpleNamespace(
-        interface_groups=[ACHILLES, "lamp"],
-        interface_values=[values, SimpleNamespace(interface_names=["on"], values=[1.0])],
-    )
-    wanted = bridge.wishes(message)
-    assert wanted == {ACHILLES: 40e3}
-    sent = bridge.command(wanted, JamState().header.stamp)
-    assert [(each.channel, each.vacuum_pa) for each in sent.channels] == [(ACHILLES, 40e3)]
+    told = names_told("quadruped")
+    values = [math.nan] * len(told)
+    values[told.index("command_interface.lf_ankle_achilles/vacuum")] = 40e3
+    values[told.index("command_interface.rh_ankle_peroneal_left/vacuum")] = 0.0
+    wanted = bridge.wishes(told, values)
+    assert wanted == {"lf_ankle_achilles": 40e3, "rh_ankle_peroneal_left": 0.0}
+    sent = {
+        ankle: [
+            (each.channel, each.vacuum_pa)
+            for each in bridge.command(ankle, CHANNELS, wanted, JamState().header.stamp).channels
+        ]
+        for ankle in QUADRUPED_ANKLES
+    }
+    assert sent == {"lf_ankle": [(ACHILLES, 40e3)], "rf_ankle": [], "lh_ankle": [], "rh_ankle": [(PERONEAL_LEFT, 0.0)]}
     report = JamState(
         channels=[
             ChannelJamState(channel=name, state=ChannelJamState.JAMMED, measured_vacuum_pa=4e4) for name in CHANNELS
         ]
     )
-    assert bridge.states(report) == dict.fromkeys(CHANNELS, (4e4, float(ChannelJamState.JAMMED)))
-    values.values.pop()
+    states = {name: value for ankle in QUADRUPED_ANKLES for name, value in bridge.states(ankle, report).items()}
+    joints = ("/position", "/velocity")
+    assert set(states) == {name for name in told if name.startswith("state_interface.") and not name.endswith(joints)}
+    assert {value for name, value in states.items() if name.endswith("/vacuum")} == {4e4}
+    assert {value for name, value in states.items() if name.endswith("/state")} == {float(ChannelJamState.JAMMED)}
     with pytest.raises(ValueError, match="zip"):
-        bridge.wishes(message)
+        bridge.wishes(told, values[1:])
+
+
+@pytest.mark.parametrize("robot", ["ankle", "quadruped"])
+def test_a_controller_manager_finds_what_description_and_controllers_name(
+    robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The interfaces of the URDF are those that a real one told of; the controllers' file commands every channel."""
+    assert main(["urdf", robot]) == 0
+    control = list(ET.fromstring(capsys.readouterr().out).iterfind("ros2_control"))  # noqa: S314 - our own text
+    found = {
+        f"{interface.tag}.{part.attrib['name']}/{interface.attrib['name']}"
+        for system in control
+        for part in (*system.iterfind("joint"), *system.iterfind("gpio"))
+        for interface in part
+    }
+    told = names_told(robot)
+    assert found == {name for name in told if not name.endswith(".is_limited")}
+    controllers = yaml.safe_load((CONFIG / f"{robot}.ros2_control.yaml").read_text())
+    gpio = controllers["/**/gpio_controller"]["ros__parameters"]
+    commanded = {
+        f"command_interface.{name}/{interface}"
+        for name, of in gpio["command_interfaces"].items()
+        for interface in of["interfaces"]
+    }
+    assert commanded == {name for name in found if name.startswith("command_interface.")}
+    assert gpio["gpios"] == [each.attrib["name"] for system in control for each in system.iterfind("gpio")]

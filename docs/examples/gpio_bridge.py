@@ -1,84 +1,137 @@
-"""Let a ros2_control stack jam: speaks as gpio_controllers' command controller does, and passes it on to the driver.
+"""Let a ros2_control stack jam: passes GPIO commands of a controller manager on to the driver, and states back.
 
 python gpio_bridge.py --ros-args -r __ns:=/lf_ankle
+python gpio_bridge.py --ros-args -p component:=quadruped_air -p ankles:="[lf_ankle, rf_ankle, lh_ankle, rh_ankle]"
 
-Commands: `gpio_controller/commands`, a group per channel with the interface `vacuum` (Pa below ambient; 0 unjams).
-States: `gpio_controller/gpio_states`, per channel `vacuum` (measured, Pa) and `state` (jammkle_msgs/ChannelJamState).
-Needs control_msgs. Do not run the project's own controller beside it: both would wish.
+Runs in the namespace of the controller manager. Commands: the interfaces `vacuum` (Pa below ambient; 0 unjams) that the
+controller manager tells on `controller_manager/introspection_data`, whichever controller has set them. States: what
+`cm_topic_hardware_component/CMTopicSystem` hears, per channel `vacuum` (measured, Pa) and `state`
+(jammkle_msgs/ChannelJamState). Needs pal_statistics_msgs, which ros2_control brings along. Do not run the project's own
+controller beside it: both would wish.
 """
 
+import math
 import sys
+import time
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 
 from jammkle_graph.runner import run
-from jammkle_msgs.msg import ChannelJamCommand, JamCommand, JamState
+from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand, JamState
 
 VACUUM, STATE = "vacuum", "state"
+COMMAND, TOLD = "command_interface.", "state_interface."
 PERIOD_S = 0.05
 """Well below the driver's command_timeout_s: a command of ros2_control stands until the next, ours go stale."""
+SILENT_S = 2.5
+"""Silence of jam_state, which is repeated every second, after which its ankle's states are not known any more."""
+NAMES_VERSION = 1
+"""Of the states' names, which are the same in every message; 0 means none to CMTopicSystem."""
 
 
-def wishes(message):
-    """Return the vacuum wanted, Pa, by channel, from a DynamicInterfaceGroupValues; ValueError if it is torn."""
+def gpio(ankle, channel):
+    """Return how the robot description calls a channel: of several ankles by ankle."""
+    return f"{ankle}_{channel}" if ankle else channel
+
+
+def wishes(names, values):
+    """Return the vacuum wanted, Pa, by GPIO; what nobody has set yet is NaN, and no wish."""
     return {
-        channel: dict(zip(values.interface_names, values.values, strict=True))[VACUUM]
-        for channel, values in zip(message.interface_groups, message.interface_values, strict=True)
-        if VACUUM in values.interface_names
+        name.removeprefix(COMMAND).removesuffix(f"/{VACUUM}"): value
+        for name, value in zip(names, values, strict=True)
+        if name.startswith(COMMAND) and name.endswith(f"/{VACUUM}") and not math.isnan(value)
     }
 
 
-def states(report):
-    """Return vacuum, Pa, and state by channel, from a JamState."""
-    return {each.channel: (each.measured_vacuum_pa, float(each.state)) for each in report.channels}
+def states(ankle, report):
+    """Return the value of each state interface of an ankle by its full name, from a JamState."""
+    told = {}
+    for each in report.channels:
+        name = TOLD + gpio(ankle, each.channel)
+        told[f"{name}/{VACUUM}"], told[f"{name}/{STATE}"] = each.measured_vacuum_pa, float(each.state)
+    return told
 
 
-def command(wanted, stamp):
-    """Return the JamCommand for the vacuum wanted by channel."""
-    message = JamCommand(channels=[ChannelJamCommand(channel=name, vacuum_pa=pa) for name, pa in wanted.items()])
+def command(ankle, channels, wanted, stamp):
+    """Return the JamCommand of one ankle, of those of its channels that something is wanted of."""
+    named = {channel: wanted.get(gpio(ankle, channel)) for channel in channels}
+    message = JamCommand(
+        channels=[ChannelJamCommand(channel=channel, vacuum_pa=pa) for channel, pa in named.items() if pa is not None]
+    )
     message.header.stamp = stamp
     return message
 
 
 class GpioBridge(Node):
-    """Repeats the latest commands as long as somebody is there to take them back."""
+    """Repeats the commands as long as the controller manager does; where it falls silent, the driver lets go."""
 
     def __init__(self):
         """Join both sides."""
-        from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue  # noqa: PLC0415 - there may be none
+        from pal_statistics_msgs.msg import StatisticsNames, StatisticsValues  # noqa: PLC0415 - there may be none
 
         super().__init__("gpio_bridge")
-        self.group_values, self.interface_value = DynamicInterfaceGroupValues, InterfaceValue
-        self.wanted = {}
-        self.jam_command = self.create_publisher(JamCommand, "jam_command", QoSProfile(depth=1))
-        self.gpio_states = self.create_publisher(DynamicInterfaceGroupValues, "gpio_controller/gpio_states", 10)
-        self.commands = self.create_subscription(DynamicInterfaceGroupValues, "gpio_controller/commands", self.take, 10)
+        self.messages = StatisticsNames, StatisticsValues
+        alone = self.get_namespace().strip("/").replace("/", "_") or "ankle"
+        component = self.declare_parameter("component", f"{alone}_air").value
+        ankles = list(self.declare_parameter("ankles", [""]).value)
+        self.prefixes = {ankle: ankle if len(ankles) > 1 else "" for ankle in ankles}
+        self.channels, self.heard_s, self.refused, self.told = {}, {}, {}, {}
+        self.names, self.passed_on_s = {}, -math.inf
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(JamState, "jam_state", self.tell, latched)
-        self.create_timer(PERIOD_S, self.repeat)
+        self.jam_commands = {}
+        for ankle in ankles:
+            below = f"{ankle}/" if ankle else ""
+            self.jam_commands[ankle] = self.create_publisher(JamCommand, f"{below}jam_command", QoSProfile(depth=1))
+            self.create_subscription(JamState, f"{below}jam_state", lambda it, of=ankle: self.hear(of, it), latched)
+        self.state_names = self.create_publisher(StatisticsNames, f"{component}/names", 1)
+        self.state_values = self.create_publisher(StatisticsValues, f"{component}/values", 1)
+        introspection = "controller_manager/introspection_data"
+        self.create_subscription(StatisticsNames, f"{introspection}/names", self.learn, latched)
+        self.create_subscription(StatisticsValues, f"{introspection}/values", self.take, qos_profile_sensor_data)
+        self.create_timer(1.0, self.doubt, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def learn(self, message):
+        """Keep the latest names; values that have others are not understood until theirs have come."""
+        self.names = {message.names_version: message.names}
 
     def take(self, message):
-        """Keep what is wanted."""
-        try:
-            self.wanted.update(wishes(message))
-        except ValueError as error:
-            self.get_logger().error(f"commands are not complete: {error}")
+        """Pass the commands on, at most at our rate."""
+        now_s = time.monotonic()
+        names = self.names.get(message.names_version, ())
+        if len(names) != len(message.values) or now_s < self.passed_on_s + PERIOD_S:
+            return  # the manager is loading or unloading: the names that belong to it are on their way
+        self.passed_on_s = now_s
+        wanted = wishes(names, message.values)
+        stamp = self.get_clock().now().to_msg()
+        for ankle, channels in self.channels.items():
+            wish = command(self.prefixes[ankle], channels, wanted, stamp)
+            if wish.channels:
+                self.jam_commands[ankle].publish(wish)
 
-    def repeat(self):
-        """Pass it on; where no commander is left, the driver lets go by itself."""
-        if self.wanted and self.count_publishers(self.commands.topic_name):
-            self.jam_command.publish(command(self.wanted, self.get_clock().now().to_msg()))
+    def hear(self, ankle, report):
+        """Keep the states of an ankle, and tell them."""
+        self.channels[ankle], self.heard_s[ankle] = [each.channel for each in report.channels], time.monotonic()
+        if report.refused_command and report.refused_command != self.refused.get(ankle):
+            self.get_logger().error(f"{ankle or self.get_namespace()}: {report.refused_command}")
+        self.refused[ankle] = report.refused_command
+        self.told.update(states(self.prefixes[ankle], report))
+        self.tell()
 
-    def tell(self, report):
-        """Tell the states as a GPIO controller does."""
-        found = states(report)
-        message = self.group_values(interface_groups=list(found))
-        message.header.stamp = report.header.stamp
-        message.interface_values = [
-            self.interface_value(interface_names=[VACUUM, STATE], values=list(values)) for values in found.values()
-        ]
-        self.gpio_states.publish(message)
+    def doubt(self):
+        """Say of an ankle whose driver is silent that its states are not known."""
+        for ankle, heard_s in self.heard_s.items():
+            if time.monotonic() > heard_s + SILENT_S:
+                unknown = [ChannelJamState(channel=name, measured_vacuum_pa=math.nan) for name in self.channels[ankle]]
+                self.told.update(states(self.prefixes[ankle], JamState(channels=unknown)))
+                self.tell()
+
+    def tell(self):
+        """Tell the states to the hardware component, with their names, which may have been lost before."""
+        names, values = self.messages
+        self.state_names.publish(names(names=list(self.told), names_version=NAMES_VERSION))
+        self.state_values.publish(values(values=list(self.told.values()), names_version=NAMES_VERSION))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Tags of ros2_control: joints that are told on a topic, and the channels of every ankle as GPIO.
 
-Both are for a stack to read, see docs/integration.md: the joints' plugin is that of
-`joint_state_topic_hardware_interface` (ros-controls/topic_based_hardware_interfaces); for GPIO on topics there is none,
-so that `mock_components/GenericSystem` of ros2_control keeps the commands, until a stack names its own.
+Both are for a stack to read, see docs/integration.md. The plugins are those of
+ros-controls/topic_based_hardware_interfaces: one reads joint_states, the other has its states from messages of
+pal_statistics and keeps the commands. docs/examples/gpio_bridge.py passes both on between it and the driver.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 VACUUM, STATE = "vacuum", "state"
 """Interfaces of a channel: Pa below ambient, and jammkle_msgs/ChannelJamState as a number."""
 _JOINT_PLUGIN = "joint_state_topic_hardware_interface/JointStateTopicSystem"
-_GPIO_PLUGIN = "mock_components/GenericSystem"
+_GPIO_PLUGIN = "cm_topic_hardware_component/CMTopicSystem"
 LARGEST_VACUUM_PA = 70e3
 """Most that the driver takes, unless its parameter `max_vacuum_pa` says otherwise."""
 _UNUSED = "unused_joint_commands"
