@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -13,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
 from graph import TIMEOUT_S, Probe, environment
@@ -24,8 +22,6 @@ from jammkle_graph.names import (
     CLEAR_FAULT,
     DIAGNOSTICS,
     EMERGENCY_STOP,
-    IMU,
-    IMU_FRAME,
     JAM_ALL,
     JAM_COMMAND,
     JAM_STATE,
@@ -33,6 +29,7 @@ from jammkle_graph.names import (
 )
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand
 from jammkle_sim.board_bench import BoardBench
+from landing_imu import IMPACT_M_S2, PlayedImu
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -44,9 +41,7 @@ SAGGED_UV = 2_000_000
 """8 V of 12 V at the divider of the supply."""
 STREAM_PERIOD_S = 0.02
 IMU_PERIOD_S = 0.01
-NOISE_M_S2 = 0.02
-"""Of the IMU: one whose readings never change counts as frozen."""
-REST_SAMPLES, FLIGHT_SAMPLES, IMPACT_M_S2 = 100, 30, 40.0
+REST_SAMPLES, FLIGHT_SAMPLES = 100, 30
 HELD_VACUUM_PA = 50e3
 
 
@@ -62,9 +57,8 @@ class Scene:
         self.stream = self.probe.publisher(JAM_COMMAND)
         self.stop = self.probe.publisher(EMERGENCY_STOP)
         self.controller: subprocess.Popen[bytes] | None = None
-        self._imu = self.probe.publisher(IMU)
+        self._imu = PlayedImu(self.probe.node)
         self._imu_samples = 0
-        self._random = random.Random(1)  # noqa: S311 - noise of a sensor
         self.probe.node.create_timer(IMU_PERIOD_S, self._land)
         self._parameters = {"hardware": "modbus", "port": str(port), **parameters}
         self.driver = self.start_driver()
@@ -139,13 +133,8 @@ class Scene:
         """Play the IMU of a robot that rests, falls, hits the ground, and rests; it falls as long as nothing jams."""
         at = self._imu_samples % (REST_SAMPLES + FLIGHT_SAMPLES)
         self._imu_samples += not (at == 1 and self.channels_in(ChannelJamState.JAMMED))
-        message = Imu()
-        message.header.stamp = self.probe.node.get_clock().now().to_msg()
-        message.header.frame_id = IMU_FRAME
-        message.orientation_covariance[0] = -1.0
         force_m_s2 = IMPACT_M_S2 if at == 0 else STANDARD_GRAVITY_M_S2 if at < REST_SAMPLES else 0.0
-        message.linear_acceleration.z = force_m_s2 + self._random.gauss(0.0, NOISE_M_S2)
-        self._imu.publish(message)
+        self._imu.publisher.publish(self._imu.sample(force_m_s2))
 
     def stream_jam(self) -> float:
         """Jam everything by a stream of commands; return when its last message left, s."""

@@ -95,6 +95,60 @@ def test_what_is_broken_fails_and_says_what_to_do(
         assert words in rows[row].to_do
 
 
+def stuck_open(bench: BoardBench) -> None:
+    """Keep the valve of the Achilles tendons at the manifold, whatever its coil does."""
+    drive = bench.plant.drive
+    bench.plant.drive = lambda solenoids, duty: drive(solenoids | 0b100, duty)
+
+
+def exchanged(bench: BoardBench) -> None:
+    """Exchange the hoses of the two peroneal tendons behind their valves."""
+    drive = bench.plant.drive
+    bench.plant.drive = lambda solenoids, duty: drive(
+        solenoids & 0b100 | (solenoids & 0b001) << 1 | (solenoids & 0b010) >> 1, duty
+    )
+
+
+AT_ONE_CHANNEL: dict[str, tuple[Callable[[BoardBench], None], dict[str, str]]] = {
+    "valve stuck open": (stuck_open, {"valve achilles vents": "stuck open"}),
+    "hoses exchanged": (
+        exchanged,
+        {
+            "valve peroneal_left connects": "peroneal_right instead gets vacuum: exchanged",
+            "valve peroneal_right connects": "peroneal_left instead gets vacuum: exchanged",
+        },
+    ),
+    "line pinched": (
+        lambda bench: bench.plant.air.pinch("peroneal_right", 0.2),
+        {"line peroneal_right": "pinched or kinked"},
+    ),
+    "line all but shut": (
+        lambda bench: bench.plant.air.pinch("peroneal_right", 0.06),
+        {
+            "valve peroneal_right connects": "blocked or kinked line",
+            "valve peroneal_right vents": "blocked or kinked line",
+        },
+    ),
+    "membrane torn": (
+        lambda bench: bench.plant.air.puncture("peroneal_left", 0.02),
+        {"leak of peroneal_left": "soapy water"},
+    ),
+}
+"""What is wrong with one channel, and the rows that fail by it, with words of what to do."""
+
+
+@pytest.mark.parametrize("name", AT_ONE_CHANNEL)
+def test_what_is_wrong_with_one_channel_fails_its_rows_alone(command: list[str], tmp_path: Path, name: str) -> None:
+    """The rows of what is well pass, so that nobody looks for a second fault."""
+    do_wrong, expected = AT_ONE_CHANNEL[name]
+    with BoardBench(command, tmp_path / "board") as bench:
+        do_wrong(bench)
+        rows = walked(tmp_path / "board")
+    assert failed(rows) == set(expected), {what: rows[what] for what in failed(rows)}
+    for row, words in expected.items():
+        assert words in rows[row].to_do
+
+
 def test_a_calibration_takes_out_gain_and_offset(command: list[str], tmp_path: Path) -> None:
     """Sensors that read 3 % and 2 kPa wrong agree with the gauge to the noise after two points; stored for good."""
     with BoardBench(command, tmp_path / "board", store=tmp_path / "store") as bench:

@@ -16,8 +16,9 @@ from pymodbus.exceptions import ModbusIOException
 from pymodbus.framer.rtu import FramerRTU
 
 from boards import AVR, board_command, build
-from jammkle_driver.core.registers import register_list
+from jammkle_driver.core.registers import default_watchdog_s, register_list
 from jammkle_sim.board_bench import BoardBench
+from jammkle_sim.inputs import WATCHDOG_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,6 +33,7 @@ SAFE_STATE = REGISTERS.holding("safe_state").address
 FIRST_SENSOR = REGISTERS.holding("sensor_1_raw_low").address
 HOST_SILENT, SUPPLY_LOW, RESET = 1, 2, 4
 SUPPLY_PIN = 4
+JAMMED_OUTPUTS, JAMMED_DUTY = 7, 500
 PATIENT_MS = 5000
 """The longest watchdog: what is off before it was off for another reason."""
 
@@ -301,32 +303,70 @@ def test_a_calibration_is_kept_over_a_reset(bench: BoardBench, client: Client) -
     assert pressure == pytest.approx(raw * 65535 / 16368, abs=200)
 
 
-@given(
-    st.lists(
-        st.one_of(
-            st.binary(min_size=1, max_size=280),
-            st.tuples(st.sampled_from((1, 2, 3, 4, 5, 6, 8, 15, 16, 23, 43)), st.binary(min_size=0, max_size=30)).map(
-                lambda pair: frame(pair[0], *pair[1])
-            ),
-        ),
-        min_size=1,
-        max_size=8,
-    )
+NEARLY_WRITES = (
+    (5, 0, 3, 0xFF, 0),  # a coil that is not there
+    (6, 0, 0, 0, 8),  # a solenoid that is not there
+    (6, 0, 1, 0x03, 0xE9),  # a duty of 1001 thousandths
+    (15, 0, 0, 0, 3, 2, 0, 0),  # byte count does not fit
+    (16, 0, 0, 0, 2, 4, 0, 0, 0x03, 0xE9),  # a release, with a duty that cannot be
+    (16, 0, 0, 0, 2, 4, 0, 1),  # shorter than it says
+    (23, 2, 0, 0, 1, 0, 0, 0, 1, 2, 0, 1),  # reads what is not there
 )
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+"""Requests that would change an output if they were taken; each must be refused as a whole."""
+
+WRITES = (5, 6, 15, 16, 23)
+READS_AND_UNKNOWN = (1, 2, 3, 4, 7, 8, 43, 0x83)
+NONSENSE = st.one_of(
+    st.binary(min_size=1, max_size=280),
+    st.sampled_from(NEARLY_WRITES).map(lambda data: frame(*data)),
+    st.sampled_from(NEARLY_WRITES).map(lambda data: frame(*data, unit=0)),
+    st.tuples(st.sampled_from(READS_AND_UNKNOWN), st.binary(max_size=30)).map(lambda pair: frame(pair[0], *pair[1])),
+    st.tuples(st.sampled_from(WRITES), st.integers(2, 255), st.binary(max_size=30)).map(
+        lambda one: frame(one[0], one[1], *one[2])  # past the end of all addresses
+    ),
+)
+"""Bytes of any kind, and frames with the right check sum of which none may be carried out."""
+
+
+@given(frames=st.lists(NONSENSE, min_size=1, max_size=8))
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_nonsense_on_the_line_drives_anything(
     bench: BoardBench, client: Client, tmp_path: Path, frames: list[bytes]
 ) -> None:
-    """A board that has latched its safe state stays there whatever it hears, and answers the next good request."""
+    """Of a jammed board nonsense changes no output, and does not keep it jammed: it is off once its watchdog expires.
+
+    Then it stays off whatever it hears, and answers the next good request.
+    """
+    client.acknowledge()
+    began = len(bench.edges)
+    assert client.write(0, JAMMED_OUTPUTS, JAMMED_DUTY) == 0
     raw = serial.Serial(str(tmp_path / "board"), 115200, timeout=0.0, exclusive=False)
-    for nonsense in frames:
-        if nonsense[:4] != bytes((1, 6, 0, ACKNOWLEDGE)):
+    deadline_s = time.monotonic() + 10.0
+    heard_after = 0
+    while heard_after < len(frames):
+        assert time.monotonic() < deadline_s, bench.edges[began:]
+        for nonsense in frames:
             raw.write(nonsense)
             time.sleep(0.004 + len(nonsense) * 1e-4)
+            heard_after += bench.released and len(bench.edges) > began
     raw.close()
     time.sleep(0.03)
-    assert client.patient_inputs(LATCHED, 1)[0]
-    assert all(edge.solenoids == 0 and edge.duty == 0.0 for edge in bench.edges)
+    assert client.patient_inputs(LATCHED, 1)[0] == HOST_SILENT
+    driven = [(edge.solenoids, round(edge.duty, 2)) for edge in bench.edges[began:]]
+    assert (JAMMED_OUTPUTS, JAMMED_DUTY / 1000.0) in driven
+    assert set(driven) <= {
+        (JAMMED_OUTPUTS, 0.0),
+        (0, JAMMED_DUTY / 1000.0),
+        (JAMMED_OUTPUTS, JAMMED_DUTY / 1000.0),
+        (0, 0.0),
+    }
+    off = driven.index((0, 0.0))
+    assert driven[off:] == [(0, 0.0)]
+
+
+def test_every_board_lets_go_after_the_same_silence() -> None:
+    """The simulated ankle's, which knows nothing of registers, is the firmware's default."""
+    assert default_watchdog_s() == WATCHDOG_S
 
 
 @pytest.mark.skipif(AVR, reason="the fuzzer runs the core on this machine")

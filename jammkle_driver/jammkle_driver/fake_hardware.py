@@ -10,6 +10,7 @@ from rclpy.clock_type import ClockType
 
 from jammkle_driver.conversions import seconds
 from jammkle_driver.core.hardware import ActuatorCommand, LinkState, LinkStatus, SafeCause, released
+from jammkle_driver.fake.board import WATCHDOG_S
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.script import ScriptError, read_script
 from jammkle_driver.measured import Measured
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
 
 _PERIOD_S = 0.01
 """Time between two readings, s, as of the simulation."""
-
-_WATCHDOG_S = 0.2
-"""Silence of the driver after which the fake board lets go, s: as the firmware's watchdog_ms."""
 
 
 class FakeHardware:
@@ -68,7 +66,7 @@ class FakeHardware:
     def apply(self, command: ActuatorCommand) -> None:
         """Take a command, unless the fake board has let go."""
         now_s = seconds(self._steady.now())
-        if now_s - self._heard_s > _WATCHDOG_S and any(self._command.solenoids.values()):
+        if now_s - self._heard_s > WATCHDOG_S and any(self._command.solenoids.values()):
             self._silent = True
             self._command = released(CHANNELS)
             self._plant.command(self._command.solenoids, 0.0)
@@ -89,7 +87,7 @@ class FakeHardware:
     def _advance(self) -> None:
         now_s = seconds(self._steady.now())
         # What was not a whole step is left for the next time; a process that stood still stops the plant, too.
-        self._last_s = max(self._last_s, now_s - _WATCHDOG_S)
+        self._last_s = max(self._last_s, now_s - WATCHDOG_S)
         before_s = self._plant.time_s
         self._plant.advance(now_s - self._last_s)
         self._last_s += self._plant.time_s - before_s

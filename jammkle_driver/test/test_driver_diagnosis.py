@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import pytest
-from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 
+from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_driver.core.diagnosis import THRESHOLD
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import released

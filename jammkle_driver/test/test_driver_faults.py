@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from driver_graph import Graph, Onlooker
 from std_srvs.srv import Trigger
 
+from driver_graph import Graph, Onlooker
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_graph import names

@@ -13,7 +13,6 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from driver_graph import FakeAnkle, Graph
 from lifecycle_msgs.msg import Transition
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
@@ -24,6 +23,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
+from driver_graph import FakeAnkle, Graph
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.node import DriverNode
 from jammkle_graph import names

@@ -8,9 +8,9 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from driver_graph import Graph, Onlooker
 from std_srvs.srv import Trigger
 
+from driver_graph import Graph, Onlooker
 from jammkle_graph import names
 from jammkle_graph.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState

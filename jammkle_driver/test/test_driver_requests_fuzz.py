@@ -9,7 +9,6 @@ import contextlib
 
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
-from malformed import NAME, NAMES, PASCALS
 
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
@@ -19,6 +18,7 @@ from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS
+from malformed import NAME, NAMES, PASCALS
 
 
 class Requests(RuleBasedStateMachine):

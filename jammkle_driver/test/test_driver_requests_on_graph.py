@@ -10,19 +10,18 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from driver_graph import Graph, Onlooker
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from malformed import NAME, NAMES, PASCALS
 from rcl_interfaces.srv import SetParameters
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
+from driver_graph import Graph, Onlooker
 from jammkle_driver.core.hardware import ActuatorCommand, released
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_graph import names
@@ -31,6 +30,7 @@ from jammkle_graph.qos import publisher_qos
 from jammkle_graph.testing import own_domain
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand
 from jammkle_msgs.srv import Jam, Unjam
+from malformed import NAME, NAMES, PASCALS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -7,7 +7,6 @@ said in units of what DDS and Python take anyway.
 from __future__ import annotations
 
 import math
-import random
 import statistics
 import subprocess
 import sys
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import psutil
 from rclpy.experimental import EventsExecutor
-from sensor_msgs.msg import FluidPressure, Imu
+from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool
 
 from echo import ECHO_TOPIC, MARK
@@ -36,6 +35,7 @@ from jammkle_graph.names import (
 )
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, ContactEvent
+from landing_imu import IMPACT_M_S2, PlayedImu
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,9 +49,6 @@ REST_S = 0.2
 """Long enough for the mean specific force to stay above half of g: below it an IMU counts as one without gravity."""
 FLIGHT_S = 0.12
 GROUND_S = 0.08
-IMPACT_M_S2 = 40.0
-NOISE_M_S2 = 0.02
-"""Of the IMU: one whose readings never change counts as frozen."""
 ROUND_TRIP_HOPS = 2
 PATH_HOPS = 3
 IMU_SUBSCRIBERS = 2
@@ -88,7 +85,7 @@ class Stimulus(Probe):
         self.executor.add_node(self.node)
         self._imu_rate_hz = imu_rate_hz
         self._pressure_every = round(PRESSURE_PERIOD_S * imu_rate_hz)
-        self._imu = self.node.create_publisher(Imu, IMU.name, publisher_qos(IMU))
+        self._imu = PlayedImu(self.node)
         self._pressures = [
             self.node.create_publisher(FluidPressure, topic.name, publisher_qos(topic))
             for topic in (*PRESSURES.values(), MANIFOLD_PRESSURE)
@@ -101,7 +98,6 @@ class Stimulus(Probe):
         self.node.create_subscription(Bool, ECHO_TOPIC, self._on_echo, publisher_qos(IMU))
         self.listen(JAM_STATE, CONTACT_EVENTS)
         self.samples = 0
-        self._random = random.Random(1)  # noqa: S311 - noise of a sensor
         self._vacuum_pa = 0.0
         self._next_s = time.monotonic()
 
@@ -118,13 +114,9 @@ class Stimulus(Probe):
         while (left_s := self._next_s - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left_s)
         self._next_s += 1.0 / self._imu_rate_hz
-        sample = Imu()
-        sample.header.stamp = self.node.get_clock().now().to_msg()
-        sample.header.frame_id = frame
-        sample.linear_acceleration.z = specific_force_m_s2 + self._random.gauss(0.0, NOISE_M_S2)
-        sample.orientation_covariance[0] = -1.0
+        sample = self._imu.sample(specific_force_m_s2, frame)
         sent_s = time.monotonic()
-        self._imu.publish(sample)
+        self._imu.publisher.publish(sample)
         if self.samples % self._pressure_every == 0:
             wanted_pa = JAMMED_PA if self.energised else 0.0
             self._vacuum_pa += (wanted_pa - self._vacuum_pa) * PRESSURE_PERIOD_S / FILL_TIME_S

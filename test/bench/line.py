@@ -21,7 +21,7 @@ from pymodbus.framer.rtu import FramerRTU
 from std_srvs.srv import SetBool
 
 from boards import RELEASED, Host, board_command
-from delay import FLIGHT_S, GROUND_S, IMPACT_M_S2, REST_S, Stimulus
+from delay import FLIGHT_S, GROUND_S, REST_S, Stimulus
 from echo import MARK
 from graph import environment
 from jammkle_driver.board.line import silence_s
@@ -31,6 +31,7 @@ from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import ACHILLES, CHANNEL_JAMS, CHANNELS
 from jammkle_msgs.msg import ChannelJamState
 from jammkle_sim.board_bench import BoardBench
+from landing_imu import IMPACT_M_S2
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

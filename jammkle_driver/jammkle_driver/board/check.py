@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,10 +10,10 @@ from typing import TYPE_CHECKING
 from jammkle_driver.board.probe import RELEASED, Moment, command, rate_pa_s
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_graph.constants import HELD_VACUUM_PA
-from jammkle_graph.names import CHANNELS
+from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Sequence
+    from collections.abc import AsyncIterator, Mapping, Sequence
 
     from jammkle_driver.board.probe import Probe
     from jammkle_driver.board.wiring import Wiring
@@ -31,7 +32,13 @@ _VENTED_PA = 5e3
 _LEAK_SHARE = 0.05
 """A leak that takes more than this share of what the pump draws keeps it running for good."""
 _OPEN_SHARE = 0.8
-"""Share of the manifold's vacuum that a channel behind an open valve has after `_VALVE_S`."""
+"""Share of the manifold's vacuum that a channel behind an open valve has after `_VALVE_S`, and one that does not vent
+keeps for `_VENT_S`."""
+_SLOW = 3.0
+"""A line that takes this many times as long per tendon as the others has less than a third of their conductance, where
+the driver tells BLOCKED_LINE."""
+_LINE_TRIES = 3
+"""How often a slow line is tried: a computer that was busy has been slow once."""
 _REST_S = 0.6
 _PUMP_S = 8.0
 _VALVE_S = 3.0
@@ -66,24 +73,70 @@ async def check(probe: Probe, wiring: Wiring) -> AsyncIterator[CheckRow]:
         drawn_pa_s = _drawn_pa_s(moments, place)
         rested = await probe.drive(command(energised, 0.0), _LEAK_S)
         yield _leak_row(place, [moments[-1], *rested], drawn_pa_s)  # a big leak is through before the next reading
+        falls_s: dict[str, float] = {}
         for channel in CHANNELS:
-            async for row in _valve_rows(probe, channel, place, drawn_pa_s):
+            async for row in _valve_rows(probe, channel, place, drawn_pa_s, falls_s):
                 yield row
+        for channel in falls_s if len(falls_s) > 1 else ():
+            yield await _line_row(probe, channel, falls_s)
     await probe.exchanges(RELEASED, 0.1)
 
 
-async def _valve_rows(probe: Probe, channel: str, place: str, drawn_pa_s: float) -> AsyncIterator[CheckRow]:
-    await probe.drive(RELEASED, _VENT_S, lambda m: all(m.vacuum_pa[name] < _VENTED_PA for name in CHANNELS))
-    opened = await probe.drive(
-        command((channel,), 1.0), _VALVE_S, lambda m: m.vacuum_pa[channel] >= _OPEN_SHARE * HELD_VACUUM_PA
-    )
-    others = [name for name in CHANNELS if name != channel and opened[-1].vacuum_pa[name] > _VENTED_PA]
+async def _valve_rows(
+    probe: Probe, channel: str, place: str, drawn_pa_s: float, falls_s: dict[str, float]
+) -> AsyncIterator[CheckRow]:
+    before = await probe.drive(RELEASED, _VENT_S, lambda m: all(m.vacuum_pa[name] < _VENTED_PA for name in CHANNELS))
+    vented = [name for name in CHANNELS if before[-1].vacuum_pa[name] <= _VENTED_PA]  # others have a fault of their own
+    opened = await _open(probe, channel, place)
+    others = [name for name in vented if name != channel and opened[-1].vacuum_pa[name] > _VENTED_PA]
     yield _open_row(opened[-1], channel, place, others)
     rested = await probe.drive(command((channel,), 0.0), _LEAK_S)
     if opened[-1].vacuum_pa[channel] > _VENTED_PA:
         yield _leak_row(channel, rested[len(rested) // 3 :], drawn_pa_s)
-    vented = await probe.drive(RELEASED, _VENT_S, lambda m: m.vacuum_pa[channel] < _VENTED_PA)
-    yield _vent_row(vented, channel)
+    closed = await _close(probe, channel)
+    row = _vent_row(closed, channel)
+    yield row
+    if row.passed and closed[0].vacuum_pa[channel] > _VENTED_PA:
+        falls_s[channel] = _fall_s(closed, channel)
+
+
+async def _open(probe: Probe, channel: str, place: str) -> list[Moment]:
+    def follows(moment: Moment) -> bool:
+        return moment.vacuum_pa[channel] >= _OPEN_SHARE * max(HELD_VACUUM_PA, moment.vacuum_pa[place])
+
+    return await probe.drive(command((channel,), 1.0), _VALVE_S, follows)
+
+
+async def _close(probe: Probe, channel: str) -> list[Moment]:
+    return await probe.drive(RELEASED, _VENT_S, lambda m: m.vacuum_pa[channel] < _VENTED_PA)
+
+
+async def _line_row(probe: Probe, channel: str, falls_s: Mapping[str, float]) -> CheckRow:
+    """Compare how fast a channel vents with the fastest of the others; volumes are as their numbers of tendons."""
+    usual_s = min(fall_s for name, fall_s in falls_s.items() if name != channel)
+    tries_s = [falls_s[channel]]
+    while (slow := min(tries_s) > _SLOW * usual_s) and len(tries_s) < _LINE_TRIES:
+        await _open(probe, channel, channel)
+        tries_s.append(_fall_s(await _close(probe, channel), channel))
+    measured = f"vents in {min(tries_s):.3f} s per tendon, the fastest other in {usual_s:.3f} s"
+    to_do = "slow: look for a pinched or kinked hose, or a clogged filter" if slow else ""
+    return CheckRow(f"line {channel}", passed=not slow, measured=measured, to_do=to_do)
+
+
+def _fall_s(moments: Sequence[Moment], channel: str) -> float:
+    """Return the time in which a channel that vents falls from 80 to 20 % of its vacuum, s per tendon."""
+    first_pa = moments[0].vacuum_pa[channel]
+    began_s, ended_s = (_crossed_s(moments, channel, share * first_pa) for share in (0.8, 0.2))
+    return (ended_s - began_s) / len(TENDONS_OF_CHANNEL[channel])
+
+
+def _crossed_s(moments: Sequence[Moment], channel: str, level_pa: float) -> float:
+    """Return when a falling vacuum crosses a level, between two readings by a straight line."""
+    for before, after in itertools.pairwise(moments):
+        high_pa, low_pa = before.vacuum_pa[channel], after.vacuum_pa[channel]
+        if low_pa < level_pa:
+            return before.at_s + (after.at_s - before.at_s) * (high_pa - level_pa) / (high_pa - low_pa)
+    return moments[-1].at_s
 
 
 def _sensor_row(place: str, wiring: Wiring, mean_pa: float, noise_pa: float) -> CheckRow:
@@ -147,7 +200,11 @@ def _open_row(moment: Moment, channel: str, place: str, others: Sequence[str]) -
 def _vent_row(moments: Sequence[Moment], channel: str) -> CheckRow:
     left_pa = moments[-1].vacuum_pa[channel]
     took_s = moments[-1].at_s - moments[0].at_s
-    to_do = "" if left_pa < _VENTED_PA else "stuck open, its vent is blocked, or its flyback diode keeps it energised"
+    to_do = ""
+    if left_pa >= max(_OPEN_SHARE * moments[0].vacuum_pa[channel], _VENTED_PA):
+        to_do = "stuck open, its vent is blocked, or its flyback diode keeps it energised"
+    elif left_pa >= _VENTED_PA:
+        to_do = "slow: blocked or kinked line, or a clogged vent"
     measured = f"{left_pa / 1e3:.1f} kPa after {took_s:.2f} s"
     return CheckRow(f"valve {channel} vents", passed=not to_do, measured=measured, to_do=to_do)
 

@@ -16,7 +16,7 @@ from jammkle_driver.board.line import Line, LineError, RefusedError
 from jammkle_driver.board.probe import PERIOD_S, RELEASED, Probe, command
 from jammkle_driver.board.wiring import Firmware
 from jammkle_driver.board.wiring_file import standard_board_file
-from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_driver.core.hardware import MANIFOLD, BoardFault
 from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.names import CHANNELS
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from jammkle_driver.board.wiring import Wiring
     from jammkle_driver.core.hardware import ActuatorCommand
 
-_LOW_SUPPLY_V = 10.0
 _AVERAGED_S = 0.5
 _BOOT_S = 3.0
 """An Arduino's bootloader waits for up to 2 s."""
@@ -130,7 +129,7 @@ async def _link_row(probe: Probe, said: str) -> CheckRow:
         raise LineError(msg)
     states = [exchange.state for _, exchange in came if exchange.state is not None]
     supply = f", supply {states[-1].supply_v:.1f} V" if states else ""
-    low = bool(states) and states[-1].supply_v < _LOW_SUPPLY_V
+    low = bool(states) and BoardFault.SUPPLY_LOW in states[-1].faults  # by the board's own `supply_minimum`
     to_do = "supply of pump and valves: is it on? divider at its pin, `supply_minimum`" if low else ""
     return CheckRow("board", passed=not low, measured=f"{said}{supply}", to_do=to_do)
 

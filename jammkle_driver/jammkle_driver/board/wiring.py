@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from jammkle_driver.core.registers import register_list
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -128,5 +130,5 @@ class Wiring:
     stop_bits: int = 1
     reply_timeout_s: float = 0.03
     rate_hz: float = 100.0
-    watchdog_ms: int = 200
+    watchdog_ms: int = field(default_factory=lambda: register_list().holding("watchdog_ms").default)
     on_connect: Mapping[int, int] = field(default_factory=dict)

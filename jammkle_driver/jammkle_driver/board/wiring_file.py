@@ -20,6 +20,8 @@ _LARGEST_ADDRESS = 0xFFFF
 _LARGEST_UNIT = 247
 """Highest address of a server on a serial line (MODBUS over Serial Line V1.02, 2.2)."""
 
+_WATCHDOG = register_list().holding("watchdog_ms")
+
 
 class WiringError(ValueError):
     """A board file that cannot be used. The message is one line: what is wrong, where, and what would be right."""
@@ -31,7 +33,7 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "stop_bits": (1, 2),
     "reply_timeout_s": (0.005, 5.0),
     "rate_hz": (1.0, 1000.0),
-    "watchdog_ms": (50, 5000),
+    "watchdog_ms": (_WATCHDOG.minimum, _WATCHDOG.maximum),
     "register": (0, _LARGEST_ADDRESS),
     "coil": (0, _LARGEST_ADDRESS),
     "at_zero": (0, 0xFFFF),

@@ -92,6 +92,11 @@ class RegisterList:
         raise KeyError(msg)
 
 
+def default_watchdog_s() -> float:
+    """Return the silence of the host after which a board with the project's firmware lets go, s, as it is shipped."""
+    return register_list().holding("watchdog_ms").default / 1000.0
+
+
 @cache
 def register_list() -> RegisterList:
     """Return the list, read once."""

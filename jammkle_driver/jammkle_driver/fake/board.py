@@ -6,14 +6,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause, released
+from jammkle_driver.core.registers import default_watchdog_s
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.fake.plant import Plant
 
-WATCHDOG_S = 0.2
-"""Silence of the host after which the board lets go, s: as the firmware's `watchdog_ms`."""
+WATCHDOG_S = default_watchdog_s()
+"""Silence of the host after which the board lets go, s."""
 
 _STEP_S = 0.01
 

@@ -21,7 +21,13 @@ _MICROVOLTS = 1e6
 
 
 class BoardPlant:
-    """The air of one ankle between a board's outputs and its analogue pins."""
+    """The air of one ankle between a board's outputs and its analogue pins.
+
+    Attributes:
+        air: The air, whose lines can be pinched and punctured.
+        supply_v: Voltage of the supply, V.
+
+    """
 
     def __init__(self, parameters: PneumaticParameters, noise_pa: float, seed: int) -> None:
         """Start vented, the supply on.
@@ -32,7 +38,7 @@ class BoardPlant:
             seed: Start of the noise.
 
         """
-        self._air = Pneumatics(parameters, TIMESTEP_S)
+        self.air = Pneumatics(parameters, TIMESTEP_S)
         self._noise = np.random.default_rng(seed)
         self._noise_pa = noise_pa
         self._ahead_s = 0.0
@@ -48,7 +54,7 @@ class BoardPlant:
     def drive(self, solenoids: int, duty: float) -> None:
         """Set what the pins do: solenoids in bits, in the order of the channels; duty 0 to 1."""
         first, second, third = (bool(solenoids >> bit & 1) for bit in range(len(CHANNELS)))
-        self._air.command(duty, (first, second, third))
+        self.air.command(duty, (first, second, third))
 
     def advance(self, elapsed_s: float) -> None:
         """Let time pass; what is less than a step is kept for the next call."""
@@ -56,7 +62,7 @@ class BoardPlant:
         steps = int(self._ahead_s / TIMESTEP_S)
         if steps > 0:
             self._ahead_s -= steps * TIMESTEP_S
-            self._pressure_pa = self._air.advance(steps)[-1]
+            self._pressure_pa = self.air.advance(steps)[-1]
 
     def pins_uv(self) -> list[int]:
         """Voltages at the analogue pins, uV: three channels, the manifold, the supply's divider."""

@@ -140,6 +140,15 @@ class Pneumatics:
         self._state["duty"] = duty
         self._state["command"] = energised
 
+    def pinch(self, channel: str, share: float) -> None:
+        """Leave a share, 0 to 1, of the conductance of a channel's line."""
+        self._law["valve_kg_s_pa"][0, CHANNELS.index(channel)] *= share
+
+    def puncture(self, channel: str, conductance_dm3_s_bar: float) -> None:
+        """Make a hole into a channel, of this sonic conductance."""
+        self._law["leak_kg_s_pa"][0, 1 + CHANNELS.index(channel)] += conductance_kg_s_pa(conductance_dm3_s_bar)
+        self._law["substeps"] = stable_substeps(self._law)
+
     def advance(self, steps: int) -> NDArray[np.float64]:
         """Advance and return absolute pressures after each step, Pa, shape (steps, 4): manifold, then channels."""
         pressure_pa = np.zeros((steps, records.VOLUMES))
