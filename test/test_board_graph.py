@@ -162,7 +162,11 @@ def test_unconfigured_it_touches_nothing_and_inactive_it_only_senses(make_scene:
         parameter = Parameter(name, value=value).to_parameter_msg()
         answer = probe.call(SET_PARAMETERS, parameters=[parameter]).results[0]
         assert not answer.successful
-        assert name in answer.reason
+        assert f"'{name}' is" in answer.reason
+        assert (
+            f"stays so while the node runs, which is built on it; stop the node and start it with -p {name}"
+            in answer.reason
+        )
     assert change(Transition.TRANSITION_DEACTIVATE)
     probe.spin_until(lambda: all_off(scene.bench.edges[-1].solenoids, scene.bench.edges[-1].duty), "all is off")
 
