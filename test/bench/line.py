@@ -44,6 +44,8 @@ RATE_S = 3.0
 TIMEOUT_S = 30.0
 LONGEST_FALL_SAMPLES = 250
 RECOVERY_SAMPLES = 1000
+LONGEST_PAUSE_S = 0.02
+"""Before a call: two cycles, so that it does not follow the last one's pin at the same moment of a cycle each time."""
 ACHILLES_BIT = 1 << CHANNELS.index(ACHILLES)
 
 
@@ -121,8 +123,9 @@ class BoardStimulus(Stimulus):
         return self.rose_s(sent_s) - silence_s(BAUD) - sent_s, self.echo_at_s - sent_s
 
     def service(self, *, on: bool) -> float:
-        """Call the service of one channel; return the delay to the coils' bytes, s."""
+        """Call the service of one channel at any moment of a cycle; return the delay to the coils' bytes, s."""
         self.spin_until(self._client.service_is_ready, "the service is offered")
+        time.sleep(self._random.uniform(0.0, LONGEST_PAUSE_S))
         at_s = time.monotonic()
         self._client.call_async(SetBool.Request(data=on))
         seen = self.rose_s if on else self.fell_s
