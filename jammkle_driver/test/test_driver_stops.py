@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, released
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watchdog import Instant, Watchdog
@@ -141,3 +142,16 @@ def test_a_watchdog_needs_both_clocks(timeout_s: float, steps: list[tuple[float,
     for steady_s, graph_s in steps:
         now = Instant(now.steady_s + steady_s, now.graph_s + graph_s)
         assert watchdog.expired(now) is (min(now.steady_s, now.graph_s) > timeout_s)
+
+
+def test_what_others_do_to_the_air_is_no_fault_of_an_inactive_driver(make_rig: Callable[..., Any]) -> None:
+    """A rig evacuates the manifold while the driver only looks on: nothing is concluded, then or once it is active."""
+    rig = make_rig(diagnose=True, fault_policy="ankle")
+    for manifold_pa in (40e3, 0.0):
+        for _ in range(300):
+            rig.wait(0.01)
+            rig.measure(manifold_pa, MANIFOLD)
+            rig.measure(0.0, *CHANNELS)
+            rig.driver.tick(rig.now)
+        assert {channel.fault for channel in rig.driver.status.channels} == {Reason.NONE}
+        rig.active()

@@ -89,7 +89,7 @@ class Ankle:
         self._regulated_at_s = -math.inf
         self._duty = 0.0
         self._held: ActuatorCommand | None = None
-        self._own_way_until_s = -math.inf
+        self._judged_from_s = -math.inf
 
     @property
     def settings(self) -> AnkleSettings:
@@ -175,12 +175,14 @@ class Ankle:
         """End the safe state `hold`: what was kept is vented."""
         self._end_hold("let go")
 
-    def measure(self, place: str, pressure_pa: float, stamp_s: float, now: Instant) -> None:
-        """Take a reading, Pa absolute, of `stamp_s` s on the graph's clock."""
+    def measure(self, place: str, pressure_pa: float, stamp_s: float, now: Instant, *, driven: bool) -> None:
+        """Take a reading, Pa absolute, of `stamp_s` s on the graph's clock; nothing is concluded if not `driven`."""
+        if not driven:  # who moves the air is not known: a rig, or another driver
+            self.judge_from_now_on(now)
         elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), 0.1)
         self._stamps[place] = stamp_s
         command = self.command
-        judged = self._settings.diagnose and not 0.0 <= self._own_way_until_s - stamp_s < _LONGEST_WAIT_S
+        judged = driven and self._settings.diagnose and not 0.0 <= self._judged_from_s - stamp_s < _LONGEST_WAIT_S
         if judged:
             self._note(place, pressure_pa, elapsed_s, command)
             self.note_command(now)
@@ -233,14 +235,14 @@ class Ankle:
         if self._settings.diagnose:
             self.diagnosis.command(self.command, now.graph_s)
 
-    def went_its_own_way(self, now: Instant) -> None:
-        """Note that until now the hardware did what its own watchdog wants, and not what it was told.
+    def judge_from_now_on(self, now: Instant) -> None:
+        """Conclude nothing from readings of until now: the hardware did something else than it was told.
 
-        Readings of that time may still wait to be taken. Nothing is concluded from them.
+        Readings of that time may still wait to be taken.
         """
         self.diagnosis.clear(self.atmosphere.pressure_pa)
         self.leaks.stop()
-        self._own_way_until_s = now.graph_s
+        self._judged_from_s = now.graph_s
 
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""

@@ -230,7 +230,7 @@ class Driver:
         if not math.isfinite(sample.pressure_pa):
             return
         self._sensors.hear(sample.place, now)
-        self._ankle.measure(sample.place, sample.pressure_pa, sample.stamp_s, now)
+        self._ankle.measure(sample.place, sample.pressure_pa, sample.stamp_s, now, driven=self._active)
 
     @property
     def jammed(self) -> bool:
@@ -239,14 +239,14 @@ class Driver:
 
     def fail(self, reason: str, fault: Reason, now: Instant) -> None:
         """Put every channel into FAULT: what drives them has failed, and did not do what it was told."""
-        self._ankle.went_its_own_way(now)
+        self._ankle.judge_from_now_on(now)
         self._ankle.fail(self._names, reason, fault, {})  # its numbers are the link's
 
     def wait_for_board(self, now: Instant, *, wait: bool) -> None:
         """Jam nothing while the board, which had let go, has not yet taken the release; a stream's wish then counts."""
         self._board_waits = wait
         if wait:
-            self._ankle.went_its_own_way(now)
+            self._ankle.judge_from_now_on(now)
 
     def note_line_noise(self, text: str) -> None:
         """Take what is wrong with the line to the board; empty where nothing is. It is told, and nothing is let go."""
