@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import json
+import math
 import subprocess
 from typing import TYPE_CHECKING
 
@@ -171,12 +172,28 @@ def test_a_calibration_takes_out_gain_and_offset(command: list[str], tmp_path: P
         assert readings[place] == pytest.approx(101325.0, abs=400.0)
 
 
+def test_a_calibration_can_be_made_where_the_pump_failed(command: list[str], tmp_path: Path) -> None:
+    """A bad calibration makes the pump look bad; where the pump truly is, the sensors do not move, and that is said."""
+    plant = dataclasses.replace(HEALTHY, pump_free_flow_l_min=1e-6)
+    with BoardBench(command, tmp_path / "board", plant) as bench:
+        rows = walked(tmp_path / "board", Person(lambda question: 60.0 if "gauge" in question else 101.3))
+        assert bench.released
+    assert not rows["pump"].passed
+    assert "it does not measure" in rows["calibration"].to_do
+
+
 def test_points_that_make_no_line_are_refused() -> None:
     """Too close, or a sensor that does not move: nothing is written."""
     with pytest.raises(CalibrationError, match=r"10\.0 kPa apart"):
         sensor_lines({"achilles": 100.0}, 100e3, {"achilles": 900.0}, 90e3)
     with pytest.raises(CalibrationError, match="achilles reads 100"):
         sensor_lines({"achilles": 100.0}, 100e3, {"achilles": 101.0}, 50e3)
+    for air_pa in (1013e3, 1.013e3, math.nan):  # hPa, bar, nothing
+        with pytest.raises(CalibrationError, match="must be 50 to 110 kPa"):
+            sensor_lines({"achilles": 100.0}, air_pa, {"achilles": 900.0}, 50e3)
+    for held_pa in (-400e3, math.nan):
+        with pytest.raises(CalibrationError, match="less than the air itself"):
+            sensor_lines({"achilles": 100.0}, 100e3, {"achilles": 900.0}, held_pa)
 
 
 def test_a_bought_board_gets_its_calibration_in_a_file(tmp_path: Path) -> None:

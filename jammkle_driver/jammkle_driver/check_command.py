@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path  # noqa: TC003 - Typer reads annotations while it runs
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,9 +89,12 @@ class _Typist:
             if not answer.strip():
                 return None
             try:
-                return float(answer.replace(",", "."))
+                number = float(answer.replace(",", "."))
             except ValueError:
-                typer.echo(f"'{answer}' is not a number", err=True)
+                number = math.nan
+            if math.isfinite(number):
+                return number
+            typer.echo(f"'{answer}' is not a number", err=True)
 
 
 def _table(rows: list[CheckRow]) -> object:

@@ -134,9 +134,22 @@ class DriverParameters:
         """Check what one row alone cannot.
 
         Raises:
-            ParameterError: default_vacuum_pa is not between min_vacuum_pa and max_vacuum_pa.
+            ParameterError: default_vacuum_pa is not between min_vacuum_pa and max_vacuum_pa, the pump cannot reach
+                max_vacuum_pa, or no vacuum at all would be near enough to min_vacuum_pa.
 
         """
+        if self.max_vacuum_pa >= self.pump_ultimate_vacuum_pa:
+            msg = (
+                f"parameter 'max_vacuum_pa' is {self.max_vacuum_pa:g}; it must be below pump_ultimate_vacuum_pa, "
+                f"here {self.pump_ultimate_vacuum_pa:g} Pa, which the pump never exceeds"
+            )
+            raise ParameterError(msg)
+        if self.tolerance_pa >= self.min_vacuum_pa:
+            msg = (
+                f"parameter 'tolerance_pa' is {self.tolerance_pa:g}; it must be below min_vacuum_pa, "
+                f"here {self.min_vacuum_pa:g} Pa, else a channel without vacuum would count as JAMMED"
+            )
+            raise ParameterError(msg)
         if not self.min_vacuum_pa <= self.default_vacuum_pa <= self.max_vacuum_pa:
             msg = (
                 f"parameter 'default_vacuum_pa' is {self.default_vacuum_pa:g}; it must be from min_vacuum_pa "

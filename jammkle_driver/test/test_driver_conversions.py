@@ -58,3 +58,7 @@ def test_limits_of_vacuum_must_fit_together() -> None:
     """A default vacuum outside of its own limits is refused in one line that names all three."""
     with pytest.raises(ParameterError, match=r"default_vacuum_pa.*min_vacuum_pa.*max_vacuum_pa"):
         from_mapping(DriverParameters, {"max_vacuum_pa": 40e3})
+    with pytest.raises(ParameterError, match=r"max_vacuum_pa.*below pump_ultimate_vacuum_pa.*80000"):
+        from_mapping(DriverParameters, {"max_vacuum_pa": 95e3})
+    with pytest.raises(ParameterError, match=r"tolerance_pa.*below min_vacuum_pa.*5000.*JAMMED"):
+        from_mapping(DriverParameters, {"tolerance_pa": 6e3})

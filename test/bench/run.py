@@ -25,6 +25,8 @@ from side_by_side import SideBySide, measure_side_by_side
 from steps import StepRates, measure_steps
 from watched import Watched, measure_watched
 
+MOST_OVER_BARE = 1.5
+"""Aim for delays on the line, over the sum of bare round trips in the same run."""
 IMU_RATES_HZ = (500, 1000)
 
 
@@ -198,12 +200,17 @@ def _add_diagnosis(table: Table, found: GapDiagnosis) -> None:
 def main(
     json_file: Annotated[Path, typer.Option("--json", help="Where to write the results.")] = Path("bench.json"),
 ) -> None:
-    """Measure and report."""
+    """Measure and report; exit with 1 where a safe state came later than its bound, or a delay is over its aim."""
     console = Console()
     results = measure(console)
     json_file.write_text(json.dumps(asdict(results), indent=2) + "\n")
     console.print(table_of(results))
     console.print(f"written to {json_file}")
+    late = [state.event for state in results.safe_states if state.longest_s > state.bound_s]
+    ratios = (results.line.service_over_bare, results.line.impact_over_bare)
+    if late or max(max(ratio.median, ratio.p99) for ratio in ratios) > MOST_OVER_BARE:
+        console.print(f"over its bound: {', '.join(late) or 'a delay on the line'}")
+        raise typer.Exit(1)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,9 @@ LEAST_VACUUM_PA = 20e3
 
 _LEAST_STEPS = 10.0
 
+AIR_PA = (50e3, 110e3)
+"""Pressures of the air that can be, Pa absolute: from 5500 m to below the sea, as for the driver's parameter."""
+
 
 class CalibrationError(ValueError):
     """Two points that make no line. One line of text."""
@@ -56,9 +59,16 @@ def sensor_lines(
     """Return each sensor's line from its numbers at two pressures, Pa.
 
     Raises:
-        CalibrationError: the pressures are too close, or a sensor does not follow.
+        CalibrationError: a pressure cannot be, they are too close, or a sensor does not follow.
 
     """
+    if not AIR_PA[0] <= first_pa <= AIR_PA[1]:
+        low_kpa, high_kpa = AIR_PA[0] / 1e3, AIR_PA[1] / 1e3
+        msg = f"the air is at {first_pa / 1e3:g} kPa; it must be {low_kpa:g} to {high_kpa:g} kPa, absolute"
+        raise CalibrationError(msg)
+    if not 0.0 <= second_pa <= AIR_PA[1]:
+        msg = f"the gauge leaves {second_pa / 1e3:g} kPa of the air; it reads vacuum in kPa, less than the air itself"
+        raise CalibrationError(msg)
     if abs(first_pa - second_pa) < LEAST_VACUUM_PA:
         msg = (
             f"the two points are {abs(first_pa - second_pa) / 1e3:.1f} kPa apart; at least {LEAST_VACUUM_PA / 1e3:.0f}"

@@ -159,6 +159,12 @@ def _check_apart(wiring: Wiring) -> None:
     if (pump.register is None) == (pump.coil is None):
         msg = "pump needs either register (a duty) or coil (on and off)"
         raise WiringError(msg)
+    if pump.register is not None and pump.at_zero == pump.at_full:
+        msg = f"pump: at_zero and at_full are both {pump.at_zero}; the pump would never change"
+        raise WiringError(msg)
+    if pump.register in wiring.on_connect:
+        msg = f"on_connect writes register {pump.register}, which is the pump's; it must be left to the driver"
+        raise WiringError(msg)
     coils = [solenoid.coil for solenoid in wiring.solenoids.values()] + ([] if pump.coil is None else [pump.coil])
     registers = [(sensor.table, sensor.register) for sensor in wiring.sensors.values()]
     used = [f"coil {coil}" for coil in coils] + [f"{table} register {address}" for table, address in registers]
@@ -176,9 +182,15 @@ def _check_apart(wiring: Wiring) -> None:
 
 def _check_own(wiring: Wiring) -> None:
     registers = register_list()
+    full = registers.holding("pump_duty").maximum
+    free = registers.holding("supply_minimum").address
     addresses = {register.address for register in registers.tables["input_registers"][:SENSORS]}
     if wiring.pump.register != registers.holding("pump_duty").address:
         msg = "pump: the firmware jammkle takes the duty in register 1"
+    elif (wiring.pump.at_zero, wiring.pump.at_full) != (0, full):
+        msg = f"pump: the firmware jammkle has at_zero 0 and at_full {full}; with others its safe state would run it"
+    elif any(address < free for address in wiring.on_connect):
+        msg = f"on_connect: registers below {free} of the firmware jammkle are the driver's; see watchdog_ms here"
     elif any(solenoid.coil >= len(registers.tables["coils"]) for solenoid in wiring.solenoids.values()):
         msg = "solenoids: the firmware jammkle has coils 0 to 2"
     elif any(sensor.table != "input" or sensor.register not in addresses for sensor in wiring.sensors.values()):
