@@ -7,14 +7,17 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from jammkle_bringup.core.namespace_lock import ros_domain
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.names import DRIVER_NODE, PUMP_DUTY, SIM_NODE
+from jammkle_graph.health import COMMANDS_LINE
+from jammkle_graph.names import DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE
 from jammkle_graph.namespace import relative, resolved
+from jammkle_graph.qos import subscriber_qos
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,8 +34,6 @@ ANSWER_TIMEOUT_S = 5.0
 """How long the command waits for the graph. Assumed; discovery on one machine takes about 0.3 s."""
 
 _SPIN_S = 0.05
-_TOGETHER_S = 0.5
-"""Time in which the ankles of one simulation are seen, once the first was. Assumed: they come in one announcement."""
 
 DISCOVERY_S = 3.5
 """How long to look for other nodes. They are seen after 0.15 s as a rule, but at times only with their next
@@ -132,8 +133,8 @@ class GraphClient:
     def ankles(self) -> tuple[str, ...]:
         """Return the namespaces, below the client's own, of the ankles that there are; the one in that is empty.
 
-        A robot's ankles are one level below. None may be missed, so as long as it is looked as discovery takes; a
-        simulation tells of all its ankles at once.
+        A robot's ankles are one level below. None may be missed, so as long as it is looked as discovery takes, or
+        until those are seen that the robot's simulation names, all in one message, on /diagnostics.
 
         Raises:
             GraphError: none is seen.
@@ -143,11 +144,17 @@ class GraphClient:
         if not self.wait_until(lambda: bool(self._ankles()), ANSWER_TIMEOUT_S):
             raise GraphError(no_answer(DRIVER_NODE, self.namespace, ANSWER_TIMEOUT_S))
         simulation = resolved(self.namespace, SIM_NODE)
-        self.wait_until(lambda: "" in self._ankles() or simulation in self.nodes(), DISCOVERY_S)
-        seen: set[str] = set()
-        while "" not in self._ankles() and self._ankles() != seen:
-            seen = self._ankles()
-            self.wait_until(lambda seen=seen: self._ankles() != seen, _TOGETHER_S)  # type: ignore[misc]  # ours to bind
+        simulated: set[str] = set()
+
+        def hear(array: DiagnosticArray) -> None:
+            for line in array.status:
+                node, _, what = line.name.partition(": ")
+                if node == simulation and what.endswith(COMMANDS_LINE):
+                    simulated.add(what.removesuffix(COMMANDS_LINE))
+
+        heard = self.node.create_subscription(DiagnosticArray, DIAGNOSTICS.name, hear, subscriber_qos(DIAGNOSTICS))
+        self.wait_until(lambda: "" in self._ankles() or (bool(simulated) and simulated <= self._ankles()), DISCOVERY_S)
+        self.node.destroy_subscription(heard)
         return ("",) if "" in self._ankles() else tuple(sorted(self._ankles()))
 
     def _ankles(self) -> set[str]:

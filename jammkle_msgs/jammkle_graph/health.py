@@ -16,6 +16,10 @@ DiagnosticStatus = message_class("diagnostic_msgs/msg/DiagnosticStatus")
 KeyValue = message_class("diagnostic_msgs/msg/KeyValue")
 
 
+COMMANDS_LINE = " commands"
+"""How a simulation's line on what an ankle was commanded ends, after the ankle's name where there are several."""
+
+
 class Level(enum.Enum):
     """Severity, as in diagnostic_msgs."""
 

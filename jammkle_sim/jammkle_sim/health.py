@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.health import Health, Level
+from jammkle_graph.health import COMMANDS_LINE, Health, Level
 from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE
 from jammkle_sim.core.run_control import RunState
 from jammkle_sim.inputs import WATCHDOG_S
@@ -80,7 +80,7 @@ def command_health(refused: str, ankle: str = "", *, let_go: bool) -> Health:
         let_go: Whether the simulated board has let go as it had not heard the driver.
 
     """
-    about = f"{ankle} commands".strip()
+    about = f"{ankle}{COMMANDS_LINE}".strip()
     if let_go:
         message = f"no command for {WATCHDOG_S:g} s while something was on: everything released, until told to release"
         return Health(about, Level.ERROR, message)
