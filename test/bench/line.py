@@ -7,6 +7,7 @@ Beside it, in the same run: the round trip to a bare subscriber, and that of one
 
 from __future__ import annotations
 
+import random
 import statistics
 import subprocess
 import sys
@@ -95,6 +96,7 @@ class BoardStimulus(Stimulus):
     def __init__(self, domain_id: int, bench: BoardBench) -> None:
         super().__init__(domain_id)
         self._bench = bench
+        self._random = random.Random(2)  # noqa: S311 - when somebody calls
         self._client = self.node.create_client(SetBool, CHANNEL_JAMS[ACHILLES].path)
 
     def rose_s(self, since_s: float) -> float:

@@ -1,4 +1,4 @@
-"""`make live`: ten minutes of landings at 1 kHz through the live graph, then four ankles of a quadruped at 500 Hz."""
+"""`make live`: four ankles of a quadruped at 500 Hz, then ten minutes of landings at 1 kHz through the live graph."""
 
 from __future__ import annotations
 
