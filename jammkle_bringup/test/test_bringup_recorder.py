@@ -258,6 +258,26 @@ def test_nothing_is_lost_at_one_kilohertz(node: Node, record: Callable[..., Reco
     )
 
 
+def test_a_recorder_that_is_held_up_misses_no_sample(node: Node, record: Callable[..., Recording]) -> None:
+    """Samples that overflow the socket of a stopped recorder are sent again: the publisher keeps 2 s of 500 Hz."""
+    count = 1000
+    imu = node.create_publisher(Imu, "imu/data", publisher_qos(names.IMU))
+    recording = record("--clock", "system")
+    recording.hears(node, "/imu/data")
+    wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
+    recording.process.send_signal(signal.SIGSTOP)
+    for number in range(count):
+        message = Imu()
+        message.header.stamp.sec = number
+        imu.publish(message)
+    recording.process.send_signal(signal.SIGCONT)
+    reached(imu)
+    recording.end()
+    assert [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/imu/data"] == list(
+        range(count)
+    )
+
+
 def test_only_the_namespace_and_what_is_said_of_it_outside_is_recorded(
     node: Node, record: Callable[..., Recording]
 ) -> None:

@@ -7,6 +7,11 @@ from dataclasses import dataclass
 from jammkle_graph.names import Topic, TopicKind
 
 _SENSOR_DEPTH = 100
+SENSOR_HISTORY_DEPTH = 1000
+"""Two seconds of 500 Hz, one of 1 kHz: longer than a process on a busy machine waits for its turn. Assumed.
+
+A reliable publisher can send again only what it still has, so its depth is how long a recorder may be held up.
+"""
 _EVENT_DEPTH = 100
 
 
@@ -24,7 +29,7 @@ class Delivery:
 
 _LATCHED = Delivery(1, reliable=True, latched=True)
 _PUBLISHED = {
-    TopicKind.SENSOR: Delivery(_SENSOR_DEPTH, reliable=True),
+    TopicKind.SENSOR: Delivery(SENSOR_HISTORY_DEPTH, reliable=True),
     TopicKind.COMMAND: Delivery(1, reliable=True),
     TopicKind.STATE: _LATCHED,
     TopicKind.EVENT: Delivery(_EVENT_DEPTH, reliable=True),

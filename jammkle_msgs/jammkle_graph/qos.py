@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from jammkle_graph.delivery import Delivery, published, subscribed
+from jammkle_graph.delivery import SENSOR_HISTORY_DEPTH, Delivery, published, subscribed
 
 if TYPE_CHECKING:
     from jammkle_graph.names import Topic
 
-_PATIENT_DEPTH = 1000
-"""Two seconds of 500 Hz: longer than a process on a busy machine waits for its turn. Assumed."""
 _CHANGES_DEPTH = 100
 _LIVE_DEPTH = 10
 """So that a stop which is taken back at once is still seen."""
@@ -44,12 +42,12 @@ def every_change_qos() -> QoSProfile:
 
 def patient_qos(topic: Topic) -> QoSProfile:
     """Profile of `subscriber_qos` with a queue so long that a subscriber may be busy for seconds and miss nothing."""
-    return _profile(dataclasses.replace(subscribed(topic), depth=_PATIENT_DEPTH))
+    return _profile(dataclasses.replace(subscribed(topic), depth=SENSOR_HISTORY_DEPTH))
 
 
 def every_sample_qos(topic: Topic) -> QoSProfile:
     """Profile of `patient_qos` under which none is lost on the way; for what this project alone publishes."""
-    return _profile(dataclasses.replace(published(topic), depth=_PATIENT_DEPTH))
+    return _profile(dataclasses.replace(published(topic), depth=SENSOR_HISTORY_DEPTH))
 
 
 def newest_qos(depth: int) -> QoSProfile:
