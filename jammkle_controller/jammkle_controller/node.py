@@ -11,6 +11,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float32
 from std_srvs.srv import SetBool
@@ -20,9 +21,10 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.freshness import Freshness
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.reading import imu_sample, joint_position, load_n, nanoseconds
+from jammkle_controller.core.reading import imu_sample, imu_sample_of, joint_position, load_n, nanoseconds
 from jammkle_controller.health import StreamTrouble, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters, controller_settings
+from jammkle_graph import wire
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
@@ -106,7 +108,7 @@ class ControllerNode(Node):
         self.create_timer(1.0 / values.command_rate_hz, self._repeat, clock=steady)
         self._roll_call = RollCall(self)
         self.create_subscription(JamState, JAM_STATE.name, self._hear_driver, subscriber_qos(JAM_STATE))
-        self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU))
+        self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU), raw=True)
         for kind, topic, take in (
             (Bool, FOOT_CONTACT, lambda m, ns: self._controller.hear_switch(closed=m.data, time_ns=ns)),
             (Bool, PLANNED_CONTACT, lambda m, ns: self._controller.hear_plan(contact=m.data, time_ns=ns)),
@@ -116,7 +118,12 @@ class ControllerNode(Node):
         self.create_subscription(WrenchStamped, LOAD_CELL.name, self._hear_load, subscriber_qos(LOAD_CELL))
         self.create_subscription(JointState, JOINT_STATES.name, self._hear_joints, subscriber_qos(JOINT_STATES))
 
-    def _feel(self, message: Imu) -> None:
+    def _feel(self, serialized: bytes) -> None:
+        measured = wire.read(serialized, wire.IMU_DOUBLES)
+        if measured is not None:
+            self._take(self._controller.update(imu_sample_of(measured)), measured.frame_id)
+            return
+        message = deserialize_message(serialized, Imu)
         self._take(self._controller.update(imu_sample(message)), message.header.frame_id)
 
     def _hear(self, take: Callable[[Any, int], Reaction], message: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -17,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
@@ -66,6 +68,7 @@ class Bench:
         self.commands: list[JamCommand] = []
         self.health: dict[str, DiagnosticStatus] = {}
         self.reports = 0
+        self.encode: Callable[[Imu], Imu | bytes] = lambda message: message
         self.imu = self.node.create_publisher(Imu, IMU.name, publisher_qos(IMU))
         for kind, topic, take in (
             (ContactEvent, CONTACT_EVENTS, self.events.append),
@@ -107,7 +110,7 @@ class Bench:
         force.x, force.y, force.z = self.noise.normal((0.0, 0.0, force_m_s2), 0.02).tolist()
         rate.x, rate.y, rate.z = self.noise.normal(0.0, 0.002, 3).tolist()
         message.orientation_covariance[0] = -1.0
-        self.imu.publish(message)
+        self.imu.publish(self.encode(message))
         self.executor.spin_once(timeout_sec=0.001)
 
     def stand(self, from_s: float, until_s: float) -> None:
@@ -176,6 +179,28 @@ def make_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
         yield make
         for bench in benches:
             bench.close()
+
+
+def big_endian(message: Imu) -> bytes:
+    """Return a message as a machine of the other byte order sends it."""
+    serialized = serialize_message(message)
+    words = struct.unpack_from("<iII", serialized, 4)
+    numbers = struct.unpack("<37d", serialized[-37 * 8 :])
+    return (
+        b"\0\0"
+        + serialized[2:4]
+        + struct.pack(">iII", *words)
+        + serialized[16 : -37 * 8]
+        + struct.pack(">37d", *numbers)
+    )
+
+
+def test_an_imu_of_the_other_byte_order_is_felt_as_well(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench()
+    bench.wait_until_up()
+    bench.encode = big_endian
+    bench.land()
+    assert bench.events[-1].header.frame_id == "imu"
 
 
 def test_landing_is_told_and_jams_after_the_delay(make_bench: Callable[..., Bench]) -> None:

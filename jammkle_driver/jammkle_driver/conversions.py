@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.core.status import DriverStatus
+    from jammkle_graph import wire
 
 
 def seconds(time: rclpy.time.Time) -> float:
@@ -37,6 +38,11 @@ def stamp_seconds(stamp: Time) -> float:
 def pressure_sample(place: str, message: FluidPressure, received_s: float) -> PressureSample:
     """Return the reading in `message`; one without a stamp gets `received_s`, the graph's time of arrival, s."""
     return PressureSample(place, message.fluid_pressure, stamp_seconds(message.header.stamp) or received_s)
+
+
+def measured_pressure(place: str, measured: wire.Measured) -> PressureSample:
+    """Return the reading in a stamped message that was read from its bytes."""
+    return PressureSample(place, measured.values[0], measured.time_ns / NANOSECONDS_PER_SECOND)
 
 
 def pressure_message(absolute_pa: float, stamp: Time, frame_id: str) -> FluidPressure:

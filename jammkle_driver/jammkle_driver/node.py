@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_driver.conversions import seconds, wishes
+from jammkle_driver.ankle_time import AnkleTime
+from jammkle_driver.conversions import wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError
-from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
 from jammkle_driver.health import ankle_lines, health_lines
 from jammkle_driver.lifecycle import refuse_bad_transitions
@@ -30,7 +29,6 @@ from jammkle_graph.names import (
     CHANNEL_JAMS,
     CHANNELS,
     CLEAR_FAULT,
-    CLOCK,
     DRIVER_NODE,
     EMERGENCY_STOP,
     JAM,
@@ -48,11 +46,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from jammkle_driver.core.hardware import Hardware, PressureSample
+    from jammkle_driver.core.watchdog import Instant
     from jammkle_graph.health import Health
     from jammkle_graph.names import Service
-
-CLOCK_TIMEOUT_S = 1.5
-"""Silence of /clock after which its maker is gone, s: a paused simulation repeats it every 0.5 s."""
 
 STATE_PERIOD_S = 1.0
 """jam_state is repeated this often on the steady clock, s."""
@@ -82,10 +78,11 @@ class DriverNode(LifecycleNode):
         self._hardware: Hardware | None = None
         self._link_guard = LinkGuard()
         self._noise = NoiseMeter()
-        self._clock_heard_s = 0.0
+        self._time = AnkleTime(self)
         self._roll_call = RollCall(self)
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
+        self._told: object = None
         self._faults: tuple[str, ...] = ()
         self._diagnostics = DiagnosticsPublisher(self, self._values.hardware, self._health)
 
@@ -101,7 +98,7 @@ class DriverNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
-        self._outputs = Outputs(self)
+        self._outputs, self._told = Outputs(self), None
         self._link_guard = LinkGuard()
         self._hardware = make_hardware(HardwareContext(self, self._on_sample, self._values))
         self._create_subscriptions()
@@ -114,8 +111,9 @@ class DriverNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Follow requests from now on."""
-        self._driver.activate(self._now())
-        self._settle()
+        now = self._now()
+        self._driver.activate(now)
+        self._settle(now)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -162,10 +160,10 @@ class DriverNode(LifecycleNode):
             (JamCommand, JAM_COMMAND, self._on_jam_command, subscriber_qos(JAM_COMMAND)),
             (Bool, EMERGENCY_STOP, self._on_emergency_stop, subscriber_qos(EMERGENCY_STOP)),
             (Bool, EMERGENCY_STOP, self._on_emergency_stop, live_qos()),
-            (ClockMessage, CLOCK, self._on_clock, subscriber_qos(CLOCK)),
         ):
-            subscription = self.create_subscription(kind, topic.name, callback, qos, raw=topic is CLOCK)
+            subscription = self.create_subscription(kind, topic.name, callback, qos)
             self._closers.append(partial(self.destroy_subscription, subscription))
+        self._closers.append(self._time.listen())
 
     def _create_services(self) -> None:
         answers: list[tuple[type, Service, Callable[[Any], str]]] = [
@@ -202,18 +200,17 @@ class DriverNode(LifecycleNode):
         check_carried_out(self._driver.status, channels, link)
         return answer
 
-    def _on_clock(self, _raw: bytes) -> None:
-        self._clock_heard_s = seconds(self._steady.now())
-
     def _on_sample(self, sample: PressureSample) -> None:
+        now = self._now()
         if self._hardware is not None:
-            self._look_at_link(self._hardware)  # first: with the first sample a wish that waits may jam
-        self._driver.measure(sample, self._now())
-        self._settle()
+            self._look_at_link(self._hardware, now)  # first: with the first sample a wish that waits may jam
+        self._driver.measure(sample, now)
+        self._settle(now)
 
     def _on_jam_command(self, message: JamCommand) -> None:
+        now = self._now()
         try:
-            self._driver.follow(wishes(message), self._now(), JAM_COMMAND.name)
+            self._driver.follow(wishes(message), now, JAM_COMMAND.name)
             refused = ""
         except RequestError as error:
             refused = f"refused: {error}"
@@ -222,11 +219,12 @@ class DriverNode(LifecycleNode):
             if refused:
                 self.get_logger().warning(f"{JAM_COMMAND.name} {refused}")
             self._diagnostics.check()
-        self._settle()
+        self._settle(now)
 
     def _on_emergency_stop(self, message: Bool) -> None:
-        self._driver.emergency_stop(stop=message.data, now=self._now())
-        self._settle()
+        now = self._now()
+        self._driver.emergency_stop(stop=message.data, now=now)
+        self._settle(now)
 
     def _clear_fault(self) -> str:
         cleared = self._driver.clear_fault(self._now())
@@ -235,40 +233,49 @@ class DriverNode(LifecycleNode):
             self._hardware.acknowledge()
         return cleared
 
-    def _look_at_link(self, hardware: Hardware) -> None:
-        verdict = self._link_guard.look(hardware.link, jammed=self._driver.jammed)
+    def _look_at_link(self, hardware: Hardware, now: Instant) -> None:
+        verdict = self._link_guard.look(hardware.link, jammed=self._driver.ankle.jammed)
         if verdict.fault:
-            self._driver.fail(verdict.fault, verdict.reason, self._now())
-        self._driver.wait_for_board(self._now(), wait=verdict.wait)
+            self._driver.fail(verdict.fault, verdict.reason, now)
+        self._driver.wait_for_board(now, wait=verdict.wait)
         if verdict.let_go:
             self._driver.was_let_go(verdict.let_go)
         if verdict.acknowledge:
             hardware.acknowledge()
 
     def _on_tick(self) -> None:
-        self._driver.tick(self._now())
+        now = self._now()
+        self._driver.tick(now)
         if self._hardware is not None:
-            self._look_at_link(self._hardware)
-            self._driver.note_line_noise(self._noise.look(self._hardware.link, seconds(self._steady.now())))
+            self._look_at_link(self._hardware, now)
+            self._driver.note_line_noise(self._noise.look(self._hardware.link, now.steady_s))
         if self._outputs is not None and self._hardware is not None:
             self._hardware.apply(self._driver.command)
             self._outputs.repeat_command(self._driver.command)
-        self._settle()
+        self._settle(now)
 
     def _repeat_state(self) -> None:
         if self._outputs is not None:
             self._outputs.repeat_state(self._driver.status, self._refused_command)
 
-    def _settle(self) -> None:
-        """Let everybody know what has changed; called after everything that may change something."""
+    def _settle(self, now: Instant | None = None) -> None:
+        """Let everybody know what has changed; called after everything that may change something.
+
+        Args:
+            now: When that was; None: now.
+
+        """
         if self._outputs is None or self._hardware is None:
             return
         command = self._driver.command
         self._hardware.apply(command)
-        self._driver.ankle.note_command(self._now())
+        self._driver.ankle.note_command(now or self._now())
         self._outputs.update_command(command)
-        status = self._driver.status
-        if self._outputs.update_state(status, self._refused_command):
+        told = (self._driver.standing, self._refused_command)
+        if told != self._told:
+            self._told = told
+            status = self._driver.status
+            self._outputs.repeat_state(status, self._refused_command)
             self._diagnostics.check()
             faults = tuple(dict.fromkeys(c.reason for c in status.channels if c.state is ChannelState.FAULT))
             for fault in faults:
@@ -279,7 +286,7 @@ class DriverNode(LifecycleNode):
     def _take_parameters(self, parameters: DriverParameters) -> None:
         self._values = parameters
         self._driver.limit(parameters.limits())
-        self._driver.declare_ambient(parameters.ambient_pressure_pa)
+        self._driver.ankle.atmosphere.declare(parameters.ambient_pressure_pa)
         self._settle()
 
     def _health(self) -> tuple[Health, ...]:
@@ -289,10 +296,4 @@ class DriverNode(LifecycleNode):
         return (*lines, *ankle_lines(self._driver), self._roll_call.health())
 
     def _now(self) -> Instant:
-        steady_s = seconds(self._steady.now())
-        clock = self.get_clock()
-        # A real ankle does not stand still while somebody pauses the graph's clock.
-        if self._hardware is None or not self._hardware.link.simulated:
-            return Instant(steady_s, steady_s)
-        runs = not clock.ros_time_is_active or steady_s - self._clock_heard_s < CLOCK_TIMEOUT_S
-        return Instant(steady_s, seconds(clock.now()), runs)
+        return self._time.now(simulated=self._hardware is not None and self._hardware.link.simulated)

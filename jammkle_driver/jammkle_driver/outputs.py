@@ -40,7 +40,6 @@ class Outputs:
         }
         self._state = node.create_publisher(JamState, JAM_STATE.name, publisher_qos(JAM_STATE))
         self._command: ActuatorCommand | None = None
-        self._told: object = None
 
     def repeat_command(self, command: ActuatorCommand) -> None:
         """Publish the whole command."""
@@ -50,6 +49,8 @@ class Outputs:
     def update_command(self, command: ActuatorCommand) -> None:
         """Publish what differs from the last command; solenoids first, since they decide whether a tendon vents."""
         last = self._command
+        if command is last:
+            return
         self._command = command
         for channel, energised in command.solenoids.items():
             if last is None or last.solenoids[channel] != energised:
@@ -59,15 +60,7 @@ class Outputs:
 
     def repeat_state(self, status: DriverStatus, refused_command: str) -> None:
         """Publish the state, and why the last jam_command was refused (empty: it was not)."""
-        self._told = _told(status, refused_command)
         self._state.publish(jam_state_message(status, self._node.get_clock().now().to_msg(), refused_command))
-
-    def update_state(self, status: DriverStatus, refused_command: str) -> bool:
-        """Publish the state if anything but a measured value has changed; return whether it was published."""
-        if _told(status, refused_command) == self._told:
-            return False
-        self.repeat_state(status, refused_command)
-        return True
 
     def deliver(self) -> None:
         """Wait until all subscribers have got what was published, at most half a second in all."""
@@ -81,8 +74,3 @@ class Outputs:
         """Destroy the publishers."""
         for publisher in (*self._solenoids.values(), self._duty, self._state):
             self._node.destroy_publisher(publisher)
-
-
-def _told(status: DriverStatus, refused_command: str) -> object:
-    channels = tuple((channel.state, channel.commanded_vacuum_pa, channel.reason) for channel in status.channels)
-    return status.active, status.stop_reason, channels, status.trouble.reason, refused_command, status.limits

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+from functools import partial
 from typing import TYPE_CHECKING
 
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import FluidPressure
 
-from jammkle_driver.conversions import pressure_sample, seconds
+from jammkle_driver.conversions import measured_pressure, pressure_sample, seconds
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, SafeCause
+from jammkle_graph import wire
 from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES
 from jammkle_graph.qos import subscriber_qos
 from jammkle_msgs.msg import ActuatorStates
@@ -15,6 +19,9 @@ from jammkle_msgs.msg import ActuatorStates
 if TYPE_CHECKING:
     from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.hardware_choice import HardwareContext
+
+_CONNECTED = LinkStatus(LinkState.CONNECTED, "topics of the simulation", simulated=True)
+_LET_GO = dataclasses.replace(_CONNECTED, latched=frozenset({SafeCause.HOST_SILENT}))
 
 
 class SimulatedHardware:
@@ -28,8 +35,9 @@ class SimulatedHardware:
             context.node.create_subscription(
                 FluidPressure,
                 topic.name,
-                lambda message, place=place: self._on_pressure(place, message),
+                partial(self._on_pressure, place),
                 subscriber_qos(topic),
+                raw=True,
             )
             for place, topic in topics.items()
         ]
@@ -43,8 +51,7 @@ class SimulatedHardware:
     @property
     def link(self) -> LinkStatus:
         """Always connected: whether the simulation is there is seen by its pressures; it lets go as a board does."""
-        latched = frozenset({SafeCause.HOST_SILENT}) if self._silent else frozenset()
-        return LinkStatus(LinkState.CONNECTED, "topics of the simulation", latched=latched, simulated=True)
+        return _LET_GO if self._silent else _CONNECTED
 
     def apply(self, command: ActuatorCommand) -> None:
         """Do nothing: the driver publishes its commands whatever the hardware, and the simulation listens to them."""
@@ -61,6 +68,10 @@ class SimulatedHardware:
             self._context.node.destroy_subscription(subscription)
         self._subscriptions.clear()
 
-    def _on_pressure(self, place: str, message: FluidPressure) -> None:
+    def _on_pressure(self, place: str, serialized: bytes) -> None:
+        measured = wire.read(serialized, wire.PRESSURE_DOUBLES)
+        if measured is not None and measured.time_ns:
+            self._context.take(measured_pressure(place, measured))
+            return
         received_s = seconds(self._context.node.get_clock().now())
-        self._context.take(pressure_sample(place, message, received_s))
+        self._context.take(pressure_sample(place, deserialize_message(serialized, FluidPressure), received_s))

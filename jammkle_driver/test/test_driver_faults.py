@@ -228,7 +228,7 @@ def test_nonsense_about_the_atmosphere_moves_nothing() -> None:
     """A parameter far off changes neither the true vacuum nor what is measured, and is doubted."""
     for declared_pa in (60e3, 109e3):
         bench = jammed_bench()
-        bench.driver.declare_ambient(declared_pa)
+        bench.driver.ankle.atmosphere.declare(declared_pa)
         run(bench, 2.0)
         vacuum_pa = bench.driver.ankle.atmosphere.pressure_pa - bench.plant.pressures_pa["achilles"]
         assert vacuum_pa == pytest.approx(SET_POINT_PA, abs=1500.0)

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import serialize_message
 
 from jammkle_graph.diagnostics import FAREWELL
 from jammkle_graph.health import Level
@@ -25,7 +26,8 @@ class FakeNode:
     def get_name(self) -> str:
         return "driver"
 
-    def create_subscription(self, _kind: object, _topic: str, take: Any, _qos: object) -> None:
+    def create_subscription(self, _kind: object, _topic: str, take: Any, _qos: object, *, raw: bool) -> None:
+        assert raw
         self.take = take
 
 
@@ -38,7 +40,7 @@ class Listener:
         self.call = RollCall(self.node, lambda: self.now_s)
 
     def hear(self, *names: str) -> None:
-        self.node.take(DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names]))
+        self.node.take(serialize_message(DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])))
 
     def wait(self, seconds: float) -> Any:
         """Let time pass while the listener reports once a second."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
+from jammkle_graph import wire
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.messages import message_class
 from jammkle_graph.names import BASE_FRAME, FOOT_FRAME, IMU_FRAME, LOAD_CELL_FRAME, ODOM_FRAME, TENDONS, frame
@@ -69,7 +70,10 @@ class OutgoingMessages:
         for axis in _DIAGONAL:
             self._imu.linear_acceleration_covariance[axis] = acceleration
             self._imu.angular_velocity_covariance[axis] = angular_rate
+        self._imu_values = _imu_values(self._imu)
+        self._imu_writer = wire.Writer(self._imu.header.frame_id, wire.IMU_DOUBLES)
         self._pressure = FluidPressure(variance=sensors.pressure_noise_pa**2)
+        self._pressure_writers: dict[str, wire.Writer] = {}
         self._joints = JointState()
         self._tendons = TendonStates(tendons=[TendonState(name=name) for name in tendons])
         self._wrench = WrenchStamped(header=Header(frame_id=frame(namespace, LOAD_CELL_FRAME)))
@@ -88,6 +92,22 @@ class OutgoingMessages:
         _fill_vector(self._imu.linear_acceleration, sample.specific_force_m_s2)
         _fill_vector(self._imu.angular_velocity, sample.angular_velocity_rad_s)
         return _stamped(self._imu, self._imu.header.stamp, time_ns)
+
+    def imu_bytes(self, time_ns: int, sample: ImuSample) -> bytes:
+        """Return the same, serialized; in a quarter of the time."""
+        _check_finite("the IMU", (*sample.specific_force_m_s2, *sample.angular_velocity_rad_s))
+        self._imu_values[wire.IMU_FORCE] = sample.specific_force_m_s2
+        self._imu_values[wire.IMU_RATE] = sample.angular_velocity_rad_s
+        return self._imu_writer.write(time_ns, self._imu_values)
+
+    def pressure_bytes(self, time_ns: int, pressure_pa: float, place: str) -> bytes:
+        """Return what `pressure` returns, serialized."""
+        _check_finite("a pressure", (pressure_pa,))
+        writer = self._pressure_writers.get(place)
+        if writer is None:
+            writer = wire.Writer(frame(self._namespace, place), wire.PRESSURE_DOUBLES)
+            self._pressure_writers[place] = writer
+        return writer.write(time_ns, (pressure_pa, self._pressure.variance))
 
     def pressure(self, time_ns: int, pressure_pa: float, place: str) -> FluidPressure:
         """Return one absolute pressure, Pa, in a place: channel or manifold. Its variance is that of the noise."""
@@ -182,6 +202,16 @@ def duty_from(message: Float32) -> float:
         msg = f"pump/duty is {duty:g}; it must be 0 to 1; the last good value is kept"
         raise BadCommandError(msg)
     return duty
+
+
+def _imu_values(message: Imu) -> list[float]:
+    """Return the numbers of a message in their order, with orientation and what is measured still to be filled in."""
+    values = [0.0] * wire.IMU_DOUBLES
+    values[3] = message.orientation.w
+    values[wire.IMU_ORIENTATION_COVARIANCE] = list(message.orientation_covariance)
+    values[wire.IMU_RATE_COVARIANCE] = list(message.angular_velocity_covariance)
+    values[wire.IMU_FORCE_COVARIANCE] = list(message.linear_acceleration_covariance)
+    return values
 
 
 def _stamped(message, stamp: Time, time_ns: int):  # noqa: ANN001, ANN202 - any message, and the very same back

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from jammkle_sim.robots.gait import FootPlan
 
 
+_NEED_NOT_BE_HEARD = (*STATES, Output.TRUE_CONTACT)
+
+
 class AnkleSensors(Protocol):
     """What is published of one simulated ankle."""
 
@@ -101,7 +104,7 @@ class Outputs:
         }
         for output, (message_type, topic, make) in made.items():
             if output in outputs:
-                publishing = _publishing_if_heard if output in STATES else _publishing
+                publishing = _publishing_if_heard if output in _NEED_NOT_BE_HEARD else _publishing
                 self._publish[output] = publishing(publisher(message_type, topic), make)
         if Output.GAIT in outputs:
             self._phase = publisher(Float32, names.GAIT_PHASE)
@@ -133,13 +136,13 @@ class Outputs:
             if output is not Output.WHOLE:
                 self._publish[output](tick.time_ns)
 
-    def _imu(self, time_ns: int) -> Imu:
-        return self._messages.imu(time_ns, self._ankle.imu())
+    def _imu(self, time_ns: int) -> bytes:
+        return self._messages.imu_bytes(time_ns, self._ankle.imu())
 
     def _publish_pressures(self, time_ns: int) -> None:
         pressures_pa = {MANIFOLD_FRAME: self._ankle.manifold_pressure_pa(), **self._ankle.channel_pressures_pa()}
         for place, pressure_pa in pressures_pa.items():
-            self._pressures[place].publish(self._messages.pressure(time_ns, pressure_pa, place))
+            self._pressures[place].publish(self._messages.pressure_bytes(time_ns, pressure_pa, place))
 
     def _publish_gait(self, _time_ns: int) -> None:
         """Say what is planned of the foot, where a gait plans anything; both messages are of now, without a stamp."""
@@ -191,7 +194,7 @@ def _publishing(publisher: Publisher, make: Callable[[int], Any]) -> Callable[[i
 
 
 def _publishing_if_heard(publisher: Publisher, make: Callable[[int], Any]) -> Callable[[int], None]:
-    """As `_publishing`, for states, which nobody need look at: a message that nobody hears costs as much as a step."""
+    """As `_publishing`, for what nobody need look at: a message that nobody hears costs as much as a step."""
 
     def publish(time_ns: int) -> None:
         if publisher.get_subscription_count() > 0:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from rclpy.node import Node
+    from rclpy.publisher import Publisher
 
     from jammkle_sim.core.engine import Tick
     from jammkle_sim.outputs import AnkleSensors
@@ -64,7 +65,7 @@ class Whole:
             self._joints = node.create_publisher(JointState, names.JOINT_STATES.name, publisher_qos(names.JOINT_STATES))
 
     def publish(self, tick: Tick, simulation: Based, ankles: Mapping[str, AnkleSensors]) -> None:
-        """Publish what is due.
+        """Publish what is due, if anybody hears it.
 
         Args:
             tick: What is due, and its time.
@@ -77,11 +78,12 @@ class Whole:
         """
         if Output.WHOLE not in tick.outputs:
             return
-        odometry = self._messages.odometry(tick.time_ns, simulation.base())
-        self._odometry.publish(odometry)
-        if self._transforms is not None:
-            self._transforms.publish(transform_of(odometry))
-        if self._joints is not None:
+        if _is_heard(self._odometry) or _is_heard(self._transforms):
+            odometry = self._messages.odometry(tick.time_ns, simulation.base())
+            self._odometry.publish(odometry)
+            if self._transforms is not None:
+                self._transforms.publish(transform_of(odometry))
+        if self._joints is not None and _is_heard(self._joints):
             positions = {name: ankle.joint_positions() for name, ankle in ankles.items()}
             velocities = {name: ankle.joint_velocities() for name, ankle in ankles.items()}
             self._joints.publish(
@@ -91,3 +93,7 @@ class Whole:
                     {told.unique: velocities[told.ankle][told.name] for told in self._told},
                 )
             )
+
+
+def _is_heard(publisher: Publisher | None) -> bool:
+    return publisher is not None and publisher.get_subscription_count() > 0

@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from jammkle_controller.core.imu import ImuSample
+from jammkle_graph import wire
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 _NOT_MEASURED = -1.0
@@ -29,9 +30,21 @@ def imu_sample(message: Any) -> ImuSample:
     force = message.linear_acceleration
     rate = message.angular_velocity
     sample = ImuSample(nanoseconds(message.header.stamp), force.x, force.y, force.z, rate.x, rate.y, rate.z)
-    if message.linear_acceleration_covariance[0] == _NOT_MEASURED:
+    return _measured(sample, message.linear_acceleration_covariance[0], message.angular_velocity_covariance[0])
+
+
+def imu_sample_of(measured: wire.Measured) -> ImuSample:
+    """Return the same of an IMU message that was read from its bytes."""
+    values = measured.values
+    sample = ImuSample(measured.time_ns, *values[wire.IMU_FORCE], *values[wire.IMU_RATE])
+    return _measured(sample, values[wire.IMU_FORCE_COVARIANCE][0], values[wire.IMU_RATE_COVARIANCE][0])
+
+
+def _measured(sample: ImuSample, force_variance: float, rate_variance: float) -> ImuSample:
+    """Leave out of a sample what its covariances say was not measured."""
+    if force_variance == _NOT_MEASURED:
         return sample._replace(force_x=math.nan)
-    if message.angular_velocity_covariance[0] == _NOT_MEASURED:
+    if rate_variance == _NOT_MEASURED:
         return sample._replace(rate_x=0.0, rate_y=0.0, rate_z=0.0)
     return sample
 

@@ -11,7 +11,7 @@ from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState, missed
 from jammkle_driver.core.diagnosis import Diagnosis, DiagnosisSettings
 from jammkle_driver.core.faults import REMEDIES, Finding, Reason
-from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
 from jammkle_driver.core.leakage import LeakMeter
 from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSettings
 
@@ -88,6 +88,7 @@ class Ankle:
         self._stamps: dict[str, float] = {}
         self._regulated_at_s = -math.inf
         self._duty = 0.0
+        self._command = released(self._names)
         self._held: ActuatorCommand | None = None
         self._judged_from_s = -math.inf
 
@@ -98,10 +99,13 @@ class Ankle:
 
     @property
     def command(self) -> ActuatorCommand:
-        """What the actuators shall do now."""
+        """What the actuators shall do now; the same object until something else is."""
         if self._held is not None:
             return self._held
-        return ActuatorCommand({name: channel.energised for name, channel in self.channels.items()}, self._duty)
+        solenoids = {name: channel.energised for name, channel in self.channels.items()}
+        if self._duty != self._command.pump_duty or solenoids != self._command.solenoids:
+            self._command = ActuatorCommand(solenoids, self._duty)
+        return self._command
 
     @property
     def held(self) -> bool:
@@ -121,7 +125,7 @@ class Ankle:
     @property
     def jammed(self) -> bool:
         """Whether a channel is asked to jam."""
-        return any(set_point_pa > 0.0 for set_point_pa in self.set_points_pa.values())
+        return any(channel.set_point_pa > 0.0 for channel in self.channels.values())
 
     @property
     def faulty(self) -> tuple[Channel, ...]:

@@ -123,6 +123,11 @@ class Channel:
         return self._energised
 
     @property
+    def reason(self) -> str:
+        """Why it is in this state."""
+        return self._reason
+
+    @property
     def status(self) -> ChannelStatus:
         """Everything known of the channel."""
         return ChannelStatus(

@@ -64,10 +64,6 @@ class Driver:
         """Take new limits; what was asked before stays."""
         self._limits = limits
 
-    def declare_ambient(self, pressure_pa: float) -> None:
-        """Take what a parameter says of the atmosphere, Pa; vented channels that say otherwise are believed more."""
-        self._ankle.atmosphere.declare(pressure_pa)
-
     @property
     def command(self) -> ActuatorCommand:
         """What the actuators shall do now."""
@@ -92,6 +88,13 @@ class Driver:
             held=ankle.held,
             line_noise=self._line_noise,
         )
+
+    @property
+    def standing(self) -> tuple[object, ...]:
+        """All of the status but what was measured: what everybody is to know at once when it changes."""
+        channels = [(each.state, each.set_point_pa, each.reason) for each in self._ankle.channels.values()]
+        trouble = worst_trouble(self._ankle, self._sensors, self._line_noise, self.own_pace)
+        return (self._active, self._stop_reason, trouble.reason, self._limits, *channels)
 
     @property
     def ankle(self) -> Ankle:
@@ -231,11 +234,6 @@ class Driver:
             return
         self._sensors.hear(sample.place, now)
         self._ankle.measure(sample.place, sample.pressure_pa, sample.stamp_s, now, driven=self._active)
-
-    @property
-    def jammed(self) -> bool:
-        """Whether a channel is asked to jam."""
-        return self._ankle.jammed
 
     def fail(self, reason: str, fault: Reason, now: Instant) -> None:
         """Put every channel into FAULT: what drives them has failed, and did not do what it was told."""

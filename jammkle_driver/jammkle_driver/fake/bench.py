@@ -156,7 +156,7 @@ class FaultBench:
         self.driver.note_line_noise(self.noise.look(self.link, now.steady_s))
 
     def _look_at_link(self, now: Instant) -> None:
-        verdict = self.guard.look(self.link, jammed=self.driver.jammed)
+        verdict = self.guard.look(self.link, jammed=self.driver.ankle.jammed)
         if verdict.fault:
             self.driver.fail(verdict.fault, verdict.reason, now)
         self.driver.wait_for_board(now, wait=verdict.wait)

@@ -136,7 +136,7 @@ def _brown_out(bench: FaultBench, watch: _Watch) -> None:
 
 def _expect_latched(bench: FaultBench, watch: _Watch, because: str) -> None:
     """What was jammed must not go on; where nothing was, the board is acknowledged, and may be jammed."""
-    jammed = bench.driver.jammed
+    jammed = bench.driver.ankle.jammed
     _pass(bench, TICK_PERIOD_S)  # in which the driver sees it, and nobody asks for anything else
     if jammed:
         watch.must_be_off(0.0, because)

@@ -187,7 +187,7 @@ def _place(reason: Reason, draw: random.Random) -> str:
 
 def _ripe(bench: FaultBench, reason: Reason) -> bool:
     """Whether a fault that matters only to a jammed ankle can begin."""
-    return reason not in ELSEWHERE or reason is Reason.LINE_NOISE or bench.driver.jammed
+    return reason not in ELSEWHERE or reason is Reason.LINE_NOISE or bench.driver.ankle.jammed
 
 
 def _begin(bench: FaultBench, reason: Reason) -> None:

@@ -91,6 +91,8 @@ class Noise:
         self._imu = self._stream(self._IMU, 0)
         offsets = self._stream(self._OFFSET, 0).standard_normal(records.VOLUMES)
         self._pressure_offset_pa = parameters.pressure_offset_pa * offsets
+        self._pressure_step = -1
+        self._pressure_error_pa = self._pressure_offset_pa
 
     def reset(self) -> None:
         """Start all streams again."""
@@ -102,8 +104,11 @@ class Noise:
 
     def pressure_pa(self, step: int) -> NDArray[np.float64]:
         """Error of manifold and channel pressure at a step, Pa, shape (4,)."""
-        white = self._stream(self._PRESSURE, step).standard_normal(records.VOLUMES)
-        return self._pressure_offset_pa + self._parameters.pressure_noise_pa * white
+        if step != self._pressure_step:  # both manifold and channels are asked for at one step
+            white = self._stream(self._PRESSURE, step).standard_normal(records.VOLUMES)
+            self._pressure_step = step
+            self._pressure_error_pa = self._pressure_offset_pa + self._parameters.pressure_noise_pa * white
+        return self._pressure_error_pa
 
     def load_cell_n(self, step: int) -> NDArray[np.float64]:
         """Error of the load cell at a step, N, shape (3,)."""
