@@ -132,8 +132,6 @@ def fit_place(
     signatures = Signatures(problem, settings, difference, machine)
     parameters = problem.library.parameters(place.names)
     start = dict(zip([key for key, _ in parameters], np.concatenate(place.values).tolist(), strict=True))
-    if len(parameters) == 1:
-        start = _better_start(problem, place, difference, signatures, start)
     fit = refine(difference.whitened, place.names, parameters, start, signatures, constants)
     return replace(fit, features=tuple(signatures.parts(fit.values) or ())), signatures.made
 
@@ -168,29 +166,6 @@ def sharpened_fit(
     start = {key: float(found.x)}
     better = refine(difference.whitened, fit.names, [(key, parameter)], start, signatures, constants)
     return replace(better, features=tuple(signatures.parts(better.values) or ())), signatures.made
-
-
-def _better_start(
-    problem: Problem, place: Place, difference: Difference, signatures: Signatures, start: Mapping[str, float]
-) -> dict[str, float]:
-    """Return where a fit of one parameter begins: a grid at healthy commands misleads where a controller answers.
-
-    A place that explains little there is compared with the grid's own points, simulated at the commands of the run.
-    """
-
-    def left(values: Mapping[str, float]) -> float:
-        return float(np.square(difference.whitened - signatures(values)).sum())
-
-    length = float(difference.whitened @ difference.whitened)
-    if left(start) < _EXPLAINED * length:
-        return dict(start)
-    (key,) = start
-    points = grids_of(problem)[place.names[0]].points[:, 0].tolist()
-    return min([dict(start), *({key: point} for point in points)], key=left)
-
-
-_EXPLAINED = 0.2
-"""Share of the squared difference that a start may leave and be trusted. Chosen: Gauss-Newton takes the rest off."""
 
 
 def fit_beside(
