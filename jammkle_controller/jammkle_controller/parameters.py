@@ -10,6 +10,7 @@ from jammkle_controller.core.impact import ImpactSettings
 from jammkle_controller.core.inputs import InputSettings
 from jammkle_controller.core.liftoff import LiftoffSettings
 from jammkle_controller.core.policy import PolicyMode, PolicySettings
+from jammkle_controller.core.raised import RaiseSettings
 from jammkle_controller.core.settled import SettledSettings
 from jammkle_controller.core.slip import SlipSettings
 from jammkle_controller.core.swing import SwingSettings
@@ -180,8 +181,8 @@ class ControllerParameters:
     )
     slip_speed_m_s: float = parameter(
         0.025,
-        "Speed gained from rest, after a step of the acceleration, that is a SLIP; a body that shakes by 0.55 m/s^2 at "
-        "10 Hz reaches 0.018 m/s",
+        "Least speed of the sole that is a SLIP, on a body gained after a step of the acceleration; what shakes by "
+        "0.55 m/s^2 at 10 Hz reaches 0.018 m/s",
         "m/s",
         0.01,
         1.0,
@@ -209,6 +210,23 @@ class ControllerParameters:
     swing_probability: float = parameter(
         0.85, "Probability of swing above which a foot or shank has left the ground", "1", 0.5, 0.999, dynamic=True
     )
+    raised_foot_m: float = parameter(
+        0.08,
+        "Height above its last rest at which a foot or shank has left the ground, however slowly; a leg of 0.3 m that "
+        "straightens by 40 degrees raises an IMU whose sole is not given by 0.07 m",
+        "m",
+        0.03,
+        1.0,
+        dynamic=True,
+    )
+    raised_body_m: float = parameter(
+        0.45,
+        "Height above its last rest at which a body has been picked up: more than its legs raise it",
+        "m",
+        0.05,
+        3.0,
+        dynamic=True,
+    )
     stance_probability: float = parameter(
         0.1, "Probability of swing below which it stands, blow or none", "1", 0.001, 0.5, dynamic=True
     )
@@ -222,6 +240,9 @@ def detector_settings(values: ControllerParameters) -> DetectorSettings:
     return DetectorSettings(
         impact=ImpactSettings(values.touchdown_threshold_m_s2, values.impact_threshold_m_s2, values.refractory_s),
         liftoff=LiftoffSettings(values.flight_threshold_m_s2, values.flight_confirm_s),
+        raised=RaiseSettings(
+            values.raised_body_m if values.imu_mount == Mount.BODY.value else values.raised_foot_m,
+        ),
         settled=SettledSettings(values.settle_window_s, values.settle_rms_m_s2, values.settle_rms_rad_s),
         slip=SlipSettings(
             values.slip_speed_m_s,

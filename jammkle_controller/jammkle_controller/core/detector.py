@@ -11,6 +11,7 @@ from jammkle_controller.core.imu import IGNORED, Admission, ImuGate, ImuSample
 from jammkle_controller.core.liftoff import LiftoffDetector
 from jammkle_controller.core.motion import Motion
 from jammkle_controller.core.offered import Detection, is_felt
+from jammkle_controller.core.raised import RaiseDetector
 from jammkle_controller.core.settled import RestDetector
 from jammkle_controller.core.slip import SlipDetector
 from jammkle_controller.core.stepping import SteppingFoot
@@ -58,6 +59,7 @@ class ContactDetector:
         self._settings = settings
         self._impact = ImpactDetector(settings.impact)
         self._liftoff = LiftoffDetector(settings.liftoff)
+        self._raise = RaiseDetector(settings.raised, settings.slip.lever_m)
         self._rest = RestDetector(settings.settled)
         self._slip = SlipDetector(settings.slip)
         self.foot = SteppingFoot(settings, ratios) if is_felt(settings.mount, Detection.STEP) else None
@@ -72,6 +74,7 @@ class ContactDetector:
         self.watch.settings = settings.watch
         self._impact.settings = settings.impact
         self._liftoff.settings = settings.liftoff
+        self._raise.settings = settings.raised
         self._rest.settings = settings.settled
         self._slip.settings = settings.slip
         if self.foot is not None:
@@ -125,6 +128,7 @@ class ContactDetector:
     def _follow(self, sample: ImuSample, interval_s: float) -> None:
         self.motion.update(sample, interval_s)
         self._impact.follow(sample.time_ns, interval_s, self.motion.force_m_s2)
+        self._raise.follow(sample, interval_s)
         if self.foot is not None:
             self.foot.update(self.motion, interval_s)
 
@@ -133,6 +137,7 @@ class ContactDetector:
         self.motion = Motion((sample.force_x, sample.force_y, sample.force_z))
         self._impact.restart(self.motion.force_m_s2)
         self._liftoff.restart()
+        self._raise.restart()
         self._rest.restart()
         self._slip.release()
         if self.foot is not None:
@@ -149,6 +154,7 @@ class ContactDetector:
     def _suspend(self, sample: ImuSample) -> None:
         """Forget what was felt on an IMU that is not believed."""
         self._liftoff.restart()
+        self._raise.restart()
         self._rest.restart()
         self._slip.release()
         self._impact.restart(self.motion.force_m_s2)
@@ -166,7 +172,7 @@ class ContactDetector:
         return (impact,)
 
     def _swing_on(self, time_ns: int) -> tuple[ContactEvent, ...]:
-        impact = self._reloaded(time_ns) if self.foot is None else self.foot.end_of_swing(time_ns, self.motion)
+        impact = self._end_of_swing(time_ns)
         if impact is not None:
             self._impact.note(time_ns)
             self._land(time_ns)
@@ -174,12 +180,20 @@ class ContactDetector:
         swings = None if self.foot is None else self.foot.swinging(time_ns, self.motion)
         return _NOTHING if swings is None else (swings,)
 
-    def _reloaded(self, time_ns: int) -> ContactEvent | None:
-        """Return an impact when a body whose foot was said to swing is hit, or, told late, carried again."""
-        impact = self._impact.on_ground(time_ns, self.motion.force_m_s2)
-        if impact is None and self.motion.load > RELOADED:
-            return ContactEvent(ContactKind.IMPACT, time_ns, self.motion.force_m_s2, M_S2, 0.0, _RELOADED_PROBABILITY)
-        return impact
+    def _end_of_swing(self, time_ns: int) -> ContactEvent | None:
+        """Return an impact when what was in the air is hit, or, reported late, stands."""
+        force = self.motion.force_m_s2
+        foot = self.foot
+        impact = self._impact.on_ground(time_ns, force) if foot is None else foot.blow(time_ns, self.motion)
+        if impact is not None:
+            return impact
+        if self._raise.is_raised:
+            return self._raise.set_down(time_ns, force)
+        if foot is not None:
+            return foot.stands(time_ns, self.motion)
+        if self.motion.load <= RELOADED:
+            return None
+        return ContactEvent(ContactKind.IMPACT, time_ns, force, M_S2, 0.0, _RELOADED_PROBABILITY)
 
     def _stand(self, sample: ImuSample, interval_s: float) -> tuple[ContactEvent, ...]:
         time_ns, force = sample.time_ns, self.motion.force_m_s2
@@ -203,21 +217,26 @@ class ContactDetector:
         return self._come_to_rest(sample)
 
     def _leaving(self, time_ns: int) -> ContactEvent | None:
-        """Return a lift-off: by free fall, or, of a foot or shank, by the probability of a swing."""
+        """Return a lift-off: by free fall, of a foot or shank by the probability of a swing, or by a slow rise."""
         force = self.motion.force_m_s2
         liftoff = self._liftoff.on_ground(time_ns, force)
         if liftoff is not None:
             self._leave(Phase.FLIGHT, time_ns)
             return liftoff
-        if self.foot is None:
-            return None
-        liftoff = self.foot.leaving(time_ns, self._impact.last_ns, self.motion)
+        if self.foot is not None:
+            liftoff = self.foot.leaving(time_ns, self._impact.last_ns, self.motion)
+            if liftoff is not None:
+                self._leave(Phase.SWING, time_ns)
+                return liftoff
+        liftoff = self._raise.on_ground(time_ns)
         if liftoff is not None:
             self._leave(Phase.SWING, time_ns)
+            self._raise.raise_it()
         return liftoff
 
     def _leave(self, phase: Phase, time_ns: int) -> None:
         self.phase = phase
+        self._raise.is_raised = False
         self._unsettled = False
         self._rest.restart()
         self._slip.release()
@@ -229,6 +248,7 @@ class ContactDetector:
         self.phase = Phase.GROUND
         self._unsettled = True
         self._liftoff.restart()
+        self._raise.disarm()
         self._rest.restart()
         if flew:
             self._slip.land(time_ns)

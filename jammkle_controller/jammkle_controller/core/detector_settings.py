@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jammkle_controller.core.impact import ImpactSettings
     from jammkle_controller.core.liftoff import LiftoffSettings
+    from jammkle_controller.core.raised import RaiseSettings
     from jammkle_controller.core.settled import SettledSettings
     from jammkle_controller.core.slip import SlipSettings
     from jammkle_controller.core.swing import SwingSettings
@@ -45,6 +46,7 @@ class DetectorSettings:
 
     impact: ImpactSettings
     liftoff: LiftoffSettings
+    raised: RaiseSettings
     settled: SettledSettings
     slip: SlipSettings
     swing: SwingSettings

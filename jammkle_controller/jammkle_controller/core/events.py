@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 M_S2 = "m/s^2"
 M_S = "m/s"
+METRE = "m"
 NO_UNIT = ""
 
 

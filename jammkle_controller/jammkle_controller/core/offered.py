@@ -22,6 +22,7 @@ class Detection(enum.Enum):
     FLIGHT = "lift-off into free fall"
     STEP = "lift-off of a step"
     SWING = "swing"
+    RAISE = "lift-off of what is raised slowly"
     SLIP_STANDING = "slip of a foot that stood"
     SLIP_STEPPING = "slip while it steps"
     REST = "settled"
@@ -38,12 +39,14 @@ class Offer:
 _SWING_POSTERIOR = Offer(made=True, reason="probability of swing")
 _SLIDE_POSTERIOR = Offer(made=True, reason="probability of sliding")
 _FREE_FALL = Offer(made=True, reason="nearly no specific force")
+_RAISED = Offer(made=True, reason="height since it last rested, and a tilt")
 _REST = Offer(made=True, reason="specific force of gravity, and no turning")
 _FOOT: Mapping[Detection, Offer] = {
     Detection.IMPACT: Offer(made=True, reason="a blow in a swing, by its density ratio"),
     Detection.FLIGHT: _FREE_FALL,
     Detection.STEP: _SWING_POSTERIOR,
     Detection.SWING: _SWING_POSTERIOR,
+    Detection.RAISE: _RAISED,
     Detection.SLIP_STANDING: _SLIDE_POSTERIOR,
     Detection.SLIP_STEPPING: _SLIDE_POSTERIOR,
     Detection.REST: _REST,
@@ -55,6 +58,7 @@ _BODY: Mapping[Detection, Offer] = {
         made=False, reason="a body that does not fall never showed it: needs the gait, a foot switch or the load"
     ),
     Detection.SWING: Offer(made=False, reason="the swing of one foot is not felt on the body"),
+    Detection.RAISE: _RAISED,
     Detection.SLIP_STANDING: Offer(made=True, reason="a step of the acceleration that becomes a speed"),
     Detection.SLIP_STEPPING: Offer(
         made=False, reason="a body that walks speeds up and slows down at every step: 2 of 309 reported slips were one"

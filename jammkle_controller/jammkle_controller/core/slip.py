@@ -57,7 +57,7 @@ class SlipSettings:
     """When a foot slides.
 
     Attributes:
-        speed_m_s: Speed gained since a step of the acceleration, m/s.
+        speed_m_s: Least speed of the sole, m/s; on a body, gained since a step of the acceleration.
         step_m_s2: Least step, m/s^2.
         landed_speed_m_s: Speed along the ground after an impact without any step, m/s.
         probability: That the sole of a foot or shank slides, from which on it is told.

@@ -84,13 +84,16 @@ class SteppingFoot:
         self.swing.lift()
         self._touchdown.restart()
 
-    def end_of_swing(self, time_ns: int, motion: Motion) -> ContactEvent | None:
-        """Return the touch-down of a foot that swings: a blow, or, told late, that it stands."""
-        impact = self._touchdown.in_swing(time_ns, motion, _since_s(self._swing_since_ns, time_ns))
+    def blow(self, time_ns: int, motion: Motion) -> ContactEvent | None:
+        """Return the touch-down of a foot that swings when it is hit."""
+        return self._touchdown.in_swing(time_ns, motion, _since_s(self._swing_since_ns, time_ns))
+
+    def stands(self, time_ns: int, motion: Motion) -> ContactEvent | None:
+        """Return the touch-down of a foot that swung, reported late: it stands, though nothing hit it."""
         swing = self.swing.probability
-        if impact is None and swing < self.settings.swing.stance_probability:
-            return ContactEvent(ContactKind.IMPACT, time_ns, motion.sharp_m_s2, M_S2, 0.0, 1.0 - swing)
-        return impact
+        if swing >= self.settings.swing.stance_probability:
+            return None
+        return ContactEvent(ContactKind.IMPACT, time_ns, motion.sharp_m_s2, M_S2, 0.0, 1.0 - swing)
 
     def swinging(self, time_ns: int, motion: Motion) -> ContactEvent | None:
         """Return once per swing that the foot swings freely."""
@@ -115,7 +118,9 @@ class SteppingFoot:
         probability = sole.update(time_ns, self._interval_s, motion, self.swing.probability)
         if before < AS_LIKELY <= probability:
             self._slide_since_ns = time_ns
-        if self._sliding or probability < least:
+        # Outside of what it was learned from, such as at perfect rest, the posterior may say anything.
+        creeps = sole.speed_m_s < self.settings.slip.speed_m_s
+        if self._sliding or creeps or probability < least:
             self._sliding &= probability > 1.0 - least
             return None
         self._sliding = True
