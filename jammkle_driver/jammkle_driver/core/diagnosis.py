@@ -217,8 +217,8 @@ class Diagnosis:
             readings_pa=readings_pa,
             connected=tuple(acting.solenoids[name] for name in self._channels),
             switching=switching,
-            duty=acting.pump_duty,
-            duty_doubt=max(duties) - min(duties),
+            duty=0.5 * (max(duties) + min(duties)),
+            duty_doubt=(max(duties) - min(duties)) / math.sqrt(12.0),
             ambient_pa=ambient_pa,
             heat_pa=self._heat.measure(readings_pa, duration_s),
         )
