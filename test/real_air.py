@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_driver.core.hardware import MANIFOLD
+from jammkle_driver.fake.bench import pump_end
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.fake.sensors import FakeSensors, SensorErrors
 from jammkle_graph.names import CHANNELS
@@ -44,21 +46,23 @@ _OFFSET_PA = 150.0
 def real_plant(_declared: AirSettings, draw: random.Random, seed: int) -> RealAirPlant:
     """Return one specimen on one day; what the driver has declared is the type, of which it is one."""
     offsets_pa = {place: draw.gauss(0.0, _OFFSET_PA) for place in (MANIFOLD, *CHANNELS)}
-    return RealAirPlant(seed, SensorErrors(offsets_pa=offsets_pa))
+    return RealAirPlant(seed, SensorErrors(offsets_pa=offsets_pa), pump_end(draw))
 
 
 class RealAirPlant:
     """A `jammkle_driver.fake.plant.Plant` on the law of `jammkle_reality.air`."""
 
-    def __init__(self, seed: int, errors: SensorErrors) -> None:
+    def __init__(self, seed: int, errors: SensorErrors, end: float = 1.0) -> None:
         """Make a specimen, vented, pump off.
 
         Args:
             seed: Of the specimen, its day, its switching and the sensors' noise.
             errors: Of healthy sensors.
+            end: Where the pump ends, over where the specimen's does.
 
         """
-        self._air = today(machine(seed + 1), seed).air
+        air = today(machine(seed + 1), seed).air
+        self._air = replace(air, pump=replace(air.pump, ultimate_vacuum_pa=air.pump.ultimate_vacuum_pa * end))
         self._law = air_law(self._air)
         self._state = vented(self._law)
         self._switching = random.Random(seed + 7)  # noqa: S311 - a simulation
@@ -70,6 +74,11 @@ class RealAirPlant:
         self._valves: dict[str, bool] = {}
         self._sensors = FakeSensors(errors, seed)
         self.time_s = 0.0
+
+    @property
+    def pump_ultimate_vacuum_pa(self) -> float:
+        """See `Plant`."""
+        return self._air.pump.ultimate_vacuum_pa
 
     @property
     def pressures_pa(self) -> Mapping[str, float]:

@@ -83,6 +83,7 @@ def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
     values = {
         "mean duty (1)": f"{load.mean_duty:.2f}",
         "flow (share of declared)": f"{estimate.pump_share:.2f} +- {estimate.pump_deviation:.2f}",
+        "ultimate vacuum (share of declared)": f"{estimate.pump_end_share:.2f}",
         "resting": "yes" if ankle.resting else "no",
     }
     if load.limited:

@@ -270,15 +270,21 @@ class Ankle:
 
     def _diagnose(self, place: str, pressure_pa: float, stamp_s: float, now: Instant) -> None:
         found = self.diagnosis.measure(place, pressure_pa, stamp_s, now.steady_s, self.atmosphere.status)
-        if found is None or self.findings:
+        others_go_on = self._settings.fault_policy is FaultPolicy.CHANNEL and all(map(self._is_alone, self.findings))
+        if found is None or (self.findings and not others_go_on):
             return
-        self.findings = (found,)
+        self.findings = (*self.findings, found)
+        if others_go_on and self._is_alone(found):
+            self.diagnosis.go_on_without(found, self.atmosphere.pressure_pa)
         told = f"{found.text}, then call ~/clear_fault"
         self.fail(self._concerned(found), told, found.reason, found.values)
 
     def _concerned(self, found: Finding) -> tuple[str, ...]:
         """Channels that are in FAULT by a finding: its own, or all, where it is at what all share."""
-        return (found.place,) if found.place in self.channels else self._names
+        return (found.place,) if self._is_alone(found) else self._names
+
+    def _is_alone(self, found: Finding) -> bool:
+        return found.place in self.channels
 
     def _spread(self, fault: Reason) -> None:
         if self._settings.fault_policy is FaultPolicy.CHANNEL or not self.faulty:

@@ -19,6 +19,8 @@ from jammkle_driver.core.hypotheses import Spread, Tables
 from jammkle_driver.core.prediction import Predictor, Step
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from numpy.typing import NDArray
 
     from jammkle_driver.core.air import AirSettings, Array
@@ -73,6 +75,7 @@ class Estimate:
         pressures_pa: True pressures, Pa absolute.
         offsets_pa: How much each sensor reads too high, Pa.
         pump_share: Flow of the pump over the declared one, 1.
+        pump_end_share: Ultimate vacuum of the pump over the declared one, 1.
         line_shares: Conductance of each channel's line over the declared one, 1.
         leaks_m3_s_pa: Sonic conductance of each volume's leak, m^3/(s Pa).
         leak_deviations_m3_s_pa: Standard deviations of those.
@@ -83,6 +86,7 @@ class Estimate:
     pressures_pa: tuple[float, ...]
     offsets_pa: tuple[float, ...]
     pump_share: float
+    pump_end_share: float
     line_shares: tuple[float, ...]
     leaks_m3_s_pa: tuple[float, ...]
     leak_deviations_m3_s_pa: tuple[float, ...]
@@ -100,6 +104,7 @@ class FilterBank:
         self._layout = self._tables.layout
         self._predictor = Predictor(air, self._spread, self._tables)
         self._every = np.arange(self._layout.size)
+        self.leave_out(())
         self.reset(ambient_pa)
 
     @property
@@ -132,6 +137,10 @@ class FilterBank:
         self._fresh = True
         self._grace_s = 0.0
 
+    def leave_out(self, places: Collection[int]) -> None:
+        """Weigh no hypothesis of these volumes any more, by index: what is at them is known."""
+        self._known = np.array([hypothesis.place in places for hypothesis in self.hypotheses])
+
     def bridge(self) -> None:
         """Forget where the pressures are, and nothing else: readings of a while are missing."""
         index = self._every[: self._layout.volumes]
@@ -154,6 +163,7 @@ class FilterBank:
             pressures_pa=tuple(state[layout.pressures].tolist()),
             offsets_pa=tuple(state[layout.offsets].tolist()),
             pump_share=float(state[layout.pump]),
+            pump_end_share=float(1.0 / state[layout.end]),
             line_shares=tuple(state[layout.lines].tolist()),
             leaks_m3_s_pa=tuple((state[layout.leaks] * unit).tolist()),
             leak_deviations_m3_s_pa=tuple((deviation[layout.leaks] * unit).tolist()),
@@ -186,6 +196,7 @@ class FilterBank:
         tells_nothing = self._nothing_changes() & ~beyond_doubt
         self._scores = np.where(tells_nothing, np.minimum(self._scores, 0.0), self._scores)
         self._scores[0] = 0.0
+        self._scores[self._known] = 0.0
         self._begin_again()
 
     def _late_pa(self, readings_pa: Array, duration_s: float) -> Array:

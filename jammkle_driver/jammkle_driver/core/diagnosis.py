@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.bank import FilterBank
+from jammkle_driver.core.description import describe
 from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.core.heat import HeatMeter
@@ -112,6 +113,8 @@ class Diagnosis:
 
     def clear(self, ambient_pa: float) -> None:
         """Forget everything, faults included, and begin anew from the next readings."""
+        self._known: dict[str, Reason] = {}
+        self._bank.leave_out(())
         self._bank.reset(ambient_pa)
         self._heat.reset()
         self._commands: deque[tuple[float, ActuatorCommand]] = deque(maxlen=200)
@@ -122,6 +125,17 @@ class Diagnosis:
         self._silent_sets = dict.fromkeys(self._places, 0)
         self._leading_s = 0.0
         self._strange = dict.fromkeys(self._places, 0)
+
+    def go_on_without(self, found: Finding, ambient_pa: float) -> None:
+        """Look for a second fault beside one of a channel, which stays vented; counted from the next readings.
+
+        Nothing more is made of that channel or its sensor; one whose valve stays open is still part of the vacuum.
+        """
+        self._known[found.place] = found.reason
+        self._bank.leave_out([self._places.index(place) for place in self._known])
+        self._bank.reset(ambient_pa)
+        self._heat.reset()
+        self._leading_s = 0.0
 
     def command(self, command: ActuatorCommand, stamp_s: float) -> None:
         """Note what the actuators are told from `stamp_s` on, s of the graph's clock."""
@@ -164,6 +178,8 @@ class Diagnosis:
         least_pa = ambient_pa - self._settings.air.pump_ultimate_vacuum_pa - OUT_OF_RANGE_PA
         most_pa = ambient_pa + OUT_OF_RANGE_PA
         inside = least_pa <= pressure_pa <= most_pa
+        if place in self._known:
+            return None
         self._strange[place] = 0 if inside else self._strange[place] + 1
         if self._strange[place] < _LATE_SETS:
             return None
@@ -211,11 +227,13 @@ class Diagnosis:
         lately = self._since(stamp_s - SWITCHING_S, stamp_s)
         switching = tuple(len({command.solenoids[name] for command in lately}) > 1 for name in self._channels)
         duties = [command.pump_duty for command in self._since(stamp_s - DUTY_DOUBT_S, stamp_s)]
-        readings_pa = tuple(readings.get(place, math.nan) for place in self._places)
+        stays_open = [place for place, reason in self._known.items() if reason is Reason.VALVE_STUCK_OPEN]
+        heard = {place: pa for place, pa in readings.items() if place not in self._known or place in stays_open}
+        readings_pa = tuple(heard.get(place, math.nan) for place in self._places)
         return Step(
             duration_s=duration_s,
             readings_pa=readings_pa,
-            connected=tuple(acting.solenoids[name] for name in self._channels),
+            connected=tuple(acting.solenoids[name] or name in stays_open for name in self._channels),
             switching=switching,
             duty=0.5 * (max(duties) + min(duties)),
             duty_doubt=(max(duties) - min(duties)) / math.sqrt(12.0),
@@ -245,7 +263,7 @@ class Diagnosis:
             return None
         close = (best, *(model for model in rivals if counted[best] - counted[model] <= LEAD))
         if not any(self._is_small_drift(model) for model in close):
-            return self._describe(best)
+            return describe(chosen, self._places, bank.estimate(best), float(bank.scores[best]))
         if lead > LEAD and chosen.sudden:
             bank.adopt(best)
             self._leading_s = 0.0
@@ -261,34 +279,3 @@ class Diagnosis:
         if hypothesis.reason is not Reason.SENSOR_DRIFTING:
             return False
         return abs(self._bank.estimate(model).offsets_pa[hypothesis.place]) <= _DRIFT_PA
-
-    def _describe(self, model: int) -> Finding:
-        hypothesis, estimate = self._bank.hypotheses[model], self._bank.estimate(model)
-        place, index = self._places[hypothesis.place], hypothesis.place
-        values = {"log-likelihood gained (nats)": f"{self._bank.scores[model]:.0f}"}
-        reason = hypothesis.reason
-        if reason is Reason.LEAK:
-            leak = estimate.leaks_m3_s_pa[index]
-            values["leak conductance (m^3/(s Pa))"] = f"{leak:.2e}"
-            return finding(reason, place, f"leaks with a conductance of {leak * 1e8:.3f} dm^3/(s bar)", values)
-        if reason is Reason.BLOCKED_LINE:
-            share = estimate.line_shares[index - 1]
-            values["line conductance (share of declared)"] = f"{share:.3f}"
-            return finding(reason, place, f"line lets through {100.0 * share:.0f} % of what it should", values)
-        if reason in {Reason.PUMP_WEAK, Reason.PUMP_DEAD}:
-            share = estimate.pump_share
-            values["pump flow (share of declared)"] = f"{share:.2f}"
-            return finding(reason, MANIFOLD, f"pump draws {100.0 * share:.0f} % of its flow", values)
-        if reason is Reason.SENSOR_DRIFTING:
-            offset_pa = estimate.offsets_pa[index]
-            values["sensor offset (Pa)"] = f"{offset_pa:.0f}"
-            return finding(reason, place, f"sensor reads {offset_pa:+.0f} Pa off", values)
-        must_pa, manifold_pa = estimate.pressures_pa[index], estimate.pressures_pa[0]
-        values["pressure that must be (Pa)"] = f"{must_pa:.0f}"
-        if reason is Reason.SENSOR_STUCK:
-            seen = f"sensor's reading stands still where the pressure must be {must_pa:.0f} Pa absolute"
-            return finding(reason, place, seen, values)
-        values["pressure of the manifold (Pa)"] = f"{manifold_pa:.0f}"
-        stays = "at the manifold" if reason is Reason.VALVE_STUCK_OPEN else "at the vent, or its line is shut"
-        seen = f"valve stays {stays}: {must_pa:.0f} Pa absolute, the manifold {manifold_pa:.0f}"
-        return finding(reason, place, seen, values)

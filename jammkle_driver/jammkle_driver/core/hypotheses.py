@@ -1,9 +1,10 @@
 """What may have failed, and how the state of a filter differs where it has: ranges, stuck valves, stuck sensors.
 
 A state holds, for a manifold and the channels: pressures, Pa; offsets of the sensors, Pa; the pump's share of its flow;
-each line's share of its conductance; each volume's leak as a share of a valve's conductance; and how fast the offset
-drifts that a hypothesis is about, Pa/s. In a healthy ankle all but the pressures keep to a range about what was
-declared; each hypothesis takes one of them to another range.
+each line's share of its conductance; each volume's leak as a share of a valve's conductance; how fast the offset
+drifts that a hypothesis is about, Pa/s; and how early the pump ends, the declared ultimate vacuum over its own. In a
+healthy ankle all but the pressures keep to a range about what was declared; each hypothesis takes one of them to
+another range.
 """
 
 from __future__ import annotations
@@ -22,10 +23,13 @@ HEALTHY_OFFSET_PA = (-1000.0, 1000.0)
 """Offset of a good sensor, Pa: 1 % of an atmosphere, as cheap data sheets say over temperature."""
 
 HEALTHY_PUMP = (0.55, 2.0)
+HEALTHY_END = (0.8, 1.25)
 HEALTHY_LINE = (0.4, 2.5)
 HEALTHY_LEAK = (0.0, 0.03)
 """Shares of what was declared that still count as built so: a pump at half of its flow or a line at a third jams an
-ankle in twice the time. A healthy leak takes less than a tenth of the pump's flow at 50 kPa."""
+ankle in twice the time. A pump may end at 80 to 125 % of the declared vacuum: pumps of one type differ, and a membrane
+pump ends at a ratio of pressures: 10 % less vacuum where the atmosphere is 10 % lower. A healthy leak takes less than a
+tenth of the pump's flow at 50 kPa."""
 
 WEAK_PUMP = (0.08, 0.45)
 DEAD_PUMP = (0.0, 0.05)
@@ -59,6 +63,7 @@ class Spread:
         timing_s: Of the time at which it was made, s: a cycle of the line, or as much delay in a host that is busy.
         offset_pa: Of a sensor's offset, Pa.
         pump: Of the pump's share of its declared flow, 1.
+        end: Of the declared ultimate vacuum over the pump's own, 1.
         line: Of a line's share of its declared conductance, 1.
         leak: Of a leak, as a share of a valve's conductance, 1.
         flow: Of each flow beyond that, relative: what the law leaves out, 1.
@@ -71,6 +76,7 @@ class Spread:
     timing_s: float = 0.008
     offset_pa: float = 250.0
     pump: float = 0.2
+    end: float = 0.1
     line: float = 0.2
     leak: float = 0.003
     flow: float = 0.05
@@ -100,13 +106,14 @@ class Layout:
     def __init__(self, volumes: int) -> None:
         """Lay out a state."""
         self.volumes = volumes
-        self.size = 4 * volumes + 1
+        self.size = 4 * volumes + 2
         self.pressures = slice(0, volumes)
         self.offsets = slice(volumes, 2 * volumes)
         self.pump = 2 * volumes
         self.lines = slice(2 * volumes + 1, 3 * volumes)
         self.leaks = slice(3 * volumes, 4 * volumes)
         self.drift = 4 * volumes
+        self.end = 4 * volumes + 1
 
     def offset(self, place: int) -> int:
         """Index of a sensor's offset."""
@@ -156,6 +163,7 @@ class Tables:
         for where, mean, deviation, bounds in (
             (layout.offsets, 0.0, spread.offset_pa, HEALTHY_OFFSET_PA),
             (layout.pump, 1.0, spread.pump, HEALTHY_PUMP),
+            (layout.end, 1.0, spread.end, HEALTHY_END),
             (layout.lines, 1.0, spread.line, HEALTHY_LINE),
             (layout.leaks, air.leak_conductance_m3_s_pa / air.valve_conductance_m3_s_pa, spread.leak, HEALTHY_LEAK),
         ):

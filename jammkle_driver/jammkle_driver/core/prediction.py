@@ -133,10 +133,12 @@ class Predictor:
         unit = air.valve_conductance_m3_s_pa
         share = np.where(tables.opened, 1.0, np.where(tables.closed, 0.0, np.array(step.connected, dtype=float)))
         line, leak, pump = state[:, layout.lines] * unit, state[:, layout.leaks] * unit, state[:, layout.pump]
+        end = state[:, layout.end] / air.pump_ultimate_vacuum_pa  # 1/Pa
         drawn, by_channel, by_manifold = orifice(pressures[:, 1:], np.repeat(manifold, volumes - 1, axis=1))
         inward, _, by_place = orifice(np.full_like(pressures, step.ambient_pa), pressures)
-        curve = 1.0 - (step.ambient_pa - manifold[:, 0]) / air.pump_ultimate_vacuum_pa
-        curve_slope = np.where(curve > 0.0, curve + manifold[:, 0] / air.pump_ultimate_vacuum_pa, 0.0)
+        vacuum = step.ambient_pa - manifold[:, 0]
+        curve = 1.0 - end * vacuum
+        curve_slope = np.where(curve > 0.0, curve + end * manifold[:, 0], 0.0)
         pumped = air.pump_free_flow_m3_s * np.maximum(curve, 0.0) * manifold[:, 0]
         full = np.concatenate([line * drawn, line * inward[:, 1:]], axis=1)
         valves = full * np.concatenate([share, 1.0 - share], axis=1)
@@ -153,6 +155,8 @@ class Predictor:
 
         by_built = np.zeros((models, volumes, layout.size - 2 * volumes))
         by_built[:, 0, 0] = -step.duty * pumped * into[0]
+        ends = pump * step.duty * air.pump_free_flow_m3_s * manifold[:, 0] * vacuum / air.pump_ultimate_vacuum_pa
+        by_built[:, 0, layout.end - 2 * volumes] = np.where(curve > 0.0, ends, 0.0) * into[0]
         by_built[:, channel, channel] = ((1.0 - share) * inward[:, 1:] - share * drawn) * unit * into[1:]
         by_built[:, 0, channel] = share * drawn * unit * into[0]
         place = np.arange(volumes)

@@ -70,7 +70,8 @@ def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: str, own_pace:
     faulty = ankle.faulty
     acts = "kept as it was, pump off" if ankle.held else "vented"
     if faulty:
-        others = "every channel" if ankle.settings.fault_policy is FaultPolicy.ANKLE else faulty[0].name
+        names = ", ".join(each.name for each in faulty)
+        others = "every channel" if ankle.settings.fault_policy is FaultPolicy.ANKLE else names
         worst = faulty[0].status
         return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
     let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]

@@ -40,7 +40,8 @@ _BUSY_CHANGES = 0.3
 def built(declared: AirSettings, draw: random.Random) -> AirSettings:
     """Return an ankle as somebody would really build it: every part off by its tolerance, log-normal.
 
-    Volumes by 10 %, conductances by 15 %, the pump by 12 %, healthy leaks by a factor of two, dead times of 5 to 20 ms.
+    Volumes by 10 %, conductances by 15 %, the pump by 12 % in flow and by 8 % in its end, healthy leaks by a
+    factor of two, dead times of 5 to 20 ms.
     """
 
     def off(deviation: float) -> float:
@@ -54,7 +55,13 @@ def built(declared: AirSettings, draw: random.Random) -> AirSettings:
         leak_conductance_m3_s_pa=declared.leak_conductance_m3_s_pa * off(0.7),
         pump_free_flow_m3_s=declared.pump_free_flow_m3_s * off(0.12),
         valve_dead_time_s=draw.uniform(0.005, 0.02),
+        pump_ultimate_vacuum_pa=declared.pump_ultimate_vacuum_pa * pump_end(draw),
     )
+
+
+def pump_end(draw: random.Random) -> float:
+    """Return where a pump ends, over that of its type: off by 8 %, and at most by 20 %. Assumed."""
+    return min(max(math.exp(draw.gauss(0.0, 0.08)), 0.8), 1.2)
 
 
 def fake_plant(declared: AirSettings, draw: random.Random, seed: int) -> FakePlant:
@@ -62,6 +69,10 @@ def fake_plant(declared: AirSettings, draw: random.Random, seed: int) -> FakePla
     ambient_pa = STANDARD_ATMOSPHERE_PA + draw.gauss(0.0, 800.0)
     offsets_pa = {place: draw.gauss(0.0, 150.0) for place in (MANIFOLD, *CHANNELS)}
     return FakePlant(CHANNELS, built(declared, draw), ambient_pa, SensorErrors(offsets_pa=offsets_pa), seed)
+
+
+_OF_THE_END = 0.9
+"""Most vacuum that is asked for, over where the pump ends: beyond it a pump works for seconds, or for ever."""
 
 
 class FaultBench:
@@ -179,7 +190,7 @@ class FaultBench:
         self._next_s += 0.3 + self.draw.expovariate(1.0 / (15.0 if self.draw.random() < self.rests else 0.9))
         several = list(CHANNELS) if self.draw.random() < 0.7 else self.draw.sample(CHANNELS, self.draw.choice([1, 2]))  # noqa: PLR2004 - a share
         jam = self.draw.random() < (0.3 if self._jammed_last else 0.8)
-        vacuum_pa = self.draw.uniform(15e3, 65e3)
+        vacuum_pa = min(self.draw.uniform(15e3, 65e3), _OF_THE_END * self.plant.pump_ultimate_vacuum_pa)
         self._jammed_last = jam
         if self.streams:
             self.wish_pa = vacuum_pa if jam else 0.0

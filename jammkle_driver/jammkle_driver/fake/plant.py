@@ -28,6 +28,10 @@ class Plant(Protocol):
         """Time since it was made, s."""
 
     @property
+    def pump_ultimate_vacuum_pa(self) -> float:
+        """Vacuum at which its pump stops drawing, Pa."""
+
+    @property
     def pressures_pa(self) -> Mapping[str, float]:
         """True pressures by place, Pa absolute."""
 
@@ -74,6 +78,11 @@ class FakePlant:
         self._wanted: list[tuple[float, str, bool]] = []
         self._open = dict.fromkeys(self._names, False)
         self._duty = 0.0
+
+    @property
+    def pump_ultimate_vacuum_pa(self) -> float:
+        """See `Plant`."""
+        return self._air.pump_ultimate_vacuum_pa
 
     @property
     def healthy_air(self) -> AirSettings:

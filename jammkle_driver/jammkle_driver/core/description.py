@@ -1,0 +1,54 @@
+"""A hypothesis that has won, in words and numbers for people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from jammkle_driver.core.faults import Finding, Reason, finding
+from jammkle_driver.core.hardware import MANIFOLD
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_driver.core.bank import Estimate
+    from jammkle_driver.core.hypotheses import Hypothesis
+
+
+def describe(hypothesis: Hypothesis, places: Sequence[str], estimate: Estimate, gained: float) -> Finding:
+    """Return what has failed by a hypothesis, as a finding.
+
+    Args:
+        hypothesis: What has failed, and where.
+        places: Names of the volumes, the manifold first.
+        estimate: What the hypothesis makes of the ankle.
+        gained: What it has gained over the healthy ankle, nats.
+
+    """
+    place, index = places[hypothesis.place], hypothesis.place
+    values = {"log-likelihood gained (nats)": f"{gained:.0f}"}
+    reason = hypothesis.reason
+    if reason is Reason.LEAK:
+        leak = estimate.leaks_m3_s_pa[index]
+        values["leak conductance (m^3/(s Pa))"] = f"{leak:.2e}"
+        return finding(reason, place, f"leaks with a conductance of {leak * 1e8:.3f} dm^3/(s bar)", values)
+    if reason is Reason.BLOCKED_LINE:
+        share = estimate.line_shares[index - 1]
+        values["line conductance (share of declared)"] = f"{share:.3f}"
+        return finding(reason, place, f"line lets through {100.0 * share:.0f} % of what it should", values)
+    if reason in {Reason.PUMP_WEAK, Reason.PUMP_DEAD}:
+        share = estimate.pump_share
+        values["pump flow (share of declared)"] = f"{share:.2f}"
+        return finding(reason, MANIFOLD, f"pump draws {100.0 * share:.0f} % of its flow", values)
+    if reason is Reason.SENSOR_DRIFTING:
+        offset_pa = estimate.offsets_pa[index]
+        values["sensor offset (Pa)"] = f"{offset_pa:.0f}"
+        return finding(reason, place, f"sensor reads {offset_pa:+.0f} Pa off", values)
+    must_pa, manifold_pa = estimate.pressures_pa[index], estimate.pressures_pa[0]
+    values["pressure that must be (Pa)"] = f"{must_pa:.0f}"
+    if reason is Reason.SENSOR_STUCK:
+        seen = f"sensor's reading stands still where the pressure must be {must_pa:.0f} Pa absolute"
+        return finding(reason, place, seen, values)
+    values["pressure of the manifold (Pa)"] = f"{manifold_pa:.0f}"
+    stays = "at the manifold" if reason is Reason.VALVE_STUCK_OPEN else "at the vent, or its line is shut"
+    seen = f"valve stays {stays}: {must_pa:.0f} Pa absolute, the manifold {manifold_pa:.0f}"
+    return finding(reason, place, seen, values)
