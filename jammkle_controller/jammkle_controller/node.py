@@ -10,7 +10,6 @@ from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float32
@@ -28,6 +27,7 @@ from jammkle_graph import wire
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
+from jammkle_graph.heard_clock import ClockHearer
 from jammkle_graph.names import (
     ANKLE_JOINTS,
     CONTACT_EVENTS,
@@ -72,7 +72,7 @@ FOLLOW_S = 0.5
 """How long the driver may take to follow a new wish before that is told, s: ten repeats of jam_command."""
 
 
-class ControllerNode(Node):
+class ControllerNode(ClockHearer):
     """Detects contact on `imu/data` and commands jamming on `jam_command`.
 
     The wish is published from within the callback of the sample that changed it, and repeated by a steady timer, so

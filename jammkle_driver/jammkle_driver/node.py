@@ -11,7 +11,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_driver.ankle_time import AnkleTime
+from jammkle_driver.ankle_time import ankle_time
 from jammkle_driver.conversions import wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
@@ -25,6 +25,7 @@ from jammkle_driver.outputs import Outputs
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
+from jammkle_graph.heard_clock import ClockHearer
 from jammkle_graph.names import (
     CHANNEL_JAMS,
     CHANNELS,
@@ -54,7 +55,7 @@ STATE_PERIOD_S = 1.0
 """jam_state is repeated this often on the steady clock, s."""
 
 
-class DriverNode(LifecycleNode):
+class DriverNode(ClockHearer, LifecycleNode):
     """Pump and solenoids of one ankle as topics and services."""
 
     def __init__(self, **node_options: Any) -> None:
@@ -78,7 +79,6 @@ class DriverNode(LifecycleNode):
         self._hardware: Hardware | None = None
         self._link_guard = LinkGuard()
         self._noise = NoiseMeter()
-        self._time = AnkleTime(self)
         self._roll_call = RollCall(self)
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
@@ -163,7 +163,6 @@ class DriverNode(LifecycleNode):
         ):
             subscription = self.create_subscription(kind, topic.name, callback, qos)
             self._closers.append(partial(self.destroy_subscription, subscription))
-        self._closers.append(self._time.listen())
 
     def _create_services(self) -> None:
         answers: list[tuple[type, Service, Callable[[Any], str]]] = [
@@ -296,4 +295,4 @@ class DriverNode(LifecycleNode):
         return (*lines, *ankle_lines(self._driver), self._roll_call.health())
 
     def _now(self) -> Instant:
-        return self._time.now(simulated=self._hardware is not None and self._hardware.link.simulated)
+        return ankle_time(self, simulated=self._hardware is not None and self._hardware.link.simulated)

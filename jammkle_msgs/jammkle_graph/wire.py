@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _PLAIN_LITTLE_ENDIAN: Final = b"\x00\x01"
 _ENCAPSULATION: Final = struct.Struct("<2sH")
+_STAMP: Final = struct.Struct("<iI")
 _HEADER: Final = struct.Struct("<iII")
 """Stamp in s and ns, and the length of frame_id with its zero."""
 _TEXT_BEGIN: Final = _ENCAPSULATION.size + _HEADER.size
@@ -65,6 +66,14 @@ def read(serialized: bytes, doubles: int) -> Measured | None:
         return None
     frame_id = serialized[_TEXT_BEGIN : _TEXT_BEGIN + max(length - 1, 0)].decode(errors="replace")
     return Measured(seconds * NANOSECONDS_PER_SECOND + nanoseconds, frame_id, numbers.unpack_from(serialized, begin))
+
+
+def read_clock(serialized: bytes) -> tuple[int, int] | None:
+    """Return s and ns of a serialized rosgraph_msgs/Clock; None as `read`."""
+    if serialized[:2] != _PLAIN_LITTLE_ENDIAN or len(serialized) < _ENCAPSULATION.size + _STAMP.size:
+        return None
+    seconds, nanoseconds = _STAMP.unpack_from(serialized, _ENCAPSULATION.size)
+    return seconds, nanoseconds
 
 
 class Writer:

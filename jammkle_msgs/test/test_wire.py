@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import Header
 
@@ -45,6 +46,13 @@ def test_a_pressure_is_read_and_written_as_rclpy_does(frame_id: str) -> None:
         deserialize_message(wire.Writer(frame_id, wire.PRESSURE_DOUBLES).write(-1, (61325.5, 4.0)), FluidPressure)
         == message
     )
+
+
+def test_a_clock_is_read_as_rclpy_does() -> None:
+    serialized = serialize_message(Clock(clock=Time(sec=-7, nanosec=999999999)))
+    assert wire.read_clock(serialized) == (-7, 999999999)
+    for other in (b"\x00\x00" + serialized[2:], serialized[:11], b""):
+        assert wire.read_clock(other) is None
 
 
 def test_a_writer_keeps_nothing_of_what_it_wrote_before() -> None:
