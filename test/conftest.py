@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from board_client import Client
+from boards import board_command
 from graph import Probe, Up
 from jammkle_graph.testing import own_domain
+from jammkle_sim.board_bench import BoardBench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -70,3 +73,25 @@ def left_alone(tmp_path: Path) -> tuple[str, str]:
         "/**/controller:\n  ros__parameters:\n    auto_at_start: false\n"
     )
     return ("--params", str(path))
+
+
+@pytest.fixture(scope="session")
+def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Build the board's firmware; what runs it."""
+    return board_command(tmp_path_factory.mktemp("firmware"))
+
+
+@pytest.fixture
+def bench(command: list[str], tmp_path: Path) -> Iterator[BoardBench]:
+    """Run the firmware with a plant behind its pins."""
+    with BoardBench(command, tmp_path / "board", store=tmp_path / "store") as made:
+        yield made
+
+
+@pytest.fixture
+def client(bench: BoardBench, tmp_path: Path) -> Iterator[Client]:  # noqa: ARG001 - to be there first
+    """Connect to that board."""
+    made = Client(tmp_path / "board")
+    made.patient_inputs(0, 1)
+    yield made
+    made.modbus.close()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 import yaml
 
-from boards import Host, board_command, wiring
+from boards import Host, wiring
 from graph import COMMAND
 from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
 from jammkle_driver.board.walk import WalkOptions, walk
@@ -43,11 +43,6 @@ class Person:
 
     def number(self, question: str) -> float | None:
         return self._answers(question)
-
-
-@pytest.fixture(scope="module")
-def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    return board_command(tmp_path_factory.mktemp("firmware"))
 
 
 def walked(port: Path, person: Person | None = None) -> dict[str, CheckRow]:

@@ -12,7 +12,7 @@ from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 
 from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, Scene, all_off, cable, pump_off, repair
-from boards import AVR, board_command
+from boards import AVR
 from graph import environment
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import DRIVER_NODE, JAM_ALL, MANIFOLD_PRESSURE, PRESSURES, Service
@@ -40,11 +40,6 @@ HELD_THROUGH = (
 """What leaves the solenoids as they are with safe_state hold, as the table in docs/hardware.md says."""
 CHANGE_STATE = Service(DRIVER_NODE, "change_state", "lifecycle_msgs/srv/ChangeState", "")
 SET_PARAMETERS = Service(DRIVER_NODE, "set_parameters", "rcl_interfaces/srv/SetParameters", "")
-
-
-@pytest.fixture(scope="module")
-def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    return board_command(tmp_path_factory.mktemp("firmware"))
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import pytest
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from boards import AVR, JAMMED, RELEASED, Host, board_command
+from boards import AVR, JAMMED, RELEASED, Host
 from jammkle_driver.board.line import Line, check_port, silence_s
 from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring
 from jammkle_driver.board.wiring_file import WiringError, load_wiring, standard_board_file
@@ -30,17 +30,6 @@ if TYPE_CHECKING:
 HOST_SILENT = frozenset({SafeCause.HOST_SILENT})
 RATED_EXCHANGES = 30
 """After which the mean rate is known."""
-
-
-@pytest.fixture(scope="module")
-def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    return board_command(tmp_path_factory.mktemp("firmware"))
-
-
-@pytest.fixture
-def bench(command: list[str], tmp_path: Path) -> Iterator[BoardBench]:
-    with BoardBench(command, tmp_path / "board") as made:
-        yield made
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ in jammkle_driver/firmware/host/wires.h.
 
 from __future__ import annotations
 
+import queue
 import select
 import socket
 import subprocess
@@ -39,11 +40,20 @@ _FULL_DUTY = 1000.0
 
 @dataclass(frozen=True)
 class Edge:
-    """The outputs from one moment on: s of the machine's monotonic clock, solenoids as bits, duty 0 to 1."""
+    """The outputs from one moment on.
+
+    Attributes:
+        at_s: The moment, s of the machine's monotonic clock.
+        solenoids: As bits.
+        duty: 0 to 1.
+        board_s: The moment on the board's own clock, s, which stands still where the machine does not run the board.
+
+    """
 
     at_s: float
     solenoids: int
     duty: float
+    board_s: float
 
 
 class BoardBench:
@@ -75,6 +85,9 @@ class BoardBench:
         """
         self.plant = BoardPlant(parameters or PneumaticParameters(), SensorParameters().pressure_noise_pa, seed)
         self.edges: list[Edge] = []
+        self.resets_s: list[float] = []
+        """When the chip was reset, s of the board's own clock."""
+        self._marks_s: queue.SimpleQueue[float] = queue.SimpleQueue()
         self.override_uv: dict[int, int] = {}
         """Voltage at analogue pins whose sensor is not asked, uV, by pin: a broken wire, a stuck sensor."""
         self.plant.advance(_PERIOD_S)  # compiles what it needs
@@ -100,8 +113,24 @@ class BoardBench:
         return not self.edges or (self.edges[-1].solenoids == 0 and self.edges[-1].duty == 0.0)
 
     def tell(self, message: str) -> None:
-        """Do something to the board: `reset CAUSE MS`, `unplug`, `plug`, `noise_in N`, `noise_out N`."""
+        """Do something to the board: `reset CAUSE MS`, `hang`, `unplug`, `plug`, `noise_in N`, `noise_out N`."""
         self._pins.sendall(f"{message}\n".encode())
+
+    def put(self, pin: int, voltage_uv: int) -> float:
+        """Put a voltage, uV, onto an analogue pin, whatever its sensor says; return when, s of the board's clock."""
+        self.override_uv[pin] = voltage_uv
+        self._tell_pins()
+        return self.mark("mark")
+
+    def mark(self, message: str) -> float:
+        """Tell the board `mark` or `hang`; return when it took it, s of the board's clock.
+
+        Raises:
+            queue.Empty: it did not answer.
+
+        """
+        self.tell(message)
+        return self._marks_s.get(timeout=_START_TIMEOUT_S)
 
     def close(self) -> None:
         """End the firmware and the plant."""
@@ -165,8 +194,14 @@ class BoardBench:
 
     def _take(self, line: str, last_s: float) -> float:
         """Let outputs act from when they changed, however late that is heard; return the time of the plant."""
-        _, solenoids, duty, at_us = line.split()
-        edge = Edge(float(at_us) / _MICROSECONDS, int(solenoids), float(duty) / _FULL_DUTY)
+        kind, *numbers = line.split()
+        board_s = float(numbers[-1]) / _MICROSECONDS
+        if kind != "out":
+            take = {"mark": self._marks_s.put, "reset": self.resets_s.append}
+            take[kind](board_s)
+            return last_s
+        solenoids, duty, at_us, _ = numbers
+        edge = Edge(float(at_us) / _MICROSECONDS, int(solenoids), float(duty) / _FULL_DUTY, board_s)
         last_s = self._advance(last_s, edge.at_s)
         self.edges.append(edge)
         self.plant.drive(edge.solenoids, edge.duty)

@@ -98,8 +98,8 @@ static void set_up(void)
     TCCR1A = 1u << WGM11;
     TCCR1B = (1u << WGM13) | (1u << WGM12) | (1u << CS10);
     /* line: 8 data bits, no parity, 1 stop bit */
+    UCSR0A = 1u << U2X0; /* first: simavr takes the rate from what stands here when the divisor is written */
     UBRR0 = (uint16_t)((F_CPU + BAUD_RATE * 4u) / (BAUD_RATE * 8u) - 1u);
-    UCSR0A = 1u << U2X0;
     UCSR0C = (1u << UCSZ01) | (1u << UCSZ00);
     UCSR0B = (1u << RXEN0) | (1u << TXEN0) | (1u << RXCIE0);
     /* converter: reference is the supply of the sensors, at most 250 kHz */

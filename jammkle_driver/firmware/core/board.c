@@ -2,9 +2,6 @@
 
 #include <string.h>
 
-/* A dip of the supply that lasts shorter is the inrush of a pump, not a brown-out. Assumed. */
-#define SUPPLY_LOW_MS 5u
-
 enum { STORED_BYTES = 2 * STORED_COUNT + 2, POINTS = 4 };
 enum { RAW_LOW, PRESSURE_LOW, RAW_HIGH, PRESSURE_HIGH };
 
@@ -97,7 +94,9 @@ static uint16_t supply_mv(void)
 void board_poll(uint32_t now_ms)
 {
     board.now_ms = now_ms;
-    board.supply_low = board.supply_known && supply_mv() < board.holding[HOLDING_SUPPLY_MINIMUM];
+    /* Multiplied out: the chip divides in no hardware, and would spend most of its loop on it. */
+    uint32_t measured = (uint32_t)board.raw[SENSOR_COUNT] * board.holding[HOLDING_SUPPLY_FULL_SCALE];
+    board.supply_low = board.supply_known && measured < (uint32_t)board.holding[HOLDING_SUPPLY_MINIMUM] * RAW_MAX;
     if (!board.supply_low)
         board.supply_good_ms = now_ms;
     else if (now_ms - board.supply_good_ms >= SUPPLY_LOW_MS && !(board.latched & LATCHED_SUPPLY_LOW))

@@ -8,6 +8,9 @@
 #include "modbus.h"
 #include "registers.h"
 
+/* A dip of the supply that lasts shorter is the inrush of a pump, not a brown-out. Assumed. */
+#define SUPPLY_LOW_MS 5u
+
 enum { SENSOR_COUNT = 4, ADC_COUNT = SENSOR_COUNT + 1, RAW_MAX = 16368 };
 
 /* Start: read what is stored, everything off, RESET latched with its cause (bits RESET_CAUSE_...). */

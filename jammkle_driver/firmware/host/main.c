@@ -9,7 +9,7 @@
 #include "board.h"
 #include "wires.h"
 
-enum { ADDRESS = 1, IDLE_US = 1000, REFERENCE_UV = 5000000, RECEIVE_MAX = 512, CHARACTER_BITS = 10 };
+enum { ADDRESS = 1, STEP_US = 1000, REFERENCE_UV = 5000000, RECEIVE_MAX = 512, CHARACTER_BITS = 10 };
 
 static const char *store_path;
 static volatile sig_atomic_t stopped;
@@ -47,16 +47,6 @@ static void read_pins(const wires *ends)
     }
 }
 
-static void tell_pins(wires *ends, uint8_t solenoids, uint16_t duty)
-{
-    static int last_solenoids = -1, last_duty = -1;
-    if (solenoids == last_solenoids && duty == last_duty)
-        return;
-    wires_tell_pins(ends, solenoids, duty);
-    last_solenoids = solenoids;
-    last_duty = duty;
-}
-
 int main(int count, char **arguments)
 {
     const char *link = NULL, *pins = NULL;
@@ -85,14 +75,15 @@ int main(int count, char **arguments)
     wires_open(&ends, link, pins);
     modbus_init(&server, ADDRESS, (uint32_t)baud);
     board_init(&server, RESET_CAUSE_POWER_ON);
-    int64_t start_us = wires_now_us(), held_until_us = 0, reply_us = 0, arrived_us = 0;
+    const int64_t origin_us = wires_now_us();
+    int64_t start_us = origin_us, looked_us = origin_us, held_until_us = 0, reply_us = 0, arrived_us = 0;
     uint8_t received[RECEIVE_MAX];
     size_t arriving = 0;
     uint16_t reply = 0;
     const int64_t byte_us = CHARACTER_BITS * 1000000 / baud;
     while (!stopped) {
         /* The next moment at which something is due: bytes on their way, the end of a frame, a reply. */
-        int64_t now_us = wires_now_us(), wait_us = IDLE_US;
+        int64_t now_us = wires_now_us(), wait_us = STEP_US;
         if (arriving > 0 && arrived_us - now_us < wait_us)
             wait_us = arrived_us - now_us;
         if (server.length > 0 && !reply) {
@@ -107,7 +98,9 @@ int main(int count, char **arguments)
         if (ends.reset_asked) {
             ends.reset_asked = false;
             held_until_us = now_us + (int64_t)ends.reset_ms * 1000;
-            tell_pins(&ends, 0, 0); /* pins of a chip in reset float, and pull-downs switch everything off */
+            wires_tell_event(&ends, "reset", now_us - origin_us);
+            /* Pins of a chip in reset float, and pull-downs switch everything off. */
+            wires_tell_pins(&ends, 0, 0, now_us - origin_us);
             arriving = reply = 0;
         }
         if (held_until_us) {
@@ -116,11 +109,20 @@ int main(int count, char **arguments)
             if (now_us < held_until_us)
                 continue;
             held_until_us = 0;
-            start_us = now_us;
+            start_us = looked_us = now_us;
             modbus_init(&server, ADDRESS, (uint32_t)baud);
             board_init(&server, (uint16_t)ends.reset_cause);
         }
+        /* A chip looks at its clock all the time: what this machine was too late for is made up for step by step. */
+        while (now_us - looked_us >= STEP_US) {
+            looked_us += STEP_US;
+            board_poll((uint32_t)((looked_us - start_us) / 1000));
+            wires_tell_pins(&ends, board_solenoids(), board_pump_duty(), looked_us - origin_us);
+        }
         read_pins(&ends);
+        if (ends.mark_asked)
+            wires_tell_event(&ends, "mark", now_us - origin_us);
+        ends.mark_asked = false;
         /* A pseudo terminal has no baud rate: bytes count as here once a line of this one would have brought them. */
         if (arriving == 0 && (arriving = wires_receive(&ends, received, sizeof received)) > 0)
             arrived_us = now_us + (int64_t)arriving * byte_us;
@@ -129,10 +131,9 @@ int main(int count, char **arguments)
                 modbus_take(&server, received[i], true, (uint32_t)now_us);
             arriving = 0;
         }
-        board_poll((uint32_t)((now_us - start_us) / 1000));
         if (!reply && (reply = modbus_poll(&server, (uint32_t)now_us)) > 0)
             reply_us = now_us + reply * byte_us;
-        tell_pins(&ends, board_solenoids(), board_pump_duty());
+        wires_tell_pins(&ends, board_solenoids(), board_pump_duty(), now_us - origin_us);
         if (reply && now_us >= reply_us) {
             wires_send(&ends, server.frame, reply);
             reply = 0;

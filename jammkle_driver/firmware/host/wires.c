@@ -96,6 +96,10 @@ static void take_line(wires *ends, const char *line)
         ends->noise_in = count;
     } else if (sscanf(line, "noise_out %ld", &count) == 1) {
         ends->noise_out = count;
+    } else if (strcmp(line, "mark") == 0) {
+        ends->mark_asked = true;
+    } else if (strcmp(line, "hang") == 0) {
+        ends->hang_asked = true;
     } else if (strcmp(line, "unplug") == 0) {
         unplug(ends);
     } else if (strcmp(line, "plug") == 0) {
@@ -167,10 +171,26 @@ void wires_send(wires *ends, const uint8_t *bytes, size_t length)
         fprintf(stderr, "board: serial line: %s\n", strerror(errno));
 }
 
-void wires_tell_pins(wires *ends, uint8_t solenoids, uint16_t duty_permille)
+static void tell(wires *ends, const char *line, int length)
 {
-    char line[64];
-    int length = snprintf(line, sizeof line, "out %u %u %lld\n", solenoids, duty_permille, (long long)wires_now_us());
     if (send(ends->pins, line, (size_t)length, MSG_NOSIGNAL) != length)
         fprintf(stderr, "board: the plant does not listen\n");
+}
+
+void wires_tell_pins(wires *ends, uint8_t solenoids, uint16_t duty_permille, int64_t board_us)
+{
+    char line[80];
+    if (ends->pins_told && solenoids == ends->solenoids && duty_permille == ends->duty_permille)
+        return;
+    ends->pins_told = true;
+    ends->solenoids = solenoids;
+    ends->duty_permille = duty_permille;
+    tell(ends, line, snprintf(line, sizeof line, "out %u %u %lld %lld\n", solenoids, duty_permille,
+                              (long long)wires_now_us(), (long long)board_us));
+}
+
+void wires_tell_event(wires *ends, const char *event, int64_t board_us)
+{
+    char line[40];
+    tell(ends, line, snprintf(line, sizeof line, "%s %lld\n", event, (long long)board_us));
 }

@@ -18,14 +18,17 @@
 enum { CLOCK_MHZ = 8, SLICE_US = 250, LARGEST_LAG_US = 50000, STORE_BYTES = 128, QUEUE = 1024 };
 
 /* Addresses in the data space of the ATmega328P (data sheet DS40002061, chapter 30). */
+enum { ADDRESS_DDRB = 0x24, ADDRESS_PORTB = 0x25, ADDRESS_DDRD = 0x2A, ADDRESS_PORTD = 0x2B };
 enum { ADDRESS_MCUSR = 0x54, ADDRESS_TCCR1A = 0x80, ADDRESS_ICR1 = 0x86, ADDRESS_OCR1A = 0x88, COM1A1 = 0x80 };
-enum { SOLENOID_SHIFT = 2, SOLENOID_BITS = 7, MILLIVOLTS = 1000, REFERENCE_MV = 5000 };
+enum { SOLENOID_SHIFT = 2, SOLENOID_BITS = 7, PUMP_BIT = 2, JUMP_TO_ITSELF = 0xCFFF };
+enum { LOOK_INSTRUCTIONS = 8, MILLIVOLTS = 1000, REFERENCE_MV = 5000 };
 
 static volatile sig_atomic_t stopped;
 static avr_t *avr;
 static uint8_t going_out[QUEUE], coming_in[QUEUE];
 static size_t out_count, in_count, in_next;
 static bool may_send = true;
+static int64_t cycles; /* of the chip since its start, through resets */
 
 static void stop(int signal_number)
 {
@@ -62,23 +65,37 @@ static uint16_t word_at(int address)
     return (uint16_t)(avr->data[address] | avr->data[address + 1] << 8);
 }
 
-static void tell_pins(wires *ends, bool held)
+/* What the port registers put onto the pins. A pin whose direction is in is pulled down by the circuit. */
+static void tell_pins(wires *ends, int64_t board_us)
 {
-    static int last_solenoids = -1, last_duty = -1;
-    avr_ioport_state_t port;
-    int solenoids = 0, duty = 0;
-    if (!held) {
-        avr_ioctl(avr, AVR_IOCTL_IOPORT_GETSTATE('D'), &port);
-        solenoids = (int)(((port.port & port.ddr) >> SOLENOID_SHIFT) & SOLENOID_BITS);
-        int top = word_at(ADDRESS_ICR1);
+    uint8_t solenoids = (uint8_t)((avr->data[ADDRESS_PORTD] & avr->data[ADDRESS_DDRD]) >> SOLENOID_SHIFT & SOLENOID_BITS);
+    int duty = 0, top = word_at(ADDRESS_ICR1);
+    if (avr->data[ADDRESS_DDRB] & PUMP_BIT) {
         if ((avr->data[ADDRESS_TCCR1A] & COM1A1) && top > 0)
             duty = (word_at(ADDRESS_OCR1A) * 1000 + top / 2) / top;
+        else if (avr->data[ADDRESS_PORTB] & PUMP_BIT)
+            duty = 1000;
     }
-    if (solenoids == last_solenoids && duty == last_duty)
-        return;
-    wires_tell_pins(ends, (uint8_t)solenoids, (uint16_t)duty);
-    last_solenoids = solenoids;
-    last_duty = duty;
+    wires_tell_pins(ends, solenoids, (uint16_t)duty, board_us);
+}
+
+/* Reset the chip, and only it: what its registers then hold, and the image makes of it, is looked at as ever. */
+static void reset(wires *ends, int64_t board_us)
+{
+    avr_reset(avr);
+    wires_tell_event(ends, "reset", board_us);
+    tell_pins(ends, board_us);
+}
+
+/* Let the processor spin without interrupts, as a program that has lost its way: at the first jump to itself. */
+static void hang(void)
+{
+    for (uint32_t at = 0; at + 1 < avr->codeend; at += 2)
+        if ((avr->flash[at] | avr->flash[at + 1] << 8) == JUMP_TO_ITSELF) {
+            avr->sreg[S_I] = 0;
+            avr->pc = at;
+            return;
+        }
 }
 
 static void keep(const char *path, bool save)
@@ -157,6 +174,7 @@ int main(int count, char **arguments)
     static wires ends;
     wires_open(&ends, link, pins);
     keep(store, false);
+    /* The chip's time is that of its cycles. Where this machine does not keep up, it goes slower, and skips nothing. */
     int64_t origin_us = wires_now_us(), held_until_us = 0;
     avr->data[ADDRESS_MCUSR] = 1; /* power-on */
     while (!stopped && avr->state != cpu_Crashed && avr->state != cpu_Done) {
@@ -166,7 +184,7 @@ int main(int count, char **arguments)
         if (ends.reset_asked) {
             ends.reset_asked = false;
             held_until_us = now_us + (int64_t)ends.reset_ms * 1000;
-            tell_pins(&ends, true);
+            reset(&ends, cycles / CLOCK_MHZ);
         }
         if (held_until_us) {
             uint8_t dropped[QUEUE];
@@ -174,24 +192,36 @@ int main(int count, char **arguments)
             if (now_us < held_until_us)
                 continue;
             held_until_us = 0;
-            avr_reset(avr);
             avr->data[ADDRESS_MCUSR] = (uint8_t)ends.reset_cause;
             in_next = in_count = out_count = 0;
             may_send = true;
-            origin_us = now_us - (int64_t)(avr->cycle / CLOCK_MHZ);
+            cycles += (int64_t)ends.reset_ms * 1000 * CLOCK_MHZ;
+            origin_us = now_us - cycles / CLOCK_MHZ;
         }
         if (!ends.adc_known) { /* a board without its sensors' voltages would see its supply fail */
-            origin_us = now_us - (int64_t)(avr->cycle / CLOCK_MHZ);
+            origin_us = now_us - cycles / CLOCK_MHZ;
             continue;
         }
+        if (ends.hang_asked)
+            hang();
+        if (ends.mark_asked || ends.hang_asked)
+            wires_tell_event(&ends, "mark", cycles / CLOCK_MHZ);
+        ends.mark_asked = ends.hang_asked = false;
         feed(&ends);
+        if (now_us - origin_us - cycles / CLOCK_MHZ > LARGEST_LAG_US)
+            origin_us = now_us - cycles / CLOCK_MHZ - LARGEST_LAG_US;
         int64_t due = (now_us - origin_us) * CLOCK_MHZ;
-        if (due - (int64_t)avr->cycle > (int64_t)LARGEST_LAG_US * CLOCK_MHZ) /* this machine does not keep up */
-            origin_us = now_us - (int64_t)(avr->cycle / CLOCK_MHZ);
-        while ((int64_t)avr->cycle < due && avr->state != cpu_Crashed && avr->state != cpu_Done) {
-            for (int i = 0; i < 400; i++)
+        while (cycles < due && avr->state != cpu_Crashed && avr->state != cpu_Done) {
+            bool has_reset = false; /* by its own watchdog; simavr's count may then begin anew */
+            for (int i = 0; i < LOOK_INSTRUCTIONS && !has_reset; i++) {
+                avr_cycle_count_t before = avr->cycle;
                 avr_run(avr);
-            tell_pins(&ends, false);
+                cycles += (int64_t)(avr->cycle >= before ? avr->cycle - before : avr->cycle);
+                has_reset = avr->pc == avr->reset_pc;
+            }
+            if (has_reset)
+                wires_tell_event(&ends, "reset", cycles / CLOCK_MHZ);
+            tell_pins(&ends, cycles / CLOCK_MHZ);
         }
         if (out_count > 0)
             wires_send(&ends, going_out, out_count);
