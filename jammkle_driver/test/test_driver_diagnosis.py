@@ -11,7 +11,7 @@ from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_driver.core.diagnosis import THRESHOLD
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, released
-from jammkle_driver.fake.bench import FaultBench, built
+from jammkle_driver.fake.bench import SAMPLE_S, FaultBench, built
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.sensors import SensorErrors
@@ -146,6 +146,33 @@ def test_a_pump_that_ends_at_another_vacuum_than_declared_is_healthy(end_pa: flo
         run(bench, 3.0)
         assert bench.told()[0] is Reason.NONE
         bench.driver.unjam((), "test")
+
+
+@pytest.mark.parametrize("still_s", [0.05, 0.2, 0.4, 1.0])
+def test_hardware_that_stands_still_for_a_moment_is_no_fault(still_s: float) -> None:
+    """Time and commands go on, every reading repeats the last one, the air goes on from there: not a word."""
+    bench = bench_of()
+    for _ in range(5):
+        for _ in range(round(bench.draw.uniform(0.5, 1.5) / SAMPLE_S)):
+            bench.wander()
+            bench.step()
+        bench.stands_still = True
+        for _ in range(round(still_s / SAMPLE_S)):
+            bench.wander()
+            bench.step()
+        bench.stands_still = False
+        assert bench.driver.ankle.findings == ()
+
+
+@pytest.mark.parametrize("while_jammed", [False, True], ids=["vented", "jammed"])
+def test_sensors_that_all_stand_still_for_good_are_told_in_vacuum(*, while_jammed: bool) -> None:
+    """Within 2 s of a jammed ankle that nobody measures any more."""
+    bench = jammed_bench() if while_jammed else bench_of()
+    run(bench, 0.0 if while_jammed else 2.0)
+    bench.stands_still = True
+    for _ in range(round(2.0 / SAMPLE_S)):
+        bench.step()
+    assert (bench.told() == (Reason.SENSOR_STUCK, MANIFOLD)) is while_jammed
 
 
 @pytest.mark.parametrize(

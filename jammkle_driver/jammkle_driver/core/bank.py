@@ -47,7 +47,7 @@ _STILL_PA = 500.0
 """How far a sensor that is taken as stuck must be from what its own filter makes of the pressure, Pa: that a reading
 stands still where nothing changes says nothing, unless it repeats in vacuum as it never did before."""
 
-_EVACUATED_PA = 3e3
+EVACUATED_PA = 3e3
 """Vacuum beyond which a sensor reads somewhere within its range, Pa: more than offset and weather together."""
 
 _KNOWN_CHANGES = 100
@@ -225,7 +225,7 @@ class FilterBank:
         self._last_pa = np.where(heard, readings_pa, self._last_pa)
         news = same & (self._changes >= _KNOWN_CHANGES) & (self._run > _LONGER_RUN * self._longest_run + _MORE_REPEATS)
         repeats: Flags = (self._tables.stuck & news).any(axis=1)
-        evacuated = np.nan_to_num(ambient_pa - readings_pa) > _EVACUATED_PA
+        evacuated = np.nan_to_num(ambient_pa - readings_pa) > EVACUATED_PA
         return repeats, (self._tables.stuck & news & evacuated).any(axis=1)
 
     def _nothing_changes(self) -> Flags:

@@ -1,4 +1,4 @@
-"""A hypothesis that has won, in words and numbers for people."""
+"""What was found, in words and numbers for people: a hypothesis that has won, or readings that cannot be."""
 
 from __future__ import annotations
 
@@ -52,3 +52,20 @@ def describe(hypothesis: Hypothesis, places: Sequence[str], estimate: Estimate, 
     stays = "at the manifold" if reason is Reason.VALVE_STUCK_OPEN else "at the vent, or its line is shut"
     seen = f"valve stays {stays}: {must_pa:.0f} Pa absolute, the manifold {manifold_pa:.0f}"
     return finding(reason, place, seen, values)
+
+
+def describe_stand_still(duration_s: float, sets: int) -> Finding:
+    """Return as a finding that all sensors have repeated one reading, so many times and for so long, s."""
+    seen = f"and all other sensors repeat one reading to the digit for {duration_s:.1f} s"
+    return finding(Reason.SENSOR_STUCK, MANIFOLD, seen, {"repeated sets (1)": str(sets)})
+
+
+def describe_out_of_range(place: str, reading_pa: float, least_pa: float, most_pa: float) -> Finding:
+    """Return as a finding that a sensor reads what no pressure can be, Pa absolute."""
+    values = {
+        "reading (Pa)": f"{reading_pa:.0f}",
+        "least that can be (Pa)": f"{least_pa:.0f}",
+        "most that can be (Pa)": f"{most_pa:.0f}",
+    }
+    seen = f"reads {reading_pa:.0f} Pa absolute, and only {least_pa:.0f} to {most_pa:.0f} Pa can be"
+    return finding(Reason.SENSOR_OUT_OF_RANGE, place, seen, values)

@@ -12,9 +12,10 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.bank import FilterBank
-from jammkle_driver.core.description import describe
-from jammkle_driver.core.faults import Finding, Reason, finding
+from jammkle_driver.core.bank import EVACUATED_PA, FilterBank
+from jammkle_driver.core.description import describe, describe_out_of_range, describe_stand_still
+from jammkle_driver.core.faults import Finding, Reason
+from jammkle_driver.core.freshness import Freshness
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.core.heat import HeatMeter
 from jammkle_driver.core.prediction import Step
@@ -62,6 +63,9 @@ _LATE_SETS = 5
 _LONGEST_STEP_S = 0.1
 """Time between two sets of readings beyond which the law says nothing of the pressures, s: a channel fills in it."""
 
+LONGEST_STILL_S = 1.5
+"""How long hardware may stand still, s, before its sensors are blamed: what a busy host was seen to take is 1 s."""
+
 _LONGEST_GAP_S = 2.0
 """Time without readings beyond which the filters begin anew, s."""
 
@@ -94,6 +98,7 @@ class Diagnosis:
         self._settings = settings
         self._bank = FilterBank(settings.air, ambient_pa)
         self._heat = HeatMeter(len(self._places))
+        self._freshness = Freshness()
         self.clear(ambient_pa)
 
     @property
@@ -124,6 +129,7 @@ class Diagnosis:
         self._fast = False
         self._silent_sets = dict.fromkeys(self._places, 0)
         self._leading_s = 0.0
+        self._thawed = (-math.inf, -math.inf)
         self._strange = dict.fromkeys(self._places, 0)
 
     def go_on_without(self, found: Finding, ambient_pa: float) -> None:
@@ -183,19 +189,18 @@ class Diagnosis:
         self._strange[place] = 0 if inside else self._strange[place] + 1
         if self._strange[place] < _LATE_SETS:
             return None
-        return finding(
-            Reason.SENSOR_OUT_OF_RANGE,
-            place,
-            f"reads {pressure_pa:.0f} Pa absolute, and only {least_pa:.0f} to {most_pa:.0f} Pa can be",
-            {
-                "reading (Pa)": f"{pressure_pa:.0f}",
-                "least that can be (Pa)": f"{least_pa:.0f}",
-                "most that can be (Pa)": f"{most_pa:.0f}",
-            },
-        )
+        return describe_out_of_range(place, pressure_pa, least_pa, most_pa)
 
     def _take(self, stamp_s: float, readings: dict[str, float], steady_s: float, ambient_pa: float) -> Finding | None:
         duration_s = stamp_s - self._last_s
+        stood_still = self._freshness.stood_still
+        if self._freshness.take(readings) and duration_s < LONGEST_STILL_S:
+            return None
+        if self._freshness.stood_still:
+            return self._all_stand_still(duration_s, readings, ambient_pa)
+        if stood_still:  # it went on just now: with what it was told long ago, and from who knows where
+            self._thawed = (self._last_s, stamp_s)
+            self._bank.bridge()
         self._last_s = stamp_s
         for place in self._places:
             self._silent_sets[place] = 0 if place in readings else self._silent_sets[place] + 1
@@ -211,6 +216,15 @@ class Diagnosis:
         self._bank.advance(self._step(stamp_s, duration_s, readings, ambient_pa))
         return self._judge(duration_s)
 
+    def _all_stand_still(self, duration_s: float, readings: dict[str, float], ambient_pa: float) -> Finding | None:
+        """Blame the sensors for one reading that all repeat under vacuum; at the atmosphere it may be their end."""
+        self._last_s += duration_s
+        if ambient_pa - min(readings.values()) < EVACUATED_PA:
+            self._freshness = Freshness()
+            self._bank.bridge()
+            return None
+        return describe_stand_still(duration_s, self._freshness.run)
+
     def _outruns(self, stamp_s: float, steady_s: float) -> bool:
         """Whether the graph's clock runs so fast that nobody knows which reading belongs to which command."""
         since_graph_s, since_steady_s = self._pace
@@ -224,7 +238,8 @@ class Diagnosis:
     def _step(self, stamp_s: float, duration_s: float, readings: dict[str, float], ambient_pa: float) -> Step:
         acts_s = stamp_s - self._settings.air.valve_dead_time_s - 0.5 * duration_s
         acting = ([command for since_s, command in self._commands if since_s <= acts_s] or [self._commands[0][1]])[-1]
-        lately = self._since(stamp_s - SWITCHING_S, stamp_s)
+        thawing_s, thawed_s = self._thawed
+        lately = self._since(thawing_s if stamp_s < thawed_s + SWITCHING_S else stamp_s - SWITCHING_S, stamp_s)
         switching = tuple(len({command.solenoids[name] for command in lately}) > 1 for name in self._channels)
         duties = [command.pump_duty for command in self._since(stamp_s - DUTY_DOUBT_S, stamp_s)]
         stays_open = [place for place, reason in self._known.items() if reason is Reason.VALVE_STUCK_OPEN]

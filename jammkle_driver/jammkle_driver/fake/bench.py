@@ -96,6 +96,9 @@ class FaultBench:
         self.noisy = False
         self.late_samples = 0
         """How many periods late a reading comes at the most, with the stamp of when it came: a host that is busy."""
+        self.stands_still = False
+        """Whether all behind the pins stands still while time goes on: each reading repeats the last one."""
+        self._stood_still_s = 0.0
         self._readings: deque[dict[str, float]] = deque(maxlen=100)
         self._late = 0
         self.streams = False
@@ -113,7 +116,7 @@ class FaultBench:
     @property
     def now(self) -> Instant:
         """The moment, on both clocks."""
-        return Instant(self.steady_s, self.plant.time_s)
+        return Instant(self.steady_s, self.plant.time_s + self._stood_still_s)
 
     @property
     def link(self) -> LinkStatus:
@@ -138,7 +141,10 @@ class FaultBench:
 
     def step(self) -> None:
         """Let 10 ms pass: samples, every fifth time a tick, and the command that follows."""
-        self.board.advance(SAMPLE_S)
+        if self.stands_still:
+            self._stood_still_s += SAMPLE_S
+        else:
+            self.board.advance(SAMPLE_S)
         self.steady_s += SAMPLE_S
         now = self.now
         connected = self.link.state is LinkState.CONNECTED
@@ -177,11 +183,12 @@ class FaultBench:
             self.board.acknowledge()
 
     def _samples_now(self) -> list[PressureSample]:
-        self._readings.appendleft(self.plant.readings_pa())
+        repeats = self.stands_still and self._readings
+        self._readings.appendleft(self._readings[0] if repeats else self.plant.readings_pa())
         if self.late_samples and self.draw.random() < _BUSY_CHANGES:
             self._late = self.draw.randint(0, self.late_samples)
         read = self._readings[min(self._late, len(self._readings) - 1)]
-        return [PressureSample(place, pressure_pa, self.plant.time_s) for place, pressure_pa in read.items()]
+        return [PressureSample(place, pressure_pa, self.now.graph_s) for place, pressure_pa in read.items()]
 
     def wander(self) -> None:
         """Jam and vent at random: mostly all channels, now and then one or two."""

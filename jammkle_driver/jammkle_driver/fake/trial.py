@@ -77,9 +77,9 @@ WITHIN_S = {
     Reason.BROWN_OUT: 0.06,
     Reason.LINE_NOISE: 1.5,
     Reason.COMMANDS_STALE: 0.6,
-    Reason.EXECUTOR_OVERLOADED: 1.6,
+    Reason.EXECUTOR_OVERLOADED: 0.06,
 }
-"""Time from when a clear fault first matters, within which docs/faults.md says that it is told, s; a sample to spare."""
+"""Time from when a clear fault first matters, within which docs/faults.md has it told, s; a sample to spare."""
 
 
 @dataclass(frozen=True)
