@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import LinkState
+from jammkle_driver.core.hardware import MANIFOLD, LinkState
 from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
@@ -92,20 +92,24 @@ def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
 
 
 def _leak_lines(ankle: Ankle, estimate: Estimate) -> tuple[Health, ...]:
-    seen = ankle.leaks.seen
+    latest, alone = ankle.leaks.latest, ankle.leaks.alone
     lines = []
-    for index, name in enumerate(ankle.channels, start=1):
+    for index, name in enumerate((MANIFOLD, *ankle.channels)):
         values = {
             "leak conductance by the law of the air (m^3/(s Pa))": (
                 f"{estimate.leaks_m3_s_pa[index]:.1e} +- {estimate.leak_deviations_m3_s_pa[index]:.1e}"
             )
         }
-        rate = seen.get(name)
+        rate, said = latest if name == MANIFOLD else alone.get(name), ""
         if rate is not None:
             values["decay while the pump rests (Pa/s)"] = f"{rate.rate_pa_s:.0f}"
-            values["leak conductance of all that was connected (m^3/(s Pa))"] = f"{rate.conductance_m3_s_pa:.1e}"
-            values["channels that were connected"] = str(rate.connected)
-        lines.append(Health(f"{name} leak", Level.OK, "" if rate else "no rest of the pump seen yet", values))
+            values["leak conductance by decay, manifold included (m^3/(s Pa))"] = f"{rate.conductance_m3_s_pa:.1e}"
+            values["connected"] = ", ".join(sorted(rate.connected))
+        elif name == MANIFOLD or latest is None:
+            said = "no rest of the pump seen yet"
+        else:
+            said = "no rest of it alone seen yet: it decays with all that is connected, see manifold leak"
+        lines.append(Health(f"{name} leak", Level.OK, said, values))
     return tuple(lines)
 
 

@@ -42,9 +42,29 @@ def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
     run(bench, 6.0, watch)
     assert sum(resting) > 0.6 * len(resting)
     air = bench.plant.healthy_air
-    told = bench.driver.ankle.leaks.seen["achilles"]
+    told = bench.driver.ankle.leaks.latest
+    assert told is not None
+    assert told.connected == set(CHANNELS)
+    assert bench.driver.ankle.leaks.alone == {}
     assert told.conductance_m3_s_pa == pytest.approx(4.0 * air.leak_conductance_m3_s_pa, rel=0.5)
     assert told.rate_pa_s > 0.0
+
+
+def test_the_leak_of_a_channel_is_told_once_it_is_connected_alone() -> None:
+    """One channel leaks more than the others, and less than a fault: each has its own rate, and its conductance."""
+    bench = bench_of()
+    bench.plant.inject(FakeFault.LEAK, "achilles", 2e-12)
+    run(bench, 1.0)
+    for channel in CHANNELS:
+        bench.driver.jam((channel,), SET_POINT_PA, "test")
+        run(bench, 3.0)
+        bench.driver.unjam((), "test")
+        run(bench, 1.0)
+    alone = bench.driver.ankle.leaks.alone
+    healthy = bench.plant.healthy_air.leak_conductance_m3_s_pa
+    assert alone["achilles"].conductance_m3_s_pa == pytest.approx(2e-12 + 2.0 * healthy, rel=0.1)
+    for channel in ("peroneal_left", "peroneal_right"):
+        assert alone[channel].conductance_m3_s_pa == pytest.approx(2.0 * healthy, rel=0.1)
 
 
 def test_a_pump_that_works_too_long_is_spared() -> None:

@@ -17,7 +17,7 @@ SHORTEST_S = 0.25
 """Shortest rest that tells a rate, s: 50 Pa of noise in 25 readings then make 0.14 kPa/s, less over several rests."""
 
 _LATEST = 0.3
-"""Weight of the latest rest in the mean over rests of the same channels."""
+"""Weight of the latest rest in the mean over rests of the same set of channels."""
 
 SETTLING_S = 0.15
 """After what time of rest air has spread evenly, s: two time constants of a channel."""
@@ -30,17 +30,20 @@ class LeakRate:
     Attributes:
         rate_pa_s: Rise of the pressure, Pa/s.
         conductance_m3_s_pa: Sonic conductance of the leak into all that was connected, m^3/(s Pa).
-        connected: How many channels were connected.
+        connected: Channels that were connected, and decayed together with the manifold.
 
     """
 
     rate_pa_s: float
     conductance_m3_s_pa: float
-    connected: int
+    connected: frozenset[str]
 
 
 class LeakMeter:
-    """Fits a line to each channel's pressure over a rest of the pump, and makes a conductance of it.
+    """Fits a line to each channel's pressure over a rest of the pump, and makes a conductance of all that is connected.
+
+    What is connected shares one pressure and decays together. Each set of channels has its own estimate: a
+    larger leak of one channel shows once that was connected alone.
 
     While the pump rests, `V dp/dt = C p_ref p_ambient` for all volumes that are connected, choked, as a leak from the
     atmosphere into half of it or less is (ISO 6358-1); above that the flow is less, and the conductance told too small.
@@ -54,7 +57,8 @@ class LeakMeter:
         self._connected: frozenset[str] = frozenset()
         self._products: dict[str, float] = {}
         self._rising: dict[str, float] = {}
-        self._told: dict[str, tuple[float, frozenset[str]]] = {}
+        self._told: dict[frozenset[str], float] = {}
+        self._last: frozenset[str] = frozenset()
         self._ambient_pa = STANDARD_ATMOSPHERE_PA
 
     def read(
@@ -89,29 +93,38 @@ class LeakMeter:
         spread = count * sum_xx - sum_x * sum_x
         if time_s >= SHORTEST_S and spread > 0.0:
             self._rising[channel] = (count * product - sum_x * sum_y) / spread
+            self._last = connected
 
     def stop(self) -> None:
         """End the rest, and take what it told into the mean; that stays."""
-        for channel, rising_pa_s in self._rising.items():
-            self._told[channel] = self._mean(channel, rising_pa_s)
+        self._told.update(self._resting)
         self._rising.clear()
         self._sums.clear()
         self._products.clear()
         self._connected = frozenset()
 
     @property
-    def seen(self) -> Mapping[str, LeakRate]:
-        """Per channel the leak as it was seen last, over all rests of the same channels."""
-        told = {**self._told, **{channel: self._mean(channel, rising) for channel, rising in self._rising.items()}}
-        return {channel: self._rate(rate_pa_s, connected) for channel, (rate_pa_s, connected) in told.items()}
+    def alone(self) -> Mapping[str, LeakRate]:
+        """The leak of each channel that was connected alone, with the manifold's, over all such rests."""
+        told = {**self._told, **self._resting}
+        return {next(iter(names)): self._rate(rate, names) for names, rate in told.items() if len(names) == 1}
 
-    def _mean(self, channel: str, rising_pa_s: float) -> tuple[float, frozenset[str]]:
-        before_pa_s, connected = self._told.get(channel, (rising_pa_s, self._connected))
-        if connected != self._connected:
-            before_pa_s = rising_pa_s
-        return before_pa_s + _LATEST * (rising_pa_s - before_pa_s), self._connected
+    @property
+    def latest(self) -> LeakRate | None:
+        """The leak of what was connected in the last rest, over all rests of the same channels; None before one."""
+        rate_pa_s = {**self._told, **self._resting}.get(self._last)
+        return None if rate_pa_s is None else self._rate(rate_pa_s, self._last)
+
+    @property
+    def _resting(self) -> dict[frozenset[str], float]:
+        """What the rest that is under way makes of the mean of its channels, Pa/s."""
+        if not self._rising:
+            return {}
+        rising_pa_s = sum(self._rising.values()) / len(self._rising)
+        before_pa_s = self._told.get(self._connected, rising_pa_s)
+        return {self._connected: before_pa_s + _LATEST * (rising_pa_s - before_pa_s)}
 
     def _rate(self, rate_pa_s: float, connected: frozenset[str]) -> LeakRate:
         volume_m3 = self._air.manifold_volume_m3 + sum(self._volumes_m3[name] for name in connected)
         conductance = max(rate_pa_s, 0.0) * volume_m3 / (REFERENCE_PA * self._ambient_pa)
-        return LeakRate(rate_pa_s, conductance, len(connected))
+        return LeakRate(rate_pa_s, conductance, connected)
