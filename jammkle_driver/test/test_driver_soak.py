@@ -22,4 +22,4 @@ def test_the_soak_sees_a_board_that_does_not_let_go(monkeypatch: pytest.MonkeyPa
     """A board without its watchdog keeps jamming while the driver stands still: that is what a soak is to find."""
     monkeypatch.setattr("jammkle_driver.fake.board.WATCHDOG_S", math.inf)
     monkeypatch.setattr("jammkle_driver.fake.soak._OF_THE_PLANT", 0.0)
-    assert any("stall" in line for line in soak(15.0, 1).missed)
+    assert any("stall" in line for line in soak(15.0, 3).missed)
