@@ -7,9 +7,12 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from graph import Probe, environment
+import rclpy
+
+from graph import Probe, Up, environment
 from jammkle_bringup.core.namespace_lock import ClockLock
-from jammkle_graph.names import CLOCK
+from jammkle_graph.names import CLOCK, DRIVER_NODE
+from jammkle_graph.runner import EXIT_BAD_INPUT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,6 +47,25 @@ def test_of_two_simulations_started_together_one_gives_way(domain_id: int, make_
         for each in both:
             each.terminate()
             each.communicate(timeout=PATIENCE_S)
+
+
+def test_a_demo_refuses_a_graph_that_starts_beside_it(
+    domain_id: int, make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """A driver of the same name comes up when the demo has looked already: no verdict, one line, nothing left."""
+    probe = make_probe()
+    demo = Up(domain_id, tmp_path, "demo", "-o", str(tmp_path / "runs"))
+    probe.spin_until(lambda: "recorder are there" in demo.text(), "the demo's graph is complete")
+    started = demo.children()
+    other = rclpy.create_node(DRIVER_NODE, context=probe.context)
+    try:
+        assert demo.wait(PATIENCE_S) == EXIT_BAD_INPUT, demo.text()
+        assert f"a second node /{DRIVER_NODE}" in demo.text().splitlines()[-1]
+        assert "the landing failed" not in demo.text()
+        assert not any(each.is_running() for each in started)
+    finally:
+        other.destroy_node()
+        demo.stop()
 
 
 def test_one_lock_is_for_one_clock(tmp_path: Path) -> None:
