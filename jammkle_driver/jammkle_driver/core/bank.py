@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_driver.core.freshness import KNOWN_AFTER
 from jammkle_driver.core.hypotheses import Spread, Tables
 from jammkle_driver.core.prediction import Predictor, Step
+from jammkle_driver.core.scoring import Scoring
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -27,44 +29,6 @@ if TYPE_CHECKING:
     from jammkle_driver.core.hypotheses import Hypothesis
 
     Flags = NDArray[np.bool_]
-
-_CAP = 25.0
-"""Squared normalised error beyond which a reading counts no more against a hypothesis than that: one that is off by
-five deviations is as likely a broken telegram as the doing of a fault."""
-
-_GRACE_S = 0.3
-"""How long after a valve has moved a part is not taken anew for built otherwise, s: two time constants in which the air
-spreads, and heat and seats that are not quite shut tell most."""
-
-_DEBT = -20.0
-"""Least score of such a hypothesis in that time, nats: what was lost while valves moved can be gained back."""
-
-_ALLOWANCE = 0.02
-"""What a hypothesis must gain with every set of readings to count, nats: Page's reference value, half the square of a
-shift by a fifth of a deviation. Without it, an ankle at rest for minutes lets the slightly sharper one win."""
-
-_STILL_PA = 500.0
-"""How far a sensor that is taken as stuck must be from what its own filter makes of the pressure, Pa: that a reading
-stands still where nothing changes says nothing, unless it repeats in vacuum as it never did before."""
-
-EVACUATED_PA = 3e3
-"""Vacuum beyond which a sensor reads somewhere within its range, Pa: more than offset and weather together."""
-
-_KNOWN_CHANGES = 100
-"""Readings that differ from the one before, from which a sensor's way to repeat itself is known: a second of noise."""
-
-_LONGER_RUN, _MORE_REPEATS = 2, 5
-"""A run of equal readings is news beyond so many times the longest one before, and so many more: a lively sensor's runs
-are of one or two, those of a coarse converter or of a slow sensor are as long as they are."""
-
-_REPEAT_NATS = 3.0
-"""What a stuck sensor gains by each further reading of such a run, nats: ln(20), as a healthy one would have ended."""
-
-_LATELY = 6
-"""Readings that say how fast a pressure changes now: a late one repeats those before it, for some 50 ms."""
-
-_UNKNOWN_PA = 1e4
-"""Deviation of a pressure that no sensor has told yet, Pa."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +60,12 @@ class Estimate:
 class FilterBank:
     """Filters of all hypotheses about one ankle, advanced together."""
 
-    def __init__(self, air: AirSettings, ambient_pa: float, spread: Spread | None = None) -> None:
+    def __init__(
+        self, air: AirSettings, ambient_pa: float, spread: Spread | None = None, scoring: Scoring | None = None
+    ) -> None:
         """Begin vented, with every hypothesis as good as the healthy one."""
         self._air = air
+        self._scoring = scoring or Scoring()
         self._spread = spread or Spread()
         self._tables = Tables(air, self._spread)
         self._layout = self._tables.layout
@@ -111,6 +78,11 @@ class FilterBank:
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """The healthy ankle, and then everything that may have failed."""
         return self._tables.hypotheses
+
+    @property
+    def scoring(self) -> Scoring:
+        """How readings count."""
+        return self._scoring
 
     @property
     def scores(self) -> Array:
@@ -129,7 +101,7 @@ class FilterBank:
         self._held_pa = np.full((models, volumes), ambient_pa)
         self._held_variance = np.full((models, volumes), self._spread.noise_pa**2)
         self._last_pa = np.full(volumes, np.nan)
-        self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
+        self._lately: deque[tuple[float, Array]] = deque(maxlen=self._scoring.lately)
         self._run = np.zeros(volumes)
         self._longest_run = np.zeros(volumes)
         self._changes = np.zeros(volumes)
@@ -144,7 +116,7 @@ class FilterBank:
     def bridge(self) -> None:
         """Forget where the pressures are, and nothing else: readings of a while are missing."""
         index = self._every[: self._layout.volumes]
-        self._covariance[:, index, index] += _UNKNOWN_PA**2
+        self._covariance[:, index, index] += self._scoring.unknown_pa**2
         self._bridging = True
 
     def adopt(self, model: int) -> None:
@@ -178,17 +150,17 @@ class FilterBank:
         self._predictor.advance(self._state, self._covariance, step)
         likelihood = self._weigh(step.readings_pa, self._late_pa(readings_pa, step.duration_s))
         repeats, beyond_doubt = self._repeats(readings_pa, step.ambient_pa)
-        likelihood += _REPEAT_NATS * repeats
+        likelihood += self._scoring.repeat_nats * repeats
         if self._bridging:
             self._bridging = False
             return
-        gain = likelihood - likelihood[0] - _ALLOWANCE
+        gain = likelihood - likelihood[0] - self._scoring.allowance_nats
         # While a valve may or may not have moved yet, what predicts sharply is not the likelier for it: then
         # hypotheses may lose, but not gain, and none begins anew.
         if any(step.switching):
-            self._grace_s = _GRACE_S
+            self._grace_s = self._scoring.grace_s
             gain = np.minimum(gain, 0.0)
-        least = np.where(self._tables.built, _DEBT if self._grace_s > 0.0 else 0.0, 0.0)
+        least = np.where(self._tables.built, self._scoring.debt_nats if self._grace_s > 0.0 else 0.0, 0.0)
         self._scores = np.maximum(self._scores + gain, least)
         if any(step.switching):
             return
@@ -223,16 +195,20 @@ class FilterBank:
         self._changes += changed
         self._run = np.where(changed, 0.0, self._run + same)
         self._last_pa = np.where(heard, readings_pa, self._last_pa)
-        news = same & (self._changes >= _KNOWN_CHANGES) & (self._run > _LONGER_RUN * self._longest_run + _MORE_REPEATS)
+        news = (
+            same
+            & (self._changes >= KNOWN_AFTER)
+            & (self._run > self._scoring.longer_run * self._longest_run + self._scoring.more_repeats)
+        )
         repeats: Flags = (self._tables.stuck & news).any(axis=1)
-        evacuated = np.nan_to_num(ambient_pa - readings_pa) > EVACUATED_PA
+        evacuated = np.nan_to_num(ambient_pa - readings_pa) > self._scoring.evacuated_pa
         return repeats, (self._tables.stuck & news & evacuated).any(axis=1)
 
     def _nothing_changes(self) -> Flags:
         """Hypotheses of a stuck sensor whose pressure is still what that reads."""
         layout, stuck = self._layout, self._tables.stuck
         seen_pa = self._state[:, layout.pressures] + self._state[:, layout.offsets]
-        still: Flags = (stuck & (np.abs(seen_pa - self._held_pa) < _STILL_PA)).any(axis=1)
+        still: Flags = (stuck & (np.abs(seen_pa - self._held_pa) < self._scoring.still_pa)).any(axis=1)
         return still
 
     def _begin(self, readings_pa: Array, ambient_pa: float) -> None:
@@ -241,7 +217,7 @@ class FilterBank:
         self._state[:, :volumes] = np.where(heard, readings_pa, ambient_pa)
         self._held_pa[:] = self._state[:, :volumes]
         index = self._every[:volumes]
-        self._covariance[:, index, index] = np.where(heard, self._spread.offset_pa, _UNKNOWN_PA) ** 2
+        self._covariance[:, index, index] = np.where(heard, self._spread.offset_pa, self._scoring.unknown_pa) ** 2
         self._fresh = False
 
     def _begin_again(self) -> None:
@@ -275,12 +251,12 @@ class FilterBank:
             error = reading_pa - seen_pa
             expected = np.where(stuck, held, row[:, place] + row[:, offset]) + noise
             squared = error * error / expected
-            total -= 0.5 * (np.minimum(squared, _CAP) + np.log(expected))
+            total -= 0.5 * (np.minimum(squared, self._scoring.cap) + np.log(expected))
             share = held / (held + noise)
             self._held_pa[:, place] += np.where(stuck, share * error, 0.0)
             self._held_variance[:, place] = share * noise
             # Beyond the cap a reading pulls no harder than at it (Huber 1964).
-            gain = row * np.where(stuck, 0.0, 1.0 / (expected * np.maximum(1.0, squared / _CAP)))[:, None]
+            gain = row * np.where(stuck, 0.0, 1.0 / (expected * np.maximum(1.0, squared / self._scoring.cap)))[:, None]
             state += gain * error[:, None]
             covariance -= gain[:, :, None] * row[:, None, :]
         np.clip(state, tables.least, tables.most, out=state)

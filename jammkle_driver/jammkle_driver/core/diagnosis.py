@@ -12,7 +12,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.bank import EVACUATED_PA, FilterBank
+from jammkle_driver.core.bank import FilterBank
 from jammkle_driver.core.description import describe, describe_out_of_range, describe_stand_still
 from jammkle_driver.core.faults import Finding, Reason
 from jammkle_driver.core.freshness import Freshness
@@ -219,7 +219,7 @@ class Diagnosis:
     def _all_stand_still(self, duration_s: float, readings: dict[str, float], ambient_pa: float) -> Finding | None:
         """Blame the sensors for one reading that all repeat under vacuum; at the atmosphere it may be their end."""
         self._last_s += duration_s
-        if ambient_pa - min(readings.values()) < EVACUATED_PA:
+        if ambient_pa - min(readings.values()) < self._bank.scoring.evacuated_pa:
             self._freshness = Freshness()
             self._bank.bridge()
             return None

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-_LEAST_SETS = 100
-"""Sets after which it is known how often they repeat: a second of noise."""
+KNOWN_AFTER = 100
+"""Readings from which a sensor's way to repeat itself is known: a second of noise."""
 
 _LIVELY = 0.1
 """Share of sets that repeat, below which a repeated one is no news: of noise of half a converter's step three sensors
@@ -62,4 +62,4 @@ class Freshness:
 
     @property
     def _lively(self) -> bool:
-        return self._sets >= _LEAST_SETS and self._share < _LIVELY
+        return self._sets >= KNOWN_AFTER and self._share < _LIVELY
