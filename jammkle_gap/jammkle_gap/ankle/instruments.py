@@ -43,7 +43,10 @@ UNITS = {
 }
 """Unit by quantity."""
 RESOLUTION = {ANGLE: 2.0 * math.pi / 4096, SLIDE: 5e-5, EXTENSION: 5e-5}
-"""Smallest step by quantity, in its unit. Assumed: 12-bit encoders, and linear scales of 0.05 mm."""
+"""Smallest step by quantity, in its unit. Assumed: 12-bit encoders, and linear scales of 0.05 mm.
+
+Of angles it stands in for the error of the simulator's tendons too: with the finer step that readings may show, no more
+causes are found."""
 
 
 def quantity_of(signal: str) -> str:

@@ -88,8 +88,9 @@ class Constants:
     """Nats that every further parameter of an effect costs. Chosen: a free parameter gains half a nat by chance."""
     unknown_share: float = 0.5
     """Share of the gap that an effect outside the library would leave to be as probable as one that it has. Learned."""
-    unknown_penalty: float = 1.0
-    """Nats that it costs to say none of them, with all of `discrepancy_freedom`; fewer in proportion. Learned."""
+    unknown_penalty: float = 1.5
+    """Nats that it costs to say none of them, with all of `discrepancy_freedom`; fewer in proportion. Learned
+    on 70 of 97 such cases: the mean is within 0.002 of its largest from 1 to 1.5, and no wrong name more with 1.5."""
     credible: float = 0.95
     """Probability that the set holds."""
     class_distance: float = 0.05

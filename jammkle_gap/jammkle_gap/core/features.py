@@ -16,13 +16,14 @@ import numpy as np
 
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.noise import noise_of
+from jammkle_gap.core.quantisation import mean_error, varying
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.data import Recording, Signal
 
 FEWEST_BINS = 8
 """Bins that the runs of a setting must have in common. Chosen: one per block of smooth scatter."""
@@ -113,14 +114,36 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registra
         raise BadRecordingError(msg)
     floors = []
     for signal in signals:
-        per_bin = max(len(signal.time_s) / max(signal.time_s[-1] - signal.time_s[0], bin_s) * bin_s, 1.0)
-        # Rounding to a step of q has a standard deviation of q / sqrt(12), the same for all samples of a still bin.
-        noise, resolution = np.mean([noise_of(each.signal(signal.name)) for each in recordings], axis=0)
-        floor = np.hypot(noise / np.sqrt(per_bin), resolution / np.sqrt(12.0))
-        floors.append(np.full(bins, max(floor, 1e-9 * max(float(np.abs(signal.values).max()), 1e-9))))
+        runs = []
+        for each, events in zip(recordings, found, strict=True):
+            asked = () if registrar is None else registrar.events_of(each, signal.name)
+            read = each.signal(signal.name)
+            runs.append((registered_s(read.time_s, asked, events, event_s), read))
+        floors.append(_floor(runs, bin_s, bins))
     floors.append(np.full(len(event_s), EVENT_NOISE_S))
     shared, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)
     return Layout(shared, units, bin_s, bins, event_s, np.concatenate(floors))
+
+
+def _floor(runs: Sequence[tuple[NDArray[np.float64], Signal]], bin_s: float, bins: int) -> NDArray[np.float64]:
+    """Return the least standard deviation of a signal's bins: noise and rounding of its sensor, shape (bins,).
+
+    Args:
+        runs: Registered times, s, and the signal, of each run.
+        bin_s: Length of a bin, s.
+        bins: How many.
+
+    """
+    signal = runs[0][1]
+    per_bin = max(len(signal.time_s) / max(signal.time_s[-1] - signal.time_s[0], bin_s) * bin_s, 1.0)
+    noise, step = np.mean([noise_of(each) for _, each in runs], axis=0)
+    square = np.full(bins, noise**2 / per_bin)
+    if step > 0.0:
+        spread = varying([(time_s, each.values) for time_s, each in runs], bin_s, bins)
+        square += mean_error(spread, step, per_bin)
+    rounding = 1e-9 * max(float(np.abs(signal.values).max()), 1e-9)
+    floor: NDArray[np.float64] = np.maximum(np.sqrt(square), rounding)
+    return floor
 
 
 def measured(recording: Recording) -> dict[str, NDArray[np.float64]]:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.effects import Effect
     from jammkle_gap.core.simulate import Problem, Runner
 
-_FORMAT = 4
+_FORMAT = 5
 """Of the files."""
 
 
