@@ -244,6 +244,22 @@ def test_nothing_jams_before_a_board_that_let_go_has_taken_the_release() -> None
     assert all(bench.driver.command.solenoids.values())
 
 
+def test_nonsense_about_the_atmosphere_before_it_was_measured_is_named() -> None:
+    """A jam before vented channels have told better fails, names the parameter, and works once that is cleared."""
+    bench = bench_of(ambient_pressure_pa=50e3)
+    run(bench, 0.02)
+    bench.driver.jam((), SET_POINT_PA, "test")
+    run(bench, 0.2)
+    faulty = bench.driver.ankle.faulty
+    assert {channel.fault for channel in faulty} == {Reason.SENSOR_OUT_OF_RANGE}
+    assert "if ambient_pressure_pa is right, which no vented channel has told yet" in faulty[0].reason
+    run(bench, 1.0)
+    bench.driver.clear_fault(bench.now)
+    bench.driver.jam((), SET_POINT_PA, "test")
+    run(bench, 1.5)
+    assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+
+
 def test_nonsense_about_the_atmosphere_moves_nothing() -> None:
     """A parameter far off changes neither the true vacuum nor what is measured, and is doubted."""
     for declared_pa in (60e3, 109e3):

@@ -221,11 +221,14 @@ def test_whatever_is_asked_is_answered_and_nothing_unsafe_is_driven(asked: Asked
         ),
     )
     asked.calm()
-    jammed = ChannelJamState.JAMMED
+    # As its answers and faults say: refused or failed, clear and ask again. The first jam may fail, where
+    # ambient_pressure_pa was set to nonsense before any channel was vented for long enough to tell better.
     asked.graph.spin_until(
-        lambda: bool(asked.call(Jam, names.JAM.path).success) or asked.call(Trigger, names.CLEAR_FAULT.path) is None
+        lambda: (
+            asked.graph.ankle.all_in(ChannelJamState.JAMMED)
+            or (not asked.call(Jam, names.JAM.path).success and asked.call(Trigger, names.CLEAR_FAULT.path) is None)
+        )
     )
-    asked.graph.spin_until(lambda: asked.graph.ankle.all_in(jammed))
 
 
 @pytest.mark.parametrize("junk", [b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00\xff\xff\xff\x7f", bytes(range(256))])

@@ -60,12 +60,19 @@ def describe_stand_still(duration_s: float, sets: int) -> Finding:
     return finding(Reason.SENSOR_STUCK, MANIFOLD, seen, {"repeated sets (1)": str(sets)})
 
 
-def describe_out_of_range(place: str, reading_pa: float, least_pa: float, most_pa: float) -> Finding:
-    """Return as a finding that a sensor reads what no pressure can be, Pa absolute."""
+def describe_out_of_range(
+    place: str, reading_pa: float, least_pa: float, most_pa: float, *, atmosphere_measured: bool
+) -> Finding:
+    """Return as a finding that a sensor reads what no pressure can be, Pa absolute.
+
+    Where vented channels have not told the atmosphere yet, the range is that of a parameter, which may be wrong.
+    """
     values = {
         "reading (Pa)": f"{reading_pa:.0f}",
         "least that can be (Pa)": f"{least_pa:.0f}",
         "most that can be (Pa)": f"{most_pa:.0f}",
     }
     seen = f"reads {reading_pa:.0f} Pa absolute, and only {least_pa:.0f} to {most_pa:.0f} Pa can be"
+    if not atmosphere_measured:
+        seen += " if ambient_pressure_pa is right, which no vented channel has told yet"
     return finding(Reason.SENSOR_OUT_OF_RANGE, place, seen, values)

@@ -168,7 +168,7 @@ class Diagnosis:
             if stamp_s < self._last_s - 1.0:  # the graph's clock was set back
                 self.clear(ambient_pa)
             return None
-        found = self._check_range(place, pressure_pa, ambient_pa)
+        found = self._check_range(place, pressure_pa, air)
         if not air.measured:
             return found
         self._pending.setdefault(stamp_s, {})[place] = pressure_pa
@@ -180,7 +180,8 @@ class Diagnosis:
             found = self._take(oldest, self._pending.pop(oldest), steady_s, ambient_pa)
         return found
 
-    def _check_range(self, place: str, pressure_pa: float, ambient_pa: float) -> Finding | None:
+    def _check_range(self, place: str, pressure_pa: float, air: AtmosphereStatus) -> Finding | None:
+        ambient_pa = air.pressure_pa
         least_pa = ambient_pa - self._settings.air.pump_ultimate_vacuum_pa - OUT_OF_RANGE_PA
         most_pa = ambient_pa + OUT_OF_RANGE_PA
         inside = least_pa <= pressure_pa <= most_pa
@@ -189,7 +190,7 @@ class Diagnosis:
         self._strange[place] = 0 if inside else self._strange[place] + 1
         if self._strange[place] < _LATE_SETS:
             return None
-        return describe_out_of_range(place, pressure_pa, least_pa, most_pa)
+        return describe_out_of_range(place, pressure_pa, least_pa, most_pa, atmosphere_measured=air.measured)
 
     def _take(self, stamp_s: float, readings: dict[str, float], steady_s: float, ambient_pa: float) -> Finding | None:
         duration_s = stamp_s - self._last_s
