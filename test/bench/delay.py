@@ -1,11 +1,13 @@
 """Delay from the IMU sample that carries an impact to the solenoid topic, through controller and driver over DDS.
 
-Beside it, in the same run and on the same samples: the round trip to a bare subscriber, so that the delay can be
-said in units of what DDS and Python take anyway.
+Beside it, in the same run and on the same samples: the round trip to a bare subscriber, and the way through two bare
+relays in a row, processes as controller and driver are, so that the delay can be said in units of what DDS and Python
+take anyway.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 import subprocess
@@ -20,7 +22,7 @@ from rclpy.experimental import EventsExecutor
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool
 
-from echo import ECHO_TOPIC, MARK
+from echo import ECHO_TOPIC, MARK, SECOND_ECHO_NODE, SECOND_ECHO_TOPIC
 from graph import Probe, environment
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 from jammkle_graph.names import (
@@ -47,16 +49,15 @@ JAMMED_PA, FILL_TIME_S = 42e3, 0.05
 """Vacuum of a channel that is jammed, and its time constant: enough for a driver that waits for JAMMED."""
 REST_S = 0.2
 """Long enough for the mean specific force to stay above half of g: below it an IMU counts as one without gravity."""
-FLIGHT_S = 0.12
+FLIGHTS_S = (0.08, 0.16)
+"""In turn: a controller that foresees the end of flights that are alike has jammed before it, and no impact matters."""
 GROUND_S = 0.08
-ROUND_TRIP_HOPS = 2
-PATH_HOPS = 3
 IMU_SUBSCRIBERS = 2
 
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays over all trials, and the median per hop as a multiple of a bare hop's."""
+    """Delays over all trials, and the median as a multiple of that through two bare relays."""
 
     trials: int
     """Landings that reached the solenoid."""
@@ -69,7 +70,12 @@ class Delays:
     p99_ms: float
     round_trip_median_ms: float
     round_trip_p99_ms: float
-    per_hop_ratio: float
+    """To one bare relay and back."""
+    relays_median_ms: float
+    relays_p99_ms: float
+    """Through two bare relays in a row."""
+    ratio: float
+    """Of the medians: to the solenoid, and through two bare relays."""
     load_before: float
     """Processes that wanted a core in the minute before."""
 
@@ -92,13 +98,16 @@ class Stimulus(Probe):
         ]
         self.solenoid_at_s = 0.0
         self.echo_at_s = 0.0
+        self.second_echo_at_s = 0.0
         self.energised = False
         achilles = SOLENOIDS["achilles"]
         self.node.create_subscription(Bool, achilles.name, self._on_solenoid, subscriber_qos(achilles))
         self.node.create_subscription(Bool, ECHO_TOPIC, self._on_echo, publisher_qos(IMU))
+        self.node.create_subscription(Bool, SECOND_ECHO_TOPIC, self._on_second_echo, publisher_qos(IMU))
         self.listen(JAM_STATE, CONTACT_EVENTS)
         self.samples = 0
         self._vacuum_pa = 0.0
+        self._flights_s = itertools.cycle(FLIGHTS_S)
         self._next_s = time.monotonic()
 
     def _on_solenoid(self, message: Bool) -> None:
@@ -108,6 +117,9 @@ class Stimulus(Probe):
 
     def _on_echo(self, _: Bool) -> None:
         self.echo_at_s = time.monotonic()
+
+    def _on_second_echo(self, _: Bool) -> None:
+        self.second_echo_at_s = time.monotonic()
 
     def send(self, specific_force_m_s2: float, frame: str = IMU_FRAME) -> float:
         """Send one sample in its turn, pressures when they are due, and return when it left."""
@@ -131,18 +143,22 @@ class Stimulus(Probe):
         """Whether driver, controller and echo are there and hear each other."""
         states = self.channel_states()
         known = len(states) == len(CHANNELS) and set(states.values()) == {ChannelJamState.UNJAMMED}
-        return known and self.echo_at_s > 0.0 and self.node.count_subscribers(IMU.name) >= IMU_SUBSCRIBERS
+        return known and self.second_echo_at_s > 0.0 and self.node.count_subscribers(IMU.name) >= IMU_SUBSCRIBERS
 
-    def trial(self) -> tuple[float, float]:
-        """Rest, fall, hit, rest: return the delay to the solenoid and the bare round trip, s."""
-        self.feel(STANDARD_GRAVITY_M_S2, REST_S)
-        self.feel(0.0, FLIGHT_S)
+    def trial(self) -> tuple[float, float, float]:
+        """Rest, fall, hit, rest: return the delay to the solenoid, the bare round trip, and that of two relays, s."""
+        self.rest_and_fall()
         while self.energised:
             self.send(0.0)
-        self.solenoid_at_s = self.echo_at_s = 0.0
+        self.solenoid_at_s = self.echo_at_s = self.second_echo_at_s = 0.0
         sent_s = self.send(IMPACT_M_S2, MARK)
         self.feel(STANDARD_GRAVITY_M_S2, GROUND_S)
-        return self.solenoid_at_s - sent_s, self.echo_at_s - sent_s
+        return self.solenoid_at_s - sent_s, self.echo_at_s - sent_s, self.second_echo_at_s - sent_s
+
+    def rest_and_fall(self) -> None:
+        """Stand for a while, then fall, each time for another time than the last."""
+        self.feel(STANDARD_GRAVITY_M_S2, REST_S)
+        self.feel(0.0, next(self._flights_s))
 
     def told(self, kind: int) -> int:
         """How many events of a kind were told."""
@@ -172,6 +188,7 @@ def measure_delays(
         ("-m", "jammkle_driver", "--ros-args", "-p", "diagnose:=false"),  # its air is no real one
         ("-m", "jammkle_controller", "--ros-args", *of_controller),
         (str(Path(__file__).with_name("echo.py")),),
+        (str(Path(__file__).with_name("echo.py")), SECOND_ECHO_NODE),
     )
     processes = [subprocess.Popen([sys.executable, *command], env=environment(domain_id)) for command in commands]
     stimulus = Stimulus(domain_id, imu_rate_hz)
@@ -183,7 +200,7 @@ def measure_delays(
                 msg = f"the graph did not come up; jam_state: {stimulus.last(JAM_STATE)}"
                 raise TimeoutError(msg)
         samples, begin_s = stimulus.samples, time.monotonic()
-        trials: list[tuple[float, float]] = []
+        trials: list[tuple[float, float, float]] = []
         while len(trials) < landings and time.monotonic() - begin_s < most_s:
             trials.append(stimulus.trial())
         rate_hz = (stimulus.samples - samples) / (time.monotonic() - begin_s)
@@ -194,18 +211,15 @@ def measure_delays(
         for process in processes:
             process.wait()
         stimulus.close()
-    if not any(solenoid > 0.0 for solenoid, _ in trials):
+    if not any(solenoid > 0.0 for solenoid, _, _ in trials):
         msg = (
             f"none of {len(trials)} impacts reached the solenoid; "
             f"samples left at {rate_hz:.0f} of {imu_rate_hz} Hz: is the machine idle?"
         )
         raise RuntimeError(msg)
-    path = [solenoid for solenoid, _ in trials if solenoid > 0.0]
-    round_trip = [echo for _, echo in trials if echo > 0.0]
+    path, round_trip, relays = ([delay for delay in each if delay > 0.0] for each in zip(*trials, strict=True))
     if len(path) < len(trials) or len(round_trip) < len(trials):
         sys.stderr.write(f"{len(trials) - len(path)} of {len(trials)} impacts never reached the solenoid\n")
-    per_hop = statistics.median(path) / PATH_HOPS
-    bare_hop = statistics.median(round_trip) / ROUND_TRIP_HOPS
     return Delays(
         len(path),
         len(trials),
@@ -216,7 +230,9 @@ def measure_delays(
         _p99(path) * 1e3,
         statistics.median(round_trip) * 1e3,
         _p99(round_trip) * 1e3,
-        per_hop / bare_hop,
+        statistics.median(relays) * 1e3,
+        _p99(relays) * 1e3,
+        statistics.median(path) / statistics.median(relays),
         load_before,
     )
 

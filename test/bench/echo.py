@@ -1,6 +1,8 @@
-"""A bare subscriber: for every IMU sample that says so, one Bool back. What a node costs that decides nothing."""
+"""Bare relays: one Bool for each IMU sample that asks for it, and that Bool once more. What a node costs by itself."""
 
 from __future__ import annotations
+
+import sys
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
@@ -12,6 +14,8 @@ from jammkle_graph.runner import run
 
 ECHO_NODE = "echo"
 ECHO_TOPIC = "echo"
+SECOND_ECHO_NODE = "second_echo"
+SECOND_ECHO_TOPIC = "second_echo"
 MARK = "echo"
 """frame_id of the samples to answer."""
 
@@ -31,5 +35,14 @@ class Echo(Node):
             self._answer.publish(Bool(data=True))
 
 
+class SecondEcho(Node):
+    """Answers the answers: with the first one, a chain of two processes, as controller and driver are."""
+
+    def __init__(self) -> None:
+        super().__init__(SECOND_ECHO_NODE)
+        self._answer = self.create_publisher(Bool, SECOND_ECHO_TOPIC, publisher_qos(IMU))
+        self.create_subscription(Bool, ECHO_TOPIC, self._answer.publish, subscriber_qos(IMU))
+
+
 if __name__ == "__main__":
-    run(Echo)
+    run(SecondEcho if SECOND_ECHO_NODE in sys.argv else Echo)

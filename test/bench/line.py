@@ -22,7 +22,7 @@ from pymodbus.framer.rtu import FramerRTU
 from std_srvs.srv import SetBool
 
 from boards import RELEASED, Host, board_command
-from delay import FLIGHT_S, GROUND_S, REST_S, Stimulus
+from delay import GROUND_S, Stimulus
 from echo import MARK
 from graph import environment
 from jammkle_driver.board.line import silence_s
@@ -109,8 +109,7 @@ class BoardStimulus(Stimulus):
 
     def impact(self) -> tuple[float, float]:
         """Rest, fall, hit, rest: return the delay to the coils' bytes and the bare round trip, s."""
-        self.feel(STANDARD_GRAVITY_M_S2, REST_S)
-        self.feel(0.0, FLIGHT_S)
+        self.rest_and_fall()
         fallen = 0
         while self._bench.edges[-1].solenoids & ACHILLES_BIT:
             self.send(0.0)

@@ -124,8 +124,8 @@ def table_of(results: Results) -> Table:
     table.add_row(
         f"impact to solenoid, {delays.trials} landings",
         f"median {delays.median_ms:.2f} ms, p99 {delays.p99_ms:.2f} ms",
-        f"bare round trip {delays.round_trip_median_ms:.2f} ms, p99 {delays.round_trip_p99_ms:.2f} ms",
-        f"{delays.per_hop_ratio:.2f} per hop",
+        f"two bare relays {delays.relays_median_ms:.2f} ms, p99 {delays.relays_p99_ms:.2f} ms",
+        f"{delays.ratio:.2f}",
     )
     _add_line(table, results.line)
     for state in results.safe_states:
