@@ -1,7 +1,8 @@
-"""A fake ankle in process as hardware: a small plant, with faults by script; publishes what a board would."""
+"""A fake ankle in process as hardware: a board and a small plant that fail by script; publishes what a board would."""
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,8 +10,9 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from jammkle_driver.conversions import seconds
-from jammkle_driver.core.hardware import ActuatorCommand, LinkState, LinkStatus, SafeCause, released
-from jammkle_driver.fake.board import WATCHDOG_S
+from jammkle_driver.core.hardware import LinkState
+from jammkle_driver.fake.board import STEP_S, WATCHDOG_S, FakeBoard
+from jammkle_driver.fake.faults import LinkFault
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.script import ScriptError, read_script
 from jammkle_driver.measured import Measured
@@ -19,14 +21,20 @@ from jammkle_graph.names import CHANNELS
 from jammkle_graph.parameters import ParameterError
 
 if TYPE_CHECKING:
+    from jammkle_driver.core.hardware import ActuatorCommand, LinkStatus
     from jammkle_driver.hardware_choice import HardwareContext
 
-_PERIOD_S = 0.01
-"""Time between two readings, s, as of the simulation."""
+_LONGEST_LAG_S = 2.0 * WATCHDOG_S
+"""Most time that is made up for at once, s: a process that stood still stops the plant, too, but its board lets go."""
 
 
 class FakeHardware:
-    """An ankle of plain numbers. Implements `core.hardware.Hardware`."""
+    """An ankle of plain numbers behind a board. Implements `core.hardware.Hardware`.
+
+    Attributes:
+        board: The board, for tests that let it or the plant behind it fail.
+
+    """
 
     def __init__(self, context: HardwareContext) -> None:
         """Start the plant, vented.
@@ -43,58 +51,56 @@ class FakeHardware:
         except (OSError, ScriptError) as error:
             msg = f"parameter 'fake_faults': {error}"
             raise ParameterError(msg) from error
-        self._plant = FakePlant(CHANNELS, context.parameters.air(), STANDARD_ATMOSPHERE_PA)
-        self._command = released(CHANNELS)
+        plant = FakePlant(CHANNELS, context.parameters.air(), STANDARD_ATMOSPHERE_PA)
+        self.board = FakeBoard(plant)
+        self._draw = random.Random(0)  # noqa: S311 - which telegrams noise hits is no secret
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._heard_s = seconds(self._steady.now())
-        self._silent = False
-        self._last_s = self._heard_s
-        self._measured = Measured(context, self._plant.places)
-        self._timer = context.node.create_timer(_PERIOD_S, self._advance, clock=self._steady)
-
-    @property
-    def plant(self) -> FakePlant:
-        """The plant, for tests that let something fail."""
-        return self._plant
+        self._last_s = seconds(self._steady.now())
+        self._measured = Measured(context, plant.places)
+        self._timer = context.node.create_timer(STEP_S, self._exchange, clock=self._steady)
 
     @property
     def link(self) -> LinkStatus:
-        """Always connected; it lets go as a board does when the driver stood still."""
-        latched = frozenset({SafeCause.HOST_SILENT}) if self._silent else frozenset()
-        return LinkStatus(LinkState.CONNECTED, "fake ankle in process", latched=latched)
+        """What is known of the board; it lets go as a board does when the driver stood still."""
+        return self.board.link
 
     def apply(self, command: ActuatorCommand) -> None:
-        """Take a command, unless the fake board has let go."""
-        now_s = seconds(self._steady.now())
-        if now_s - self._heard_s > WATCHDOG_S and any(self._command.solenoids.values()):
-            self._silent = True
-            self._command = released(CHANNELS)
-            self._plant.command(self._command.solenoids, 0.0)
-        self._heard_s = now_s
-        if not self._silent and command != self._command:
-            self._command = command
-            self._plant.command(command.solenoids, command.pump_duty)
+        """Hand the board a command, unless its cable is pulled."""
+        self._catch_up()
+        if self.board.link.state is LinkState.CONNECTED:
+            self.board.hear(command)
 
     def acknowledge(self) -> None:
         """Take jams again."""
-        self._silent = False
+        self.board.acknowledge()
 
     def close(self) -> None:
         """Stop the plant."""
         self._context.node.destroy_timer(self._timer)
         self._measured.close()
 
-    def _advance(self) -> None:
+    def _catch_up(self) -> None:
+        """Take board and plant on to now; what is not a whole step is left for the next time."""
         now_s = seconds(self._steady.now())
-        # What was not a whole step is left for the next time; a process that stood still stops the plant, too.
-        self._last_s = max(self._last_s, now_s - WATCHDOG_S)
-        before_s = self._plant.time_s
-        self._plant.advance(now_s - self._last_s)
-        self._last_s += self._plant.time_s - before_s
-        while self._script and self._script[0].time_s <= self._plant.time_s:
+        self._last_s = max(self._last_s, now_s - _LONGEST_LAG_S)
+        passed_s = int((now_s - self._last_s) / STEP_S) * STEP_S
+        self.board.advance(passed_s)
+        self._last_s += passed_s
+
+    def _exchange(self) -> None:
+        """Let happen what the script says, and read all sensors, unless the line is in the way."""
+        self._catch_up()
+        while self._script and self._script[0].time_s <= self.board.plant.time_s:
             entry = self._script.pop(0)
             if entry.fault is None:
-                self._plant.heal()
+                self.board.heal()
+            elif isinstance(entry.fault, LinkFault):
+                self.board.inject(entry.fault, entry.size)
             else:
-                self._plant.inject(entry.fault, entry.place, entry.size)
-        self._measured.publish(self._plant.readings_pa(), self._command)
+                self.board.plant.inject(entry.fault, entry.place, entry.size)
+        if self.board.link.state is not LinkState.CONNECTED:
+            return
+        spoiled = self._draw.random() < self.board.noise_share
+        self.board.count(int(not spoiled), int(spoiled))
+        if not spoiled:
+            self._measured.publish(self.board.plant.readings_pa(), self.board.driven)

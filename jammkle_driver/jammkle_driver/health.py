@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState
+from jammkle_driver.core.link import link_numbers
 from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from jammkle_driver.core.bank import Estimate
     from jammkle_driver.core.channel import ChannelStatus
     from jammkle_driver.core.driver import Driver
+    from jammkle_driver.core.faults import Finding
     from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.core.status import DriverStatus
 
@@ -115,16 +117,11 @@ def _leak_lines(ankle: Ankle, estimate: Estimate) -> tuple[Health, ...]:
 
 def _pace_line(driver: Driver) -> Health:
     own = driver.own_pace
-    values = {
-        "mean lateness (s)": f"{own.late_s:.4f}",
-        "standstills": str(own.stalls),
-        "longest standstill (s)": f"{own.longest_s:.2f}",
-    }
     if own.overloaded:
         return Health(
-            "executor", Level.WARN, f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still", values
+            "executor", Level.WARN, f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still", own.values
         )
-    return Health("executor", Level.OK, "", values)
+    return Health("executor", Level.OK, "", own.values)
 
 
 def _driver_line(status: DriverStatus, lifecycle_state: str) -> Health:
@@ -136,30 +133,20 @@ def _driver_line(status: DriverStatus, lifecycle_state: str) -> Health:
     return Health("driver", Level.OK if status.active else Level.WARN, lifecycle_state)
 
 
-def _link_line(link: LinkStatus, noise: str) -> Health:
+def _link_line(link: LinkStatus, noise: Finding | None) -> Health:
     level, message = _LINK_LEVELS[link.state], f"{link.state.value}: {link.detail}"
     if link.state is not LinkState.CONNECTED:
         pass  # what the board said before is old
     elif link.latched:
         level = Level.ERROR
         message = f"safe state latched: {', '.join(sorted(cause.value for cause in link.latched))}"
-    elif noise:
-        level, message = Level.WARN, f"{Reason.LINE_NOISE.name}: {noise}"
+    elif noise is not None:
+        level, message = Level.WARN, f"{noise.reason.name}: {noise.text}"
     elif link.faults:
         level = Level.WARN
         message = ", ".join(sorted(fault.value for fault in link.faults))
-    values = {
-        "board starts": str(link.starts),
-        "last reset": "unknown" if link.reset_cause is None else link.reset_cause.value,
-        "supply (V)": "not measured" if link.supply_v is None else f"{link.supply_v:.2f}",
-        "connects": str(link.connects),
-        "exchanges": str(link.exchanges),
-        "check sum errors": str(link.crc_errors),
-        "time-outs": str(link.timeouts),
-        "refusals": str(link.refusals),
-        "rate (Hz)": "not known" if link.rate_hz is None else f"{link.rate_hz:.0f}",
-    }
-    return Health("link", level, message, values)
+    reset = "unknown" if link.reset_cause is None else link.reset_cause.value
+    return Health("link", level, message, {"last reset": reset, **link_numbers(link)})
 
 
 def _manifold_line(status: DriverStatus) -> Health:

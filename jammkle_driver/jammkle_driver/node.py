@@ -15,7 +15,6 @@ from jammkle_driver.ankle_time import ankle_time
 from jammkle_driver.conversions import wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
@@ -77,8 +76,6 @@ class DriverNode(ClockHearer, LifecycleNode):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
-        self._link_guard = LinkGuard()
-        self._noise = NoiseMeter()
         self._roll_call = RollCall(self)
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
@@ -99,7 +96,6 @@ class DriverNode(ClockHearer, LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs, self._told = Outputs(self), None
-        self._link_guard = LinkGuard()
         self._hardware = make_hardware(HardwareContext(self, self._on_sample, self._values))
         self._create_subscriptions()
         self._create_services()
@@ -227,19 +223,12 @@ class DriverNode(ClockHearer, LifecycleNode):
 
     def _clear_fault(self) -> str:
         cleared = self._driver.clear_fault(self._now())
-        self._link_guard.clear()
         if self._hardware is not None:
             self._hardware.acknowledge()
         return cleared
 
     def _look_at_link(self, hardware: Hardware, now: Instant) -> None:
-        verdict = self._link_guard.look(hardware.link, jammed=self._driver.ankle.jammed)
-        if verdict.fault:
-            self._driver.fail(verdict.fault, verdict.reason, now)
-        self._driver.wait_for_board(now, wait=verdict.wait)
-        if verdict.let_go:
-            self._driver.was_let_go(verdict.let_go)
-        if verdict.acknowledge:
+        if self._driver.look_at_link(hardware.link, now):
             hardware.acknowledge()
 
     def _on_tick(self) -> None:
@@ -247,7 +236,7 @@ class DriverNode(ClockHearer, LifecycleNode):
         self._driver.tick(now)
         if self._hardware is not None:
             self._look_at_link(self._hardware, now)
-            self._driver.note_line_noise(self._noise.look(self._hardware.link, now.steady_s))
+            self._driver.measure_noise(self._hardware.link, now)
         if self._outputs is not None and self._hardware is not None:
             self._hardware.apply(self._driver.command)
             self._outputs.repeat_command(self._driver.command)

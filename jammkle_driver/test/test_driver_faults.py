@@ -14,12 +14,12 @@ from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, released
+from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
 from jammkle_driver.core.overload import OverloadWatch
 from jammkle_driver.core.regulator import PumpLoad
 from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError, Wish
-from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.fake.faults import FakeFault, LinkFault
 from jammkle_driver.fake.script import ScriptError, read_script
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.names import CHANNELS
@@ -233,13 +233,14 @@ def test_nothing_jams_before_a_board_that_let_go_has_taken_the_release() -> None
     """Until then a service is refused and a stream waits; afterwards the stream's wish counts as new."""
     bench = bench_of()
     run(bench, 0.5)
-    bench.driver.wait_for_board(bench.now, wait=True)
+    let_go = replace(bench.link, latched=frozenset({SafeCause.HOST_SILENT}))
+    assert bench.driver.look_at_link(let_go, bench.now)
     with pytest.raises(RequestError, match="release"):
         bench.driver.jam((), 0.0, "test")
     wishes = [Wish(name, SET_POINT_PA) for name in CHANNELS]
     bench.driver.follow(wishes, bench.now, "jam_command")
     assert bench.driver.command == released(CHANNELS)
-    bench.driver.wait_for_board(bench.now, wait=False)
+    bench.driver.look_at_link(bench.link, bench.now)
     bench.driver.follow(wishes, bench.now, "jam_command")
     assert all(bench.driver.command.solenoids.values())
 
@@ -323,11 +324,14 @@ def test_a_script_of_faults_is_read_or_refused_in_one_line() -> None:
     assert script[0].fault is FakeFault.LEAK
     assert script[0].size == pytest.approx(2e-10)
     assert script[1].place == MANIFOLD
+    noise = read_script("4 line_noise 0.1")[0]
+    assert (noise.fault, noise.size) == (LinkFault.LINE_NOISE, 0.1)
     for text, words in (
         ("1 explode", "explode.*leak"),
         ("1 leak knee", "knee.*achilles"),
         ("x leak", "could not convert"),
         ("1 blocked", "needs a channel"),
+        ("1 unplugged achilles", "could not convert"),
     ):
         with pytest.raises(ScriptError, match=words):
             read_script(text)

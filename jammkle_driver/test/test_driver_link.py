@@ -34,7 +34,9 @@ REBOOTED = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.RESET}),
 def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> None:
     """After a fault the latched board stays as it is, also over an unplug, until it is cleared."""
     guard = LinkGuard()
-    assert "~/clear_fault" in guard.look(broken, jammed=True).fault
+    fault = guard.look(broken, jammed=True).fault
+    assert fault is not None
+    assert "~/clear_fault" in fault.text
     for link in (broken, LOST, LATCHED, LATCHED):
         assert not guard.look(link, jammed=False).acknowledge
     guard.clear()
@@ -44,36 +46,43 @@ def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> Non
 def test_a_board_that_is_away_while_it_starts_anew_was_not_unplugged() -> None:
     """The reason is put right once, when it answers again; nothing is acknowledged by that."""
     guard = LinkGuard()
-    assert guard.look(LOST, jammed=True).reason is Reason.BOARD_UNPLUGGED
-    assert not guard.look(LOST, jammed=False).fault
+    lost = guard.look(LOST, jammed=True).fault
+    assert lost is not None
+    assert lost.reason is Reason.BOARD_UNPLUGGED
+    assert guard.look(LOST, jammed=False).fault is None
     verdict = guard.look(REBOOTED, jammed=False)
-    assert verdict.reason is Reason.BROWN_OUT
+    assert verdict.fault is not None
+    assert verdict.fault.reason is Reason.BROWN_OUT
     assert not verdict.acknowledge
-    assert not guard.look(REBOOTED, jammed=False).fault
+    assert guard.look(REBOOTED, jammed=False).fault is None
 
 
 def test_a_board_that_had_not_heard_the_driver_is_no_fault() -> None:
     """A driver that stood still is to blame itself: what is wished again may jam again, without a person."""
     verdict = LinkGuard().look(LATCHED, jammed=True)
-    assert not verdict.fault
-    assert "watchdog_ms" in verdict.let_go
+    assert verdict.fault is None
+    assert verdict.let_go is not None
+    assert "watchdog_ms" in verdict.let_go.text
     assert verdict.acknowledge
 
 
 def test_a_noisy_line_is_told_with_its_share() -> None:
     """Wrong check sums are counted over the last seconds, and told in percent; a clean line says nothing."""
     meter = NoiseMeter()
-    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=100), 0.0)
-    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=600), 1.0)
-    assert "20 %" in meter.look(LinkStatus(LinkState.CONNECTED, exchanges=900, crc_errors=200), 2.0)
-    assert not meter.look(LinkStatus(LinkState.CONNECTED, exchanges=9000, crc_errors=200), 20.0)
+    assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=100), 0.0) is None
+    assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=600), 1.0) is None
+    noise = meter.look(LinkStatus(LinkState.CONNECTED, exchanges=900, crc_errors=200), 2.0)
+    assert noise is not None
+    assert "20 %" in noise.text
+    assert noise.values["wrong check sums (share of telegrams)"] == "0.200"
+    assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=9000, crc_errors=200), 20.0) is None
 
 
 def test_a_link_that_is_well_asks_for_nothing() -> None:
     """Nothing is failed and nothing acknowledged where nothing is wrong."""
     for jammed in (True, False):
         verdict = LinkGuard().look(HEALTHY, jammed=jammed)
-        assert not verdict.fault
+        assert verdict.fault is None
         assert not verdict.acknowledge
 
 

@@ -174,7 +174,7 @@ def test_a_clock_that_stands_keeps_no_real_ankle_jammed(graph: Graph) -> None:
     graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.UNJAMMED)
     assert "command_timeout_s" in graph.ankle.state_of("achilles").reason
     # Nor does it blind the diagnosis, whose readings are of the steady clock, too.
-    driver._hardware.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
+    driver._hardware.board.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
     graph.spin_until(lambda: graph.ankle.state_of("achilles").fault == Fault.SENSOR_OUT_OF_RANGE)
 
 

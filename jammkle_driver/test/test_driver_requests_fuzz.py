@@ -11,14 +11,18 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, PressureSample, released
+from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, PressureSample, SafeCause, released
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CHANNELS
 from malformed import NAME, NAMES, PASCALS
+
+CONNECTED = LinkStatus(LinkState.CONNECTED)
+LOST = LinkStatus(LinkState.LOST, "no such device")
+BROWNED_OUT = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.SUPPLY_LOW}))
+HAD_LET_GO = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.HOST_SILENT}))
 
 
 class Requests(RuleBasedStateMachine):
@@ -71,9 +75,9 @@ class Requests(RuleBasedStateMachine):
         with contextlib.suppress(RequestError):
             self.driver.clear_fault(self.now)
 
-    @rule(reason=st.sampled_from((Reason.BOARD_UNPLUGGED, Reason.BROWN_OUT)))
-    def fail(self, reason: Reason) -> None:
-        self.driver.fail("the board does not answer", reason, self.now)
+    @rule(link=st.sampled_from((CONNECTED, LOST, BROWNED_OUT, HAD_LET_GO)))
+    def look_at_link(self, link: LinkStatus) -> None:
+        self.driver.look_at_link(link, self.now)
 
     @rule(active=st.booleans())
     def change_state(self, *, active: bool) -> None:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState, missed
 from jammkle_driver.core.diagnosis import Diagnosis, DiagnosisSettings
-from jammkle_driver.core.faults import REMEDIES, Finding, Reason
+from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
 from jammkle_driver.core.leakage import LeakMeter
 from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from jammkle_driver.core.watchdog import Instant
 
@@ -138,30 +138,37 @@ class Ankle:
             return not self.faulty
         return self.channels[channel].state is not ChannelState.FAULT
 
-    def ask(self, channel: str, vacuum_pa: float, reason: str, fault: Reason = Reason.NONE) -> None:
+    def ask(self, channel: str, vacuum_pa: float, reason: str) -> None:
         """Take a wish for one channel; whatever was held before is regulated, or vented, again."""
         self._end_hold(f"let go with the wish for {channel}")
-        self.channels[channel].ask(vacuum_pa, reason, fault)
+        self.channels[channel].ask(vacuum_pa, reason)
 
-    def let_go(self, channels: Sequence[str], reason: str, fault: Reason) -> None:
+    def vent(self, why: Finding) -> None:
+        """Vent all that is asked to jam, whatever the safe state is: it has been let go of already."""
+        jammed = [channel for channel in self.channels.values() if channel.set_point_pa > 0.0]
+        self._end_hold(why.text)
+        for channel in jammed:
+            channel.let_go(why)
+
+    def let_go(self, channels: Sequence[str], why: Finding) -> None:
         """Bring channels to the safe state; nothing has failed that must be acknowledged."""
         asked = [self.channels[name] for name in channels if self.channels[name].set_point_pa > 0.0]
         if self._settings.safe_state is SafeState.HOLD and self._held is None and asked:
             self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for channel in asked:
             if self._held is not None:
-                channel.hold(reason, fault)
+                channel.hold(why)
             else:
-                channel.ask(0.0, reason, fault)
+                channel.let_go(why)
 
-    def fail(self, channels: Sequence[str], reason: str, fault: Reason, values: Mapping[str, str]) -> None:
+    def fail(self, channels: Sequence[str], why: Finding) -> None:
         """Put channels into FAULT until they are cleared, and the others to where the policy wants them."""
         hold = self._settings.safe_state is SafeState.HOLD
         if hold and self._held is None and self.jammed:
             self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for name in channels:
-            self.channels[name].fail(reason, fault, values)
-        self._spread(fault)
+            self.channels[name].fail(why)
+        self._spread(why)
         if self._settings.fault_policy is FaultPolicy.CHANNEL and any(pa > 0.0 for pa in self.set_points_pa.values()):
             self._held = None
         self.regulate(0.0)
@@ -198,7 +205,8 @@ class Ankle:
             was_faulty = channel.state is ChannelState.FAULT
             channel.measure(vacuum_pa, elapsed_s)
             if channel.state is ChannelState.FAULT and not was_faulty:
-                self._spread(channel.fault)
+                status = channel.status
+                self._spread(Finding(status.fault, place, status.reason, status.values))
                 self.regulate(0.0)
         if judged:
             self._diagnose(place, pressure_pa, stamp_s, now)
@@ -251,11 +259,11 @@ class Ankle:
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""
         self._regulator.reset()
-        at = f"{weakest.name} at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa"
         timeout_s = self._settings.channel.jam_timeout_s
-        remedy = f"{REMEDIES[Reason.NOT_REACHED]}, then call ~/clear_fault"
-        seen = f"{at} with the pump at full duty for {timeout_s:g} s (jam_timeout_s): {remedy}"
-        self.fail((weakest.name,), seen, Reason.NOT_REACHED, missed(weakest.status))
+        seen = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa with the pump at full duty for "
+        seen += f"{timeout_s:g} s (jam_timeout_s)"
+        why = finding(Reason.NOT_REACHED, weakest.name, seen, missed(weakest.status))
+        self.fail((weakest.name,), why.to_clear())
 
     def _note(self, place: str, pressure_pa: float, elapsed_s: float, command: ActuatorCommand) -> None:
         """Let what is vented tell of the atmosphere, and what is at rest of leaks."""
@@ -276,8 +284,7 @@ class Ankle:
         self.findings = (*self.findings, found)
         if others_go_on and self._is_alone(found):
             self.diagnosis.go_on_without(found, self.atmosphere.pressure_pa)
-        told = f"{found.text}, then call ~/clear_fault"
-        self.fail(self._concerned(found), told, found.reason, found.values)
+        self.fail(self._concerned(found), found.to_clear())
 
     def _concerned(self, found: Finding) -> tuple[str, ...]:
         """Channels that are in FAULT by a finding: its own, or all, where it is at what all share."""
@@ -286,12 +293,12 @@ class Ankle:
     def _is_alone(self, found: Finding) -> bool:
         return found.place in self.channels
 
-    def _spread(self, fault: Reason) -> None:
+    def _spread(self, why: Finding) -> None:
         if self._settings.fault_policy is FaultPolicy.CHANNEL or not self.faulty:
             return
         others = [name for name, channel in self.channels.items() if channel.state is not ChannelState.FAULT]
         failed = ", ".join(channel.name for channel in self.faulty)
-        self.let_go(others, f"let go with {failed} (fault_policy is ankle)", fault)
+        self.let_go(others, replace(why, text=f"let go with {failed} (fault_policy is ankle)"))
 
     def _end_hold(self, reason: str) -> None:
         if self._held is None:

@@ -6,11 +6,13 @@ import enum
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.faults import REMEDIES, Reason
+from jammkle_driver.core.faults import Reason, finding
 from jammkle_driver.core.regulator import draws
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from jammkle_driver.core.faults import Finding
 
 _LONGEST_STEP_S = 0.1
 """Longest time for which one sample counts, s: what a driver that stood still has missed, it has not seen. Assumed."""
@@ -155,30 +157,36 @@ class Channel:
         """What has failed, or why it was let go."""
         return self._fault
 
-    def hold(self, reason: str, fault: Reason) -> None:
+    def hold(self, why: Finding) -> None:
         """Stay connected as it is, until the next wish: nothing is regulated, and nothing counts as missed."""
         self._held = True
-        self._reason = reason
-        self._fault = fault
+        self._note(why)
 
-    def ask(self, vacuum_pa: float, reason: str, fault: Reason = Reason.NONE) -> None:
+    def ask(self, vacuum_pa: float, reason: str) -> None:
         """Take a new wish: `vacuum_pa` Pa, 0 to vent. A channel that is disabled or in FAULT stays as it is.
 
         Args:
             vacuum_pa: Vacuum wanted, Pa.
             reason: Who asks, or why.
-            fault: What has failed, where that is why.
 
         """
         if not self._enabled or self._state is ChannelState.FAULT:
             return
         self._held = False
-        self._fault = fault
+        self._fault = Reason.NONE
+        self._values = {}
         if vacuum_pa != self._set_point_pa:
             self._missed_s = 0.0
         self._set_point_pa = vacuum_pa
         self._reason = reason
         self._follow()
+
+    def let_go(self, why: Finding) -> None:
+        """Vent, not because anybody wishes it, but for what was found. A channel in FAULT keeps its first reason."""
+        if not self._enabled or self._state is ChannelState.FAULT:
+            return
+        self.ask(0.0, why.text)
+        self._note(why)
 
     def measure(self, vacuum_pa: float, elapsed_s: float) -> None:
         """Take a measurement of `vacuum_pa` Pa, `elapsed_s` s after the one before (0 for the first)."""
@@ -198,26 +206,18 @@ class Channel:
         self._vacuum_pa = None
         self._follow()
 
-    def fail(self, reason: str, fault: Reason, values: Mapping[str, str]) -> None:
+    def fail(self, why: Finding) -> None:
         """Go to FAULT and release until `clear`; one that is in FAULT keeps its first reason.
 
         But a board that did not answer, and then says that it has started anew, had been away for that.
-
-        Args:
-            reason: What was seen, and what to do, in one line.
-            fault: What has failed.
-            values: What was seen in numbers for people, with units in the key.
-
         """
         if self._state is ChannelState.FAULT:
-            if self._fault is Reason.BOARD_UNPLUGGED and fault in {Reason.BOARD_REBOOTED, Reason.BROWN_OUT}:
-                self._reason, self._fault, self._values = reason, fault, values
+            if self._fault is Reason.BOARD_UNPLUGGED and why.reason in {Reason.BOARD_REBOOTED, Reason.BROWN_OUT}:
+                self._note(why)
             return
         self._set_point_pa = 0.0
         self._held = False
-        self._reason = reason
-        self._fault = fault
-        self._values = values
+        self._note(why)
         self._enter(ChannelState.FAULT)
         self._energised = False
 
@@ -231,6 +231,9 @@ class Channel:
         if self._state is ChannelState.FAULT:
             self._enter(ChannelState.UNKNOWN)
         self._follow()
+
+    def _note(self, why: Finding) -> None:
+        self._reason, self._fault, self._values = why.text, why.reason, why.values
 
     def _follow(self) -> None:
         if self._state is not ChannelState.FAULT:
@@ -280,8 +283,8 @@ class Channel:
                 f"{settings.vent_timeout_s:g} s (vent_timeout_s)",
             )
 
-    def _give_up(self, fault: Reason, seen: str) -> None:
-        self.fail(f"{self._name} {seen}: {REMEDIES[fault]}, then call ~/clear_fault", fault, missed(self.status))
+    def _give_up(self, reason: Reason, seen: str) -> None:
+        self.fail(finding(reason, self._name, seen, missed(self.status)).to_clear())
 
 
 def missed(status: ChannelStatus) -> dict[str, str]:

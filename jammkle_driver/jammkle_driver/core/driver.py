@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.admission import INACTIVE, check_able, check_ready
 from jammkle_driver.core.ankle import Ankle, SafeState
-from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.faults import Finding, Reason
 from jammkle_driver.core.hardware import ActuatorCommand, PressureSample, released
+from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.overload import OverloadStatus, OverloadWatch
 from jammkle_driver.core.requests import (
     RequestError,
@@ -26,6 +27,7 @@ from jammkle_driver.core.watchdog import Instant, Watchdog
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.core.requests import VacuumLimits
     from jammkle_driver.core.settings import DriverSettings
 
@@ -48,12 +50,14 @@ class Driver:
         self._sensors = SensorWatch(self._names, settings.pressure_timeout_s)
         self._stop_silence = Watchdog(settings.emergency_stop_timeout_s or math.inf)
         self._overload = OverloadWatch(settings.tick_period_s)
+        self._link_guard = LinkGuard()
+        self._noise = NoiseMeter()
         self._steady_s = 0.0
         self._active = False
         self._stop_asked = False
         self._stop_reason = ""
         self._board_waits = False
-        self._line_noise = ""
+        self._line_noise: Finding | None = None
 
     @property
     def limits(self) -> VacuumLimits:
@@ -128,6 +132,7 @@ class Driver:
         """Be as new, inactive; only an emergency stop stays."""
         self._ankle.reset()
         self._sensors.forget()
+        self._link_guard = LinkGuard()
         self.deactivate()
 
     def jam(self, channels: Sequence[str], vacuum_pa: float, asked_by: str) -> str:
@@ -226,6 +231,7 @@ class Driver:
             self._ankle.clear(tuple(self._ankle.channels.values()) if self._stop_reason else faulty)
         self._stop_reason = ""
         self._stop_silence.feed(now)
+        self._link_guard.clear()
         return f"cleared: {', '.join(cleared)}" if cleared else "nothing to clear"
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
@@ -235,28 +241,30 @@ class Driver:
         self._sensors.hear(sample.place, now)
         self._ankle.measure(sample.place, sample.pressure_pa, sample.stamp_s, now, driven=self._active)
 
-    def fail(self, reason: str, fault: Reason, now: Instant) -> None:
-        """Put every channel into FAULT: what drives them has failed, and did not do what it was told."""
-        self._ankle.judge_from_now_on(now)
-        self._ankle.fail(self._names, reason, fault, {})  # its numbers are the link's
+    def look_at_link(self, link: LinkStatus, now: Instant) -> bool:
+        """Take the state of the link: fail, or let go, with a board that does not answer or has let go by itself.
 
-    def wait_for_board(self, now: Instant, *, wait: bool) -> None:
-        """Jam nothing while the board, which had let go, has not yet taken the release; a stream's wish then counts."""
-        self._board_waits = wait
-        if wait:
+        While a board that had let go has not yet taken the release nothing jams; a stream's wish then counts.
+
+        Returns:
+            Whether the board's latched safe state is to be acknowledged now.
+
+        """
+        verdict = self._link_guard.look(link, jammed=self._ankle.jammed)
+        self._board_waits = verdict.wait
+        if verdict.fault is not None or verdict.wait:  # it did something else than it was told
             self._ankle.judge_from_now_on(now)
+        if verdict.fault is not None:
+            self._ankle.fail(self._names, verdict.fault)
+        if verdict.let_go is not None:
+            self._ankle.vent(verdict.let_go)
+            self._stream.forget()
+            self._ankle.regulate(0.0)
+        return verdict.acknowledge
 
-    def note_line_noise(self, text: str) -> None:
-        """Take what is wrong with the line to the board; empty where nothing is. It is told, and nothing is let go."""
-        self._line_noise = text
-
-    def was_let_go(self, reason: str) -> None:
-        """Note that the hardware has let go of everything by itself; a stream that goes on jams anew."""
-        for name in self._names:
-            if self._ankle.channels[name].set_point_pa > 0.0:
-                self._ankle.ask(name, 0.0, reason, Reason.BOARD_LET_GO)
-        self._stream.forget()
-        self._ankle.regulate(0.0)
+    def measure_noise(self, link: LinkStatus, now: Instant) -> None:
+        """Count wrong check sums on the line, several times a second; noise is told, and nothing is let go."""
+        self._line_noise = self._noise.look(link, now.steady_s)
 
     def tick(self, now: Instant) -> None:
         """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second."""
@@ -270,9 +278,9 @@ class Driver:
             self._ankle.stood_still()
         self._sensors.look(self._ankle, now, active=self._active)
         for name in self._stream.fall_silent(now):
-            reason = f"no accepted jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
             verb = "unjammed" if self._settings.ankle.safe_state is SafeState.VENT else "held"
-            self._ankle.let_go((name,), f"{verb}: {reason}", Reason.COMMANDS_STALE)
+            text = f"{verb}: no accepted jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
+            self._ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self._stream.values))
         if self._active and not self._stop_reason and self._stop_silence.expired(now):
             self._stop(f"no emergency_stop for {self._stop_silence.timeout_s:g} s (emergency_stop_timeout_s)")
         self._ankle.regulate(0.0)
@@ -290,7 +298,7 @@ class Driver:
         if self._stop_reason:
             return
         self._stop_reason = reason
-        self._ankle.let_go(self._names, f"emergency stop: {reason}", Reason.NONE)
+        self._ankle.let_go(self._names, Finding(Reason.NONE, "ankle", f"emergency stop: {reason}"))
         for name in self._names:
             if not self._ankle.held:
                 self._ankle.channels[name].ask(0.0, f"emergency stop: {reason}")

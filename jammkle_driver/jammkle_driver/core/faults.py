@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -58,11 +58,11 @@ REMEDIES: dict[Reason, str] = {
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault that was found.
+    """A fault that was found, or why something was let go.
 
     Attributes:
-        reason: What has failed.
-        place: Channel or manifold.
+        reason: What has failed; NONE where somebody asked for it, as by an emergency stop.
+        place: Channel or manifold, or what else was looked at, such as the board.
         text: One line: what was seen, with numbers, and what to look at.
         values: Numbers for people, with units in the key.
 
@@ -72,6 +72,10 @@ class Finding:
     place: str
     text: str
     values: Mapping[str, str] = field(default_factory=dict)
+
+    def to_clear(self) -> Finding:
+        """Return the same with the word that it must be cleared, at its end."""
+        return replace(self, text=f"{self.text}, then call ~/clear_fault")
 
 
 def finding(reason: Reason, place: str, seen: str, values: Mapping[str, str]) -> Finding:

@@ -35,6 +35,15 @@ class OverloadStatus:
     stalls: int
     longest_s: float
 
+    @property
+    def values(self) -> dict[str, str]:
+        """The same in numbers for people, with units in the key."""
+        return {
+            "mean lateness (s)": f"{self.late_s:.4f}",
+            "standstills (1)": str(self.stalls),
+            "longest standstill (s)": f"{self.longest_s:.2f}",
+        }
+
 
 class OverloadWatch:
     """Looks at the times between two pieces of regular work, on the steady clock."""

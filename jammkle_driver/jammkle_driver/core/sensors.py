@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.faults import REMEDIES, Reason
+from jammkle_driver.core.faults import REMEDIES, Finding, Reason
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.core.watchdog import Watchdog
 
@@ -73,12 +73,9 @@ class SensorWatch:
             ankle.channels[name].forget_pressure()
         if not silent or not active:
             return
-        fault = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
-        whose = "no sensor gives" if every else f"{', '.join(silent)} sensor gives no"
-        remedy = "look at hardware or simulation" if every else REMEDIES[fault]
-        ankle.fail(
-            silent,
-            f"{whose} valid pressure for {self._timeout_s:g} s (pressure_timeout_s): {remedy}, then call ~/clear_fault",
-            fault,
-            self.values,
-        )
+        reason = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
+        place = ", ".join(silent)
+        whose = "no sensor gives" if every else f"{place} sensor gives no"
+        remedy = "look at hardware or simulation" if every else REMEDIES[reason]
+        text = f"{whose} valid pressure for {self._timeout_s:g} s (pressure_timeout_s): {remedy}"
+        ankle.fail(silent, Finding(reason, place, text, self.values).to_clear())

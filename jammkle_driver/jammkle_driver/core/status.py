@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jammkle_driver.core.ankle import Ankle
     from jammkle_driver.core.atmosphere import AtmosphereStatus
     from jammkle_driver.core.channel import ChannelStatus
+    from jammkle_driver.core.faults import Finding
     from jammkle_driver.core.overload import OverloadStatus
     from jammkle_driver.core.requests import VacuumLimits
     from jammkle_driver.core.sensors import SensorWatch
@@ -50,7 +51,7 @@ class DriverStatus:
         limits: Vacuum that may be asked for; None where nobody asks.
         atmosphere: What vacuum is counted from; None where nobody asks.
         held: Whether solenoids are kept as they were, the pump off.
-        line_noise: What is wrong with the line to the board; empty where nothing is.
+        line_noise: What is wrong with the line to the board; None where nothing is.
 
     """
 
@@ -62,10 +63,10 @@ class DriverStatus:
     limits: VacuumLimits | None = None
     atmosphere: AtmosphereStatus | None = None
     held: bool = False
-    line_noise: str = ""
+    line_noise: Finding | None = None
 
 
-def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: str, own_pace: OverloadStatus) -> Trouble:
+def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadStatus) -> Trouble:
     """Return the worst that is known: a fault, what was let go, a silent manifold, a noisy line, the own pace."""
     faulty = ankle.faulty
     acts = "kept as it was, pump off" if ankle.held else "vented"
@@ -77,14 +78,17 @@ def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: str, own_pace:
     let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
     if let_go:
         names = ", ".join(channel.name for channel in let_go)
-        return Trouble(let_go[0].fault, let_go[0].status.reason, f"{names} {acts} until asked anew")
+        worst = let_go[0].status
+        return Trouble(worst.fault, worst.reason, f"{names} {acts} until asked anew", worst.values)
     if sensors.manifold_heard and ankle.manifold_vacuum_pa is None:
         text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
         return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone", sensors.values)
-    if line_noise:
-        return Trouble(Reason.LINE_NOISE, line_noise, "none: the line repeats what is lost")
+    if line_noise is not None:
+        action = "none: the line repeats what is lost"
+        return Trouble(line_noise.reason, line_noise.text, action, line_noise.values)
     if own_pace.overloaded:
         stalls = f"it stood still {own_pace.stalls} times, at most {own_pace.longest_s:.2f} s"
         text = f"the driver's work comes {own_pace.late_s:.3f} s late; {stalls}"
-        return Trouble(Reason.EXECUTOR_OVERLOADED, text, "none: the board lets go where that lasts")
+        action = "none: the board lets go where that lasts"
+        return Trouble(Reason.EXECUTOR_OVERLOADED, text, action, own_pace.values)
     return Trouble()

@@ -30,6 +30,11 @@ class WishStream:
         """Silence allowed, s."""
         return self._watchdog.timeout_s
 
+    @property
+    def values(self) -> dict[str, str]:
+        """What a silent stream has not kept to, in numbers for people, with units in the key."""
+        return {"silence allowed (s)": f"{self.timeout_s:g}"}
+
     def changes(self, wishes: Sequence[Wish]) -> tuple[Wish, ...]:
         """Return the wishes that would be new."""
         return tuple(wish for wish in wishes if wish.vacuum_pa != self._last.get(wish.channel, 0.0))

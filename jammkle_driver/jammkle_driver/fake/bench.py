@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, PressureSample
-from jammkle_driver.core.link import LinkGuard, NoiseMeter
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.fake.board import FakeBoard
@@ -91,8 +90,6 @@ class FaultBench:
         self.plant = build(settings.ankle.diagnosis.air, self.draw, seed)
         self.board = FakeBoard(self.plant)
         self.driver = Driver(CHANNELS, settings)
-        self.guard = LinkGuard()
-        self.noise = NoiseMeter()
         self.noisy = False
         self.late_samples = 0
         """How many periods late a reading comes at the most, with the stamp of when it came: a host that is busy."""
@@ -170,16 +167,10 @@ class FaultBench:
             self._ask(lambda: self.driver.follow([Wish(name, self.wish_pa) for name in CHANNELS], now, "jam_command"))
         self.driver.tick(now)
         self._look_at_link(now)
-        self.driver.note_line_noise(self.noise.look(self.link, now.steady_s))
+        self.driver.measure_noise(self.link, now)
 
     def _look_at_link(self, now: Instant) -> None:
-        verdict = self.guard.look(self.link, jammed=self.driver.ankle.jammed)
-        if verdict.fault:
-            self.driver.fail(verdict.fault, verdict.reason, now)
-        self.driver.wait_for_board(now, wait=verdict.wait)
-        if verdict.let_go:
-            self.driver.was_let_go(verdict.let_go)
-        if verdict.acknowledge:
+        if self.driver.look_at_link(self.link, now):
             self.board.acknowledge()
 
     def _samples_now(self) -> list[PressureSample]:

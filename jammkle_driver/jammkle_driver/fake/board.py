@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause, released
 from jammkle_driver.core.registers import default_watchdog_s
+from jammkle_driver.fake.faults import LinkFault
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
@@ -16,7 +17,10 @@ if TYPE_CHECKING:
 WATCHDOG_S = default_watchdog_s()
 """Silence of the host after which the board lets go, s."""
 
-_STEP_S = 0.01
+STEP_S = 0.01
+"""Time by which a board and its plant go on at once, s."""
+
+_SUPPLY_V, _SAGGED_V = 12.0, 8.0
 
 
 class FakeBoard:
@@ -26,13 +30,15 @@ class FakeBoard:
         plant: What is behind the pins.
         link: What the driver knows of the board.
         driven: What the outputs do.
+        noise_share: Share of telegrams whose check sum is wrong, 0 to 1, for who exchanges them.
 
     """
 
     def __init__(self, plant: Plant) -> None:
         """Make one that is connected and drives nothing."""
         self.plant = plant
-        self.link = LinkStatus(LinkState.CONNECTED)
+        self.link = LinkStatus(LinkState.CONNECTED, supply_v=_SUPPLY_V, starts=1, connects=1)
+        self.noise_share = 0.0
         self.driven: ActuatorCommand = released(CHANNELS)
         self._silent_s = 0.0
 
@@ -50,9 +56,9 @@ class FakeBoard:
 
     def advance(self, duration_s: float) -> None:
         """Let time pass, and let go once nothing was heard for `WATCHDOG_S`."""
-        for _ in range(round(duration_s / _STEP_S)):
-            self.plant.advance(_STEP_S)
-            self._silent_s += _STEP_S
+        for _ in range(round(duration_s / STEP_S)):
+            self.plant.advance(STEP_S)
+            self._silent_s += STEP_S
             if self._silent_s >= WATCHDOG_S and self.driven != released(CHANNELS):
                 self._latch(SafeCause.HOST_SILENT)
 
@@ -66,13 +72,32 @@ class FakeBoard:
         """Take jams again."""
         self.link = replace(self.link, latched=frozenset())
 
+    def inject(self, fault: LinkFault, size: float = 0.0) -> None:
+        """Let something fail; what `size` means stands at the fault."""
+        if fault is LinkFault.UNPLUGGED:
+            self.unplug()
+        elif fault is LinkFault.REBOOTED:
+            self.reboot()
+        elif fault is LinkFault.BROWN_OUT:
+            self.sag()
+        else:
+            self.noise_share = size
+
+    def heal(self) -> None:
+        """Repair everything; what is latched stays until it is acknowledged."""
+        self.plant.heal()
+        self.noise_share = 0.0
+        self.plug()
+
     def unplug(self) -> None:
         """Pull the cable."""
         self.link = replace(self.link, state=LinkState.LOST, detail="no such device")
 
     def plug(self) -> None:
-        """Put the cable in again."""
-        self.link = replace(self.link, state=LinkState.CONNECTED, detail="")
+        """Put the cable in again, with a supply that is well."""
+        back = int(self.link.state is not LinkState.CONNECTED)
+        connects = self.link.connects + back
+        self.link = replace(self.link, state=LinkState.CONNECTED, detail="", supply_v=_SUPPLY_V, connects=connects)
 
     def reboot(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
         """Start anew."""
@@ -82,7 +107,7 @@ class FakeBoard:
     def sag(self) -> None:
         """Let the supply fall below what the board works with."""
         self._latch(SafeCause.SUPPLY_LOW)
-        self.link = replace(self.link, supply_v=3.9)
+        self.link = replace(self.link, supply_v=_SAGGED_V)
 
     def _latch(self, cause: SafeCause) -> None:
         self._drive(released(CHANNELS), 0.0)

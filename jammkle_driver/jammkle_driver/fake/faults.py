@@ -1,4 +1,4 @@
-"""What can be made to fail in a plant."""
+"""What can be made to fail in a plant, and at the board before it."""
 
 from __future__ import annotations
 
@@ -30,3 +30,16 @@ class FakeFault(enum.Enum):
     """How much the sensor reads too high from now on, Pa."""
     SENSOR_OUT_OF_RANGE = "sensor_out_of_range"
     """What is read, Pa absolute."""
+
+
+class LinkFault(enum.Enum):
+    """What can be made to fail at the board, and on the line to it; the size's meaning stands beside it."""
+
+    UNPLUGGED = "unplugged"
+    """The cable is pulled; no size."""
+    REBOOTED = "rebooted"
+    """The board starts anew, by its reset pin; no size."""
+    BROWN_OUT = "brown_out"
+    """The supply falls below what the board works with; no size."""
+    LINE_NOISE = "line_noise"
+    """Share of telegrams whose check sum is wrong, 0 to 1."""

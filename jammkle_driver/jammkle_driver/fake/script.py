@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.fake.faults import FakeFault, LinkFault
 from jammkle_graph.names import CHANNELS
 
 HEAL = "heal"
 _WORDS = "TIME_S FAULT [PLACE [SIZE]]"
+"""Of what befalls the board or its line there is no PLACE."""
 
 
 class ScriptError(ValueError):
@@ -24,12 +25,12 @@ class ScriptedFault:
         time_s: When, s after the start.
         fault: What fails; None heals everything.
         place: Where: a channel or the manifold.
-        size: How much; see `FakeFault`.
+        size: How much; see `FakeFault` and `LinkFault`.
 
     """
 
     time_s: float
-    fault: FakeFault | None
+    fault: FakeFault | LinkFault | None
     place: str
     size: float
 
@@ -48,14 +49,15 @@ def read_script(text: str) -> tuple[ScriptedFault, ...]:
 
 
 def _line(number: int, words: list[str]) -> ScriptedFault:
-    known = {fault.value: fault for fault in FakeFault}
+    known: dict[str, FakeFault | LinkFault] = {fault.value: fault for fault in (*FakeFault, *LinkFault)}
     places = (MANIFOLD, *CHANNELS)
     word = words[1] if len(words) > 1 else ""
     if word not in {HEAL, *known}:
         choices = ", ".join((HEAL, *known))
         msg = f"line {number} of the script of faults has '{word}'; it must be {_WORDS} with one of: {choices}"
         raise ScriptError(msg)
-    place = words[2] if len(words) > 2 else MANIFOLD  # noqa: PLR2004 - the third word
+    sizes = words[2:3] if isinstance(known.get(word), LinkFault) else words[3:4]
+    place = words[2] if len(words) > 2 and sizes != words[2:3] else MANIFOLD  # noqa: PLR2004 - the third word
     if place not in places:
         msg = f"line {number} of the script of faults has '{place}'; the place must be one of: {', '.join(places)}"
         raise ScriptError(msg)
@@ -63,7 +65,7 @@ def _line(number: int, words: list[str]) -> ScriptedFault:
         msg = f"line {number} of the script of faults: {word} needs a channel, one of: {', '.join(CHANNELS)}"
         raise ScriptError(msg)
     try:
-        time_s, size = float(words[0]), float(words[3]) if len(words) > 3 else 0.0  # noqa: PLR2004 - the fourth word
+        time_s, size = float(words[0]), float(sizes[0]) if sizes else 0.0
     except ValueError as error:
         msg = f"line {number} of the script of faults: {error}; it must be {_WORDS}"
         raise ScriptError(msg) from error

@@ -166,7 +166,6 @@ def _recover(bench: FaultBench) -> list[str]:
     bench.driver.unjam((), "soak")
     bench.driver.emergency_stop(stop=False, now=bench.now)
     _pass(bench, _SETTLE_S)
-    bench.guard.clear()
     bench.driver.clear_fault(bench.now)
     _pass(bench, _SETTLE_S)
     try:
