@@ -34,6 +34,8 @@ from landing_imu import IMPACT_M_S2, PlayedImu
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from jammkle_sim.core.board_plant import BoardPlant
+
 EVERYTHING = 0b111
 SUPPLY_PIN = 4
 SENSOR_PIN = CHANNELS.index(ACHILLES)
@@ -48,10 +50,12 @@ HELD_VACUUM_PA = 50e3
 class Scene:
     """One driver, one board, one probe."""
 
-    def __init__(self, command: Sequence[str], port: Path, domain_id: int, **parameters: str) -> None:
+    def __init__(
+        self, command: Sequence[str], port: Path, domain_id: int, plant: BoardPlant | None = None, **parameters: str
+    ) -> None:
         self.port = port
         self.domain_id = domain_id
-        self.bench = BoardBench(list(command), port)
+        self.bench = BoardBench(list(command), port, plant)
         self.probe = Probe(domain_id)
         self.probe.listen(JAM_STATE, DIAGNOSTICS, MANIFOLD_PRESSURE)
         self.stream = self.probe.publisher(JAM_COMMAND)
@@ -92,6 +96,15 @@ class Scene:
     def link(self) -> DiagnosticStatus:
         """Return the driver's latest line on the link."""
         return self.line("driver: link")
+
+    def know_atmosphere(self) -> None:
+        """Wait until vented channels have told the atmosphere, before which faults are found by time-outs alone."""
+
+        def known() -> bool:
+            values = {each.key: each.value for each in self.line("driver: atmosphere").values}
+            return values.get("measured by vented channels") == "yes"
+
+        self.probe.spin_until(known, "the atmosphere is known")
 
     def jam(self) -> None:
         """Jam everything, until the pins and the driver say so; clear whatever comes between."""

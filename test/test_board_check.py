@@ -19,6 +19,7 @@ from jammkle_driver.board.walk import WalkOptions, walk
 from jammkle_driver.board.wiring_file import load_wiring, standard_board_file
 from jammkle_graph.names import CHANNELS
 from jammkle_sim.board_bench import BoardBench
+from jammkle_sim.core.board_plant import BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def test_what_is_broken_fails_and_says_what_to_do(
     command: list[str], tmp_path: Path, plant: dict[str, float], pins: dict[int, int], expected: dict[str, str]
 ) -> None:
     """Each fault, in the plant or at a pin, fails its own row; what follows a dead pump is not tried."""
-    with BoardBench(command, tmp_path / "board", dataclasses.replace(HEALTHY, **plant)) as bench:
+    with BoardBench(command, tmp_path / "board", BoardPlant(dataclasses.replace(HEALTHY, **plant))) as bench:
         bench.override_uv.update(pins)
         rows = walked(tmp_path / "board")
     for row, words in expected.items():
@@ -169,7 +170,7 @@ def test_a_calibration_takes_out_gain_and_offset(command: list[str], tmp_path: P
 
 def test_a_calibration_can_be_made_where_the_pump_failed(command: list[str], tmp_path: Path) -> None:
     """A bad calibration makes the pump look bad; where the pump truly is, the sensors do not move, and that is said."""
-    plant = dataclasses.replace(HEALTHY, pump_free_flow_l_min=1e-6)
+    plant = BoardPlant(dataclasses.replace(HEALTHY, pump_free_flow_l_min=1e-6))
     with BoardBench(command, tmp_path / "board", plant) as bench:
         rows = walked(tmp_path / "board", Person(lambda question: 60.0 if "gauge" in question else 101.3))
         assert bench.released

@@ -23,8 +23,6 @@ import typer
 
 from jammkle_graph.runner import StopFlag
 from jammkle_sim.core.board_plant import BoardPlant
-from jammkle_sim.physics.pneumatics import PneumaticParameters
-from jammkle_sim.physics.sensors import SensorParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,27 +61,25 @@ class BoardBench:
         self,
         command: list[str],
         port: Path,
-        parameters: PneumaticParameters | None = None,
+        plant: BoardPlant | None = None,
         *,
         store: Path | None = None,
         baud: int = 115200,
-        seed: int = 0,
     ) -> None:
         """Start the firmware and the plant, and wait until the serial device is there.
 
         Args:
             command: The firmware's program, and what it needs before its own options.
             port: Where the serial device shall appear.
-            parameters: Of the plant.
+            plant: What is behind the pins; None: an ankle as the simulation has it.
             store: File in which the firmware keeps its calibration; None: it forgets.
             baud: Rate of the line.
-            seed: Start of the sensors' noise.
 
         Raises:
             TimeoutError: the firmware did not come up.
 
         """
-        self.plant = BoardPlant(parameters or PneumaticParameters(), SensorParameters().pressure_noise_pa, seed)
+        self.plant = plant or BoardPlant()
         self.edges: list[Edge] = []
         self.resets_s: list[float] = []
         """When the chip was reset, s of the board's own clock."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from jammkle_graph.names import CHANNELS
-from jammkle_sim.physics.pneumatics import PneumaticParameters, Pneumatics
+from jammkle_sim.physics.pneumatics import MANIFOLD, PneumaticParameters, Pneumatics
+from jammkle_sim.physics.sensors import SensorParameters
 
 TIMESTEP_S = 0.0005
 REFERENCE_V = 5.0
@@ -29,27 +30,32 @@ class BoardPlant:
 
     """
 
-    def __init__(self, parameters: PneumaticParameters, noise_pa: float, seed: int) -> None:
+    def __init__(self, parameters: PneumaticParameters | None = None, seed: int = 0) -> None:
         """Start vented, the supply on.
 
         Args:
-            parameters: Volumes, conductances, pump and valves.
-            noise_pa: Standard deviation of each reading, Pa.
-            seed: Start of the noise.
+            parameters: Volumes, conductances, pump and valves; None: the simulation's own.
+            seed: Start of the sensors' noise, which is the simulation's.
 
         """
-        self.air = Pneumatics(parameters, TIMESTEP_S)
+        built = parameters or PneumaticParameters()
+        self.air = Pneumatics(built, TIMESTEP_S)
         self._noise = np.random.default_rng(seed)
-        self._noise_pa = noise_pa
+        self._noise_pa = SensorParameters().pressure_noise_pa
         self._ahead_s = 0.0
-        self._pressure_pa = np.full(1 + len(CHANNELS), parameters.ambient_pa)
+        self._pressure_pa = np.full(1 + len(CHANNELS), built.ambient_pa)
         self.supply_v = SUPPLY_V
 
     @property
     def pressures_pa(self) -> dict[str, float]:
         """Absolute pressure of each channel and the manifold, Pa, without noise."""
         manifold, *channels = self._pressure_pa
-        return {**dict(zip(CHANNELS, channels, strict=True)), "manifold": float(manifold)}
+        return {**dict(zip(CHANNELS, channels, strict=True)), MANIFOLD: float(manifold)}
+
+    def sensed_pa(self) -> dict[str, float]:
+        """Return what the sensors make of the pressures now, with their noise, Pa absolute."""
+        noise_pa = self._noise_pa * self._noise.standard_normal(1 + len(CHANNELS))
+        return {place: true + off for (place, true), off in zip(self.pressures_pa.items(), noise_pa, strict=True)}
 
     def drive(self, solenoids: int, duty: float) -> None:
         """Set what the pins do: solenoids in bits, in the order of the channels; duty 0 to 1."""
@@ -66,8 +72,8 @@ class BoardPlant:
 
     def pins_uv(self) -> list[int]:
         """Voltages at the analogue pins, uV: three channels, the manifold, the supply's divider."""
-        manifold, *channels = self._pressure_pa + self._noise_pa * self._noise.standard_normal(1 + len(CHANNELS))
-        return [*(sensor_uv(pressure_pa) for pressure_pa in (*channels, manifold)), self._supply_uv()]
+        sensed_pa = self.sensed_pa()
+        return [*(sensor_uv(sensed_pa[place]) for place in (*CHANNELS, MANIFOLD)), self._supply_uv()]
 
     def _supply_uv(self) -> int:
         return round(self.supply_v * SUPPLY_DIVIDER * _MICROVOLTS)

@@ -20,6 +20,9 @@ from jammkle_sim.physics import kernels, records
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+MANIFOLD = "manifold"
+"""Place of what concerns the volume that all channels share."""
+
 _GAS_CONSTANT_J_KG_K = 287.05
 """Specific gas constant of dry air (ISO 2533)."""
 REFERENCE_DENSITY_KG_M3 = 1.185
@@ -132,7 +135,8 @@ class Pneumatics:
             timestep_s: Time step, s.
 
         """
-        self._law = pneumatic_law(parameters, timestep_s)
+        self._built = pneumatic_law(parameters, timestep_s)
+        self._law = self._built.copy()
         self._state = vented_state(self._law)
 
     def command(self, duty: float, energised: tuple[bool, bool, bool]) -> None:
@@ -144,10 +148,15 @@ class Pneumatics:
         """Leave a share, 0 to 1, of the conductance of a channel's line."""
         self._law["valve_kg_s_pa"][0, CHANNELS.index(channel)] *= share
 
-    def puncture(self, channel: str, conductance_dm3_s_bar: float) -> None:
-        """Make a hole into a channel, of this sonic conductance."""
-        self._law["leak_kg_s_pa"][0, 1 + CHANNELS.index(channel)] += conductance_kg_s_pa(conductance_dm3_s_bar)
+    def puncture(self, place: str, conductance_dm3_s_bar: float) -> None:
+        """Make a hole into a channel, or into the `MANIFOLD`, of this sonic conductance."""
+        volume = 0 if place == MANIFOLD else 1 + CHANNELS.index(place)
+        self._law["leak_kg_s_pa"][0, volume] += conductance_kg_s_pa(conductance_dm3_s_bar)
         self._law["substeps"] = stable_substeps(self._law)
+
+    def repair(self) -> None:
+        """Undo every pinch and puncture; the air stays as it is."""
+        self._law[:] = self._built
 
     def advance(self, steps: int) -> NDArray[np.float64]:
         """Advance and return absolute pressures after each step, Pa, shape (steps, 4): manifold, then channels."""
