@@ -18,17 +18,18 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rosbags.highlevel import AnyReader
 
-from jammkle_graph.names import CHANNELS, JAM_STATE, Service, Topic
+from jammkle_graph.names import CHANNELS, JAM_ALL, JAM_STATE, Service, Topic
 from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_msgs.msg import ChannelJamState
+from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.node import Node
 
-TIMEOUT_S = 60.0
-"""How long a test waits for anything. Only a broken graph ever gets there."""
+TIMEOUT_S = 120.0
+"""How long a test waits for anything. Only a broken graph ever gets there: 60 s were not enough for nine nodes beside
+another test's on two cores."""
 
 COMMAND = Path(sys.executable).with_name("jammkle")
 
@@ -121,6 +122,18 @@ class Probe:
             lambda: all(self.channel_states().get(channel) == state for channel in wanted),
             f"{', '.join(wanted)} report state {state}",
         )
+
+    def wait_until_jammed(self) -> None:
+        """Wait until all is JAMMED; ask anew where the board let go of a driver that a busy machine kept waiting."""
+
+        def jammed() -> bool:
+            state = self.last(JAM_STATE)
+            if state is not None and state.fault.reason == Fault.BOARD_LET_GO:
+                self.heard[JAM_STATE.name].clear()
+                self.call(JAM_ALL)
+            return set(self.channel_states().values()) == {ChannelJamState.JAMMED}
+
+        self.spin_until(jammed, "everything is jammed")
 
     def wait_until_up(self) -> None:
         """Wait until the driver has measured every channel."""

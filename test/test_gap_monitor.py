@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -50,16 +51,19 @@ def test_nothing_is_warned_of_without_an_effect(
     start("up", "--monitor", *left_alone)
     probe = make_probe()
     jammed(probe)
-    probe.wait_for_channels(ChannelJamState.JAMMED)
+    probe.wait_until_jammed()
     assert probe.call(UNJAM_ALL).success
     probe.wait_for_channels(ChannelJamState.UNJAMMED)
     assert probe.call(JAM_ALL).success
-    probe.wait_for_channels(ChannelJamState.JAMMED)
+    probe.wait_until_jammed()
     since = len(probe.heard[SIMULATOR_GAP.name])
     probe.spin_until(lambda: len(probe.heard[SIMULATOR_GAP.name]) > since + REPORTS, "all of it was followed")
-    states = {each.state for message in probe.heard[SIMULATOR_GAP.name] for each in message.subsystems}
-    assert SubsystemGap.WIDE not in states
-    assert max(each.gap for each in subsystems(probe).values()) < probe.last(SIMULATOR_GAP).limit
+    said = [each for message in probe.heard[SIMULATOR_GAP.name] for each in message.subsystems]
+    assert SubsystemGap.WIDE not in {each.state for each in said}
+    # On a busy machine not every report has everything to compare.
+    compared = [each for each in said if math.isfinite(each.gap)]
+    assert {each.name for each in compared} == set(subsystems(probe))
+    assert max(each.gap for each in compared) < probe.last(SIMULATOR_GAP).limit
 
 
 def test_a_leak_is_warned_of_in_the_pneumatics_alone(

@@ -68,7 +68,7 @@ def test_up_stops_cleanly(graph: tuple[Up, Probe]) -> None:
     """After SIGTERM: exit code 0, no traceback, no process left, every solenoid released, pump off."""
     up, probe = graph
     probe.call(JAM)
-    probe.wait_for_channels(ChannelJamState.JAMMED)
+    probe.wait_until_jammed()
     children = up.children()
     assert len(children) >= 3
     assert up.stop(signal.SIGTERM) == 0

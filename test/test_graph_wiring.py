@@ -145,7 +145,7 @@ def test_two_ankles_live_side_by_side(
         probe.listen(JAM_STATE)
         probe.wait_until_up()
     start("jam", "--namespace", "/lf_ankle").wait()
-    left.wait_for_channels(ChannelJamState.JAMMED)
+    left.wait_until_jammed()
     assert set(right.channel_states()) == set(CHANNELS)
     assert not {ChannelJamState.JAMMING, ChannelJamState.JAMMED} & set(right.channel_states().values())
 

@@ -69,7 +69,7 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     assert odometry.pose.pose.position.z == pytest.approx(0.28, abs=0.02)
     assert start("jam").wait() == 0
     for probe in probes.values():
-        probe.wait_for_channels(ChannelJamState.JAMMED)
+        probe.wait_until_jammed()
     assert len(probes["lf_ankle"].node.get_publishers_info_by_topic(CLOCK.name)) == 1
     whole.heard[CLOCK.name].clear()
     whole.spin_until(lambda: len(whole.heard[CLOCK.name]) > TICKS, "the clock ticks")
