@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path  # noqa: TC003 - Typer reads annotations while it runs
 from typing import TYPE_CHECKING, Annotated
 
@@ -50,9 +49,11 @@ def check(
     import asyncio
 
     from jammkle_driver.board.line import LineError, check_port
+    from jammkle_driver.board.typist import Typist
     from jammkle_driver.board.walk import WalkOptions, walk
     from jammkle_driver.board.wiring_file import WiringError, load_wiring
     from jammkle_graph.command import results
+    from jammkle_graph.command.signals import Interrupted, StopRequest
 
     results.check_writable(json)
     results.check_writable(save_board_file, "--save-board-file")
@@ -62,39 +63,21 @@ def check(
     except (ValueError, WiringError) as error:
         msg = f"--{error}" if str(error).startswith("port") else str(error)
         raise InputError(msg) from error
-    if not yes:
-        typer.confirm("Pump and valves will run: the ankle stiffens and softens. Go on?", default=True, abort=True)
+    typist = Typist()
+    if not yes and not asyncio.run(typist.agrees("Pump and valves will run: the ankle stiffens and softens. Go on?")):
+        raise Interrupted
     options = WalkOptions(port, wiring, board_file, save_board_file, calibrates=not yes)
     try:
-        rows = asyncio.run(walk(options, _Typist()))
+        rows = asyncio.run(walk(options, typist, StopRequest()))
     except LineError as error:
         raise GraphError(str(error)) from error
+    except Interrupted as error:
+        msg = "interrupted: pump and valves are released"
+        raise Interrupted(msg) from error
     results.console().print(_table(rows))
     content = [{"what": r.what, "passed": r.passed, "measured": r.measured, "to_do": r.to_do} for r in rows]
     results.write_json(json, {"passed": all(row.passed for row in rows), "rows": content})
     return 0 if all(row.passed for row in rows) else EXIT_FAILED
-
-
-class _Typist:
-    """The person at the terminal."""
-
-    def told(self, row: CheckRow) -> None:
-        """Show a row as soon as it is known."""
-        typer.echo(f"{'ok  ' if row.passed else 'FAIL'} {row.what}: {row.measured}", err=True)
-
-    def number(self, question: str) -> float | None:
-        """Ask until a number or nothing is typed."""
-        while True:
-            answer = typer.prompt(f"{question}; nothing: skip", default="", show_default=False, err=True)
-            if not answer.strip():
-                return None
-            try:
-                number = float(answer.replace(",", "."))
-            except ValueError:
-                number = math.nan
-            if math.isfinite(number):
-                return number
-            typer.echo(f"'{answer}' is not a number", err=True)
 
 
 def _table(rows: list[CheckRow]) -> object:

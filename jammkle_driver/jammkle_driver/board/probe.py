@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.board.line import RefusedError
 from jammkle_driver.core.hardware import ActuatorCommand, released
+from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
@@ -42,9 +43,18 @@ def command(energised: Sequence[str] = (), duty: float = 0.0) -> ActuatorCommand
 class Probe:
     """Keeps a command on a board for a while and collects what the sensors say."""
 
-    def __init__(self, talk: Dialogue, wiring: Wiring, pace: float) -> None:
-        """Make a probe on an open dialogue; every duration is multiplied by `pace`."""
+    def __init__(self, talk: Dialogue, wiring: Wiring, pace: float, stops: Callable[[], bool] = lambda: False) -> None:
+        """Make a probe on an open dialogue.
+
+        Args:
+            talk: The dialogue.
+            wiring: How the board is wired.
+            pace: Factor on every duration.
+            stops: Whether somebody wants an end; asked before every exchange.
+
+        """
         self._pace = pace
+        self._stops = stops
         self._talk = talk
         self._wiring = wiring
         self._rest_pa: dict[str, float] = {}
@@ -61,6 +71,7 @@ class Probe:
 
         Raises:
             LineError: the board has gone.
+            Interrupted: somebody wants an end.
 
         """
         found: list[tuple[float, Exchange]] = []
@@ -76,10 +87,15 @@ class Probe:
     async def exchange(self, wanted: ActuatorCommand) -> Exchange:
         """Exchange once.
 
+        A request that is on the line is never broken off: the release that follows would meet its reply.
+
         Raises:
             LineError: the board has gone.
+            Interrupted: somebody wants an end.
 
         """
+        if self._stops():
+            raise Interrupted
         exchange = await self._talk.exchange(wanted)
         if exchange.latched:
             with contextlib.suppress(RefusedError):  # the next exchange tells, and it is tried again

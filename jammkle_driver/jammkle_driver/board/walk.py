@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from jammkle_driver.board import calibration
-from jammkle_driver.board.calibration import CalibrationError
+from jammkle_driver.board.calibration import AIR_PA, CalibrationError
 from jammkle_driver.board.check import CheckRow, check
 from jammkle_driver.board.dialogue import dialogue
 from jammkle_driver.board.line import Line, LineError, RefusedError
@@ -17,11 +17,12 @@ from jammkle_driver.board.probe import PERIOD_S, RELEASED, Probe, command
 from jammkle_driver.board.wiring import Firmware
 from jammkle_driver.board.wiring_file import standard_board_file
 from jammkle_driver.core.hardware import MANIFOLD, BoardFault
+from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from jammkle_driver.board.dialogue import Dialogue
@@ -43,8 +44,17 @@ class Person(Protocol):
     def told(self, row: CheckRow) -> None:
         """Be shown a row as soon as it is known."""
 
-    def number(self, question: str) -> float | None:
-        """Answer with a number; None: cannot tell. May take its time; called from a thread of its own."""
+    async def number(self, question: str, least: float, most: float) -> float | None:
+        """Answer with a number between these; None: cannot tell. Takes its time, and never blocks."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a person is asked: in words, and the numbers between which an answer can be right."""
+
+    text: str
+    least: float
+    most: float
 
 
 @dataclass(frozen=True)
@@ -69,11 +79,17 @@ class WalkOptions:
     pace: float = 1.0
 
 
-async def walk(options: WalkOptions, person: Person) -> list[CheckRow]:
+async def walk(options: WalkOptions, person: Person, stops: Callable[[], bool] = lambda: False) -> list[CheckRow]:
     """Walk through everything; whatever happens, the outputs are released at the end.
+
+    Args:
+        options: What is walked.
+        person: Who is told, and asked.
+        stops: Whether somebody wants an end: the outputs are then released, too.
 
     Raises:
         LineError: the board is not there, or has gone.
+        Interrupted: somebody wanted an end; the outputs are released.
 
     """
     patient = replace(options.wiring, reply_timeout_s=max(options.wiring.reply_timeout_s, _REPLY_TIMEOUT_S))
@@ -87,8 +103,8 @@ async def walk(options: WalkOptions, person: Person) -> list[CheckRow]:
     try:
         await line.open()
         talk = dialogue(line, options.wiring, "vent")
-        said = await _patiently(talk)
-        probe = Probe(talk, options.wiring, options.pace)
+        said = await _patiently(talk, stops)
+        probe = Probe(talk, options.wiring, options.pace, stops)
         try:
             tell(await _link_row(probe, said))
             async for row in check(probe, options.wiring):
@@ -96,7 +112,7 @@ async def walk(options: WalkOptions, person: Person) -> list[CheckRow]:
             if options.calibrates:  # also where the pump has failed: a bad calibration looks just like that
                 tell(await _calibrate(options, line, probe, person))
         finally:
-            await talk.exchange(RELEASED)
+            await _release(talk, options.wiring)
     except RefusedError as error:
         msg = f"{error}: the board does not do what its file says"
         raise LineError(msg) from error
@@ -105,15 +121,34 @@ async def walk(options: WalkOptions, person: Person) -> list[CheckRow]:
     return rows
 
 
-async def _patiently(talk: Dialogue) -> str:
+async def _release(talk: Dialogue, wiring: Wiring) -> None:
+    """Release every output.
+
+    Raises:
+        LineError: the board did not take it.
+
+    """
+    try:
+        await talk.exchange(RELEASED)
+    except LineError as error:
+        if wiring.firmware is Firmware.JAMMKLE:  # its watchdog lets go
+            raise
+        msg = f"{error}; pump and valves may still be on: switch off their supply"
+        raise LineError(msg) from error
+
+
+async def _patiently(talk: Dialogue, stops: Callable[[], bool]) -> str:
     """Open the dialogue with a board that may just have been reset by the opening of its port.
 
     Raises:
         LineError: still no answer after its bootloader must be through.
+        Interrupted: somebody wants an end.
 
     """
     end_s = time.monotonic() + _BOOT_S
     while True:
+        if stops():
+            raise Interrupted
         try:
             return await talk.open()
         except LineError:
@@ -137,18 +172,17 @@ async def _link_row(probe: Probe, said: str) -> CheckRow:
 async def _calibrate(options: WalkOptions, line: Line, probe: Probe, person: Person) -> CheckRow:
     what = "calibration"
     await probe.vent()
-    ambient_kpa, first = await _asked(
-        options, line, probe, person, RELEASED, "Pressure of the air now, kPa, absolute, as a barometer reads it"
-    )
+    air_kpa = [pa / 1e3 for pa in AIR_PA]
+    barometer = Question("Pressure of the air now, kPa, absolute, as a barometer reads it", *air_kpa)
+    ambient_kpa, first = await _asked(options, line, probe, person, RELEASED, barometer)
     if ambient_kpa is None:
         return CheckRow(what, passed=True, measured="left as it is", to_do="run this again with barometer and gauge")
     place = MANIFOLD if MANIFOLD in options.wiring.sensors else CHANNELS[0]
     await probe.drive(command(CHANNELS, 1.0), _EVACUATION_S, lambda m: m.vacuum_pa[place] >= HELD_VACUUM_PA)
     held = command(CHANNELS, 0.0)
     await probe.exchanges(held, _AVERAGED_S)
-    gauge_kpa, second = await _asked(
-        options, line, probe, person, held, "Vacuum that a gauge at the manifold reads now, kPa below ambient"
-    )
+    gauge = Question("Vacuum that a gauge at the manifold reads now, kPa below ambient", -ambient_kpa, ambient_kpa)
+    gauge_kpa, second = await _asked(options, line, probe, person, held, gauge)
     await probe.exchanges(RELEASED, _AVERAGED_S)
     if gauge_kpa is None:
         return CheckRow(what, passed=True, measured="left as it is", to_do="run this again with barometer and gauge")
@@ -168,16 +202,19 @@ async def _calibrate(options: WalkOptions, line: Line, probe: Probe, person: Per
 
 
 async def _asked(
-    options: WalkOptions, line: Line, probe: Probe, person: Person, held: ActuatorCommand, question: str
+    options: WalkOptions, line: Line, probe: Probe, person: Person, held: ActuatorCommand, question: Question
 ) -> tuple[float | None, Mapping[str, float]]:
     """Ask for a number while a command is kept; return it with the sensors' numbers from just before the answer."""
-    answer = asyncio.get_running_loop().run_in_executor(None, person.number, question)
+    answer = asyncio.ensure_future(person.number(question.text, question.least, question.most))
     numbers: list[Mapping[str, int]] = []
     kept = int(_AVERAGED_S / PERIOD_S)
-    while not answer.done() or len(numbers) < kept:
-        exchange = await probe.exchange(held)
-        raw = options.wiring.firmware is Firmware.JAMMKLE
-        numbers.append(await calibration.raw_numbers(line, options.wiring) if raw else exchange.numbers)
-        del numbers[:-kept]
-        await asyncio.sleep(PERIOD_S)
+    try:
+        while not answer.done() or len(numbers) < kept:
+            exchange = await probe.exchange(held)
+            raw = options.wiring.firmware is Firmware.JAMMKLE
+            numbers.append(await calibration.raw_numbers(line, options.wiring) if raw else exchange.numbers)
+            del numbers[:-kept]
+            await asyncio.sleep(PERIOD_S)
+    finally:
+        answer.cancel()
     return await answer, {place: statistics.fmean(each[place] for each in numbers) for place in numbers[0]}

@@ -67,8 +67,8 @@ def main(arguments: list[str] | None = None) -> int:
         return failed(str(error), EXIT_BAD_INPUT)
     except GraphError as error:
         return failed(str(error), EXIT_FAILED)
-    except (Interrupted, KeyboardInterrupt, typer.Abort):
-        return failed("interrupted", EXIT_INTERRUPTED)
+    except (Interrupted, KeyboardInterrupt, typer.Abort) as error:
+        return failed(str(error) or "interrupted", EXIT_INTERRUPTED)
     except ModuleNotFoundError as error:
         missing = str(error.name).partition(".")[0]
         if missing not in (*ROS_MODULES, *_VIEW_MODULES):
