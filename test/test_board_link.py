@@ -239,6 +239,35 @@ def test_a_bought_board_over_tcp_works_without_our_firmware() -> None:
         board.close()
 
 
+def driven(board: OtherBoard) -> tuple[list[bool], int]:
+    """Return which solenoids the board energises, and what stands in the register of its pump."""
+    bits = board.ask(1, 0, 6)
+    return [bits[0], not bits[1], bits[5]], board.ask(3, 7, 1)[0]
+
+
+@pytest.mark.parametrize(("safe_state", "energised"), [("vent", False), ("hold", True)])
+def test_a_bought_board_is_let_go_of_when_the_driver_does_not_tick(safe_state: str, *, energised: bool) -> None:
+    """It has no watchdog: the link writes the safe state, says so, and drives nothing until that is acknowledged."""
+    board = OtherBoard()
+    host = Host(f"tcp://127.0.0.1:{board.port}", wired=OTHER, safe_state=safe_state)
+    let_go = ([energised] * 3, 4000)
+    try:
+        host.tick_until(lambda: driven(board) == ([True] * 3, 12000), JAMMED)
+        wait_until(lambda: driven(board) == let_go)
+        wait_until(lambda: host.link.status.latched == HOST_SILENT)
+        assert host.exchanges[-1].taken == ActuatorCommand(dict.fromkeys(CHANNELS, energised), 0.0)
+        ticked = len(host.exchanges)
+        host.tick_until(lambda: len(host.exchanges) > ticked + 5, JAMMED)
+        assert driven(board) == let_go
+        host.tick_until(lambda: driven(board) == ([False] * 3, 4000), RELEASED)
+        host.link.acknowledge()
+        host.tick_until(lambda: driven(board) == ([True] * 3, 12000), JAMMED)
+        assert host.link.status.latched == frozenset()
+    finally:
+        host.link.close()
+        board.close()
+
+
 def test_a_number_outside_its_limits_is_no_pressure() -> None:
     """What a broken wire gives is NaN, which the driver takes for no measurement."""
     sensor = OTHER.sensors[ACHILLES]

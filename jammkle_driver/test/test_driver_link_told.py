@@ -153,7 +153,7 @@ def test_a_board_that_let_go_of_a_late_driver_is_told(ankle: Ankle) -> None:
     ankle.jam_again()
     stand_still(ankle)
     ankle.graph.spin_until(lambda: ankle.fault.reason == Fault.BOARD_LET_GO)
-    assert "no valid write for watchdog_ms" in ankle.fault.text
+    assert "no fresh command" in ankle.fault.text
     ankle.graph.spin_until(lambda: "BOARD_LET_GO" in ankle.said.lines["fault"].message)
     assert "board starts (1)" in numbers_of(ankle.said.values_of("fault"))
     assert ankle.board.driven == released(CHANNELS)

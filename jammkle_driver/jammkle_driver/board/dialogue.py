@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from jammkle_driver.board.line import LineError, RefusedError
 from jammkle_driver.board.wiring import Firmware
-from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, ResetCause, SafeCause
+from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, ResetCause, SafeCause, released
 from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
@@ -82,6 +82,9 @@ class Dialogue(Protocol):
     async def exchange(self, command: ActuatorCommand | None) -> Exchange:
         """Write the outputs (None: leave them, and give no sign of life) and read all sensors."""
 
+    async def exchange_stale(self, last: ActuatorCommand | None) -> Exchange:
+        """Exchange where nobody has repeated the last command (None: there never was one) for a while."""
+
     async def acknowledge(self) -> None:
         """Let a board that has latched its safe state take jams again.
 
@@ -95,7 +98,7 @@ def dialogue(line: Line, wiring: Wiring, safe_state: str) -> Dialogue:
     """Return what talks to the board that the wiring names; `safe_state` is `vent` or `hold`."""
     if wiring.firmware is Firmware.JAMMKLE:
         return OwnDialogue(line, wiring, safe_state)
-    return OtherDialogue(line, wiring)
+    return OtherDialogue(line, wiring, safe_state)
 
 
 class OwnDialogue:
@@ -158,6 +161,10 @@ class OwnDialogue:
         except RefusedError:
             return None
 
+    async def exchange_stale(self, last: ActuatorCommand | None) -> Exchange:  # noqa: ARG002 - the board knows it
+        """Give no sign of life: the board's own watchdog lets go, and latches why."""
+        return await self.exchange(None)
+
     async def acknowledge(self) -> None:
         """Write back what the board has latched, as it was last read: what has come since is not acknowledged."""
         await self._line.write_register(self._registers.holding("acknowledge").address, self._latched_bits)
@@ -205,12 +212,20 @@ class OwnDialogue:
 
 
 class OtherDialogue:
-    """Any other Modbus server: coils, a register for the pump, registers for the sensors; several requests a cycle."""
+    """Any other Modbus server: coils, a register for the pump, registers for the sensors; several requests a cycle.
 
-    def __init__(self, line: Line, wiring: Wiring) -> None:
-        """Make a dialogue over a line."""
+    Such a board may have no watchdog. As long as this end lives, it does in its stead what the project's firmware does:
+    after a command that went stale while something was driven it writes the safe state, and drives nothing until that
+    is acknowledged.
+    """
+
+    def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
+        """Make a dialogue over a line; `safe_state` is `vent` or `hold`."""
         self._line = line
         self._wiring = wiring
+        self._holds = safe_state == HOLD
+        self._let_go: ActuatorCommand | None = None
+        """What was written for a stale command; until it is acknowledged."""
         self._spans = {table: _spans(wiring, table) for table in ("input", "holding")}
 
     async def open(self) -> str:
@@ -226,6 +241,8 @@ class OtherDialogue:
             LineError: no answer, or a refusal: the wiring names what the board does not have.
 
         """
+        if self._let_go is not None and command is not None and _drives(command):
+            command = self._let_go
         if command is not None:
             await self._drive(command)
         places: dict[str, int] = {}
@@ -237,10 +254,20 @@ class OtherDialogue:
                     for name, sensor in self._wiring.sensors.items()
                     if sensor.table == table and first <= sensor.register < first + count
                 }
-        return Exchange(_pascals(self._wiring, places), places, command)
+        latched = frozenset() if self._let_go is None else frozenset({SafeCause.HOST_SILENT})
+        return Exchange(_pascals(self._wiring, places), places, command, latched)
+
+    async def exchange_stale(self, last: ActuatorCommand | None) -> Exchange:
+        """Write the safe state: everything released, or with `hold` the pump off and the solenoids as they are."""
+        if last is None or not _drives(last):
+            return await self.exchange(released(tuple(self._wiring.solenoids)))
+        if self._let_go is None:
+            self._let_go = replace(last, pump_duty=0.0) if self._holds else released(tuple(last.solenoids))
+        return await self.exchange(self._let_go)
 
     async def acknowledge(self) -> None:
-        """Do nothing: such a board latches nothing that this driver knows of."""
+        """Drive again what is asked for. What the board itself may have latched, this driver does not know."""
+        self._let_go = None
 
     async def _drive(self, command: ActuatorCommand) -> None:
         pump = self._wiring.pump
@@ -271,6 +298,10 @@ class OtherDialogue:
         except RefusedError as error:
             msg = f"{error}: the board_file does not fit this board"
             raise LineError(msg) from error
+
+
+def _drives(command: ActuatorCommand) -> bool:
+    return command.pump_duty > 0.0 or any(command.solenoids.values())
 
 
 def _pascals(wiring: Wiring, numbers: Mapping[str, int]) -> dict[str, float]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 HOST_SILENCE_S = 0.2
 """A command that was not repeated for so long is not passed on any more, s: four ticks of the driver. Its silence then
-lets the board's own watchdog run out."""
+lets the board's own watchdog run out; to a board without one the safe state is written."""
 
 _FIRST_PAUSE_S = 0.1
 _LONGEST_PAUSE_S = 1.0
@@ -184,7 +184,8 @@ class BoardLink:
             if self._acknowledges:
                 await self._acknowledge()
                 self._acknowledges = False  # a line that lost it is asked again
-            exchange = await self._dialogue.exchange(self._command if fresh else None)
+            last = self._command
+            exchange = await (self._dialogue.exchange(last) if fresh else self._dialogue.exchange_stale(last))
         except LineError:
             self._failed_in_a_row += 1
             self._count()

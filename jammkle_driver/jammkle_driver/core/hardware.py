@@ -63,7 +63,7 @@ class LinkState(enum.Enum):
 class SafeCause(enum.Enum):
     """Why a board has gone to its safe state by itself. Latched there until it is acknowledged."""
 
-    HOST_SILENT = "no valid write for watchdog_ms"
+    HOST_SILENT = "no fresh command for the time of the watchdog"
     SUPPLY_LOW = "the supply fell below supply_minimum"
     RESET = "the board has started anew"
 
@@ -128,7 +128,7 @@ class Hardware(Protocol):
 
     An implementation hands every `PressureSample` to the function it was made with, from the node's own thread. None
     of its methods blocks. It gives signs of life to the board only while `apply` is called: a driver that hangs must
-    look dead from there.
+    look dead from there, or, where the board has no watchdog, be let go of by what of it still lives.
     """
 
     @property
