@@ -35,6 +35,7 @@ class BoardHardware:
         """
         parameters = context.parameters
         self._wiring = self.check(parameters)
+        self._gauges = {place for place, sensor in self._wiring.sensors.items() if sensor.vacuum}
         self._context = context
         self._measured = Measured(context, self._wiring.sensors)
         self._closed = False
@@ -89,9 +90,9 @@ class BoardHardware:
     def _deliver(self) -> None:
         while self._came and not self._closed:
             exchange = self._came.popleft()
-            ambient_pa = self._context.parameters.ambient_pressure_pa
+            ambient_pa = self._context.ambient_pa()
             pressures_pa = {
                 place: self._wiring.sensors[place].absolute_pa(measured_pa, ambient_pa)
                 for place, measured_pa in exchange.sensors_pa.items()
             }
-            self._measured.publish(pressures_pa, exchange.taken)
+            self._measured.publish(pressures_pa, exchange.taken, self._gauges)

@@ -33,13 +33,16 @@ class HardwareContext:
         node: The driver's node, for topics and the graph's clock.
         take: Takes one pressure sample; to be called from the node's own thread.
         parameters: The driver's parameters as they were when it was configured; `port`, `board_file` and `safe_state`
-            are for the hardware alone; sensors of vacuum count from `ambient_pressure_pa`.
+            are for the hardware alone.
+        ambient_pa: Returns what is declared of the atmosphere now, Pa; sensors of vacuum count from it, and it may
+            change while the node runs.
 
     """
 
     node: Node
     take: Callable[[PressureSample], None]
     parameters: DriverParameters
+    ambient_pa: Callable[[], float]
 
 
 def check_hardware(name: str) -> None:

@@ -17,6 +17,7 @@ from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
+    from collections.abc import Set as AbstractSet
 
     from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.hardware_choice import HardwareContext
@@ -43,12 +44,15 @@ class Measured:
         }
         self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
 
-    def publish(self, pressures_pa: Mapping[str, float], taken: ActuatorCommand | None) -> None:
+    def publish(
+        self, pressures_pa: Mapping[str, float], taken: ActuatorCommand | None, counted: AbstractSet[str] = frozenset()
+    ) -> None:
         """Publish and hand over what was measured just now; to be called from the node's own thread.
 
         Args:
             pressures_pa: Readings by place, Pa absolute; one that is not finite is not published.
             taken: What the outputs do; None: not known.
+            counted: Places whose sensor measures vacuum, counted here from `HardwareContext.ambient_pa`.
 
         """
         node = self._context.node
@@ -59,7 +63,7 @@ class Measured:
             if math.isfinite(pressure_pa):
                 message = pressure_message(pressure_pa, now.to_msg(), frame(node.get_namespace(), place))
                 self._pressures[place].publish(message)
-            self._context.take(PressureSample(place, pressure_pa, steady_s))
+            self._context.take(PressureSample(place, pressure_pa, steady_s, place in counted))
 
     def close(self) -> None:
         """Destroy the publishers."""

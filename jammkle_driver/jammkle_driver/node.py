@@ -96,7 +96,8 @@ class DriverNode(ClockHearer, LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs, self._told = Outputs(self), None
-        self._hardware = make_hardware(HardwareContext(self, self._on_sample, self._values))
+        context = HardwareContext(self, self._on_sample, self._values, self._declared_ambient_pa)
+        self._hardware = make_hardware(context)
         self._create_subscriptions()
         self._create_services()
         for period_s, callback in ((TICK_PERIOD_S, self._on_tick), (STATE_PERIOD_S, self._repeat_state)):
@@ -274,8 +275,12 @@ class DriverNode(ClockHearer, LifecycleNode):
     def _take_parameters(self, parameters: DriverParameters) -> None:
         self._values = parameters
         self._driver.limit(parameters.limits())
-        self._driver.ankle.atmosphere.declare(parameters.ambient_pressure_pa)
+        if parameters.ambient_pressure_pa != self._declared_ambient_pa():
+            self._driver.ankle.declare_atmosphere(parameters.ambient_pressure_pa, self._now())
         self._settle()
+
+    def _declared_ambient_pa(self) -> float:
+        return self._driver.ankle.atmosphere.status.declared_pa
 
     def _health(self) -> tuple[Health, ...]:
         _identifier, label = self._state_machine.current_state

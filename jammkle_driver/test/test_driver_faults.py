@@ -25,6 +25,8 @@ from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
+    from jammkle_driver.core.hardware import PressureSample
+    from jammkle_driver.core.watchdog import Instant
     from jammkle_driver.fake.bench import FaultBench
 
 
@@ -270,6 +272,34 @@ def test_nonsense_about_the_atmosphere_moves_nothing() -> None:
         vacuum_pa = bench.driver.ankle.atmosphere.pressure_pa - bench.plant.pressures_pa["achilles"]
         assert vacuum_pa == pytest.approx(SET_POINT_PA, abs=1500.0)
         assert bench.driver.status.atmosphere.doubtful
+
+
+def test_sensors_of_vacuum_go_with_the_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They know nothing of the atmosphere: a jam goes on through a change of what they count from, undoubted."""
+    bench = bench_of()
+    true_pa, measure, air = bench.plant.pressures_pa["achilles"], bench.driver.measure, bench.driver.ankle.atmosphere
+
+    def measured(sample: PressureSample, now: Instant) -> None:
+        counted_pa = air.status.declared_pa - (true_pa - sample.pressure_pa)
+        measure(replace(sample, pressure_pa=counted_pa, counted=True), now)
+
+    def jammed() -> None:
+        assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+
+    monkeypatch.setattr(bench.driver, "measure", measured)
+    run(bench, 1.0)
+    bench.driver.jam((), SET_POINT_PA, "test")
+    run(bench, 1.5)
+    for declared_pa in (95e3, 79e3, 109e3):
+        bench.driver.ankle.declare_atmosphere(declared_pa, bench.now)
+        run(bench, 2.0, jammed)
+        assert true_pa - bench.plant.pressures_pa["achilles"] == pytest.approx(SET_POINT_PA, abs=1500.0)
+        assert air.pressure_pa == pytest.approx(declared_pa, abs=500.0)
+        assert not air.status.doubtful
+    bench.driver.unjam((), "test")
+    bench.driver.ankle.declare_atmosphere(101e3, bench.now)
+    run(bench, 2.0)
+    assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.UNJAMMED}
 
 
 @settings(max_examples=25)

@@ -18,6 +18,7 @@ from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSett
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from jammkle_driver.core.hardware import PressureSample
     from jammkle_driver.core.watchdog import Instant
 
 _LONGEST_WAIT_S = 5.0
@@ -75,6 +76,7 @@ class Ankle:
         self._settings = settings
         self.atmosphere = Atmosphere(self._names, settings.ambient_pa)
         self.load = PumpLoad(settings.regulator)
+        self._counted: set[str] = set()
         self._regulator = PumpRegulator(settings.regulator)
         self.reset()
 
@@ -182,12 +184,21 @@ class Ankle:
         self.diagnosis.clear(self.atmosphere.pressure_pa)
         self.regulate(0.0)
 
+    def declare_atmosphere(self, pressure_pa: float, now: Instant) -> None:
+        """Take what the parameter says of the atmosphere now, Pa; sensors of vacuum count from it from now on."""
+        self.atmosphere.declare(pressure_pa, self._counted)
+        if self._counted:  # their readings jump, and no air has moved
+            self.judge_from_now_on(now)
+
     def release(self) -> None:
         """End the safe state `hold`: what was kept is vented."""
         self._end_hold("let go")
 
-    def measure(self, place: str, pressure_pa: float, stamp_s: float, now: Instant, *, driven: bool) -> None:
-        """Take a reading, Pa absolute, of `stamp_s` s on the graph's clock; nothing is concluded if not `driven`."""
+    def measure(self, sample: PressureSample, now: Instant, *, driven: bool) -> None:
+        """Take a reading; nothing is concluded from it if not `driven`."""
+        place, pressure_pa, stamp_s = sample.place, sample.pressure_pa, sample.stamp_s
+        if sample.counted:
+            self._counted.add(place)
         if not driven:  # who moves the air is not known: a rig, or another driver
             self.judge_from_now_on(now)
         elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), 0.1)

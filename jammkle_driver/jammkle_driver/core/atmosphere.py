@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from collections.abc import Set as AbstractSet
 
 VENTED_FOR_S = 0.7
 """After how long at the vent a channel is at the atmosphere, s: 0.15 s to vent, and a factor for a narrow line."""
@@ -68,11 +69,23 @@ class Atmosphere:
         """Pressure from which vacuum is counted, Pa absolute."""
         return self._pressure_pa
 
-    def declare(self, pressure_pa: float) -> None:
-        """Take what the parameter says now; it counts where nothing was measured."""
+    def declare(self, pressure_pa: float, counted: AbstractSet[str] = frozenset()) -> None:
+        """Take what the parameter says now; it counts where nothing was measured.
+
+        Args:
+            pressure_pa: What it says, Pa.
+            counted: Channels whose readings are counted from it, and so go with it: sensors of vacuum cannot tell the
+                atmosphere. Where all are, the estimate goes along, and keeps what it has learned of their zero.
+
+        """
+        step_pa = pressure_pa - self._declared_pa
         self._declared_pa = pressure_pa
+        for channel in counted & self._readings_pa.keys():
+            self._readings_pa[channel] += step_pa
         if not self._measured:
             self._pressure_pa = pressure_pa
+        elif counted >= self._vented_s.keys():
+            self._pressure_pa += step_pa
 
     def read(self, channel: str, pressure_pa: float, elapsed_s: float, *, vented: bool) -> None:
         """Take a reading of a channel, Pa absolute, `elapsed_s` s after the one before, and whether it is vented."""

@@ -239,7 +239,7 @@ class Driver:
         if not math.isfinite(sample.pressure_pa):
             return
         self._sensors.hear(sample.place, now)
-        self._ankle.measure(sample.place, sample.pressure_pa, sample.stamp_s, now, driven=self._active)
+        self._ankle.measure(sample, now, driven=self._active)
 
     def look_at_link(self, link: LinkStatus, now: Instant) -> bool:
         """Take the state of the link: fail, or let go, with a board that does not answer or has let go by itself.

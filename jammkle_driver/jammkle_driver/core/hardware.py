@@ -22,12 +22,14 @@ class PressureSample:
         pressure_pa: What was measured, Pa absolute; not finite where the sensor gave no number. Of a sensor that
             measures vacuum, the declared pressure of the atmosphere less that: the driver finds the true one itself.
         stamp_s: When it was measured, s: of the graph's clock where the link is `simulated`, else of the steady clock.
+        counted: Whether it was counted from the declared pressure of the atmosphere: a sensor of vacuum.
 
     """
 
     place: str
     pressure_pa: float
     stamp_s: float
+    counted: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class LinkState(enum.Enum):
 class SafeCause(enum.Enum):
     """Why a board has gone to its safe state by itself. Latched there until it is acknowledged."""
 
-    HOST_SILENT = "no fresh command for the time of the watchdog"
+    HOST_SILENT = "no fresh command for watchdog_ms, or 0.2 s where the board has none"
     SUPPLY_LOW = "the supply fell below supply_minimum"
     RESET = "the board has started anew"
 
