@@ -51,11 +51,20 @@ class Scene:
     """One driver, one board, one probe."""
 
     def __init__(
-        self, command: Sequence[str], port: Path, domain_id: int, plant: BoardPlant | None = None, **parameters: str
+        self,
+        command: Sequence[str],
+        port: Path,
+        domain_id: int,
+        plant: BoardPlant | None = None,
+        *,
+        board_is_there: bool = True,
+        **parameters: str,
     ) -> None:
         self.port = port
         self.domain_id = domain_id
-        self.bench = BoardBench(list(command), port, plant)
+        self._command, self._plant = list(command), plant
+        if board_is_there:
+            self.plug_in()
         self.probe = Probe(domain_id)
         self.probe.listen(JAM_STATE, DIAGNOSTICS, MANIFOLD_PRESSURE)
         self.stream = self.probe.publisher(JAM_COMMAND)
@@ -66,6 +75,10 @@ class Scene:
         self.probe.node.create_timer(IMU_PERIOD_S, self._land)
         self._parameters = {"hardware": "modbus", "port": str(port), **parameters}
         self.driver = self.start_driver()
+
+    def plug_in(self) -> None:
+        """Let the board be there."""
+        self.bench = BoardBench(self._command, self.port, self._plant)
 
     def start_driver(self) -> subprocess.Popen[bytes]:
         """Start a driver process; what it was before does not matter."""
@@ -83,7 +96,8 @@ class Scene:
             self.driver.kill()
         self.driver.wait()
         self.probe.close()
-        self.bench.close()
+        if hasattr(self, "bench"):
+            self.bench.close()
 
     def line(self, name: str) -> DiagnosticStatus:
         """Return the latest line on /diagnostics whose name ends so."""

@@ -6,6 +6,7 @@ import asyncio
 import dataclasses
 import json
 import math
+import random
 import subprocess
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from jammkle_driver.board.check import CheckRow
 
 HEALTHY = PneumaticParameters()
+UV_PER_KPA = 45_000
+"""Of a sensor of the MPX4115A class at 5 V (NXP data sheet)."""
 PACE = 0.2
 """The simulated plant is quicker than what the walk has patience for."""
 
@@ -71,6 +74,7 @@ def test_a_healthy_board_passes_twice(command: list[str], tmp_path: Path) -> Non
     ("plant", "pins", "expected"),
     [
         ({"pump_free_flow_l_min": 1e-6}, {}, {"pump": "does it run"}),
+        ({"pump_free_flow_l_min": 0.2}, {}, {"pump": "worn membrane"}),
         ({"leak_conductance_dm3_s_bar": 0.01}, {}, {"leak of manifold": "soapy water"}),
         (
             {},
@@ -106,6 +110,14 @@ def exchanged(bench: BoardBench) -> None:
     )
 
 
+def disturbed(bench: BoardBench, pin: int, disturbance_uv: Callable[[], float]) -> None:
+    """Add a voltage, uV, to that of a sensor."""
+    pins_uv = bench.plant.pins_uv
+    bench.plant.pins_uv = lambda: [
+        uv + round(disturbance_uv()) if each == pin else uv for each, uv in enumerate(pins_uv())
+    ]
+
+
 AT_ONE_CHANNEL: dict[str, tuple[Callable[[BoardBench], None], dict[str, str]]] = {
     "valve stuck open": (stuck_open, {"valve achilles vents": "stuck open"}),
     "hoses exchanged": (
@@ -126,6 +138,10 @@ AT_ONE_CHANNEL: dict[str, tuple[Callable[[BoardBench], None], dict[str, str]]] =
             "valve peroneal_right vents": "blocked or kinked line",
         },
     ),
+    "sensor off by 5 kPa": (
+        lambda bench: disturbed(bench, 1, lambda: -5.0 * UV_PER_KPA),
+        {"sensors agree": "calibrate; if that does not help, one sensor is broken"},
+    ),
     "membrane torn": (
         lambda bench: bench.plant.air.puncture("peroneal_left", 0.02),
         {"leak of peroneal_left": "soapy water"},
@@ -144,6 +160,17 @@ def test_what_is_wrong_with_one_channel_fails_its_rows_alone(command: list[str],
     assert failed(rows) == set(expected), {what: rows[what] for what in failed(rows)}
     for row, words in expected.items():
         assert words in rows[row].to_do
+
+
+def test_a_noisy_sensor_fails_and_says_what_to_do(command: list[str], tmp_path: Path) -> None:
+    """Noise of 2 kPa at one sensor fails its row at rest; the others stay well."""
+    draw = random.Random(0)  # noqa: S311 - noise is no secret
+    with BoardBench(command, tmp_path / "board") as bench:
+        disturbed(bench, 0, lambda: draw.gauss(0.0, 2.0 * UV_PER_KPA))
+        rows = walked(tmp_path / "board")
+    at_rest = {what for what in failed(rows) if what.endswith("at rest")}
+    assert at_rest == {"sensor peroneal_left at rest"}
+    assert "loose wire" in rows["sensor peroneal_left at rest"].to_do
 
 
 def test_a_calibration_takes_out_gain_and_offset(command: list[str], tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -13,14 +13,17 @@ from rclpy.parameter import Parameter
 
 from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, Scene, all_off, cable, pump_off, repair
 from boards import AVR
+from bought_board import OtherBoard
 from graph import environment
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import DRIVER_NODE, JAM_ALL, MANIFOLD_PRESSURE, PRESSURES, Service
+from jammkle_graph.names import DIAGNOSTICS, DRIVER_NODE, JAM_ALL, MANIFOLD_PRESSURE, PRESSURES, Service
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    from graph import Probe
 
 HELD_PA = STANDARD_ATMOSPHERE_PA - HELD_VACUUM_PA
 STALE_S = 0.5
@@ -46,7 +49,7 @@ SET_PARAMETERS = Service(DRIVER_NODE, "set_parameters", "rcl_interfaces/srv/SetP
 def make_scene(command: list[str], tmp_path: Path, domain_id: int) -> Iterator[Callable[..., Scene]]:
     made: list[Scene] = []
 
-    def make(**parameters: str) -> Scene:
+    def make(**parameters: Any) -> Scene:
         made.append(Scene(command, tmp_path / "board", domain_id, **parameters))
         return made[-1]
 
@@ -177,6 +180,72 @@ def test_the_link_is_told_on_diagnostics(make_scene: Callable[..., Scene]) -> No
     scene.bench.tell("plug")
     scene.probe.spin_until(lambda: "lost" not in scene.link().message, "the link is back")
     scene.jam()
+
+
+GAUGES = """
+pump: {register: 7}
+solenoids: {peroneal_left: {coil: 0}, peroneal_right: {coil: 1}, achilles: {coil: 5}}
+sensors:
+  peroneal_left: {register: 0, scale: 10.0, offset_pa: -101320.0, vacuum: true}
+  peroneal_right: {register: 1, scale: 10.0, offset_pa: -98680.0, vacuum: true}
+  achilles: {register: 2, vacuum: true}
+rate_hz: 50.0
+"""
+"""What `OtherBoard` holds, read as no vacuum at all."""
+
+
+def test_gauges_count_from_the_atmosphere_that_is_declared_now(
+    domain_id: int, make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """A right change of the parameter moves what is published, and no row tells anybody to correct it."""
+    (tmp_path / "gauges.yaml").write_text(GAUGES)
+    board, probe = OtherBoard(), make_probe()
+    probe.listen(DIAGNOSTICS, *PRESSURES.values())
+    given = {"hardware": "modbus", "port": f"tcp://127.0.0.1:{board.port}", "board_file": str(tmp_path / "gauges.yaml")}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    driver = subprocess.Popen(
+        [sys.executable, "-m", "jammkle_driver", "--ros-args", *words], env=environment(domain_id)
+    )
+
+    def told(declared_pa: float) -> list[DiagnosticStatus]:
+        """Return each row on the atmosphere that names this parameter, once channels have told it."""
+        rows = [
+            status
+            for message in probe.heard[DIAGNOSTICS.name]
+            for status in message.status
+            if status.name.endswith("driver: atmosphere")
+        ]
+        wanted = {"ambient_pressure_pa (Pa)": f"{declared_pa:.0f}", "measured by vented channels": "yes"}
+        return [row for row in rows if wanted.items() <= {each.key: each.value for each in row.values}.items()]
+
+    try:
+        for declared_pa in (STANDARD_ATMOSPHERE_PA, 95e3):
+            parameter = Parameter("ambient_pressure_pa", value=declared_pa).to_parameter_msg()
+            assert probe.call(SET_PARAMETERS, parameters=[parameter]).results[0].successful
+            probe.spin_until(lambda now_pa=declared_pa: len(told(now_pa)) > 1, "the atmosphere is told")
+            assert {row.level for row in told(declared_pa)} == {DiagnosticStatus.OK}
+            for topic in PRESSURES.values():
+                assert probe.last(topic).fluid_pressure == pytest.approx(declared_pa)
+    finally:
+        driver.terminate()
+        driver.wait()
+        board.close()
+
+
+def test_a_driver_that_is_there_before_its_board_says_so_and_takes_it(
+    make_scene: Callable[..., Scene], tmp_path: Path
+) -> None:
+    """The row `link` tells what is looked for; the board that comes then jams, with nothing restarted."""
+    scene = make_scene(board_is_there=False)
+    scene.probe.spin_until(lambda: "no device" in scene.link().message, "the link says what it looks for")
+    assert scene.link().level == DiagnosticStatus.WARN
+    assert str(tmp_path / "board") in scene.link().message
+    refused = scene.probe.call(JAM_ALL)
+    assert not refused.success
+    scene.plug_in()
+    scene.jam()
+    assert scene.link().level != DiagnosticStatus.ERROR
+    assert scene.driver.poll() is None
 
 
 def test_a_port_that_is_none_ends_the_driver_with_one_line(domain_id: int) -> None:

@@ -6,17 +6,16 @@ import asyncio
 import math
 import os
 import signal
-import threading
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
 
 from boards import AVR, JAMMED, RELEASED, Host
+from bought_board import OtherBoard
 from jammkle_driver.board.line import Line, check_port, silence_s
+from jammkle_driver.board.link import BoardLink
 from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring
 from jammkle_driver.board.wiring_file import WiringError, load_wiring, standard_board_file
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause
@@ -136,6 +135,31 @@ def test_the_link_waits_for_a_board_that_is_not_there_yet(command: list[str], tm
         wait_until(lambda: bench.released)
 
 
+def test_the_pause_between_tries_grows_up_to_a_second_and_begins_anew(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A board that is away for long is asked for once a second; one that was just there is tried again soon."""
+    pauses_s: list[float] = []
+
+    async def pause(_link: BoardLink, pause_s: float) -> None:
+        pauses_s.append(pause_s)
+        await asyncio.sleep(0.0)
+
+    monkeypatch.setattr(BoardLink, "_pause", pause)
+    host = Host(tmp_path / "board")
+    try:
+        host.tick_until(lambda: len(pauses_s) >= 7)
+        assert pauses_s[:7] == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.0, 1.0, 1.0])
+        with BoardBench(command, tmp_path / "board") as bench:
+            host.jam(bench)
+            pauses_s.clear()
+            bench.tell("unplug")
+            host.tick_until(lambda: len(pauses_s) >= 3)
+            assert pauses_s[:3] == pytest.approx([0.1, 0.2, 0.4])
+    finally:
+        host.link.close()
+
+
 def test_a_board_that_stands_still_is_lost_and_comes_back(
     bench: BoardBench, host: Host, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,48 +193,6 @@ OTHER = Wiring(
     rate_hz=50.0,
     on_connect={9: 1234},
 )
-
-
-class OtherBoard:
-    """A bought I/O board: a Modbus server over TCP that knows of coils and registers and nothing else."""
-
-    def __init__(self, port: int = 0) -> None:
-        self.port = port
-        self._loop = asyncio.new_event_loop()
-        self._ready = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-        assert self._ready.wait(10.0)
-
-    def _run(self) -> None:
-        self._loop.run_until_complete(self._serve())
-
-    async def _serve(self) -> None:
-        coils = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
-        holding = [SimData(0, values=[0, 0, 0, 0xFFFE, 0, 0, 0, 0, 0, 0], datatype=DataType.REGISTERS)]
-        inputs = [SimData(0, values=[10132, 9868, 0], datatype=DataType.REGISTERS)]
-        discrete = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
-        self.server = ModbusTcpServer(
-            SimDevice(1, simdata=(coils, discrete, holding, inputs)), address=("127.0.0.1", self.port)
-        )
-        await self.server.serve_forever(background=True)
-        self.port = self.server.transport.sockets[0].getsockname()[1]
-        self._stop = asyncio.Event()
-        self._ready.set()
-        await self._stop.wait()
-        await self.server.shutdown()
-
-    def ask(self, function: int, first: int, count: int) -> list[int]:
-        """Return what the board holds, asked from its own thread."""
-
-        async def get() -> list[int]:
-            return list(await self.server.async_getValues(1, function, first, count))
-
-        return asyncio.run_coroutine_threadsafe(get(), self._loop).result(5.0)
-
-    def close(self) -> None:
-        self._loop.call_soon_threadsafe(self._stop.set)
-        self._thread.join(5.0)
 
 
 def test_a_bought_board_over_tcp_works_without_our_firmware() -> None:
