@@ -11,13 +11,14 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 
-from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, Scene, all_off, cable, pump_off, repair
+from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, Scene, all_off, cable, hang, pump_off, repair
 from boards import AVR
 from bought_board import OtherBoard
 from graph import environment
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import DIAGNOSTICS, DRIVER_NODE, JAM_ALL, MANIFOLD_PRESSURE, PRESSURES, Service
 from jammkle_msgs.msg import ChannelJamState, Fault
+from test_board_check import OTHER_FIRMWARE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -179,6 +180,20 @@ def test_the_link_is_told_on_diagnostics(make_scene: Callable[..., Scene]) -> No
     scene.wait_for_fault(Fault.BOARD_UNPLUGGED)
     scene.bench.tell("plug")
     scene.probe.spin_until(lambda: "lost" not in scene.link().message, "the link is back")
+    scene.jam()
+
+
+@pytest.mark.parametrize(("safe_state", "safe"), [("vent", all_off), ("hold", pump_off)])
+def test_a_node_that_hangs_lets_go_of_a_bought_board(
+    make_scene: Callable[..., Scene], tmp_path: Path, safe_state: str, safe: Callable[[int, float], bool]
+) -> None:
+    """The link lets go, as the board's watchdog waits longer than the node hangs; it is told, and the next jam jams."""
+    (tmp_path / "bought.yaml").write_text(OTHER_FIRMWARE)
+    scene = make_scene(board_file=str(tmp_path / "bought.yaml"), safe_state=safe_state)
+    scene.jam()
+    scene.delay_s(hang(scene), safe)
+    assert scene.bench.edges[-1].solenoids == (EVERYTHING if safe_state == "hold" else 0)
+    scene.wait_for_fault(Fault.BOARD_LET_GO)
     scene.jam()
 
 
