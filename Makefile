@@ -43,7 +43,7 @@ live: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/live.py --json live.json
 
 faults: set-up
-	@$(BIN)/python test/trial_of_faults.py --seed 3000 --hours 0.5 --page docs/faults.md
+	@$(BIN)/python test/trial_of_faults.py --seed 4000 --hours 0.5 --page docs/faults.md
 
 soak: set-up
 	@$(BIN)/python -m jammkle_driver.fake

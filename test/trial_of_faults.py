@@ -10,7 +10,9 @@ import typer
 from real_air import real_plant
 
 from jammkle_driver.fake.bench import fake_plant
-from jammkle_driver.fake.trial import healthy, run, tables
+from jammkle_driver.fake.trial import healthy, run
+from jammkle_driver.fake.trial_tables import tables
+from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
     from jammkle_driver.fake.bench import PlantBuilder
@@ -26,13 +28,14 @@ def main(
     seed: Annotated[int, typer.Option(min=0, help="Start of all that is random.")] = 0,
     page: Annotated[Path | None, typer.Option(help="Page whose tables are written anew; none: printed.")] = None,
 ) -> None:
-    """Inject random faults into random ankles, jam healthy ones for hours, and write the tables."""
+    """Inject random faults into random ankles, beside the simplest baseline, jam healthy ones, and write the tables."""
     for name, build in _PARTS.items():
         outcomes = []
         with typer.progressbar(run(count, seed, _WORKERS, build), length=count, label=f"injections, {name}") as bar:
             outcomes.extend(bar)
+        by_time_outs = list(run(count, seed, _WORKERS, build, DriverParameters(diagnose=False)))
         typer.echo(f"healthy jamming, {name}, {hours:g} h ...")
-        text = tables(outcomes, healthy(hours, seed + 1_000_000, _WORKERS, build), hours)
+        text = tables(outcomes, by_time_outs, healthy(hours, seed + 1_000_000, _WORKERS, build), hours)
         if page is None:
             typer.echo(text)
             continue

@@ -1,9 +1,8 @@
-"""Random faults into random ankles, and what the driver says of them: a confusion matrix, delays, false alarms."""
+"""Random faults into random ankles, and what the driver says of them; healthy ankles, and what it says of those."""
 
 from __future__ import annotations
 
 import math
-import statistics
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -18,7 +17,7 @@ from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     import random
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator
 
     from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.fake.bench import PlantBuilder
@@ -29,7 +28,7 @@ ONSET_S = (3.0, 6.0)
 LONGEST_S = 20.0
 """How long is waited for it to be told while the ankle is jammed and vented, s."""
 
-_EACH_S = 300.0
+_EACH_S = 100.0
 """How long each healthy ankle is jammed and vented, s."""
 
 _SETTLED_S = 0.3
@@ -132,9 +131,11 @@ def drawn_fault(reason: Reason, draw: random.Random) -> tuple[FakeFault, float]:
     return fault, draw.choice([-5e3, 130e3])
 
 
-def inject(seed: int, reason: Reason, build: PlantBuilder = fake_plant) -> Outcome:
-    """Let one thing fail in one ankle, and read what the driver says."""
-    bench = FaultBench(DriverParameters().settings(), seed, build)
+def inject(
+    seed: int, reason: Reason, build: PlantBuilder = fake_plant, parameters: DriverParameters | None = None
+) -> Outcome:
+    """Let one thing fail in one ankle, and read what the driver, with its own defaults or these parameters, says."""
+    bench = FaultBench((parameters or DriverParameters()).settings(), seed, build)
     draw = bench.draw
     bench.streams = reason in {Reason.COMMANDS_STALE, Reason.EXECUTOR_OVERLOADED}
     place = _place(reason, draw)
@@ -200,17 +201,19 @@ def alarms(seed: int, duration_s: float, build: PlantBuilder = fake_plant) -> li
     return said
 
 
-def run(count: int, seed: int, workers: int, build: PlantBuilder = fake_plant) -> Iterator[Outcome]:
+def run(
+    count: int, seed: int, workers: int, build: PlantBuilder = fake_plant, parameters: DriverParameters | None = None
+) -> Iterator[Outcome]:
     """Yield the outcomes of `count` injections, all reasons in turn."""
     seeds = range(seed, seed + count)
     reasons = [REASONS[number % len(REASONS)] for number in range(count)]
     with ProcessPoolExecutor(workers) as pool:
-        yield from pool.map(partial(inject, build=build), seeds, reasons, chunksize=4)
+        yield from pool.map(partial(inject, build=build, parameters=parameters), seeds, reasons, chunksize=4)
 
 
 def healthy(hours: float, seed: int, workers: int, build: PlantBuilder = fake_plant) -> list[str]:
-    """Return every false alarm in so many hours of healthy jamming, of an ankle for each five minutes."""
-    ankles = max(1, round(hours * 12))
+    """Return every false alarm in so many hours of healthy jamming, of ankles of `_EACH_S` each."""
+    ankles = max(1, round(3600.0 * hours / _EACH_S))
     with ProcessPoolExecutor(workers) as pool:
         said = pool.map(partial(alarms, duration_s=_EACH_S, build=build), range(seed, seed + ankles))
         return [line for lines in said for line in lines]
@@ -249,42 +252,3 @@ def _begin(bench: FaultBench, reason: Reason) -> None:
         bench.asks = False
     else:
         bench.stand_still(1.5)
-
-
-def tables(outcomes: Sequence[Outcome], false_alarms: Sequence[str], hours: float) -> str:
-    """Return the confusion matrix and the delays as Markdown."""
-    right = sum(each.right for each in outcomes)
-    share = 100.0 * right / len(outcomes)
-    of_all = f"{len(outcomes)} injections, {right} with the right reason at the right place: **{share:.1f} %**"
-    placed = [each.right for each in outcomes if each.injected in PLACED]
-    of_plant = f"of the {len(placed)} into pump, air, valves and sensors {100.0 * statistics.fmean(placed):.1f} %"
-    lines = [
-        f"{of_all}; {of_plant}. False alarms in {hours:g} h of healthy jamming: **{len(false_alarms)}**.",
-        "",
-        "| injected | n | right | reported, where wrong | delay, median, s | delay, longest, s | within its time |",
-        "|---|---:|---:|---|---:|---:|---:|",
-    ]
-    for reason in REASONS:
-        mine = [each for each in outcomes if each.injected is reason]
-        if not mine:
-            continue
-        good = [each for each in mine if each.right]
-        delays = [each.delay_s for each in good]
-        typical = f"{statistics.median(delays):.2f}" if delays else "-"
-        longest = f"{max(delays):.2f}" if delays else "-"
-        in_time = sum(each.delay_s <= WITHIN_S[reason] for each in good)
-        timely = f"{in_time} in {WITHIN_S[reason]:g} s"
-        lines.append(
-            f"| {reason.name} | {len(mine)} | {len(good)} | {_wrong(mine)} | {typical} | {longest} | {timely} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def _wrong(outcomes: Iterable[Outcome]) -> str:
-    counts: dict[str, int] = {}
-    for each in outcomes:
-        if not each.right:
-            name = each.told.name if each.told is not each.injected else f"{each.told.name} at another place"
-            name = "nothing" if each.told is Reason.NONE else name
-            counts[name] = counts.get(name, 0) + 1
-    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or ""
