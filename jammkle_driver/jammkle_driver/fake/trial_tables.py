@@ -30,8 +30,8 @@ def tables(
     reported = sum(each.told is not Reason.NONE for each in by_time_outs if each.injected in PLACED)
     right = sum(each.right for each in outcomes)
     summary = (
-        f"Of {placed} injections into pump, air, valves and sensors **{_right_of_plant(outcomes):.1f} %** have the right "
-        f"reason at the right place. By time-outs alone (`diagnose: false`), the simplest baseline, "
+        f"Of {placed} injections into pump, air, valves and sensors **{_right_of_plant(outcomes):.1f} %** have the "
+        f"right reason at the right place. By time-outs alone (`diagnose: false`), the simplest baseline, "
         f"{_right_of_plant(by_time_outs):.1f} % of them have, and {reported} are reported at all. Of all "
         f"{len(outcomes)} injections {right} have: **{100.0 * right / len(outcomes):.1f} %**. False alarms in "
         f"{hours:g} h of healthy jamming: **{len(false_alarms)}**."
