@@ -88,6 +88,7 @@ class LineDelays:
     service_over_bare: Ratio
     impact_over_bare: Ratio
     cycle_rate_hz: float
+    impacts_lost: int
 
 
 class BoardStimulus(Stimulus):
@@ -145,8 +146,6 @@ def measure_line(domain_id: int) -> LineDelays:
             service_s, impacts = _graph(domain_id, bench, Path(folder, "board"))
     path = [delay for delay, _ in impacts if delay > 0.0]
     graph = [echo for _, echo in impacts if echo > 0.0]
-    if len(path) < IMPACT_TRIALS:
-        sys.stderr.write(f"{IMPACT_TRIALS - len(path)} of {IMPACT_TRIALS} impacts never reached the pins\n")
     service, impact, round_trip, bare = (Percentiles.of(delays_s) for delays_s in (service_s, path, graph, serial_s))
     return LineDelays(
         service,
@@ -156,6 +155,7 @@ def measure_line(domain_id: int) -> LineDelays:
         service.over(round_trip, bare),
         impact.over(round_trip, bare),
         rate_hz,
+        IMPACT_TRIALS - len(path),
     )
 
 
