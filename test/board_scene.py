@@ -45,6 +45,8 @@ STREAM_PERIOD_S = 0.02
 IMU_PERIOD_S = 0.01
 REST_SAMPLES, FLIGHT_SAMPLES = 100, 30
 HELD_VACUUM_PA = 50e3
+OF_THE_PLANT = frozenset(range(Fault.LEAK, Fault.SENSOR_DRIFTING + 1))
+"""What only pump, air, valves or sensors give reason to report."""
 
 
 class Scene:
@@ -70,6 +72,8 @@ class Scene:
         self.stream = self.probe.publisher(JAM_COMMAND)
         self.stop = self.probe.publisher(EMERGENCY_STOP)
         self.controller: subprocess.Popen[bytes] | None = None
+        self.cleared: list[int] = []
+        """Reasons of what was cleared to come to a jam."""
         self._imu = PlayedImu(self.probe.node)
         self._imu_samples = 0
         self.probe.node.create_timer(IMU_PERIOD_S, self._land)
@@ -127,7 +131,7 @@ class Scene:
             if self.all_on():
                 return self.channels_in(ChannelJamState.JAMMED)
             if not self.probe.call(JAM_ALL).success:
-                self.probe.call(CLEAR_FAULT)
+                self.clear()
             return False
 
         self.probe.spin_until(jammed, "everything is jammed")
@@ -139,7 +143,8 @@ class Scene:
         self.controller = subprocess.Popen(arguments, env=environment(self.domain_id))
 
         def held() -> bool:
-            self._clear()
+            if self.in_fault():
+                self.clear()
             return self.all_on() and self.channels_in(ChannelJamState.JAMMED)
 
         self.probe.spin_until(held, "a controller holds everything")
@@ -151,10 +156,14 @@ class Scene:
             self.controller.wait()
             self.controller = None
 
-    def _clear(self) -> None:
-        """Clear a FAULT: a busy machine may run the board so late that it counts as lost."""
-        if ChannelJamState.FAULT in self.probe.channel_states().values():
-            self.probe.call(CLEAR_FAULT)
+    def in_fault(self) -> bool:
+        """Whether a channel is: a busy machine may run the board so late that it counts as lost."""
+        return ChannelJamState.FAULT in self.probe.channel_states().values()
+
+    def clear(self) -> None:
+        """Clear what is in FAULT, and note why it was."""
+        self.cleared += sorted(self.faults() - {Fault.UNKNOWN})
+        self.probe.call(CLEAR_FAULT)
 
     def _land(self) -> None:
         """Play the IMU of a robot that rests, falls, hits the ground, and rests; it falls as long as nothing jams."""
@@ -170,7 +179,8 @@ class Scene:
         sent_s = 0.0
         while not (self.channels_in(ChannelJamState.JAMMED) and self.all_on()):
             assert time.monotonic() < end_s, self.probe.channel_states()
-            self._clear()
+            if self.in_fault():
+                self.clear()
             self.stream.publish(wish)
             sent_s = time.monotonic()
             self.probe.executor.spin_once(timeout_sec=STREAM_PERIOD_S)

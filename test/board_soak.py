@@ -24,7 +24,7 @@ from boards import board_command
 from jammkle_driver.fake.trial import PLACED, drawn_fault
 from jammkle_graph.names import CHANNELS, JAM_ALL, JAM_STATE, UNJAM_ALL
 from jammkle_graph.testing import own_domain
-from jammkle_msgs.msg import ChannelJamState, Fault
+from jammkle_msgs.msg import Fault
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,7 +112,7 @@ class _Soak:
         what = f"{fault.value} {place} {size:.3g}"
         if self._fault().reason not in {Fault.UNKNOWN, Fault.LINE_NOISE, Fault.EXECUTOR_OVERLOADED}:
             self._told += 1
-            if ChannelJamState.FAULT in self._scene.probe.channel_states().values():
+            if self._scene.in_fault():
                 self._off(what, time.monotonic())
         self._plant.heal()
         self._come_back(what)
@@ -123,6 +123,8 @@ class _Soak:
         self._events += 1
         event.jam(self._scene)
         took_s = self._off(name, event.happen(self._scene))
+        if took_s < 0.0:
+            self._missed.append(f"{name}: the outputs were off {-took_s:.3f} s before it")
         if took_s > event.bound_s:
             self._late.append(f"{name}: {took_s:.3f} s, and {event.bound_s:g} s is its bound")
         repair(self._scene)

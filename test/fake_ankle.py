@@ -98,9 +98,9 @@ class Ankle:
         self.graph.spin_until(jammed, TIMEOUT_S)
 
 
-def numbers_of(values: Mapping[str, str]) -> dict[str, float]:
-    """Return the numbers among the values of a line on /diagnostics, each of which must have a unit."""
-    words = {"action", "fault", *(key for key, value in values.items() if value == "not measured")}
+def numbers_of(values: Mapping[str, str], *others: str) -> dict[str, float]:
+    """Return the numbers among the values of a line on /diagnostics but for others; each must have a unit."""
+    words = {"action", "fault", *others, *(key for key, value in values.items() if value == "not measured")}
     numbers = {key: float(value) for key, value in values.items() if key not in words}
     assert all(_NUMBER_WITH_UNIT.fullmatch(key) for key in numbers)
     return numbers

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import random
 import subprocess
 import sys
+import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,10 +13,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 
-from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, Scene, all_off, cable, hang, pump_off, repair
+from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, OF_THE_PLANT, Scene, all_off, cable, hang, pump_off, repair
 from boards import AVR
 from bought_board import OtherBoard
-from graph import environment
+from graph import TIMEOUT_S, environment
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import DIAGNOSTICS, DRIVER_NODE, JAM_ALL, MANIFOLD_PRESSURE, PRESSURES, Service
 from jammkle_msgs.msg import ChannelJamState, Fault
@@ -24,13 +26,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from graph import Probe
+    from graph import Probe, Up
+    from jammkle_sim.board_bench import BoardBench
 
 HELD_PA = STANDARD_ATMOSPHERE_PA - HELD_VACUUM_PA
 STALE_S = 0.5
 """The driver's command_timeout_s."""
 REGULATED_PA = 1.5e3
 STEADY_READINGS = 200
+STALLS = 10
 HELD_THROUGH = (
     "SIGSTOP of the driver",
     "driver's node hangs, its threads live",
@@ -69,11 +73,32 @@ def test_a_jam_goes_all_the_way_and_every_mishap_ends_in_the_safe_state(make_sce
         event.jam(scene)
         scene.probe.spin_until(lambda: scene.manifold_pa() == pytest.approx(HELD_PA, abs=4e3), "drawn to the set point")
         took_s = scene.delay_s(event.happen(scene), all_off)
+        assert took_s >= 0.0, f"all was off before {name}"
         sys.stdout.write(f"{name}: {took_s:.3f} s\n")
         if event.fault != Fault.UNKNOWN:
             scene.wait_for_fault(event.fault)
         repair(scene)
     scene.probe.wait_for_channels(ChannelJamState.UNJAMMED)  # the driver that was started after the killed one
+    assert not OF_THE_PLANT & set(scene.cleared)  # which was well all the time
+
+
+def test_a_driver_that_stands_still_now_and_then_finds_no_fault(make_scene: Callable[..., Scene]) -> None:
+    """Stalls of 0.1 to 2 s, at any moment of jamming and holding: the board lets go where it must, and all jams again.
+
+    Such a stall once left two of three channels in FAULT, in one of 21 tries.
+    """
+    scene = make_scene()
+    scene.know_atmosphere()
+    draw = random.Random(14)  # noqa: S311 - when a driver stalls is no secret
+    for _ in range(STALLS):
+        scene.jam()
+        until_s = time.monotonic() + draw.uniform(0.0, 0.3)
+        scene.probe.spin_until(lambda until_s=until_s: time.monotonic() > until_s, "a moment has passed")
+        stood_s, stall_s = EVENTS["SIGSTOP of the driver"].happen(scene), draw.uniform(0.1, 2.0)
+        scene.probe.spin_until(lambda end_s=stood_s + stall_s: time.monotonic() > end_s, "the stall is over")
+        repair(scene)
+    scene.jam()
+    assert not OF_THE_PLANT & set(scene.cleared)
 
 
 def test_stale_commands_vent_later_than_a_pulled_cable(make_scene: Callable[..., Scene]) -> None:
@@ -261,6 +286,18 @@ def test_a_driver_that_is_there_before_its_board_says_so_and_takes_it(
     scene.jam()
     assert scene.link().level != DiagnosticStatus.ERROR
     assert scene.driver.poll() is None
+
+
+def test_the_whole_graph_runs_on_the_board(bench: BoardBench, tmp_path: Path, start: Callable[..., Up]) -> None:
+    """`jammkle up --hardware modbus` and `jammkle jam` energise the pins; Ctrl-C releases them, with exit code 0."""
+    up = start("up", "--hardware", "modbus", "--port", str(tmp_path / "board"))
+    for verb in ("jam", "unjam", "jam"):
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while (bench.edges[-1].solenoids if bench.edges else 0) != (EVERYTHING if verb == "jam" else 0):
+            assert time.monotonic() < deadline_s, up.text()
+            start(verb).wait()  # fails until the driver knows every channel
+    assert up.stop() == 0, up.text()
+    assert bench.released
 
 
 def test_a_port_that_is_none_ends_the_driver_with_one_line(domain_id: int) -> None:

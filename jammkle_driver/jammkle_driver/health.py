@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from jammkle_driver.core.bank import Estimate
     from jammkle_driver.core.channel import ChannelStatus
     from jammkle_driver.core.driver import Driver
-    from jammkle_driver.core.faults import Finding
     from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.core.status import DriverStatus
 
@@ -41,7 +40,7 @@ def health_lines(
     """
     return (
         _driver_line(status, lifecycle_state),
-        *(() if link is None else (_link_line(link, status.line_noise),)),
+        *(() if link is None else (_link_line(link, status),)),
         Health("jam_command", Level.WARN, refused_command) if refused_command else Health("jam_command", Level.OK, ""),
         _manifold_line(status),
         *(_channel_line(channel) for channel in status.channels),
@@ -133,15 +132,15 @@ def _driver_line(status: DriverStatus, lifecycle_state: str) -> Health:
     return Health("driver", Level.OK if status.active else Level.WARN, lifecycle_state)
 
 
-def _link_line(link: LinkStatus, noise: Finding | None) -> Health:
+def _link_line(link: LinkStatus, status: DriverStatus) -> Health:
     level, message = _LINK_LEVELS[link.state], f"{link.state.value}: {link.detail}"
     if link.state is not LinkState.CONNECTED:
         pass  # what the board said before is old
     elif link.latched:
         level = Level.ERROR
         message = f"safe state latched: {', '.join(sorted(cause.value for cause in link.latched))}"
-    elif noise is not None:
-        level, message = Level.WARN, f"{noise.reason.name}: {noise.text}"
+    elif warning := status.line_noise or status.restarted:
+        level, message = Level.WARN, f"{warning.reason.name}: {warning.text}"
     elif link.faults:
         level = Level.WARN
         message = ", ".join(sorted(fault.value for fault in link.faults))

@@ -237,7 +237,7 @@ class DriverNode(ClockHearer, LifecycleNode):
         self._driver.tick(now)
         if self._hardware is not None:
             self._look_at_link(self._hardware, now)
-            self._driver.measure_noise(self._hardware.link, now)
+            self._driver.watch_link(self._hardware.link, now)
         if self._outputs is not None and self._hardware is not None:
             self._hardware.apply(self._driver.command)
             self._outputs.repeat_command(self._driver.command)

@@ -9,7 +9,7 @@ import pytest
 
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
-from jammkle_driver.core.link import LinkGuard, NoiseMeter
+from jammkle_driver.core.link import RESTART_TOLD_S, LinkGuard, NoiseMeter, RestartWatch
 from jammkle_driver.hardware_choice import HardwareContext, check_hardware, check_parameters, make_hardware
 from jammkle_driver.parameters import DriverParameters
 from jammkle_graph.command.provided import HARDWARE
@@ -76,6 +76,20 @@ def test_a_noisy_line_is_told_with_its_share() -> None:
     assert "20 %" in noise.text
     assert noise.values["wrong check sums (share of telegrams)"] == "0.200"
     assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=9000, crc_errors=200), 20.0) is None
+
+
+def test_a_board_that_starts_anew_is_told_though_nothing_was_jammed() -> None:
+    """Not its first start; with its cause, for a minute."""
+    watch = RestartWatch()
+    assert watch.look(LinkStatus(LinkState.SEARCHING), 0.0) is None
+    assert watch.look(LinkStatus(LinkState.CONNECTED, starts=1), 1.0) is None
+    anew = LinkStatus(LinkState.CONNECTED, starts=2, reset_cause=ResetCause.BROWN_OUT)
+    told = watch.look(anew, 5.0)
+    assert told is not None
+    assert told.reason is Reason.BROWN_OUT
+    assert "brown-out" in told.text
+    assert watch.look(anew, 5.0 + RESTART_TOLD_S - 1.0) is not None
+    assert watch.look(anew, 5.0 + RESTART_TOLD_S + 1.0) is None
 
 
 def test_a_link_that_is_well_asks_for_nothing() -> None:

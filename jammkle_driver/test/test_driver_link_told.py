@@ -86,7 +86,24 @@ def test_what_befalls_a_jammed_board_is_told_and_left_again(ankle: Ankle, mishap
     assert not refused.success
     assert told.text in refused.message
     ankle.jam_again()
-    ankle.graph.spin_until(lambda: ankle.said.lines["link"].level == DiagnosticStatus.OK)
+    ankle.graph.spin_until(lambda: ankle.said.lines["link"].level != DiagnosticStatus.ERROR)
+
+
+def test_a_board_that_resets_while_nothing_is_jammed_is_told(ankle: Ankle) -> None:
+    """A warning of the link with the cause, and no FAULT: nobody has lost anything, but the next jam would."""
+    ankle.jam_again()
+    ankle.trigger(names.UNJAM_ALL)
+    ankle.spin_until_in(ChannelJamState.UNJAMMED)
+    starts = ankle.board.link.starts
+    ankle.board.inject(LinkFault.REBOOTED)
+    ankle.graph.spin_until(
+        lambda: numbers_of(ankle.said.values_of("link"), "last reset")["board starts (1)"] == starts + 1
+    )
+    assert "has started anew" in ankle.said.lines["link"].message
+    assert ankle.said.lines["link"].level == DiagnosticStatus.WARN
+    assert ankle.said.all_in(ChannelJamState.UNJAMMED)
+    assert ankle.trigger(names.JAM_ALL)
+    ankle.spin_until_in(ChannelJamState.JAMMED)
 
 
 def test_noise_on_the_line_is_told_and_costs_no_jam(ankle: Ankle) -> None:

@@ -9,7 +9,7 @@ from jammkle_driver.core.admission import INACTIVE, check_able, check_ready
 from jammkle_driver.core.ankle import Ankle, SafeState
 from jammkle_driver.core.faults import Finding, Reason
 from jammkle_driver.core.hardware import ActuatorCommand, PressureSample, released
-from jammkle_driver.core.link import LinkGuard, NoiseMeter
+from jammkle_driver.core.link import LinkGuard, NoiseMeter, RestartWatch
 from jammkle_driver.core.overload import OverloadStatus, OverloadWatch
 from jammkle_driver.core.requests import (
     RequestError,
@@ -52,12 +52,14 @@ class Driver:
         self._overload = OverloadWatch(settings.tick_period_s)
         self._link_guard = LinkGuard()
         self._noise = NoiseMeter()
+        self._restarts = RestartWatch()
         self._steady_s = 0.0
         self._active = False
         self._stop_asked = False
         self._stop_reason = ""
         self._board_waits = False
         self._line_noise: Finding | None = None
+        self._restarted: Finding | None = None
 
     @property
     def limits(self) -> VacuumLimits:
@@ -91,6 +93,7 @@ class Driver:
             atmosphere=ankle.atmosphere.status,
             held=ankle.held,
             line_noise=self._line_noise,
+            restarted=self._restarted,
         )
 
     @property
@@ -262,9 +265,10 @@ class Driver:
             self._ankle.regulate(0.0)
         return verdict.acknowledge
 
-    def measure_noise(self, link: LinkStatus, now: Instant) -> None:
-        """Count wrong check sums on the line, several times a second; noise is told, and nothing is let go."""
+    def watch_link(self, link: LinkStatus, now: Instant) -> None:
+        """Count wrong check sums and the board's starts, several times a second; told, and nothing is let go."""
         self._line_noise = self._noise.look(link, now.steady_s)
+        self._restarted = self._restarts.look(link, now.steady_s)
 
     def tick(self, now: Instant) -> None:
         """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -16,6 +17,9 @@ LINE = "line"
 
 NOISE_WINDOW_S = 5.0
 """Time over which check sum errors are counted, s. Assumed."""
+
+RESTART_TOLD_S = 60.0
+"""How long a board's new start is told, s. Chosen: people look at /diagnostics now and then."""
 
 NOISE_SHARE = 0.01
 """Share of telegrams with a wrong check sum from which the line is noisy: a good one has less than one in a million."""
@@ -109,6 +113,29 @@ def _fault(link: LinkStatus) -> Finding | None:
         text = f"the board went to its safe state ({causes}{reset}): call ~/clear_fault, then jam anew"
         return Finding(reason, BOARD, text, link_numbers(link))
     return None
+
+
+class RestartWatch:
+    """Notes when the board starts anew, jammed or not: one that does so again and again is not well."""
+
+    def __init__(self) -> None:
+        """Make one that has seen no board."""
+        self._starts = 0
+        self._at_s = -math.inf
+
+    def look(self, link: LinkStatus, steady_s: float) -> Finding | None:
+        """Return what is to be said of a start at most `RESTART_TOLD_S` s ago; the first one is none."""
+        if link.starts > self._starts:
+            if self._starts > 0:
+                self._at_s = steady_s
+            self._starts = link.starts
+        if steady_s > self._at_s + RESTART_TOLD_S:
+            return None
+        cause = "" if link.reset_cause is None else f", by {link.reset_cause.value}"
+        seen = f"has started anew {steady_s - self._at_s:.0f} s ago{cause}; {link.starts} starts were seen"
+        browned_out = link.reset_cause is ResetCause.BROWN_OUT
+        reason = Reason.BROWN_OUT if browned_out else Reason.BOARD_REBOOTED
+        return finding(reason, BOARD, seen, link_numbers(link))
 
 
 class NoiseMeter:

@@ -52,6 +52,7 @@ class DriverStatus:
         atmosphere: What vacuum is counted from; None where nobody asks.
         held: Whether solenoids are kept as they were, the pump off.
         line_noise: What is wrong with the line to the board; None where nothing is.
+        restarted: That the board has started anew a while ago; None where it has not.
 
     """
 
@@ -64,6 +65,7 @@ class DriverStatus:
     atmosphere: AtmosphereStatus | None = None
     held: bool = False
     line_noise: Finding | None = None
+    restarted: Finding | None = None
 
 
 def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadStatus) -> Trouble:

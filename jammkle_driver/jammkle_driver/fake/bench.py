@@ -167,7 +167,7 @@ class FaultBench:
             self._ask(lambda: self.driver.follow([Wish(name, self.wish_pa) for name in CHANNELS], now, "jam_command"))
         self.driver.tick(now)
         self._look_at_link(now)
-        self.driver.measure_noise(self.link, now)
+        self.driver.watch_link(self.link, now)
 
     def _look_at_link(self, now: Instant) -> None:
         if self.driver.look_at_link(self.link, now):
