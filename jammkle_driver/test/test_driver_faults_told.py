@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.parameters import DriverParameters
 from jammkle_graph import names
 from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_msgs.msg import ChannelJamState, Fault
@@ -158,6 +159,31 @@ def test_a_silent_sensor_of_the_manifold_is_told_and_costs_no_jam(ankle: Ankle) 
     ankle.plant.heal()
     ankle.graph.spin_until(lambda: ankle.fault.reason in PASSING)
     ankle.graph.spin_until(lambda: ankle.said.lines["manifold"].level == DiagnosticStatus.OK)
+
+
+def test_the_leak_of_each_channel_is_on_diagnostics(ankle: Ankle) -> None:
+    """In Pa/s and as a conductance: of what decays together in the manifold's row, of a channel alone in its own."""
+    decay, conductance = (
+        "decay while the pump rests (Pa/s)",
+        "leak conductance by decay, manifold included (m^3/(s Pa))",
+    )
+    by_law = "leak conductance by the law of the air (m^3/(s Pa))"
+    declared = DriverParameters().leak_conductance_m3_s_pa
+    ankle.jam_again()
+    for channels in (CHANNELS, (ACHILLES,)):
+        ankle.trigger(names.UNJAM_ALL)
+        ankle.spin_until_in(ChannelJamState.UNJAMMED)
+        assert ankle.graph.call(Jam, names.JAM.path, channels=channels).success
+        row = f"{channels[0] if len(channels) == 1 else MANIFOLD} leak"
+        told = ", ".join(sorted(channels))
+        ankle.graph.spin_until(lambda row=row, told=told: ankle.said.values_of(row).get("connected") == told, TIMEOUT_S)
+        values = ankle.said.values_of(row)
+        assert float(values[decay]) > 0.0
+        # the manifold leaks as well as each channel that is connected, each as declared
+        assert float(values[conductance]) == pytest.approx((1 + len(channels)) * declared, rel=0.3)
+    for place in (MANIFOLD, *CHANNELS):
+        mean, _, deviation = ankle.said.values_of(f"{place} leak")[by_law].partition(" +- ")
+        assert float(mean) - 3.0 * float(deviation) < declared < float(mean) + 3.0 * float(deviation)
 
 
 def test_a_valve_that_stays_open_makes_an_unjam_fail(ankle: Ankle) -> None:
