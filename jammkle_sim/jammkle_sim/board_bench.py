@@ -83,6 +83,8 @@ class BoardBench:
         self.edges: list[Edge] = []
         self.resets_s: list[float] = []
         """When the chip was reset, s of the board's own clock."""
+        self.longest_gap_s = 0.0
+        """Longest time for which a busy machine let the plant stand still, s; whoever asks may set it back to 0."""
         self._marks_s: queue.SimpleQueue[float] = queue.SimpleQueue()
         self.override_uv: dict[int, int] = {}
         """Voltage at analogue pins whose sensor is not asked, uV, by pin: a broken wire, a stuck sensor."""
@@ -159,7 +161,7 @@ class BoardBench:
             time.sleep(_PERIOD_S)
 
     def _run(self) -> None:
-        last_s = time.monotonic()
+        last_s = before_s = time.monotonic()
         pending = b""
         try:
             while not self._stop.is_set():
@@ -173,6 +175,9 @@ class BoardBench:
                         last_s = self._take(line.decode(), last_s)
                 last_s = self._advance(last_s, time.monotonic())
                 self._tell_pins()
+                told_s = time.monotonic()
+                self.longest_gap_s = max(self.longest_gap_s, told_s - before_s)
+                before_s = told_s
         except OSError:  # the firmware has ended
             return
 
