@@ -88,7 +88,7 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
         if simulated_time(entry, options.hardware):
             values["use_sim_time"] = True
         command = command_of(entry, options.namespace, values, files)
-        specs.append(ChildSpec(entry.path, command, looks_on=entry.looks_on))
+        specs.append(ChildSpec(entry.path, command, looks_on=entry.looks_on, kind=entry.name))
     return tuple(specs)
 
 

@@ -101,6 +101,34 @@ def test_a_killed_process_is_named_with_its_signal() -> None:
     assert "SIGKILL" in death.text()
 
 
+WAITING_FOR = """
+import pathlib, signal, sys, time
+def end(*_):
+    pathlib.Path({mine!r}).touch()
+    while not pathlib.Path({others!r}).exists():
+        time.sleep(0.01)
+    sys.exit(0)
+signal.signal(signal.SIGTERM, end)
+print("ready", flush=True)
+while True:
+    time.sleep(0.05)
+"""
+
+
+def test_those_of_one_kind_are_stopped_together(tmp_path: Path) -> None:
+    """Each of two drivers ends once the other was asked to: one ankle is not let go after the other."""
+    left, right = str(tmp_path / "left"), str(tmp_path / "right")
+    drivers = [
+        dataclasses.replace(spec(name, WAITING_FOR.format(mine=mine, others=others)), kind="driver")
+        for name, mine, others in (("left/driver", left, right), ("right/driver", right, left))
+    ]
+    lines = Lines()
+    with Supervisor([spec("sim", OBEDIENT), *drivers], lines.take) as supervisor:
+        wait_until(lambda: lines.ready("sim", "left/driver", "right/driver"), "all are ready")
+        supervisor.loaded()
+        assert supervisor.stop() == ()
+
+
 def test_processes_stop_one_after_the_other_in_reverse_order() -> None:
     """What starts first ends last, so that a recorder sees how the others end."""
     leaving = OBEDIENT.replace("sys.exit(0)", "(print('leaving', flush=True), sys.exit(0))")

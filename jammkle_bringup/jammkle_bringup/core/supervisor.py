@@ -35,13 +35,15 @@ class ChildSpec:
     """One process to start: its name for people and its command, whose first entry is an absolute path.
 
     `stop_timeout_s` is how long it may take to end before it is killed. What only `looks_on` may die, once all has
-    started, without taking the others along.
+    started, without taking the others along. Those of one `kind` that start one after the other, such as the drivers
+    of several ankles, are stopped together; without a kind a process is stopped alone.
     """
 
     name: str
     command: tuple[str, ...]
     stop_timeout_s: float = STOP_TIMEOUT_S
     looks_on: bool = False
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -118,12 +120,16 @@ class _Child:
         self._reader.join(_READER_TIMEOUT_S)
         return Death(self.spec.name, self.process.returncode, tuple(self._lines))
 
-    def stop(self) -> None:
-        """Send SIGTERM, and SIGKILL to the whole session if that is not enough."""
+    def ask_to_end(self) -> None:
+        """Send SIGTERM to what still runs."""
         if self.process.poll() is None:
             self.process.terminate()
+
+    def wait_or_kill(self, asked_s: float) -> None:
+        """Wait for what was asked to end at `asked_s` s of the monotonic clock; send SIGKILL to its session in the end."""
+        left_s = asked_s + self.spec.stop_timeout_s - time.monotonic()
         try:
-            self.process.wait(self.spec.stop_timeout_s)
+            self.process.wait(max(left_s, 0.0))
         except subprocess.TimeoutExpired:
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
@@ -132,8 +138,8 @@ class _Child:
 class Supervisor:
     """Processes that belong together: all run, or all are stopped.
 
-    They are started in the order given and stopped in the reverse order, one after the other, so that what starts
-    first (a recorder) sees all of what the others do when they stop.
+    They are started in the order given and stopped in the reverse order, one kind after the other, so that what starts
+    first (a recorder) sees all of what the others do when they stop, and no ankle waits for another to be let go.
     """
 
     def __init__(
@@ -227,8 +233,14 @@ class Supervisor:
         bad: list[Death] = []
         well = {0, -signal.SIGTERM} if self._loading else {0}
         while self._children:
-            child = self._children.pop()
-            child.stop()
-            if child.process.returncode not in well:
-                bad.append(child.death())
+            together = [self._children.pop()]
+            while self._children and together[0].spec.kind and self._children[-1].spec.kind == together[0].spec.kind:
+                together.append(self._children.pop())
+            asked_s = time.monotonic()
+            for child in together:
+                child.ask_to_end()
+            for child in together:
+                child.wait_or_kill(asked_s)
+                if child.process.returncode not in well:
+                    bad.append(child.death())
         return tuple(bad)
