@@ -126,7 +126,7 @@ class _Child:
             self.process.terminate()
 
     def wait_or_kill(self, asked_s: float) -> None:
-        """Wait for what was asked to end at `asked_s` s of the monotonic clock; send SIGKILL to its session in the end."""
+        """Wait for what was asked to end at `asked_s` s of the monotonic clock; at last send SIGKILL to its session."""
         left_s = asked_s + self.spec.stop_timeout_s - time.monotonic()
         try:
             self.process.wait(max(left_s, 0.0))
