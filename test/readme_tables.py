@@ -156,10 +156,11 @@ def control_text() -> str:
 
 def workspace_text() -> str:
     """Lines that build the packages in a sourced Jazzy, with what the distribution does not have."""
-    asked = re.search(
-        r"^# \[base\].*?$(.*?)(?=^# \[)", (ROOT / "requirements.in").read_text(), re.MULTILINE | re.DOTALL
-    )
-    lines = asked[1].splitlines() if asked else []
+    text = (ROOT / "requirements.in").read_text()
+    lines = []
+    for part in ("base", "view"):
+        asked = re.search(rf"^# \[{part}\].*?$(.*?)(?=^# \[)", text, re.MULTILINE | re.DOTALL)
+        lines += asked[1].splitlines() if asked else []
     needed = [line.split()[0] for line in lines if line and line.split()[0] not in OF_THE_DISTRIBUTION]
     return f"""```bash
 python3 -m venv --system-site-packages venv && source venv/bin/activate && touch venv/COLCON_IGNORE

@@ -9,6 +9,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from command_tree import subcommands
 
 from command_reference import NAME, parse
 from readme_tables import ROOT, made, pages
@@ -79,7 +80,7 @@ export PATH=x
 def test_every_verb_is_shown() -> None:
     """No verb is without an example."""
     shown = {words[1] for _, words in shown_calls()}
-    assert {"gap", "hardware", "info", "jam", "paper", "record", "rig", "status", "unjam", "up"} <= shown
+    assert {name.split()[0] for name in subcommands()} <= shown
 
 
 @pytest.mark.parametrize("call", sorted({(name, shlex.join(words)) for name, words in shown_calls()}), ids=" ".join)

@@ -75,7 +75,9 @@ def recover(
 @app.command()
 def export(
     bag: BagArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", help="New folder of the tables.", metavar="DIR")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the tables; must not exist yet.", metavar="DIR")
+    ] = Path("runs/export"),
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV, the default.")] = False,  # noqa: FBT002 - a switch
     parquet: Annotated[bool, typer.Option("--parquet", help="Write Parquet.")] = False,  # noqa: FBT002 - a switch
     rate_hz: Annotated[

@@ -23,7 +23,8 @@ from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, FOXGLOVE_NODE, SIM
 from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.parameters import ParameterError, rows
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_view.foxglove.parameters import NOT_INSTALLED
+from jammkle_view.foxglove.parameters import NOT_INSTALLED as NO_FOXGLOVE
+from jammkle_view.parameters import NOT_INSTALLED as NO_PAGE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -138,7 +139,7 @@ def viewer_values(
     """Return what the options of the command say of the page in the browser.
 
     Raises:
-        InputError: there is no page.
+        InputError: there is no page, or it is not installed.
 
     """
     values: dict[str, ParameterValue] = {"ankles": ",".join(robot.ankles)} if view and any(robot.ankles) else {}
@@ -148,6 +149,8 @@ def viewer_values(
             raise InputError(msg)
         if value is not None:
             values[name] = value
+    if view and importlib.util.find_spec("viser") is None:
+        raise InputError(NO_PAGE)
     return {VIEWER_NODE: values} if values else {}
 
 
@@ -166,7 +169,7 @@ def foxglove_values(host: str | None, port: int | None, *, foxglove: bool) -> di
         if value is not None:
             values[name] = value
     if foxglove and importlib.util.find_spec("foxglove") is None:
-        raise InputError(NOT_INSTALLED)
+        raise InputError(NO_FOXGLOVE)
     return {FOXGLOVE_NODE: values} if values else {}
 
 

@@ -118,7 +118,6 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("recover {folder}/none", ("none", "does not exist")),
         ("recover {folder}", ("{folder}", "not a bag")),
         ("export {folder}/none -o {folder}/out", ("none", "does not exist")),
-        ("export {folder}/none", ("--output",)),
         ("export {folder}/none -o {folder}", ("{folder}", "exists")),
         ("export {folder}/none -o {folder}/out --csv --parquet", ("--csv", "--parquet", "one of them")),
         ("export {folder}/none -o {folder}/out --rate-hz 0", ("--rate-hz 0", "above 0")),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from jammkle_bringup.core.node_table import Robot
-from jammkle_bringup.graph_options import GraphOptions, check, given_value, with_given, with_imu_mount
+from jammkle_bringup.graph_options import GraphOptions, check, given_value, viewer_values, with_given, with_imu_mount
 from jammkle_bringup.up import child_specs
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import CONTROLLER_NODE, SIM_NODE
@@ -69,3 +69,11 @@ def test_one_controller_that_is_told_of_its_imu_leaves_the_others_as_they_are() 
     options = with_given(GraphOptions("/", robot=Robot.QUADRUPED), ["lf_ankle/controller:imu_mount:=body"])
     told = [with_imu_mount(options).values[f"{ankle}/controller"]["imu_mount"] for ankle in options.robot.ankles]
     assert told == ["body", "shank", "shank", "shank"]
+
+
+def test_a_page_that_is_not_installed_is_refused_before_anything_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With what to install; without `--view` nobody asks."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert viewer_values(Robot.ANKLE, None, None, view=False) == {}
+    with pytest.raises(InputError, match=r"pip install 'jammkle\[view\]'"):
+        viewer_values(Robot.ANKLE, None, None, view=True)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from typing import TYPE_CHECKING
 
+from jammkle_graph.parameters import ParameterError
 from jammkle_graph.runner import run
+from jammkle_view.parameters import NOT_INSTALLED
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -23,6 +26,8 @@ def main() -> int:
 
 
 def _make_node() -> ViewerNode:
+    if importlib.util.find_spec("viser") is None:
+        raise ParameterError(NOT_INSTALLED)
     # Loading MuJoCo and viser takes a second; here it happens under the runner's signal handlers.
     from jammkle_view.node import ViewerNode  # noqa: PLC0415
 

@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path  # noqa: TC003 - Typer reads annotations while it runs
 from typing import Annotated
 
 import typer
 
+from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.signals import StopRequest
 from jammkle_graph.namespace import normalised
-from jammkle_view.parameters import ANY_PORT, LOCAL_HOST
+from jammkle_view.parameters import ANY_PORT, LOCAL_HOST, NOT_INSTALLED
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -41,6 +43,8 @@ def view(
     ] = LOCAL_HOST,
 ) -> int:
     """Play a bag back on a page in the browser, its simulation laid over it."""
+    if importlib.util.find_spec("viser") is None:
+        raise InputError(NOT_INSTALLED)
     from jammkle_view.playback.run import Shown, run
 
     shown = Shown(bag, None if namespace is None else normalised(namespace), rig, corrected, not no_simulation)

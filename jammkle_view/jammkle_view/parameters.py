@@ -9,6 +9,7 @@ from jammkle_graph.parameters import parameter
 LOCAL_HOST = "127.0.0.1"
 """Only this machine sees the page, unless somebody says otherwise: who sees it can jam."""
 FIRST_PORT = 8080
+NOT_INSTALLED = "the page in the browser needs viser, which is not installed: pip install 'jammkle[view]'"
 ANY_PORT = 0
 """Stands for the first free port from FIRST_PORT on."""
 

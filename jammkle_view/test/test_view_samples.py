@@ -82,3 +82,15 @@ def test_a_robot_whose_time_begins_anew_is_followed() -> None:
     assert ankle.time_s == 100.0
     ankle.take(Joints(0.1, {"carriage": 0.1}))
     assert ankle.time_s == 0.1
+
+
+def test_pressures_are_plotted_without_a_sensor_of_the_manifold() -> None:
+    """A board may have none: each set of the channels' pressures is a point, with nothing for the manifold."""
+    ankle = Ankle()
+    for step in range(3):
+        for topic in names.PRESSURES.values():
+            ankle.take(Pressure(0.01 * step, topic.name, 1e5 + step))
+    time_s, pressures_pa = ankle.pressures_pa.window(0.0, 1.0)
+    assert list(time_s) == pytest.approx([0.0, 0.01])  # the third set is not known to be whole
+    assert np.isnan(pressures_pa).sum(axis=1).tolist() == [1, 1]
+    assert np.nanmax(pressures_pa) == 1e5 + 1

@@ -56,6 +56,7 @@ class Ankle:
         self.forces_m_s2 = Trace(len(IMU_LINES), capacity)
         self.pulls_n = Trace(len(TENSION_LINES), capacity)
         self._latest_pa = [math.nan] * len(PRESSURE_LINES)
+        self._pressures_at_s = math.nan
 
     def take(self, sample: Sample) -> None:
         """Remember a sample."""
@@ -101,6 +102,9 @@ class Ankle:
     def _take_pressure(self, sample: Pressure) -> None:
         if sample.topic not in _PRESSURE_TOPICS:
             return
+        # Whole sets are shown, each once the next one begins: which sensors there are, nobody tells.
+        if sample.time_s != self._pressures_at_s:
+            if math.isfinite(self._pressures_at_s):
+                self.pressures_pa.append(self._pressures_at_s, self._latest_pa)
+            self._pressures_at_s = sample.time_s
         self._latest_pa[_PRESSURE_TOPICS.index(sample.topic)] = sample.pressure_pa
-        if sample.topic == _PRESSURE_TOPICS[-1]:  # the manifold's comes last
-            self.pressures_pa.append(sample.time_s, self._latest_pa)
