@@ -6,6 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from processes import Processes
 
 from board_client import Client
 from boards import board_command
@@ -62,6 +63,16 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Up]]:
     for process in started:
         exit_code = process.stop()
         sys.stdout.write(f"{process.arguments} ended with {exit_code}\n{process.text()}\n")
+
+
+@pytest.fixture
+def processes(domain_id: int, tmp_path: Path) -> Iterator[Processes]:
+    """Start nodes one by one, in the test's domain."""
+    folder = tmp_path / "processes"
+    folder.mkdir()
+    running = Processes(domain_id, folder)
+    yield running
+    running.end()
 
 
 @pytest.fixture

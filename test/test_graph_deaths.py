@@ -5,9 +5,7 @@ One graph of single processes, as `ros2 run` starts them, goes through it all.
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
 import sys
 import time
 from typing import TYPE_CHECKING, Any
@@ -17,7 +15,6 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
-from graph import environment
 from jammkle_graph.names import (
     ACTUATOR_STATES,
     CLEAR_FAULT,
@@ -31,51 +28,14 @@ from jammkle_graph.names import (
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
+    from collections.abc import Callable
+
+    from processes import Processes
 
     from graph import Probe
 
 AMBIENT_PA = 101325.0
 HELD_PA = 40e3
-
-
-class Processes:
-    """Nodes as processes of their own, by package."""
-
-    def __init__(self, domain_id: int, folder: Path) -> None:
-        self._environment = environment(domain_id)
-        self._folder = folder
-        self.running: dict[str, subprocess.Popen[bytes]] = {}
-
-    def start(self, name: str, *parameters: str) -> None:
-        arguments = [word for each in parameters for word in ("-p", each)]
-        with (self._folder / f"{name}.txt").open("ab") as log:
-            self.running[name] = subprocess.Popen(
-                [sys.executable, "-m", f"jammkle_{name}", "--ros-args", *arguments],
-                env=self._environment,
-                stdout=log,
-                stderr=log,
-            )
-
-    def send(self, name: str, number: signal.Signals) -> float:
-        """Send a signal, and return when, s of the monotonic clock."""
-        os.kill(self.running[name].pid, number)
-        return time.monotonic()
-
-    def end(self) -> None:
-        for process in self.running.values():
-            process.kill()
-            process.wait()
-
-
-@pytest.fixture
-def processes(domain_id: int, tmp_path: Path) -> Iterator[Processes]:
-    running = Processes(domain_id, tmp_path)
-    yield running
-    running.end()
-    for log in tmp_path.glob("*.txt"):
-        sys.stdout.write(f"{log.name}:\n{log.read_text()}\n")
 
 
 class Witness:

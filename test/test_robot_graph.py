@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import signal
 from itertools import pairwise
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from graph import Probe, Up, messages_of
 from jammkle_graph.names import (
@@ -31,6 +33,8 @@ from jammkle_msgs.msg import ChannelJamState
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from processes import Processes
 
 TICKS = 20
 """Enough for two that follow each other, where some are lost on the way."""
@@ -94,6 +98,37 @@ def test_a_quadruped_stands_jams_and_is_recorded(
             ChannelJamState.UNJAMMED,
             ChannelJamState.UNKNOWN,
         }
+
+
+def nodes_line(probe: Probe, of: str) -> DiagnosticStatus:
+    """Return whom a node last said that it hears."""
+    lines = [line for array in probe.heard[DIAGNOSTICS.name] for line in array.status if line.name == f"{of}: nodes"]
+    return lines[-1] if lines else DiagnosticStatus()
+
+
+def test_an_ankle_and_the_simulation_above_it_miss_each_other(
+    processes: Processes, make_probe: Callable[..., Probe]
+) -> None:
+    """Who dies is told by the other one, with since when; no ankle is told of another's driver."""
+    probe = make_probe()
+    probe.listen(DIAGNOSTICS)
+    processes.start("sim", "robot:=quadruped", "start_paused:=true", module="jammkle_sim.robot")
+    for ankle in QUADRUPED_ANKLES[:2]:
+        processes.start(ankle, "use_sim_time:=true", module="jammkle_driver", namespace=f"/{ankle}")
+    lost, kept = (f"{ankle}/driver" for ankle in QUADRUPED_ANKLES[:2])
+    probe.spin_until(
+        lambda: all(name in nodes_line(probe, "/sim").message for name in (lost, kept)), "the simulation hears both"
+    )
+    probe.spin_until(lambda: "/sim" in nodes_line(probe, f"/{kept}").message, "the ankle hears the simulation")
+    processes.send(QUADRUPED_ANKLES[0], signal.SIGKILL)
+    probe.spin_until(lambda: f"{lost} is dead" in nodes_line(probe, "/sim").message, "the driver is missed")
+    told = nodes_line(probe, "/sim")
+    assert told.level == DiagnosticStatus.ERROR
+    assert f"{kept} is dead" not in told.message
+    assert float({each.key: each.value for each in told.values}[f"{lost}, silent for (s)"]) > 2.0
+    assert "dead" not in nodes_line(probe, f"/{kept}").message
+    processes.send("sim", signal.SIGKILL)
+    probe.spin_until(lambda: "/sim is dead" in nodes_line(probe, f"/{kept}").message, "the simulation is missed")
 
 
 @pytest.mark.timeout(300)

@@ -180,5 +180,6 @@ def _unheard(health: Iterable[HealthStatus]) -> set[str]:
     for line in lines:
         if line.name.endswith(ROLL_CALL_LINE):
             place = line.name.rpartition("/")[0]
-            known |= {f"{place}/{key.removesuffix(SILENT_FOR)}" for key in line.values if key.endswith(SILENT_FOR)}
+            names = [key.removesuffix(SILENT_FOR) for key in line.values if key.endswith(SILENT_FOR)]
+            known |= {name if name.startswith("/") else f"{place}/{name}" for name in names}
     return known - heard

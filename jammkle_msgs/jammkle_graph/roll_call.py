@@ -1,4 +1,4 @@
-"""Which nodes of this ankle were there and are no longer: who, since when, and what that means.
+"""Which nodes of an ankle, or of all that one simulates, are no longer there: who, since when, and what that means.
 
 Every node reports on /diagnostics once a second, so that its silence tells. A node that is stopped in order says
 farewell, and is missed by nobody.
@@ -18,7 +18,7 @@ from jammkle_graph.names import CONTROLLER_NODE, DIAGNOSTICS, DRIVER_NODE, GAP_M
 from jammkle_graph.qos import subscriber_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from rclpy.node import Node
 
@@ -41,15 +41,30 @@ MEANING = {
 
 
 class RollCall:
-    """Listens to the reports of all nodes in a node's own namespace."""
+    """Listens to the reports of all nodes that concern a node's own ankle, or the ankles that it simulates.
 
-    def __init__(self, node: Node, now_s: Callable[[], float] = time.monotonic) -> None:
-        """Listen for `node`; `now_s` is a steady clock."""
+    Those are the nodes in its own namespace, and for an ankle of a simulated robot the simulation above it, which names
+    each of its ankles in its report (`/sim: lf_ankle tendons`).
+    """
+
+    def __init__(self, node: Node, ankles: Collection[str] = (), now_s: Callable[[], float] = time.monotonic) -> None:
+        """Listen for a node.
+
+        Args:
+            node: Whose line it is.
+            ankles: Namespaces below the node's own of the ankles that it simulates; none: its own is the only one.
+            now_s: A steady clock, s.
+
+        """
         self._now_s = now_s
         namespace = node.get_namespace().rstrip("/")
         self._prefix = f"{namespace}/"
-        self._prefix_bytes = self._prefix.encode()
         self._own = node.get_name()
+        self._ankles = frozenset(ankles)
+        above, _, ankle = namespace.rpartition("/")
+        self._robot_sim = f"{above}/{SIM_NODE}" if ankle and self._own != SIM_NODE else ""
+        self._of_this_ankle = f"{self._robot_sim}: {ankle} "
+        self._marks = [mark.encode() for mark in (self._prefix, self._robot_sim) if mark]
         self._heard_s: dict[str, float] = {}
         self._looked_s = now_s()
         node.create_subscription(
@@ -74,21 +89,33 @@ class RollCall:
                 f"all there: {', '.join(sorted([self._own, *silent]))}",
                 values,
             )
-        texts = [f"{name} is dead or hangs: {MEANING.get(name, 'not one of ours')}" for name in missed]
-        level = Level.WARN if set(missed) <= {GAP_MONITOR_NODE} else Level.ERROR
+        kinds = {name: name.rpartition("/")[2] for name in missed}
+        texts = [f"{name} is dead or hangs: {MEANING.get(kind, 'not one of ours')}" for name, kind in kinds.items()]
+        level = Level.WARN if set(kinds.values()) <= {GAP_MONITOR_NODE} else Level.ERROR
         return Health(ROLL_CALL_LINE.removeprefix(": "), level, "; ".join(texts), values)
 
     def _take_bytes(self, serialized: bytes) -> None:
-        """Read reports in which the namespace is found alone: to read one costs as much as ten samples of an IMU."""
-        if self._prefix_bytes in serialized:
+        """Read reports in which a name is found alone: to read one costs as much as ten samples of an IMU."""
+        if any(mark in serialized for mark in self._marks):
             self._take(deserialize_message(serialized, DiagnosticArray))
 
     def _take(self, array: DiagnosticArray) -> None:
         for status in array.status:
-            name = status.name.removeprefix(self._prefix).partition(":")[0]
-            if not status.name.startswith(self._prefix) or "/" in name or name == self._own:
+            name = self._known_as(status.name)
+            if not name:
                 continue
             if status.name.endswith(FAREWELL):
                 self._heard_s.pop(name, None)
             else:
                 self._heard_s[name] = self._now_s()
+
+    def _known_as(self, line: str) -> str:
+        """Return what a line's node is called here, without the own namespace; empty where it does not concern us."""
+        node = line.partition(":")[0]
+        if self._robot_sim and node == self._robot_sim:
+            return node if node in self._heard_s or line.startswith(self._of_this_ankle) else ""
+        if not node.startswith(self._prefix):
+            return ""
+        name = node.removeprefix(self._prefix)
+        place = name.rpartition("/")[0]
+        return name if name != self._own and (not place or place in self._ankles) else ""

@@ -91,7 +91,7 @@ class SimNode(Node):
         self._diagnostics = DiagnosticsPublisher(
             self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
         )
-        self._roll_call = RollCall(self)
+        self._roll_call = RollCall(self, kind.ankles_of(self._simulation))
         self._ankles = Ankles(
             self,
             kind.ankles_of(self._simulation),
