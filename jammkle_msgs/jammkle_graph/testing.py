@@ -1,4 +1,4 @@
-"""For tests: a ROS domain of one's own, the machine for one alone, the same random examples. Needs test dependencies."""
+"""For tests: a ROS domain of one's own, the machine for one alone, the same random examples; needs test packages."""
 
 from __future__ import annotations
 
