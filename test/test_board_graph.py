@@ -34,7 +34,7 @@ STALE_S = 0.5
 """The driver's command_timeout_s."""
 REGULATED_PA = 1.5e3
 STEADY_READINGS = 200
-STALLS = 10
+STALLS = 6
 HELD_THROUGH = (
     "SIGSTOP of the driver",
     "driver's node hangs, its threads live",
