@@ -3,6 +3,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
+# 1,000,000 frames in 10 runs, beside the seeds of the tests.
+FUZZ_SEEDS := 100 101 102 103 104 105 106 107 108 109
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
 .PHONY: help demo test bench live blind contact faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
@@ -13,7 +15,7 @@ help:
 	@echo "make bench  set up, measure speed; writes bench.json"
 	@echo "make live   set up, ten minutes of landings at 1 kHz through the live graph, and four ankles; writes live.json"
 	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes docs/faults.md, 30 minutes"
-	@echo "make soak   set up, jam half an hour with random faults, once simulated and once on the firmware; malformed requests, 100,000 and 17,000 over DDS"
+	@echo "make soak   set up, jam half an hour with random faults, once simulated and once on the firmware; 1,000,000 malformed frames; malformed requests, 100,000 and 17,000 over DDS"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, about two hours; goes on where it was stopped"
 	@echo "make contact set up, try the detectors on 4000 steps, slips and landings; writes runs/contact, 20 minutes"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
@@ -48,6 +50,8 @@ faults: set-up
 soak: set-up
 	@$(BIN)/python -m jammkle_driver.fake
 	@$(BIN)/python test/board_soak.py
+	@$(FIRMWARE) fuzz
+	@for seed in $(FUZZ_SEEDS); do jammkle_driver/firmware/build/fuzz 100000 $$seed || exit 1; done
 	@$(BIN)/python -m pytest -q --hypothesis-profile soak \
 		jammkle_driver/test/test_driver_requests_fuzz.py jammkle_driver/test/test_driver_requests_on_graph.py
 
