@@ -56,9 +56,16 @@ def wiring() -> Wiring:
 class Host:
     """The driver's link to a board, with a driver that ticks as the node does."""
 
-    def __init__(self, port: Path | str, *, safe_state: str = "vent", wired: Wiring | None = None) -> None:
+    def __init__(
+        self,
+        port: Path | str,
+        *,
+        safe_state: str = "vent",
+        wired: Wiring | None = None,
+        on_exchange: Callable[[Exchange], None] | None = None,
+    ) -> None:
         self.exchanges: list[Exchange] = []
-        self.link = BoardLink(str(port), wired or load_wiring(None), safe_state, self.exchanges.append)
+        self.link = BoardLink(str(port), wired or load_wiring(None), safe_state, on_exchange or self.exchanges.append)
 
     def tick_until(
         self, holds: Callable[[], bool], command: ActuatorCommand = RELEASED, timeout_s: float = TIMEOUT_S

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import termios
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from pymodbus import ModbusException
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from jammkle_driver.board.wiring import Wiring
 
@@ -74,6 +75,12 @@ def check_port(port: str) -> None:
         raise ValueError(msg)
 
 
+def _pass_on_defects(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Leave out what pymodbus raises while it reads: the request that has got no reply tells it, and is counted."""
+    if not isinstance(context.get("exception"), ModbusException):
+        loop.default_exception_handler(context)
+
+
 class Line:
     """One client on one line. Not to be used from two tasks at once."""
 
@@ -96,7 +103,7 @@ class Line:
         self._client: Any = None
         self._silence_s = silence_s(wiring.baud_rate) if self._serial else 0.0
         self._free_s = 0.0
-        self._came_in = 0
+        self._came_in = b""
         self.answered = 0
         self.damaged = 0
         self.timeouts = 0
@@ -134,6 +141,7 @@ class Line:
         else:
             parts = urlsplit(self._port)
             self._client = AsyncModbusTcpClient(str(parts.hostname), port=parts.port or TCP_PORT, **options)
+        asyncio.get_running_loop().set_exception_handler(_pass_on_defects)
         if not await self._client.connect():
             self.close()
             why = "in use by another program, or no serial device" if self._serial else "nobody answers there"
@@ -160,23 +168,23 @@ class Line:
         call = self._client.read_input_registers if table == "input" else self._client.read_holding_registers
         code = _READ_INPUT if table == "input" else _READ_HOLDING
         return await self._ask(
-            f"reading {count} registers from {first}", code, count, partial(call, first, count=count)
+            f"reading {count} registers from {first}", code, partial(call, first, count=count), count
         )
 
     async def write(self, first: int, numbers: Sequence[int]) -> None:
         """Write holding registers."""
         call = partial(self._client.write_registers, first, list(numbers))
-        await self._ask(f"writing registers from {first}", _WRITE_REGISTERS, 0, call)
+        await self._ask(f"writing registers from {first}", _WRITE_REGISTERS, call, address=first, count=len(numbers))
 
     async def write_register(self, address: int, number: int) -> None:
         """Write one holding register."""
         call = partial(self._client.write_register, address, number)
-        await self._ask(f"writing register {address}", _WRITE_REGISTER, 0, call)
+        await self._ask(f"writing register {address}", _WRITE_REGISTER, call, address=address, registers=[number])
 
     async def write_coils(self, first: int, bits: Sequence[bool]) -> None:
         """Write coils that follow each other."""
         call = partial(self._client.write_coils, first, list(bits))
-        await self._ask(f"writing coils from {first}", _WRITE_COILS, 0, call)
+        await self._ask(f"writing coils from {first}", _WRITE_COILS, call, address=first, count=len(bits))
 
     async def write_and_read(self, first: int, numbers: Sequence[int], read_first: int, count: int) -> Sequence[int]:
         """Write holding registers and read others, in one request (function 23)."""
@@ -188,28 +196,42 @@ class Line:
             values=list(numbers),
         )
         what = f"writing registers from {first} and reading {count} from {read_first}"
-        return await self._ask(what, _READ_WRITE, count, call)
+        return await self._ask(what, _READ_WRITE, call, count)
 
-    async def _ask(self, what: str, code: int, count: int, call: partial[Any]) -> Sequence[int]:
-        """Send a request until it is answered, and return the registers of the reply."""
+    async def _ask(
+        self, what: str, code: int, call: partial[Any], reads: int = 0, **echo: int | list[int]
+    ) -> Sequence[int]:
+        """Send a request until it is answered, and return the registers of the reply.
+
+        Args:
+            what: What is asked for, for people.
+            code: Its function.
+            call: What sends it.
+            reads: How many registers come back.
+            echo: What else the reply must say again, as pymodbus names it.
+
+        """
         for _ in range(self._tries - 1):
             with contextlib.suppress(LineError):
-                return await self._ask_once(what, code, count, call)
+                return await self._ask_once(what, code, call, reads, echo)
             if not self.is_open:
                 break
-        return await self._ask_once(what, code, count, call)
+        return await self._ask_once(what, code, call, reads, echo)
 
-    async def _ask_once(self, what: str, code: int, count: int, call: partial[Any]) -> Sequence[int]:
+    async def _ask_once(
+        self, what: str, code: int, call: partial[Any], reads: int, echo: Mapping[str, int | list[int]]
+    ) -> Sequence[int]:
         """Send one request and return the registers of its reply.
 
         A frame carries no number, so that a reply that comes late would pass for that to the next request. After a
-        request without a reply the line is left alone for as long as was waited for it.
+        request without a reply the line is left alone for as long as was waited for it, and what has come before the
+        next is thrown away unread. Only a reply that comes later still, to the same request as the next, is not told.
         """
         loop = asyncio.get_running_loop()
         left_s = self._free_s - loop.time()
         if left_s > 0.0:
             await asyncio.sleep(left_s)
-        self._came_in = 0
+        self._throw_away()
         pause_s = self._silence_s
         try:
             reply = await call(device_id=self._wiring.unit)
@@ -226,8 +248,7 @@ class Line:
             raise LineError(msg) from error
         finally:
             self._free_s = loop.time() + pause_s
-        registers: Sequence[int] = getattr(reply, "registers", ())
-        if reply.function_code & _CODE_BITS != code or (count and not reply.isError() and len(registers) != count):
+        if not self._answers(reply, code, reads, echo):
             self.damaged += 1
             self._free_s = loop.time() + self._wiring.reply_timeout_s
             msg = f"{what}: the reply is one to another request"
@@ -236,11 +257,30 @@ class Line:
         if reply.isError():
             self.refusals += 1
             raise RefusedError(what, int(reply.exception_code))
+        registers: Sequence[int] = reply.registers if reads else ()
         return registers
+
+    def _answers(self, reply: Any, code: int, reads: int, echo: Mapping[str, int | list[int]]) -> bool:
+        """Whether a good frame can be the reply to such a request, an exception among them."""
+        if reply.function_code & _CODE_BITS != code:
+            return False
+        if reply.isError():
+            return True
+        if reads:  # pymodbus takes a count of bytes that is odd as well
+            head = bytes((self._wiring.unit, code, 2 * reads))
+            return len(reply.registers) == reads and head in self._came_in
+        return all(getattr(reply, name) == value for name, value in echo.items())
+
+    def _throw_away(self) -> None:
+        """Forget what has come; over TCP each frame has a number of its own."""
+        self._came_in = b""
+        if self._serial and self.is_open:
+            with contextlib.suppress(OSError, termios.error):  # a device that is gone: the request will say so
+                self._client.ctx.transport.sync_serial.reset_input_buffer()
 
     def _trace(self, sending: bool, data: bytes) -> bytes:  # noqa: FBT001 - as the library calls it
         if not sending:
-            self._came_in = len(data)
+            self._came_in = data
         return data
 
     def _check_device(self) -> None:
