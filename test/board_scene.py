@@ -145,7 +145,10 @@ class Scene:
         def held() -> bool:
             if self.in_fault():
                 self.clear()
-            return self.all_on() and self.channels_in(ChannelJamState.JAMMED)
+            reasons = {channel.reason for channel in self.probe.last(JAM_STATE).channels}
+            # What a service had jammed before is jammed, too, and stays so when the controller dies.
+            by_stream = reasons == {f"asked by {JAM_COMMAND.name}"}
+            return by_stream and self.all_on() and self.channels_in(ChannelJamState.JAMMED)
 
         self.probe.spin_until(held, "a controller holds everything")
 
