@@ -35,10 +35,11 @@ setup(
         "console_scripts": [
             "composed = jammkle_bringup.composed:main",
             "jammkle = jammkle_bringup.__main__:main",
+            "robot_names = jammkle_bringup.robot_names.__main__:main",
         ],
         "jammkle.commands": [
             *(f"{verb} = jammkle_bringup.commands:app" for verb in ("demo", "jam", "record", "status", "unjam", "up")),
-            *(f"{verb} = jammkle_bringup.bag_commands:app" for verb in ("export", "info", "plot", "recover")),
+            *(f"{verb} = jammkle_bringup.bag_commands:app" for verb in ("export", "info", "plot", "recover", "rename")),
         ],
         "jammkle.landing": ["record = jammkle_bringup.demo:record_landing"],
     },

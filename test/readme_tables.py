@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from command_reference import command_text
+from jammkle_bringup.robot_names.parameters import RobotNamesParameters
 from jammkle_controller.core.offered import OFFERS, Detection
 from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES
 from jammkle_controller.parameters import ControllerParameters
@@ -20,7 +21,7 @@ from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_graph.command.vocabulary import typed_row
-from jammkle_graph.names import ACTIONS, CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
+from jammkle_graph.names import ACTIONS, CHANNELS, RENAMED_TOPICS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_graph.version import VERSION
 from jammkle_sim.parameters import RobotParameters, SimParameters
@@ -46,6 +47,7 @@ NODES: dict[str, type[ParameterClass]] = {
     "gap_monitor": GapMonitorParameters,
     "viewer": ViewerParameters,
     "foxglove": FoxgloveParameters,
+    "robot_names": RobotNamesParameters,
 }
 
 
@@ -92,6 +94,10 @@ def tables() -> dict[str, str]:
         "topics of robots": table(
             ("topic", "type", "delivery", "what"),
             [(f"`{t.name}`", f"`{t.message_type}`", t.kind.value, t.note) for t in ROBOT_TOPICS],
+        ),
+        "topics of robot_names": table(
+            ("topic", "type", "delivery", "what"),
+            [(f"`{t.name}`", f"`{t.message_type}`", t.kind.value, t.note) for t in RENAMED_TOPICS],
         ),
         "services": table(
             ("service", "type", "what"),

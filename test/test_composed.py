@@ -10,6 +10,7 @@ import pytest
 
 from graph import Probe, environment
 from jammkle_graph.names import CLOCK, JAM, JAM_STATE, PUMP_DUTY, SET_AUTO, SOLENOIDS
+from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -57,6 +58,28 @@ def test_controller_and_driver_share_a_process(
     probe.spin_until(lambda: not any(probe.last(topic).data for topic in told), "pump and solenoids are let go")
 
 
+def test_two_ankles_share_a_process(
+    compose: Callable[..., Any], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """Each driver in its own namespace, with its own section of the file; one is jammed, and the other is not."""
+    own = tmp_path / "own.yaml"
+    own.write_text(
+        "/**/driver: {ros__parameters: {hardware: fake}}\n"
+        "/lf_ankle/driver: {ros__parameters: {default_vacuum_pa: 30000.0}}\n"
+    )
+    process = compose("lf_ankle/driver", "rf_ankle/driver", "--ros-args", "--params-file", str(own))
+    left, right = (make_probe(f"/{ankle}") for ankle in ("lf_ankle", "rf_ankle"))
+    for probe in (left, right):
+        probe.listen(JAM_STATE)
+        probe.wait_until_up()
+    assert left.call(JAM).success
+    left.wait_for_channels(ChannelJamState.JAMMED)
+    assert [each.commanded_vacuum_pa for each in left.last(JAM_STATE).channels] == [30e3, 30e3, 30e3]
+    assert set(right.channel_states().values()) == {ChannelJamState.UNJAMMED}
+    process.terminate()
+    assert process.wait(30.0) == 0
+
+
 def test_a_simulated_ankle_fits_into_one_process(
     compose: Callable[..., Any], make_probe: Callable[..., Probe], tmp_path: Path
 ) -> None:
@@ -81,6 +104,8 @@ def test_a_simulated_ankle_fits_into_one_process(
     ("arguments", "why"),
     [
         (("pump",), "there is no node 'pump'; known are: sim, controller, driver"),
+        (("lf_ankle/sim",), "there is no node 'lf_ankle/sim'"),
+        (("lf_ankle/driver", *IN_NAMESPACE), "'lf_ankle/driver' and __ns:= exclude each other"),
         (("controller", "driver", "--ros-args", "-p", "driver:max_vacuum_pa:=-1.0"), "max_vacuum_pa"),
     ],
 )

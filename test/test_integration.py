@@ -17,7 +17,7 @@ import yaml
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
 from graph import Probe, environment
@@ -29,7 +29,6 @@ from jammkle_graph.names import (
     CONTACT_EVENTS,
     DIAGNOSTICS,
     JAM_STATE,
-    JOINT_STATES,
     PERONEAL_LEFT,
     PRESSURES,
     QUADRUPED_ANKLES,
@@ -156,40 +155,16 @@ def test_the_controller_hears_an_imu_of_another_name(
     assert foot.wait(timeout=30) == 0
 
 
-def test_joints_and_channels_can_have_other_names(run: Callable[..., Any], make_probe: Callable[..., Probe]) -> None:
-    """A relay names and turns the joints of a robot; a channel's topics are remapped where the driver starts."""
-    run(
-        *(EXAMPLES / "joint_names.py", *IN_NAMESPACE, "-r", "robot/joint_states:=/joint_states"),
-        *("-p", "names:=[lf_pitch, ankle_pitch, lf_roll, ankle_roll]", "-p", "turned:=[lf_roll]"),
-    )
+def test_topics_of_a_channel_can_have_other_names(run: Callable[..., Any], make_probe: Callable[..., Probe]) -> None:
+    """They are remapped where the driver starts."""
     valve = ("-r", "achilles/solenoid:=/valves/two/solenoid", "-r", "achilles/pressure:=/valves/two/pressure")
     run("-m", "jammkle_driver", *IN_NAMESPACE, *valve)
     probe = make_probe(NAMESPACE)
-    probe.listen(JOINT_STATES, SOLENOIDS[PERONEAL_LEFT])
-    robot = probe.node.create_publisher(JointState, "/joint_states", 10)
-    sent = JointState(name=["lf_roll", "lf_knee", "lf_pitch"], position=[0.1, 9.0, 0.2], velocity=[1.0, 9.0, 2.0])
-    sent.header.stamp.sec = 7
-
-    def passed_on() -> bool:
-        robot.publish(sent)
-        return probe.last(JOINT_STATES) is not None
-
-    probe.spin_until(passed_on, "joint states come by our names")
-    message = probe.last(JOINT_STATES)
-    assert list(message.name) == ["ankle_roll", "ankle_pitch"]
-    assert (list(message.position), list(message.velocity)) == ([-0.1, 0.2], [-1.0, 2.0])
-    assert message.header.stamp.sec == 7
+    probe.listen(SOLENOIDS[PERONEAL_LEFT])
     probe.spin_until(lambda: probe.last(SOLENOIDS[PERONEAL_LEFT]) is not None, "the driver speaks")
     topics = {name for name, _ in probe.node.get_topic_names_and_types()}
     assert {"/valves/two/solenoid", "/valves/two/pressure"} <= topics
     assert not {f"{NAMESPACE}/achilles/solenoid", f"{NAMESPACE}/achilles/pressure"} & topics
-
-
-def test_names_that_do_not_pair_are_refused() -> None:
-    relay = example("joint_names")
-    with pytest.raises(ValueError, match="theirs then ours"):
-        relay.pairs_of(["ankle_pitch"])
-    assert relay.renamed(JointState(name=["knee"], position=[1.0]), {"foot": "ankle_pitch"}, set()) is None
 
 
 def test_the_load_on_a_foot_is_estimated(run: Callable[..., Any], make_probe: Callable[..., Probe]) -> None:

@@ -161,7 +161,9 @@ def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
         return any(0.75 < phase < 0.9 for phase in begun_at)
 
     probe.spin_until(is_jammed_ahead, "it is jammed ahead of a touch-down")
-    assert {each.data for each in probe.heard[PLANNED_CONTACT.name]} == {True, False}
+    probe.spin_until(
+        lambda: {each.data for each in probe.heard[PLANNED_CONTACT.name]} == {True, False}, "stance and swing are told"
+    )
     phases = [each.data for each in probe.heard[GAIT_PHASE.name]]
     assert all(0.0 <= phase < 1.0 for phase in phases)
     rises = sorted(after - before for before, after in pairwise(phases) if after > before)

@@ -108,3 +108,28 @@ def plot(
     from jammkle_bringup.plot import plot as draw
 
     return draw(bag, output, namespace, json)
+
+
+@app.command()
+def rename(
+    bag: BagArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the new bag; must not exist yet.", metavar="DIR")
+    ],
+    joint: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A joint and its name here, =- where it counts the other way round; may be repeated.",
+            metavar="THEIRS=OURS",
+        ),
+    ] = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(help="A topic and its new name, both in full; may be repeated.", metavar="/THEIRS=/OURS"),
+    ] = None,
+    json: JsonOption = None,
+) -> int:
+    """Write a bag of a robot with other names anew, so that every other verb knows its joints and topics."""
+    from jammkle_bringup.rename import rename as write_anew
+
+    return write_anew(bag, output, joint or [], topic or [], json)

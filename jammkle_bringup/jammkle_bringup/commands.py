@@ -58,6 +58,10 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     monitor: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--monitor", help="Let a simulated twin follow the robot and warn when it is left.")
     ] = False,
+    robot_names: Annotated[  # noqa: FBT002 - as above
+        bool,
+        typer.Option("--robot-names", help="Call joints and channels as the robot does, too; --params says how."),
+    ] = False,
     view: Annotated[  # noqa: FBT002 - as above
         bool, typer.Option("--view", help="Show the robot on a page in the browser, with buttons to jam and unjam.")
     ] = False,
@@ -91,7 +95,16 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     for node, chosen in robot_values(robot, behaviour, hardware).items():
         values[node] = {**values.get(node, {}), **chosen}
     options = GraphOptions(
-        normalised(namespace), hardware, tuple(params or ()), record, values, robot, monitor, view, foxglove
+        normalised(namespace),
+        hardware,
+        tuple(params or ()),
+        record,
+        values,
+        robot,
+        monitor=monitor,
+        view=view,
+        foxglove=foxglove,
+        robot_names=robot_names,
     )
     try:
         return run_graph(with_given(options, param or ()), StopRequest())

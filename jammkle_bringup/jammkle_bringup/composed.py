@@ -1,13 +1,15 @@
-"""Several nodes of one ankle in one process: `python -m jammkle_bringup.composed [NODE ...] [--ros-args ...]`.
+"""Several nodes in one process: `python -m jammkle_bringup.composed [NODE ...] [--ros-args ...]`.
 
-Without names the simulated ankle, its controller and its driver. On hardware: `composed controller driver`. Parameters
-of one node stand in a file, in its own section (`/**/driver`). One process takes less of the processor and of
-memory; its nodes share one core and one end, which is why `jammkle up` keeps them apart.
+Without names the simulated ankle, its controller and its driver. On hardware: `composed controller driver`; of several
+ankles `composed lf_ankle/controller lf_ankle/driver rf_ankle/controller rf_ankle/driver`. Parameters of one node stand
+in a file, in its own section (`/**/driver`, `/lf_ankle/driver`). One process takes less of the processor and of memory;
+its nodes share one core and one end, which is why `jammkle up` keeps them apart.
 """
 
 from __future__ import annotations
 
 import sys
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, SIM_NODE
@@ -25,29 +27,30 @@ _ROS_ARGUMENTS = "--ros-args"
 _SPIN_S = 0.1
 
 
-def _sim() -> Node:
+def _sim(_within: str) -> Node:
     from jammkle_sim.landing import make_simulation  # noqa: PLC0415 - loaded where it is asked for
     from jammkle_sim.node import SimNode  # noqa: PLC0415 - as above
 
     return SimNode(make_simulation)
 
 
-def _controller() -> Node:
+def _controller(within: str) -> Node:
     from jammkle_controller.node import ControllerNode  # noqa: PLC0415 - as above
 
-    return ControllerNode()
+    return ControllerNode(namespace=within)
 
 
-def _driver() -> Node:
+def _driver(within: str) -> Node:
     from jammkle_driver.node import DriverNode  # noqa: PLC0415 - as above
 
-    node = DriverNode()
+    node = DriverNode(namespace=within)
     node.start()
     return node
 
 
-MAKERS: dict[str, Callable[[], Node]] = {SIM_NODE: _sim, CONTROLLER_NODE: _controller, DRIVER_NODE: _driver}
-"""By name, in the order in which they start."""
+MAKERS: dict[str, Callable[[str], Node]] = {SIM_NODE: _sim, CONTROLLER_NODE: _controller, DRIVER_NODE: _driver}
+"""By name, in the order in which they start; each gets the namespace of its ankle, empty where `__ns` says it."""
+_NAMESPACE_RULE = "__ns:="
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -55,14 +58,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     place = given.index(_ROS_ARGUMENTS) if _ROS_ARGUMENTS in given else len(given)
     names, ros = given[:place] or list(MAKERS), given[place:]
-    unknown = [name for name in names if name not in MAKERS]
-    if unknown:
-        sys.stderr.write(f"there is no node '{unknown[0]}'; known are: {', '.join(MAKERS)}\n")
+    wrong = _wrong(names, ros)
+    if wrong:
+        sys.stderr.write(f"{wrong}\n")
         return EXIT_BAD_INPUT
     if SIM_NODE in names:  # what is around a simulation runs on its clock, whatever is set for all; itself it does not
         ros = [*(ros or [_ROS_ARGUMENTS]), "-p", "use_sim_time:=true"]
-    chosen = [name for name in MAKERS if name in names]
-    return run_together([MAKERS[name] for name in chosen], ros, loop=_drive, shut_down=_shut_down)
+    makers = [
+        partial(make, path.rpartition("/")[0])
+        for name, make in MAKERS.items()
+        for path in dict.fromkeys(names)
+        if path.rpartition("/")[2] == name
+    ]
+    return run_together(makers, ros, loop=_drive, shut_down=_shut_down)
+
+
+def _wrong(paths: Sequence[str], ros: Sequence[str]) -> str:
+    """Return a line on what cannot be composed, or nothing."""
+    for path in paths:
+        within, _, name = path.rpartition("/")
+        if name not in MAKERS or (within and name == SIM_NODE):
+            return f"there is no node '{path}'; known are: {', '.join(MAKERS)}, and of an ankle lf_ankle/{DRIVER_NODE}"
+        if within and any(word.startswith(_NAMESPACE_RULE) for word in ros):
+            return f"'{path}' and {_NAMESPACE_RULE} exclude each other: leave one of them out"
+    return ""
 
 
 def _drive(nodes: Sequence[Node], executor: Executor, stop: StopFlag) -> None:

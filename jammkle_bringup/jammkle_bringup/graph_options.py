@@ -15,6 +15,7 @@ from jammkle_bringup.core.node_table import (
     Robot,
     check_hardware,
     nodes_for,
+    robot_names_for,
 )
 from jammkle_bringup.core.parameter_file import assignment, check_parameter_files, merged_values, values_of
 from jammkle_graph.bags.writing import check_free
@@ -49,13 +50,16 @@ class GraphOptions:
     """Whether there is a page in the browser."""
     foxglove: bool = False
     """Whether the Foxglove app can look on."""
+    robot_names: bool = False
+    """Whether joints and channels have the robot's names, too."""
 
     @property
     def nodes(self) -> tuple[NodeEntry, ...]:
         """Nodes to start; those that look on are the first to start and the last to stop."""
         asked = ((GAP_MONITOR, self.monitor), (VIEWER, self.view), (FOXGLOVE, self.foxglove))
         watchers = [entry for entry, wanted in asked if wanted]
-        return (*watchers, *nodes_for(self.hardware, self.robot))
+        named = robot_names_for(self.robot) if self.robot_names else ()
+        return (*watchers, *named, *nodes_for(self.hardware, self.robot))
 
 
 def check(options: GraphOptions) -> None:

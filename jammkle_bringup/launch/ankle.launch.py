@@ -9,7 +9,15 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from jammkle_bringup.core.node_table import GAP_MONITOR, SIM_HARDWARE, check_hardware, nodes_for, simulated_time
+from jammkle_bringup.core.node_table import (
+    GAP_MONITOR,
+    SIM_HARDWARE,
+    Robot,
+    check_hardware,
+    nodes_for,
+    robot_names_for,
+    simulated_time,
+)
 from jammkle_graph.names import DRIVER_NODE, SIM_NODE
 from jammkle_graph.namespace import normalised
 
@@ -23,6 +31,7 @@ ARGUMENTS = {
     "release_time_s": ("5.0", "Simulated time after which the carriage is released; wins over params."),
     "publish_clock": ("true", "Whether this simulation makes /clock; false for all but one of several ankles."),
     "monitor": ("false", "Whether the gap monitor follows the ankle with a simulated twin."),
+    "robot_names": ("false", "Whether joints and channels have the robot's names, too, as params say."),
     "params": ("", "ROS parameter file (YAML); config/ankle.yaml is one to start from."),
 }
 
@@ -41,7 +50,8 @@ def nodes(context: LaunchContext) -> list[Node]:
     check_hardware(hardware)
     actions = []
     looking_on = (GAP_MONITOR,) if given["monitor"].lower() == "true" else ()
-    for entry in (*nodes_for(hardware), *looking_on):
+    named = robot_names_for(Robot.ANKLE) if given["robot_names"].lower() == "true" else ()
+    for entry in (*nodes_for(hardware), *named, *looking_on):
         values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
         if entry.name == SIM_NODE:
             values["speed"] = float(given["speed"])

@@ -9,7 +9,14 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from jammkle_bringup.core.node_table import SIM_HARDWARE, Robot, check_hardware, nodes_for, simulated_time
+from jammkle_bringup.core.node_table import (
+    SIM_HARDWARE,
+    Robot,
+    check_hardware,
+    nodes_for,
+    robot_names_for,
+    simulated_time,
+)
 from jammkle_graph.names import DRIVER_NODE, SIM_NODE
 from jammkle_graph.namespace import normalised, resolved
 
@@ -20,6 +27,7 @@ ARGUMENTS = {
     "namespace": ("/", "ROS namespace of the robot; several ankles are in namespaces below, as lf_ankle."),
     "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
     "publish_clock": ("true", "Whether this simulation makes /clock; false where another one does."),
+    "robot_names": ("false", "Whether joints and channels have the robot's names, too, as params say."),
     "params": ("", "ROS parameter file (YAML); config/robot.yaml is one to start from."),
 }
 
@@ -37,7 +45,8 @@ def nodes(context: LaunchContext) -> list[Node]:
     robot, hardware, namespace = Robot(given["robot"]), given["hardware"], normalised(given["namespace"])
     check_hardware(hardware)
     actions = []
-    for entry in nodes_for(hardware, robot):
+    named = robot_names_for(robot) if given["robot_names"].lower() == "true" else ()
+    for entry in (*named, *nodes_for(hardware, robot)):
         values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
         if entry.name == SIM_NODE:
             values["robot"] = robot.value

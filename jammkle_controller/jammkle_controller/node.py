@@ -79,14 +79,17 @@ class ControllerNode(ClockHearer):
     that the driver knows the controller is alive also while simulated time stands still.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Make the node.
+
+        Args:
+            node_options: Passed on to rclpy (`parameter_overrides`, `namespace`, `context`).
 
         Raises:
             ParameterError: an unknown parameter was given, or a value is out of range.
 
         """
-        super().__init__(CONTROLLER_NODE)
+        super().__init__(CONTROLLER_NODE, **node_options)
         values = declare(self, ControllerParameters)
         self._auto = values.auto_at_start
         self._controller = AnkleController(controller_settings(values))

@@ -15,6 +15,7 @@ SIM_NODE = "sim"
 GAP_MONITOR_NODE = "gap_monitor"
 VIEWER_NODE = "viewer"
 FOXGLOVE_NODE = "foxglove"
+ROBOT_NAMES_NODE = "robot_names"
 
 PERONEAL_LEFT = "peroneal_left"
 PERONEAL_RIGHT = "peroneal_right"
@@ -38,6 +39,9 @@ QUADRUPED_ANKLES: tuple[str, ...] = ("lf_ankle", "rf_ankle", "lh_ankle", "rh_ank
 
 ANKLE_JOINTS: tuple[str, ...] = ("ankle_roll", "ankle_pitch", "ankle_yaw")
 """Angles of the ball joint in joint_states, rad; ankle_pitch is positive toe-down."""
+
+LEG_JOINTS: tuple[str, ...] = ("abduction", "hip", "knee")
+"""Joints of a limb, as joint_states tells them together with its ankle's, rad."""
 
 CARRIAGE_JOINT = "carriage"
 """The rig's slide in joint_states: height of the ankle joint above floor or slope, m, up positive."""
@@ -219,6 +223,23 @@ ROBOT_TOPICS: tuple[Topic, ...] = (TRUE_CONTACT,)
 """What there is besides, for each ankle of a simulated leg or quadruped."""
 
 
+ROBOTS_JOINT_STATES = Topic(
+    "robot/joint_states",
+    JOINT_STATES.message_type,
+    TopicKind.SENSOR,
+    "joints by the robot's names: heard, or published where joints_of says so",
+)
+ROBOTS_JAM_STATE = Topic(
+    "robot/jam_state", JAM_STATE.message_type, TopicKind.STATE, "jam_state with the robot's names of the channels"
+)
+ROBOTS_JAM_COMMAND = Topic(
+    "robot/jam_command", JAM_COMMAND.message_type, TopicKind.COMMAND, "passed on as jam_command with our names"
+)
+
+RENAMED_TOPICS: tuple[Topic, ...] = (ROBOTS_JOINT_STATES, ROBOTS_JAM_STATE, ROBOTS_JAM_COMMAND)
+"""The robot's side of `robot_names`, where that node runs."""
+
+
 def below(within: str, topic: Topic) -> str:
     """Return a topic's name in a namespace below a node's own, such as that of one ankle of several; empty: in that."""
     return topic.name if topic.name.startswith("/") or not within else f"{within}/{topic.name}"
@@ -272,6 +293,11 @@ STEP = Service(SIM_NODE, "step", "jammkle_msgs/srv/Step", "advance a paused simu
 def channel_jam_service(channel: str) -> Service:
     """Service that jams (true, default vacuum) or vents (false) one channel."""
     return Service(DRIVER_NODE, f"{channel}/jam", _SET_BOOL, "jam this channel to the default vacuum, or vent it")
+
+
+def robots_service(suffix: str) -> str:
+    """Name of a service on the robot's side of `robot_names`: `robot/jam`."""
+    return f"robot/{suffix}"
 
 
 CHANNEL_JAMS: dict[str, Service] = {channel: channel_jam_service(channel) for channel in CHANNELS}

@@ -16,6 +16,7 @@ from jammkle_graph.names import (
     FOXGLOVE_NODE,
     GAP_MONITOR_NODE,
     QUADRUPED_ANKLES,
+    ROBOT_NAMES_NODE,
     SIM_NODE,
     VIEWER_NODE,
 )
@@ -158,6 +159,16 @@ FOXGLOVE = NodeEntry(
 )
 """The live connection for the Foxglove app; looks on."""
 
+ROBOT_NAMES = NodeEntry(
+    package="jammkle_bringup",
+    executable="robot_names",
+    name=ROBOT_NAMES_NODE,
+    parameter_table="jammkle_bringup.robot_names.parameters:RobotNamesParameters",
+    follows_simulated_time=False,
+    module="jammkle_bringup.robot_names",
+)
+"""Joints and channels by the robot's names, one for each ankle. A robot commands through it, so its death stops all."""
+
 ParameterValue = bool | int | float | str
 
 
@@ -180,6 +191,11 @@ def nodes_for(hardware: str, robot: Robot = Robot.ANKLE) -> tuple[NodeEntry, ...
     simulated = [entry for entry in kinds if entry.simulates and hardware == SIM_HARDWARE]
     of_ankles = [replace(entry, within=ankle) for entry in kinds if not entry.simulates for ankle in robot.ankles]
     return (*simulated, *of_ankles)
+
+
+def robot_names_for(robot: Robot) -> tuple[NodeEntry, ...]:
+    """Return the nodes that know the robot's own names: one for each ankle."""
+    return tuple(replace(ROBOT_NAMES, within=ankle) for ankle in robot.ankles)
 
 
 def simulated_time(entry: NodeEntry, hardware: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from jammkle_graph.names import LEG_JOINTS
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.attach import AnkleFitting, attach_ankle
 from jammkle_sim.robots.kinematics import Segments
@@ -16,8 +17,7 @@ if TYPE_CHECKING:
     from jammkle_sim.robots.attach import AttachedAnkle
     from jammkle_sim.robots.options import RobotOptions
 
-ABDUCTION, HIP, KNEE = "abduction", "hip", "knee"
-"""Joints of a limb, as they are told together with its ankle's."""
+ABDUCTION, HIP, KNEE = LEG_JOINTS
 
 
 @dataclass(frozen=True)

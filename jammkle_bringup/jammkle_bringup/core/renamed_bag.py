@@ -1,0 +1,187 @@
+"""A bag under the names that this project knows: joints, and topics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rosbags.interfaces import ConnectionExtRosbag2
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.typesys import TypesysError
+
+from jammkle_graph.bags import metadata
+from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.signals import Interrupted
+from jammkle_graph.names import JOINT_STATES
+from jammkle_graph.renaming import RenamingError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
+    from jammkle_graph.renaming import JointRenaming
+
+_EVERY = 1000
+"""Messages between two looks at whether to stop; some milliseconds."""
+
+
+@dataclass(frozen=True)
+class RenamingRequest:
+    """What is to be renamed.
+
+    Attributes:
+        bag: The bag to read.
+        target: Folder of the new bag.
+        joints: New names of joints, in every message of joint states that holds one of them; the others are left out.
+        topics: New names of topics, absolute, by the old ones.
+
+    """
+
+    bag: Path
+    target: Path
+    joints: JointRenaming
+    topics: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class RenamedBag:
+    """What a renaming has done.
+
+    Attributes:
+        bag: The new bag.
+        messages: In it.
+        joint_messages: Of these, with other joints than before.
+        topics: New names by the old ones.
+
+    """
+
+    bag: Path
+    messages: int
+    joint_messages: int
+    topics: Mapping[str, str]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return a mapping for JSON."""
+        return {
+            "bag": str(self.bag),
+            "messages": self.messages,
+            "joint_messages": self.joint_messages,
+            "topics": dict(self.topics),
+        }
+
+
+def rename(
+    request: RenamingRequest, on_progress: Callable[[float], None], asked_to_stop: Callable[[], bool]
+) -> RenamedBag:
+    """Write the bag anew; log times, stamps, QoS and custom data stay.
+
+    Args:
+        request: What is to be renamed.
+        on_progress: Called with the share that is done, 0 to 1.
+        asked_to_stop: Looked at between messages.
+
+    Raises:
+        InputError: the bag cannot be read, or holds nothing of what is to be renamed.
+        OSError: the new one cannot be written.
+        Interrupted: asked to stop; what is written by then is not whole.
+
+    """
+    with opened(request.bag) as reader:
+        _check(reader, request)
+        kept = {key: text for key, text in metadata.custom_data_of(request.bag).items() if key != metadata.UNFINISHED}
+        try:
+            with Writer(request.target, version=metadata.VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
+                for key, text in kept.items():
+                    writer.set_custom_data(key, text)
+                changed = _write(reader, writer, request, on_progress, asked_to_stop)
+        except (WriterError, TypesysError) as error:
+            msg = f"bag {request.target} cannot be made: {error}"
+            raise InputError(msg) from error
+        if request.joints.new and not changed:
+            msg = f"bag {request.bag} has no joint {' or '.join(request.joints.new)} in its joint states"
+            raise InputError(msg)
+        return RenamedBag(request.target, reader.message_count, changed, dict(request.topics))
+
+
+def topics_of(pairs: list[str]) -> dict[str, str]:
+    """Read `/theirs=/ours` of each, absolute names.
+
+    Raises:
+        RenamingError: one has another form, or a name stands twice.
+
+    """
+    found: dict[str, str] = {}
+    for pair in pairs:
+        old, equals, new = pair.partition("=")
+        if not equals or not old.startswith("/") or not new.startswith("/"):
+            msg = f"'{pair}' must be /theirs=/ours, such as /valves/two/pressure=/achilles/pressure"
+            raise RenamingError(msg)
+        if old in found or new in found.values():
+            msg = f"'{old if old in found else new}' stands twice: give each name once"
+            raise RenamingError(msg)
+        found[old] = new
+    return found
+
+
+def _check(reader: AnyReader, request: RenamingRequest) -> None:
+    known = {connection.topic for connection in reader.connections}
+    for old, new in request.topics.items():
+        if old not in known:
+            msg = f"bag {request.bag} has no topic {old}: it has {', '.join(sorted(known)) or 'none'}"
+            raise InputError(msg)
+        if new in known - set(request.topics):
+            msg = f"bag {request.bag} has a topic {new} already: {old} cannot be called so"
+            raise InputError(msg)
+
+
+def _write(
+    reader: AnyReader,
+    writer: Writer,
+    request: RenamingRequest,
+    on_progress: Callable[[float], None],
+    asked_to_stop: Callable[[], bool],
+) -> int:
+    targets = {connection.id: _added(writer, connection, request) for connection in reader.connections}
+    changed = 0
+    for count, (connection, time_ns, data) in enumerate(messages(reader, request.bag)):
+        if count % _EVERY == 0:
+            if asked_to_stop():
+                raise Interrupted
+            on_progress(count / max(reader.message_count, 1))
+        new = _renamed(reader, request.joints, connection, data)
+        changed += new is not None
+        writer.write(targets[connection.id], time_ns, data if new is None else new)
+    return changed
+
+
+def _added(writer: Writer, connection: Connection, request: RenamingRequest) -> Connection:
+    kept = connection.ext
+    if not isinstance(kept, ConnectionExtRosbag2):
+        msg = f"bag {request.bag} is of ROS 1: make one of ROS 2 of it first, with rosbags-convert"
+        raise InputError(msg)
+    return writer.add_connection(
+        request.topics.get(connection.topic, connection.topic),
+        connection.msgtype,
+        msgdef=connection.msgdef.data,
+        rihs01=connection.digest,
+        serialization_format=kept.serialization_format,
+        offered_qos_profiles=kept.offered_qos_profiles,
+    )
+
+
+def _renamed(reader: AnyReader, joints: JointRenaming, connection: Connection, data: bytes) -> bytes | None:
+    """Return a message of joint states under new names; None: it stays as it is."""
+    if not joints.new or connection.msgtype != JOINT_STATES.message_type:
+        return None
+    message: Any = reader.deserialize(data, connection.msgtype)
+    found = joints.renamed(message)
+    if found is None:
+        return None
+    make = reader.typestore.types[connection.msgtype]
+    values = (np.array(each, dtype=np.float64) for each in (found.position, found.velocity, found.effort))
+    return bytes(reader.typestore.serialize_cdr(make(message.header, list(found.name), *values), connection.msgtype))

@@ -1,0 +1,1 @@
+"""A node that calls joints and channels as the robot does."""

@@ -1,0 +1,75 @@
+"""A quadruped on hardware: four drivers with a board each, or with the built-in plant."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import pytest
+
+from jammkle_graph.names import ACHILLES, JAM_STATE, QUADRUPED_ANKLES
+from jammkle_msgs.msg import ChannelJamState
+from jammkle_sim.board_bench import BoardBench
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from graph import Probe, Up
+
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(1200)]  # which counts while it waits for the other test's end
+
+ACHILLES_BIT = 4
+"""Place of the channel among the solenoids of the shipped wiring, at the pins."""
+FIRST, *OTHERS = QUADRUPED_ANKLES
+
+
+def pins(board: BoardBench) -> int:
+    """Return which solenoids of a board are energised now, a bit each."""
+    return board.edges[-1].solenoids if board.edges else 0
+
+
+def look_on(make_probe: Callable[..., Probe]) -> dict[str, Probe]:
+    """Listen to each ankle, and wait until its driver knows its channels."""
+    probes = {ankle: make_probe(f"/{ankle}") for ankle in QUADRUPED_ANKLES}
+    for probe in probes.values():
+        probe.listen(JAM_STATE)
+    for probe in probes.values():
+        probe.wait_until_up()
+    return probes
+
+
+def test_each_ankle_has_its_own_board(
+    command: list[str], start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """One channel of one ankle is one pin of one board; all are jammed by one command; the end vents every board."""
+    sections = [f"/{ankle}/driver: {{ros__parameters: {{port: {tmp_path / ankle}}}}}\n" for ankle in QUADRUPED_ANKLES]
+    sections.append("/**/controller: {ros__parameters: {auto_at_start: false}}\n")
+    (tmp_path / "ports.yaml").write_text("".join(sections))
+    with ExitStack() as stack:
+        boards = {
+            ankle: stack.enter_context(BoardBench(command, tmp_path / ankle, store=tmp_path / f"{ankle}.store"))
+            for ankle in QUADRUPED_ANKLES
+        }
+        hardware = ("--hardware", "modbus", "--params", str(tmp_path / "ports.yaml"))
+        up = start("up", "--robot", "quadruped", *hardware)
+        probes = look_on(make_probe)
+        assert start("jam", ACHILLES, "--namespace", FIRST).wait() == 0
+        probes[FIRST].wait_for_channels(ChannelJamState.JAMMED, ACHILLES)
+        assert pins(boards[FIRST]) == ACHILLES_BIT
+        assert [pins(boards[ankle]) for ankle in OTHERS] == [0, 0, 0]
+        assert start("jam").wait() == 0
+        for probe in probes.values():
+            probe.wait_until_jammed()
+        assert [pins(board) for board in boards.values()] == [7, 7, 7, 7]
+        assert up.stop() == 0, up.text()
+        probes[FIRST].spin_until(lambda: not any(pins(board) for board in boards.values()), "every board has let go")
+
+
+def test_a_quadruped_of_built_in_plants(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+    up = start("up", "--robot", "quadruped", "--hardware", "fake", "-p", "controller:auto_at_start:=false")
+    probes = look_on(make_probe)
+    assert start("jam").wait() == 0
+    for probe in probes.values():
+        probe.wait_until_jammed()
+    assert up.stop() == 0, up.text()
