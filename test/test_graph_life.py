@@ -84,9 +84,10 @@ def test_status_lists_every_node_every_time(graph: tuple[Up, Probe], start: Call
     probe.listen(DIAGNOSTICS)
     probe.spin_until(lambda: len({node_of(line) for line in lines_of(probe)}) == 3, "every node reports")
     told = {line for line in lines_of(probe) if "nodes" not in line}
-    for number in range(STATUS_CALLS):
-        file = tmp_path / f"{number}.json"
-        assert start("status", "--json", str(file)).wait() == 0
+    files = [tmp_path / f"{number}.json" for number in range(STATUS_CALLS)]
+    for call in [start("status", "--json", str(file)) for file in files]:
+        assert call.wait() == 0
+    for file in files:
         listed = {line["name"] for line in json.loads(file.read_text())["health"]}
         assert {node_of(line) for line in listed} == {"/controller", "/driver", "/sim"}
         assert told <= listed
@@ -322,8 +323,7 @@ def test_bad_input_gets_one_clear_line(
 
 def test_without_a_graph_a_client_says_so(start: Callable[..., Up]) -> None:
     """`jammkle jam` and `status` end with an error and one line that says what to start."""
-    for name in ("jam", "unjam", "status"):
-        process = start(name)
+    for process in [start(name) for name in ("jam", "unjam", "status")]:
         assert process.wait() == 1
         assert "jammkle up" in process.text()
         assert "Traceback" not in process.text()

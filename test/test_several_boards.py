@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from graph import Probe, Up
 
-pytestmark = [pytest.mark.alone, pytest.mark.timeout(1200)]  # which counts while it waits for the other test's end
-
 ACHILLES_BIT = 4
 """Place of the channel among the solenoids of the shipped wiring, at the pins."""
 FIRST, *OTHERS = QUADRUPED_ANKLES
@@ -39,6 +37,8 @@ def look_on(make_probe: Callable[..., Probe]) -> dict[str, Probe]:
     return probes
 
 
+@pytest.mark.alone
+@pytest.mark.timeout(1200)  # which counts while it waits for the other test's end
 def test_each_ankle_has_its_own_board(
     command: list[str], start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
 ) -> None:
