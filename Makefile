@@ -36,7 +36,7 @@ demo: set-up
 	@$(BIN)/jammkle demo
 
 test: set-up
-	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup
 
 bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from command_tree import subcommands
+from shown import DOCUMENTS, blocks
 
 from command_reference import NAME, parse
-from readme_tables import ROOT, made, pages
+from readme_tables import ROOT, made
 
-DOCUMENTS = [*pages(), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 SEPARATORS = {"&&", "||", ";", "&", "|", "(", ")"}
 REDIRECTIONS = {">", ">>", ">&", "<"}
 
@@ -38,12 +38,7 @@ def lines_of(text: str) -> list[list[str]]:
 
 def shown_calls() -> list[tuple[str, list[str]]]:
     """Every call of the command in a shell block of a document, with the document's name."""
-    return [
-        (path.name, words)
-        for path in DOCUMENTS
-        for block in re.findall(r"```bash\n(.*?)```", path.read_text(), re.DOTALL)
-        for words in lines_of(block)
-    ]
+    return [(block.page, words) for block in blocks("bash") for words in lines_of(block.text)]
 
 
 def test_what_is_made_from_the_code_is_as_the_code_has_it() -> None:
@@ -100,10 +95,9 @@ def shown_imports() -> list[tuple[str, str, str]]:
     """Every name that Python on a page imports from the project: page, module, name."""
     return sorted(
         {
-            (path.name, str(node.module), alias.name)
-            for path in DOCUMENTS
-            for block in re.findall(r"```python\n(.*?)```", path.read_text(), re.DOTALL)
-            for node in ast.walk(ast.parse(block))
+            (block.page, str(node.module), alias.name)
+            for block in blocks("python")
+            for node in ast.walk(ast.parse(block.text))
             if isinstance(node, ast.ImportFrom) and str(node.module).startswith("jammkle_")
             for alias in node.names
         }

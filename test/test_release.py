@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import ast
 import datetime as dt
+import os
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
+import yaml
 from release import ReleaseError, numbers, released
 from rosbags.highlevel import AnyReader
 from wheels import EXTRAS, PACKAGES, requirements
 
 from jammkle_graph.messages import ROS_MODULES
 from readme_tables import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 DAY = dt.date(2027, 1, 2)
 BROUGHT = {"markupsafe": "jinja2", "llvmlite": "numba"}
@@ -118,3 +117,51 @@ def test_a_verb_that_needs_ros_says_so() -> None:
     assert done.returncode == 1
     assert "pip install 'jammkle[ros]'" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_release_is_one_commit_with_a_tag(tmp_path: Path) -> None:
+    """Version, manifests and changelog change together; the tag is on it; the same version is not released twice."""
+    clone = tmp_path / "clone"
+
+    def git(*arguments: str, at: Path = clone) -> str:
+        return subprocess.run(["git", "-C", at, *arguments], capture_output=True, text=True, check=True).stdout.strip()  # noqa: S607
+
+    git("clone", "--quiet", str(ROOT), str(clone), at=tmp_path)
+    for key, value in (("user.name", "A maintainer"), ("user.email", "maintainer@jammkle.example")):
+        git("config", key, value)
+    notes = clone / "CHANGELOG.md"
+    notes.write_text(notes.read_text().replace("## Unreleased\n", "## Unreleased\n\n- A new entry.\n", 1))
+    script, version = clone / "jammkle_bringup/scripts/release.py", "99.0.0"
+
+    def release() -> subprocess.CompletedProcess[str]:
+        environment = {**os.environ, "PYTHONPATH": str(clone / "jammkle_msgs")}
+        command = [sys.executable, str(script), version]
+        return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=clone)
+
+    refused = release()
+    assert refused.returncode == 2
+    assert "not committed" in refused.stderr
+    git("commit", "--all", "--quiet", "--message", "Add an entry")
+    done = release()
+    assert done.returncode == 0, done.stderr
+    assert git("cat-file", "-t", f"v{version}") == "tag"
+    assert git("rev-list", "-1", f"v{version}") == git("rev-parse", "HEAD")
+    assert git("log", "-1", "--format=%s") == f"Release {version}"
+    assert git("status", "--porcelain") == ""
+    assert f"## {version} - " in notes.read_text()
+    for package in PACKAGES:
+        assert f"<version>{version}</version>" in (clone / package / "package.xml").read_text()
+    again = release()
+    assert again.returncode == 2
+    assert "is not newer" in again.stderr
+
+
+def test_what_is_checked_before_a_commit_is_what_lint_checks() -> None:
+    """Every hook of pre-commit starts a tool of the environment, and make lint uses the same ones."""
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    lint = (ROOT / "Makefile").read_text()
+    tools = {hook["entry"].split()[0] for hook in hooks}
+    assert {Path(tool).name for tool in tools} == {"ruff", "mypy", "python"}
+    for tool in tools:
+        assert (Path(sys.prefix) / "bin" / Path(tool).name).exists()
+        assert f"$(BIN)/{Path(tool).name}" in lint
