@@ -20,6 +20,7 @@ from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
+from jammkle_graph.command.provided import COMMANDS, entries
 from jammkle_graph.command.vocabulary import typed_row
 from jammkle_graph.names import ACTIONS, CHANNELS, RENAMED_TOPICS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
@@ -49,6 +50,26 @@ NODES: dict[str, type[ParameterClass]] = {
     "foxglove": FoxgloveParameters,
     "robot_names": RobotNamesParameters,
 }
+
+
+HOLDS = {
+    "jammkle_msgs": "messages and services; in `jammkle_graph` names, QoS, parameters and bags",
+    "jammkle_driver": "pump and solenoids, the line to the board, its firmware",
+    "jammkle_controller": "contact detection and the jamming policy",
+    "jammkle_sim": "physics, rigs, robots, the sim node",
+    "jammkle_gap": "the diagnosis, its pages and blind trials, the gap monitor",
+    "jammkle_contact": "detectors and policy over recordings, and driver, controller and simulation in one process",
+    "jammkle_view": "the page in the browser, live and from a bag; the connection for Foxglove",
+    "jammkle_reality": "an independent machine that the diagnosis is tried on",
+    "jammkle_bringup": "the graph as a whole: launch files, parameters, viewer layouts; bags; the robot's own names",
+}
+"""What is in each package; its verbs are the entry points that it declares."""
+
+
+def verbs_of(package: str) -> str:
+    """Return the verbs that a package brings along."""
+    found = [name for name, entry in entries(COMMANDS).items() if entry.module.partition(".")[0] == package]
+    return ", ".join(f"`{name}`" for name in found)
 
 
 def table(head: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
@@ -94,6 +115,10 @@ def tables() -> dict[str, str]:
         "topics of robots": table(
             ("topic", "type", "delivery", "what"),
             [(f"`{t.name}`", f"`{t.message_type}`", t.kind.value, t.note) for t in ROBOT_TOPICS],
+        ),
+        "packages": table(
+            ("package", "what it holds", "verbs of `jammkle`"),
+            [(f"`{name}`", holds, verbs_of(name)) for name, holds in HOLDS.items()],
         ),
         "topics of robot_names": table(
             ("topic", "type", "delivery", "what"),
