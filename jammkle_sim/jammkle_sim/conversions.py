@@ -116,13 +116,24 @@ class OutgoingMessages:
         self._pressure.header.frame_id = frame(self._namespace, place)
         return _stamped(self._pressure, self._pressure.header.stamp, time_ns)
 
-    def joint_states(self, time_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]) -> JointState:
-        """Return joint angles, rad, and slides, m, with their rates. Both mappings have the same names."""
+    def joint_states(
+        self,
+        time_ns: int,
+        positions: Mapping[str, float],
+        velocities: Mapping[str, float],
+        efforts: Mapping[str, float] | None = None,
+    ) -> JointState:
+        """Return joint angles, rad, and slides, m, with their rates, and efforts, N m and N, where they are known.
+
+        All mappings have the same names.
+        """
         _check_finite("a joint", positions.values())
         _check_finite("a joint's rate", velocities.values())
+        _check_finite("a joint's effort", () if efforts is None else efforts.values())
         self._joints.name = list(positions)
         self._joints.position = list(positions.values())
         self._joints.velocity = [velocities[name] for name in positions]
+        self._joints.effort = [] if efforts is None else [efforts[name] for name in positions]
         return _stamped(self._joints, self._joints.header.stamp, time_ns)
 
     def tendon_states(self, time_ns: int, tendons: Sequence[TendonSample]) -> TendonStates:

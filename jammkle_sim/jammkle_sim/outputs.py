@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from geometry_msgs.msg import WrenchStamped
 from rosgraph_msgs.msg import Clock
@@ -61,6 +61,14 @@ class WithLoadCell(AnkleSensors, Protocol):
 
     def load_cell_force_n(self) -> tuple[float, float, float]:
         """Force between rig and leg, N."""
+
+
+@runtime_checkable
+class WithEfforts(Protocol):
+    """An ankle of a robot, whose joints have servos."""
+
+    def joint_efforts(self) -> dict[str, float]:
+        """Efforts of the joints, N m and N."""
 
 
 class RobotAnkle(AnkleSensors, Protocol):
@@ -155,7 +163,8 @@ class Outputs:
 
     def _joint_states(self, time_ns: int) -> JointState:
         positions, velocities = self._ankle.joint_positions(), self._ankle.joint_velocities()
-        return self._messages.joint_states(time_ns, positions, velocities)
+        efforts = self._ankle.joint_efforts() if isinstance(self._ankle, WithEfforts) else None
+        return self._messages.joint_states(time_ns, positions, velocities, efforts)
 
     def _tendon_states(self, time_ns: int) -> TendonStates:
         return self._messages.tendon_states(time_ns, self._ankle.tendons())

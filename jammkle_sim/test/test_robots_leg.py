@@ -161,3 +161,29 @@ def test_bad_input_is_refused_in_one_line() -> None:
         simulation.ankles[ANKLE].hold_vacuum({"achilles": -1.0})
     with pytest.raises(ValueError, match="pump duty is nan"):
         simulation.ankles[ANKLE].set_pump_duty(math.nan)
+
+
+def test_efforts_are_what_the_servos_gave_in_the_mean() -> None:
+    """Of a leg that walks, over each control step: nearer to the mean of what acts than what acts at its end is.
+
+    The damper acts with the new speed, as MuJoCo's implicit integrator has it.
+
+    The ankle has no servo, and gives nothing.
+    """
+    simulation = robot_simulation("leg", RobotOptions(behaviour="walk", speed_m_s=0.3, step_period_s=0.4))
+    (view,) = simulation.ankles.values()
+    knee, target, limb = simulation.data.joint(KNEE), simulation.model.actuator(KNEE).id, LimbParameters()
+    simulation.advance(round(0.7 / simulation.timestep_s))
+    errors, last = [], []
+    for _ in range(200):
+        applied = []
+        for _ in range(round(0.002 / simulation.timestep_s)):
+            at_rad = float(knee.qpos[0])
+            simulation.advance(1)
+            spring_n_m = limb.stiffness_n_m * (float(simulation.data.ctrl[target]) - at_rad)
+            applied.append(spring_n_m - limb.damping_n_m_s * float(knee.qvel[0]))
+        told = view.joint_efforts()
+        errors.append(abs(told["knee"] - np.mean(applied)))
+        last.append(abs(applied[-1] - np.mean(applied)))
+    assert np.median(errors) < 0.5 * np.median(last)
+    assert told["ankle_pitch"] == 0.0

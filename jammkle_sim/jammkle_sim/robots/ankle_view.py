@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.readout import ImuSample, TendonSample
     from jammkle_sim.robots.attach import AttachedAnkle
     from jammkle_sim.robots.gait import FootPlan
+    from jammkle_sim.robots.servos import Servos
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class AnkleSample:
     """Angles of the ankle, rad, and of its leg's joints, rad or m."""
     velocities: Mapping[str, float]
     """Rates of the same."""
+    efforts: Mapping[str, float]
+    """Efforts of their servos, N m or N; 0 where there is none."""
     channel_pressures_pa: Mapping[str, float]
     """Absolute, Pa, as the sensors give them."""
     manifold_pressure_pa: float
@@ -52,6 +55,7 @@ class AnkleView:
         sensors: SensorParameters,
         noise: Noise,
         plan: Callable[[], FootPlan | None],
+        servos: Servos,
     ) -> None:
         """Look at an ankle.
 
@@ -62,6 +66,7 @@ class AnkleView:
             sensors: Of this ankle.
             noise: Of its sensors.
             plan: Gives what the gait plans of its foot now.
+            servos: Of the robot.
 
         """
         self.ankle = ankle
@@ -69,6 +74,7 @@ class AnkleView:
         self._parts = parts
         self._sensors = sensors
         self._noise = noise
+        self._servos = servos
         self._regulator: VacuumRegulator | None = None
         self._wanted_pa = dict.fromkeys(CHANNELS, 0.0)
         self._steps = 0
@@ -156,6 +162,10 @@ class AnkleView:
         """Rates of the same, rad/s and m/s."""
         return {name: float(joint.qvel[0]) for name, joint in self._joints.items()}
 
+    def joint_efforts(self) -> dict[str, float]:
+        """Efforts of the same, N m and N, in the mean since the latest targets; 0 where there is no servo."""
+        return {name: self._servos.effort(joint.name) for name, joint in self._joints.items()}
+
     def tendons(self) -> tuple[TendonSample, ...]:
         """Every tendon, in the order of TENDONS."""
         return tendon_samples(TENDONS, self._parts.states)
@@ -178,6 +188,7 @@ class AnkleView:
             imu=self.imu(),
             positions=self.joint_positions(),
             velocities=self.joint_velocities(),
+            efforts=self.joint_efforts(),
             channel_pressures_pa=dict(zip(CHANNELS, pressures_pa[1:], strict=True)),
             manifold_pressure_pa=pressures_pa[0],
             tendons=self.tendons(),

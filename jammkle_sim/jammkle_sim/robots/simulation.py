@@ -36,6 +36,7 @@ from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.ankle_view import AnkleSample, AnkleView
 from jammkle_sim.robots.attach import tendon_names
 from jammkle_sim.robots.options import ImuPlace
+from jammkle_sim.robots.servos import Servos
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -99,6 +100,7 @@ class RobotSimulation:
             dtype=np.intp,
         )
         self._friction = self._model.geom_friction.copy()
+        self._servos = Servos(self._model, self.data)
         self._pose()
         self._parts = tuple(_parts(robot, ankle, self.data) for ankle in robot.ankles)
         self._start = tuple(_copies(parts) for parts in self._parts)
@@ -108,7 +110,7 @@ class RobotSimulation:
         for ankle, parts, seed in zip(robot.ankles, self._parts, seeds, strict=True):
             sensors = dataclasses.replace(robot.sensors, seed=seed)
             plan = functools.partial(self._plan, ankle.name)
-            self.ankles[ankle.name] = AnkleView(ankle, parts, self.data, sensors, Noise(sensors), plan)
+            self.ankles[ankle.name] = AnkleView(ankle, parts, self.data, sensors, Noise(sensors), plan, self._servos)
         self._base = self.data.body(robot.base)
         self._control_steps = max(1, round(CONTROL_PERIOD_S / self.timestep_s))
         self._regulation_steps = max(1, round(REGULATION_PERIOD_S / self.timestep_s))
@@ -220,6 +222,7 @@ class RobotSimulation:
             mujoco.mj_resetDataKeyframe(self._model, self.data, 0)
         self._robot.control.command(0.0, self.data)
         mujoco.mj_forward(self._model, self.data)
+        self._servos.retarget()
 
     def _act(self) -> None:
         """Do what is due at this step: events, targets of the joints, vacuum."""
@@ -228,6 +231,7 @@ class RobotSimulation:
                 event.act(self.data)
         if self._robot_steps % self._control_steps == 0:
             self._robot.control.command(self.robot_time_s, self.data)
+            self._servos.retarget()
         if self._robot_steps % self._regulation_steps == 0:
             for view in self.ankles.values():
                 view.regulate(REGULATION_PERIOD_S)
