@@ -20,7 +20,14 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.freshness import Freshness
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.reading import imu_sample, imu_sample_of, joint_position, load_n, nanoseconds
+from jammkle_controller.core.reading import (
+    imu_sample,
+    imu_sample_of,
+    joint_position,
+    leg_reading,
+    load_n,
+    nanoseconds,
+)
 from jammkle_controller.health import StreamTrouble, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters, controller_settings
 from jammkle_graph import wire
@@ -65,6 +72,7 @@ INPUT_TOPICS = {
     Input.GAIT_PHASE: GAIT_PHASE.name,
     Input.PLANNED_CONTACT: PLANNED_CONTACT.name,
     Input.JOINTS: JOINT_STATES.name,
+    Input.EFFORTS: JOINT_STATES.name,
 }
 """Where each of the optional inputs is heard."""
 
@@ -138,9 +146,13 @@ class ControllerNode(ClockHearer):
         self._take(reaction, message.header.frame_id)
 
     def _hear_joints(self, message: JointState) -> None:
-        roll_rad = joint_position(message, ANKLE_JOINTS[0])
+        roll_rad, time_ns = joint_position(message, ANKLE_JOINTS[0]), nanoseconds(message.header.stamp)
         if roll_rad is not None:
-            self._controller.inputs.hear_joints(roll_rad, nanoseconds(message.header.stamp))
+            self._controller.inputs.hear_joints(roll_rad, time_ns)
+        if self._values.use_efforts:
+            reading = leg_reading(message, self._values.hip_joint, self._values.knee_joint)
+            if reading is not None:
+                self._take(self._controller.hear_leg(reading, time_ns), message.header.frame_id)
 
     def _take(self, reaction: Reaction, frame_id: str) -> None:
         if reaction.wish_changed and self._auto:

@@ -8,6 +8,7 @@ from jammkle_controller.core.controller import ControllerSettings
 from jammkle_controller.core.detector_settings import DetectorSettings, Mount
 from jammkle_controller.core.impact import ImpactSettings
 from jammkle_controller.core.inputs import InputSettings
+from jammkle_controller.core.leg_load import LegModel
 from jammkle_controller.core.liftoff import LiftoffSettings
 from jammkle_controller.core.policy import PolicyMode, PolicySettings
 from jammkle_controller.core.raised import RaiseSettings
@@ -55,6 +56,20 @@ class ControllerParameters:
         default=False,
         description="Whether load_cell/wrench is the load on the foot, and shows contact; in a rig it is not",
         dynamic=True,
+    )
+    use_efforts: bool = parameter(
+        default=False,
+        description="Whether efforts of hip and knee in joint_states show contact; the leg's constants below must fit",
+    )
+    hip_joint: str = parameter("hip", "Joint of the thigh in joint_states: pitch, counted from straight down")
+    knee_joint: str = parameter("knee", "Joint of the shank, counted from the thigh")
+    thigh_m: float = parameter(0.15, "From hip to knee; this and what follows is of our simulated legs", "m", 0.02, 2.0)
+    shank_m: float = parameter(0.15, "From knee to ankle", "m", 0.02, 2.0)
+    thigh_kg: float = parameter(0.35, "Mass of the thigh, taken for a rod", "kg", 0.0, 50.0)
+    shank_kg: float = parameter(0.502, "Mass of the shank with ankle and foot, taken for a rod", "kg", 0.0, 50.0)
+    shank_centre_m: float = parameter(0.102, "From the knee to the centre of that mass", "m", 0.0, 2.0)
+    armature_kg_m2: float = parameter(
+        0.004, "Inertia of the motors of hip and knee behind their gears", "kg m^2", 0.0, 1.0
     )
     command_rate_hz: float = parameter(
         20.0,
@@ -276,5 +291,19 @@ def policy_settings(values: ControllerParameters) -> PolicySettings:
 def controller_settings(values: ControllerParameters) -> ControllerSettings:
     """Pick what the controller needs."""
     return ControllerSettings(
-        detector_settings(values), policy_settings(values), InputSettings(values.stance_share, values.use_load)
+        detector_settings(values),
+        policy_settings(values),
+        InputSettings(values.stance_share, values.use_load, leg_model(values) if values.use_efforts else None),
+    )
+
+
+def leg_model(values: ControllerParameters) -> LegModel:
+    """Pick what the leg is."""
+    return LegModel(
+        values.thigh_m,
+        values.shank_m,
+        values.thigh_kg,
+        values.shank_kg,
+        values.shank_centre_m,
+        values.armature_kg_m2,
     )

@@ -20,7 +20,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
@@ -32,6 +32,7 @@ from jammkle_graph.names import (
     IMU,
     JAM_COMMAND,
     JAM_STATE,
+    JOINT_STATES,
     SET_AUTO,
     UNJAM,
 )
@@ -401,3 +402,33 @@ def test_other_inputs_are_named_and_vent(make_bench: Callable[..., Bench]) -> No
     bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 0.0), "the ankle is vented")
     bench.spin_until(lambda: bench.events[-1].source == "contact switch", "the lift-off is told")
     assert bench.events[-1].type == ContactEvent.LIFTOFF
+
+
+def test_efforts_are_named_and_vent_a_foot_that_bears_nothing(make_bench: Callable[..., Bench]) -> None:
+    """With use_efforts the leg in joint_states is named once heard; it lets go, the lift-off is told with its load."""
+    bench = make_bench("--ros-args", "-p", "use_efforts:=true")
+    bench.wait_until_up()
+    joints = bench.node.create_publisher(JointState, JOINT_STATES.name, publisher_qos(JOINT_STATES))
+    bench.spin_until(lambda: joints.get_subscription_count() > 0, "the controller hears the joints")
+
+    def stand_with(knee_n_m: float) -> None:
+        for _ in range(5):
+            time_s = time.time()  # the node's own clock: what is heard lately is named
+            leg = JointState(name=["knee", "hip"], position=[-1.05, 0.52], velocity=[0.0, 0.0], effort=[knee_n_m, 0.25])
+            leg.header.stamp.nanosec = round(time_s % 1.0 * 1e9)
+            leg.header.stamp.sec = int(time_s)
+            joints.publish(leg)
+            bench.feel(GRAVITY_M_S2, time_s)
+
+    def named() -> bool:
+        stand_with(1.3)
+        return "joint efforts" in bench.health["inputs"].message
+
+    def told() -> bool:
+        stand_with(-0.25)
+        return bool(bench.events)
+
+    bench.spin_until(named, "the efforts are named")
+    bench.spin_until(told, "the lift-off is told")
+    assert (bench.events[0].type, bench.events[0].source) == (ContactEvent.LIFTOFF, "joint efforts")
+    assert (bench.events[0].unit, abs(bench.events[0].magnitude) < 4.0) == ("N", True)

@@ -22,8 +22,11 @@ if TYPE_CHECKING:
 
     from jammkle_controller.core.density_ratio import StepRatios
     from jammkle_controller.core.imu import ImuGate, ImuSample
+    from jammkle_controller.core.leg_load import LegReading
     from jammkle_controller.core.watch import ImuWatch
 
+FALLING = 0.5
+"""Load on the IMU, in units of gravity, below which it falls: efforts that hold a leg up then look like a load."""
 LEANING_RAD = 0.035
 """Roll of the ankle from which on it tells the side that yields, rad: 2 deg, beyond its play."""
 
@@ -79,6 +82,7 @@ class AnkleController:
         """Take the next sample of the IMU."""
         gate, wish_before = self._detector.gate, self._policy.wish
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
+        self._detector.bear(self.inputs.efforts_contact(sample.time_ns), sample.time_ns)
         events = self._detector.update(sample)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
@@ -110,6 +114,11 @@ class AnkleController:
     def hear_phase(self, phase: float, time_ns: int) -> Reaction:
         """Take the gait's phase, 0 at touch-down to 1 at the next."""
         return self._hear(self.inputs.hear_phase(phase, time_ns), time_ns)
+
+    def hear_leg(self, reading: LegReading, time_ns: int) -> Reaction:
+        """Take angles, rates and efforts of hip and knee."""
+        falls = self._detector.available and self._detector.motion.load < FALLING
+        return self._hear(self.inputs.hear_leg(reading, time_ns, falls=falls), time_ns)
 
     def _hear(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         if event is None:

@@ -25,6 +25,8 @@ LONG_GAP_S = 1.0
 """After a silence as long as this a stream is looked at anew: a sensor may have been set up anew, s."""
 JOLT_S = 0.1
 """How long the ankle jolts its IMU when jammed or vented, s: valves move after 20 ms, fibres grip at 44 ms."""
+SEEN_S = 0.05
+"""So soon after a blow on the IMU the efforts need not know of it, s: their readings come 50 times a second or more."""
 RELOADED = 1.05
 """Load, in units of gravity, at which a body whose foot was said to swing is carried again, blow or none."""
 STEPPING_S = 1.5
@@ -53,6 +55,7 @@ class ContactDetector:
 
         """
         self.phase = Phase.GROUND
+        self._borne: bool | None = None
         self.gate = ImuGate(settings.max_gap_s)
         self.watch = ImuWatch(settings.watch)
         self.motion = Motion()
@@ -103,6 +106,19 @@ class ContactDetector:
         elif not lifted and self.phase in (Phase.FLIGHT, Phase.SWING):
             self._impact.note(time_ns)
             self._land(time_ns)
+
+    def bear(self, borne: bool | None, time_ns: int) -> None:  # noqa: FBT001 - three things that it may be
+        """Take whether the efforts of the leg say that the foot stands; None: they are not known.
+
+        They know steps better: while they are known the IMU is asked for free fall, its end, and slips alone.
+        """
+        self._borne = borne
+        hit_ns = self._impact.last_ns
+        hit = hit_ns is not None and time_ns - hit_ns < SEEN_S * NANOSECONDS_PER_SECOND
+        if borne is False and self.phase in (Phase.GROUND, Phase.PLANTED) and not hit:
+            self.correct(lifted=True, time_ns=time_ns)
+        elif borne and self.phase is Phase.SWING:
+            self.correct(lifted=False, time_ns=time_ns)
 
     def update(self, sample: ImuSample) -> tuple[ContactEvent, ...]:
         """Take the next sample and return what it decided, oldest first; samples the gate ignores decide nothing."""
@@ -182,6 +198,11 @@ class ContactDetector:
 
     def _end_of_swing(self, time_ns: int) -> ContactEvent | None:
         """Return an impact when what was in the air is hit, or, reported late, stands."""
+        if self._borne is not None and self.phase is Phase.SWING:
+            # A body that is held up falls when it is let go; the shank of a leg that swings is at times as light.
+            if self.foot is None and self._liftoff.on_ground(time_ns, self.motion.force_m_s2) is not None:
+                self.phase = Phase.FLIGHT
+            return None
         force = self.motion.force_m_s2
         foot = self.foot
         impact = self._impact.on_ground(time_ns, force) if foot is None else foot.blow(time_ns, self.motion)
@@ -202,7 +223,8 @@ class ContactDetector:
             return (liftoff,)
         jolted = time_ns < self._jolted_until_ns
         # A foot or shank jumps by itself as it is lifted: there only a swing ends in an impact.
-        impact = self._impact.on_ground(time_ns, force, disturbed=jolted) if self.foot is None else None
+        steps_felt = self.foot is None and self._borne is None
+        impact = self._impact.on_ground(time_ns, force, disturbed=jolted) if steps_felt else None
         if impact is not None:
             self._land(time_ns)
             return (impact,)
@@ -218,11 +240,15 @@ class ContactDetector:
 
     def _leaving(self, time_ns: int) -> ContactEvent | None:
         """Return a lift-off: by free fall, of a foot or shank by the probability of a swing, or by a slow rise."""
+        if self._borne is False:  # it has left already
+            return None
         force = self.motion.force_m_s2
         liftoff = self._liftoff.on_ground(time_ns, force)
         if liftoff is not None:
             self._leave(Phase.FLIGHT, time_ns)
             return liftoff
+        if self._borne is not None:
+            return None
         if self.foot is not None:
             liftoff = self.foot.leaving(time_ns, self._impact.last_ns, self.motion)
             if liftoff is not None:

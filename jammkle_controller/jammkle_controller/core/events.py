@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 M_S2 = "m/s^2"
 M_S = "m/s"
+NEWTON = "N"
 METRE = "m"
 NO_UNIT = ""
 
@@ -33,6 +34,7 @@ class Source(enum.Enum):
     CONTACT_SWITCH = "contact switch"
     LOAD = "load"
     GAIT = "gait"
+    EFFORTS = "joint efforts"
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,20 @@
-"""What a robot may tell of contact beside the IMU, each of it optional: switch, load, gait phase, plan, joints."""
+"""What a robot may tell of contact beside the IMU, each optional: switch, load, gait phase, plan, joints, efforts."""
 
 from __future__ import annotations
 
 import enum
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from jammkle_controller.core.anticipation import GaitPhase
-from jammkle_controller.core.events import NO_UNIT, ContactEvent, ContactKind, Source
+from jammkle_controller.core.contact_load import LoadContact
+from jammkle_controller.core.events import NEWTON, NO_UNIT, ContactEvent, ContactKind, Source
+from jammkle_controller.core.leg_load import LegLoad
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+
+if TYPE_CHECKING:
+    from jammkle_controller.core.leg_load import LegModel, LegReading
 
 LOADED_SHARE = 0.4
 UNLOADED_SHARE = 0.15
@@ -37,14 +43,16 @@ class Input(enum.Enum):
     GAIT_PHASE = "gait phase"
     PLANNED_CONTACT = "planned contact"
     JOINTS = "joint states"
+    EFFORTS = "joint efforts"
 
 
 @dataclass(frozen=True)
 class InputSettings:
-    """Share of the stride that the foot stands, and whether the load cell shows contact."""
+    """Share of the stride that the foot stands, whether the load cell shows contact, and what the leg is, if known."""
 
     stance_share: float
     use_load: bool
+    leg: LegModel | None = None
 
 
 class ContactInputs:
@@ -60,6 +68,8 @@ class ContactInputs:
         self._usual_load_n = 0.0
         self._load_side: bool | None = None
         self._load_side_ns = 0
+        self._leg_load = None if settings.leg is None else LegLoad(settings.leg)
+        self._leg_contact = LoadContact()
 
     def heard(self, time_ns: int) -> tuple[Input, ...]:
         """Inputs that were heard lately; a switch is heard for ever, as it may speak on change only."""
@@ -68,10 +78,14 @@ class ContactInputs:
     def measured_contact(self, time_ns: int) -> bool | None:
         """Whether a sensor of contact says that the foot stands; None: there is none."""
         here = self.heard(time_ns)
-        for each in (Input.CONTACT_SWITCH, Input.LOAD):
+        for each in (Input.CONTACT_SWITCH, Input.LOAD, Input.EFFORTS):
             if each in here and each in self._in_contact:
                 return self._in_contact[each]
         return None
+
+    def efforts_contact(self, time_ns: int) -> bool | None:
+        """Whether the efforts of the leg say that the foot stands; None: they are not heard."""
+        return self._in_contact.get(Input.EFFORTS) if self._is_heard(Input.EFFORTS, time_ns) else None
 
     def tells_contact(self, time_ns: int) -> bool:
         """Whether anything beside the IMU shows contact."""
@@ -125,6 +139,19 @@ class ContactInputs:
         if math.isfinite(roll_rad):
             self._heard_ns[Input.JOINTS] = time_ns
             self.roll_rad = roll_rad
+
+    def hear_leg(self, reading: LegReading, time_ns: int, *, falls: bool = False) -> ContactEvent | None:
+        """Take angles, rates and efforts of hip and knee; of a body that falls: nothing carries it."""
+        load_n = None if self._leg_load is None else self._leg_load.update(reading, time_ns)
+        if load_n is None:
+            return None
+        self._heard_ns[Input.EFFORTS] = time_ns
+        change = self._leg_contact.update(0.0 if falls else load_n, time_ns)
+        self._in_contact[Input.EFFORTS] = self._leg_contact.stands
+        if change is None:
+            return None
+        kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
+        return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
 
     def is_another_foots(self, time_ns: int) -> bool:
         """Whether a blow on the body comes at a phase at which this foot does not touch down."""

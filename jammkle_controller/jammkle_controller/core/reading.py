@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.core.leg_load import LegReading
 from jammkle_graph import wire
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
@@ -61,3 +62,15 @@ def joint_position(message: Any, joint: str) -> float | None:
         return None
     index = names.index(joint)
     return float(message.position[index]) if index < len(message.position) else None
+
+
+def leg_reading(message: Any, hip: str, knee: str) -> LegReading | None:
+    """Return angles, rates and efforts of hip and knee (sensor_msgs/JointState); None: the message lacks some."""
+    names = list(message.name)
+    if hip not in names or knee not in names:
+        return None
+    places = names.index(hip), names.index(knee)
+    columns = (message.position, message.velocity, message.effort)
+    if any(len(column) <= max(places) for column in columns):
+        return None
+    return LegReading(*(float(column[place]) for column in columns for place in places))
