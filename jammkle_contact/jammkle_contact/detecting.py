@@ -49,7 +49,8 @@ def detect(request: DetectRequest) -> int:
     if request.recording.suffix.lower() in _TABLES:
         recording = read_table(request.recording, request.layout)
     else:
-        recording = read_bag(request.recording, request.topic, request.namespace)
+        leg = (parameters.hip_joint, parameters.knee_joint) if parameters.use_efforts else None
+        recording = read_bag(request.recording, request.topic, request.namespace, leg)
     if not recording.samples():
         msg = f"{request.recording} holds no sample of an IMU"
         raise InputError(msg)

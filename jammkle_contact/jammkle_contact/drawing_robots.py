@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_contact.robot_stories import felt_on_the_body, of_the_body, run, story_of
-from jammkle_contact.sensing import draw_imu
+from jammkle_contact.robot_stories import RATE_HZ, felt_on_the_body, of_the_body, run, story_of
+from jammkle_contact.sensing import Drives, draw_imu, read_leg
 from jammkle_controller.core.detector_settings import Mount
 from jammkle_graph.names import CHANNELS
 from jammkle_sim.rigs.simulation import UnstableSimulationError
@@ -75,6 +76,8 @@ def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> l
     feet = list(traces.values())
     if mount == Mount.BODY.value:
         traces = {"body": of_the_body(feet)}
+    drives = np.random.default_rng([seed, int(wide), 79])  # of their own: the rest is drawn as before there were any
+    legs = [read_leg(each.leg, RATE_HZ, Drives(), drives) for each in feet]
     vibration = float(10.0 ** chance.uniform(-1.3, 0.0 if wide else -0.2))
     stories = [
         story_of(
@@ -82,4 +85,6 @@ def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> l
         )
         for name, each in traces.items()
     ]
-    return [felt_on_the_body(story, feet) for story in stories] if mount == Mount.BODY.value else stories
+    if mount != Mount.BODY.value:
+        return [dataclasses.replace(story, legs=leg) for story, leg in zip(stories, legs, strict=True)]
+    return [felt_on_the_body(story, feet, legs) for story in stories]

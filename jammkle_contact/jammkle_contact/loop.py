@@ -12,6 +12,7 @@ from jammkle_contact.recording import Heard
 from jammkle_contact.replay import hear, new_controller
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.leg_load import LegReading
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish
@@ -77,6 +78,17 @@ class PlannedStep(Protocol):
 
 
 @runtime_checkable
+class WithEfforts(Protocol):
+    """An ankle of a robot, whose leg has servos."""
+
+    def joint_velocities(self) -> Mapping[str, float]:
+        """Return rates, rad/s and m/s."""
+
+    def joint_efforts(self) -> Mapping[str, float]:
+        """Return efforts of the servos, N m and N."""
+
+
+@runtime_checkable
 class WithPlan(Protocol):
     """An ankle of a robot, which may walk."""
 
@@ -117,6 +129,7 @@ class AnkleLoop:
         """
         self.ankle = ankle
         self.controller = new_controller(controller)
+        self._leg = (controller.hip_joint, controller.knee_joint) if controller.use_efforts else None
         self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
         self.driver.activate(_instant(0.0))
         self.events: list[ContactEvent] = []
@@ -159,6 +172,10 @@ class AnkleLoop:
         time_ns = round(time_s * NANOSECONDS_PER_SECOND)
         roll_rad = self.ankle.joint_positions().get(ANKLE_JOINTS[0])
         told = [] if roll_rad is None else [Heard(time_ns, Input.JOINTS, roll_rad)]
+        if self._leg is not None and isinstance(self.ankle, WithEfforts):
+            columns = (self.ankle.joint_positions(), self.ankle.joint_velocities(), self.ankle.joint_efforts())
+            if set(self._leg) <= columns[0].keys():
+                told.append(Heard(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg))))
         planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
         if planned is not None:
             told.append(Heard(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))

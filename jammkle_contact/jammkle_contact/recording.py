@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.reading import imu_sample, joint_position, load_n, nanoseconds
+from jammkle_controller.core.reading import imu_sample, joint_position, leg_reading, load_n, nanoseconds
 from jammkle_graph import names
 from jammkle_graph.bags.reading import messages, opened
 from jammkle_graph.command.errors import InputError
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from jammkle_controller.core.leg_load import LegReading
+
 FORCE_UNITS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY_M_S2}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": math.radians(1.0)}
 _IMU_TYPE = names.IMU.message_type
@@ -28,10 +30,10 @@ _AXES = 3
 
 
 class Heard(NamedTuple):
-    """One thing that a controller hears: a sample of the IMU, or the value of another input at a time, ns."""
+    """What a controller hears at a time, ns: a sample of the IMU, a reading of the leg, or the value of an input."""
 
     time_ns: int
-    what: ImuSample | Input
+    what: ImuSample | LegReading | Input
     value: float = 0.0
 
 
@@ -76,13 +78,14 @@ class TableFormat:
     delimiter: str = ","
 
 
-def read_bag(path: Path, topic: str = "", namespace: str = "/") -> Recording:
+def read_bag(path: Path, topic: str = "", namespace: str = "/", leg: tuple[str, str] | None = None) -> Recording:
     """Read a bag with an IMU.
 
     Args:
         path: The bag.
         topic: Of the IMU; empty: imu/data of the namespace, or the only one of its type.
         namespace: Normalised namespace, in which the other inputs are.
+        leg: Joints of hip and knee, if their efforts are to be heard.
 
     Raises:
         InputError: unreadable, or no IMU, or several and no topic.
@@ -107,7 +110,7 @@ def read_bag(path: Path, topic: str = "", namespace: str = "/") -> Recording:
                 sample = imu_sample(message)
                 heard.append(Heard(sample.time_ns, sample))
             elif connection.msgtype == others[connection.topic].message_type:
-                heard += _other(others[connection.topic], message, log_ns)
+                heard += _other(others[connection.topic], message, log_ns, leg)
     return Recording(path.name, heard, imu)
 
 
@@ -121,7 +124,7 @@ def _only_imu(path: Path, imus: list[str], usual: str) -> str:
     raise InputError(msg)
 
 
-def _other(topic: names.Topic, message: Any, log_ns: int) -> list[Heard]:
+def _other(topic: names.Topic, message: Any, log_ns: int, leg: tuple[str, str] | None) -> list[Heard]:
     if topic is names.FOOT_CONTACT:
         return [Heard(log_ns, Input.CONTACT_SWITCH, float(message.data))]
     if topic is names.PLANNED_CONTACT:
@@ -132,7 +135,9 @@ def _other(topic: names.Topic, message: Any, log_ns: int) -> list[Heard]:
     if topic is names.LOAD_CELL:
         return [Heard(at_ns, Input.LOAD, load_n(message))]
     roll_rad = joint_position(message, names.ANKLE_JOINTS[0])
-    return [] if roll_rad is None else [Heard(at_ns, Input.JOINTS, roll_rad)]
+    heard = [] if roll_rad is None else [Heard(at_ns, Input.JOINTS, roll_rad)]
+    reading = None if leg is None else leg_reading(message, *leg)
+    return heard if reading is None else [*heard, Heard(at_ns, reading)]
 
 
 def read_table(path: Path, layout: TableFormat) -> Recording:

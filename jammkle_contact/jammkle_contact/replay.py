@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from jammkle_controller.core.controller import AnkleController, Reaction
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.leg_load import LegReading
 from jammkle_controller.parameters import ControllerParameters, controller_settings
 
 if TYPE_CHECKING:
@@ -52,16 +53,17 @@ def hear(controller: AnkleController, heard: Heard) -> Reaction:
     time_ns, what, value = heard
     if isinstance(what, ImuSample):
         return controller.update(what)
+    if isinstance(what, LegReading):
+        return controller.hear_leg(what, time_ns)
+    if what is Input.JOINTS:
+        controller.inputs.hear_joints(value, time_ns)
+        return Reaction((), wish_changed=False)
     if what is Input.CONTACT_SWITCH:
         return controller.hear_switch(closed=bool(value), time_ns=time_ns)
     if what is Input.PLANNED_CONTACT:
         return controller.hear_plan(contact=bool(value), time_ns=time_ns)
-    if what is Input.GAIT_PHASE:
-        return controller.hear_phase(value, time_ns)
-    if what is Input.LOAD:
-        return controller.hear_load(value, time_ns)
-    controller.inputs.hear_joints(value, time_ns)
-    return Reaction((), wish_changed=False)
+    take = controller.hear_phase if what is Input.GAIT_PHASE else controller.hear_load
+    return take(value, time_ns)
 
 
 def replay(stream: Iterable[Heard], parameters: ControllerParameters) -> Replay:

@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_controller.core.imu import ImuSample
+    from jammkle_controller.core.leg_load import LegReading
     from jammkle_sim.robots.simulation import RobotSample, RobotSimulation
 
 RATE_HZ = 1000
+LEG_JOINTS = ("hip", "knee")
 LEAST_AIR_S = 0.06
 """A foot that loses touch for less than this rebounds, and has not lifted: one that bounces off at 0.3 m/s, as fast as
 feet are put down here, is back after 2 v / g = 61 ms. The times in the air of simulated feet have a gap there."""
@@ -44,6 +46,8 @@ class Traces:
     stands: NDArray[np.bool_]
     sliding_m_s: NDArray[np.float64]
     way_m: NDArray[np.float64]
+    leg: NDArray[np.float64]
+    """Angles, rates and efforts of hip and knee, shape (n, 6)."""
 
 
 class Keeper:
@@ -63,6 +67,7 @@ class Keeper:
                 foot.stands,
                 foot.sliding_speed_m_s,
                 foot.sliding_distance_m,
+                *(each[joint] for each in (ankle.positions, ankle.velocities, ankle.efforts) for joint in LEG_JOINTS),
             )
             self._rows.setdefault(name, []).append(row)
 
@@ -71,7 +76,7 @@ class Keeper:
         made = {}
         for name, rows in self._rows.items():
             table = np.array(rows, dtype=float)
-            made[name] = Traces(table[:, :6], table[:, 6] > 0, table[:, 7], table[:, 8])
+            made[name] = Traces(table[:, :6], table[:, 6] > 0, table[:, 7], table[:, 8], table[:, 9:])
         return made
 
 
@@ -109,7 +114,7 @@ def story_of(
 
     """
     touchdowns, liftoffs = contact_changes(traces.stands)
-    touches = [begin for begin, _ in spans_of(traces.stands)]
+    spans = spans_of(traces.stands)
     shaken = traces.imu.copy()
     for axis in range(3):
         shaken[:, axis] += vibration_m_s2 * _shaking(chance, len(shaken))
@@ -122,7 +127,8 @@ def story_of(
         liftoffs_s=tuple(CLOCK_START_S + index / RATE_HZ for index in liftoffs),
         slides=slides_of(traces),
         duration_s=len(shaken) / RATE_HZ,
-        touches_s=tuple(CLOCK_START_S + index / RATE_HZ for index in touches),
+        touches_s=tuple(CLOCK_START_S + begin / RATE_HZ for begin, _ in spans),
+        leaves_s=tuple(CLOCK_START_S + end / RATE_HZ for _, end in spans if end < len(traces.stands)),
     )
 
 
@@ -156,11 +162,14 @@ def of_the_body(ankles: Sequence[Traces]) -> Traces:
         stands=np.asarray(np.any(stands, axis=0)),
         sliding_m_s=sliding_m_s,
         way_m=np.cumsum(sliding_m_s) / RATE_HZ,
+        leg=ankles[0].leg,
     )
 
 
-def felt_on_the_body(story: Story, ankles: Sequence[Traces]) -> Story:
-    """Return a body's story with the touch-downs of all its feet.
+def felt_on_the_body(
+    story: Story, ankles: Sequence[Traces], legs: Sequence[list[tuple[int, LegReading]]] = ()
+) -> Story:
+    """Return a body's story with the touch-downs of all its feet, and a story of each foot if its leg is read.
 
     From the body nobody can tell whose foot it was, so that the truth of one foot is not what its IMU is judged by.
     Feet that come down within `LEAST_AIR_S` of each other are felt as one.
@@ -170,7 +179,23 @@ def felt_on_the_body(story: Story, ankles: Sequence[Traces]) -> Story:
         if not touchdowns_s or at_s - touchdowns_s[-1] >= LEAST_AIR_S:
             touchdowns_s.append(at_s)
     touches_s = sorted(CLOCK_START_S + begin / RATE_HZ for each in ankles for begin, _ in spans_of(each.stands))
-    return dataclasses.replace(story, touchdowns_s=tuple(touchdowns_s), touches_s=tuple(touches_s))
+    feet = tuple(with_truth_of(story, ankle, leg) for ankle, leg in zip(ankles, legs, strict=False))
+    return dataclasses.replace(story, touchdowns_s=tuple(touchdowns_s), touches_s=tuple(touches_s), feet=feet)
+
+
+def with_truth_of(story: Story, ankle: Traces, leg: list[tuple[int, LegReading]]) -> Story:
+    """Return what the same IMU felt as the story of one foot, whose leg is read."""
+    touchdowns, liftoffs = contact_changes(ankle.stands)
+    spans = spans_of(ankle.stands)
+    return dataclasses.replace(
+        story,
+        touchdowns_s=tuple(CLOCK_START_S + index / RATE_HZ for index in touchdowns),
+        liftoffs_s=tuple(CLOCK_START_S + index / RATE_HZ for index in liftoffs),
+        slides=slides_of(ankle),
+        touches_s=tuple(CLOCK_START_S + begin / RATE_HZ for begin, _ in spans),
+        leaves_s=tuple(CLOCK_START_S + end / RATE_HZ for _, end in spans if end < len(ankle.stands)),
+        legs=leg,
+    )
 
 
 def contact_changes(stands: NDArray[np.bool_]) -> tuple[list[int], list[int]]:

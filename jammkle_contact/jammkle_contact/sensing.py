@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import butter, lfilter, lfilter_zi  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.core.leg_load import LegReading
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -94,6 +95,35 @@ def read_with(motion: NDArray[np.float64], fine_hz: float, imu: Imu, chance: np.
     stamps = times_s + chance.uniform(-imu.jitter_s, imu.jitter_s, len(times_s)) + 1.0
     rows = zip(stamps[kept].tolist(), read[kept].tolist(), strict=True)
     return [ImuSample(round(at_s * NANOSECONDS_PER_SECOND), *row) for at_s, row in rows]
+
+
+@dataclass(frozen=True)
+class Drives:
+    """The drives of a leg as they are read: hip and knee. All assumed: encoders of 12 bits, currents for torques."""
+
+    rate_hz: float = 100.0
+    """As joint_states of our robots."""
+    angle_noise_rad: float = 0.0005
+    rate_noise_rad_s: float = 0.02
+    effort_noise_n_m: float = 0.05
+    gain_spread: float = 0.05
+    """Standard deviation of the torque told by torque given, drawn for each drive."""
+    offset_n_m: float = 0.05
+    """Standard deviation of what a drive tells at rest: friction of its gear."""
+
+
+def read_leg(
+    leg: NDArray[np.float64], fine_hz: float, drives: Drives, chance: np.random.Generator
+) -> list[tuple[int, LegReading]]:
+    """Read true angles, rates and efforts of hip and knee, shape (n, 6) at `fine_hz`, with its drives."""
+    rows = leg[round(fine_hz / drives.rate_hz) - 1 :: round(fine_hz / drives.rate_hz)].copy()
+    times_s = CLOCK_START_S + np.arange(1, len(rows) + 1) / drives.rate_hz - 1.0 / fine_hz
+    rows[:, 4:] *= chance.normal(1.0, drives.gain_spread, 2)
+    rows[:, 4:] += chance.normal(0.0, drives.offset_n_m, 2)
+    spreads = (drives.angle_noise_rad, drives.rate_noise_rad_s, drives.effort_noise_n_m)
+    rows += chance.normal(0.0, np.repeat(spreads, 2), rows.shape)
+    stamps = np.round(times_s * NANOSECONDS_PER_SECOND).astype(int).tolist()
+    return [(stamp, LegReading(*row)) for stamp, row in zip(stamps, rows.tolist(), strict=True)]
 
 
 CLOCK_START_S = 1.0

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_controller.core.imu import ImuSample
+    from jammkle_controller.core.leg_load import LegReading
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,12 @@ class Story:
     duration_s: float
     touches_s: tuple[float, ...] = ()
     """Every time that the foot met the ground: touch-downs, rebounds, and grazes of a foot that swings."""
+    legs: list[tuple[int, LegReading]] = field(default_factory=list)
+    """Stamps, ns, and readings of the leg, where the robot has servos."""
+    feet: tuple[Story, ...] = ()
+    """Of a body: the story of each foot, whose leg is read."""
+    leaves_s: tuple[float, ...] = ()
+    """Every time that the foot lost touch: lift-offs, rebounds, and the ends of grazes."""
     phase: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     """Times, s, and gait phase, 0 at touch-down to 1, where the robot has a gait."""
     facts: dict[str, float] = field(default_factory=dict)

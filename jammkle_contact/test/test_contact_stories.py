@@ -11,7 +11,8 @@ import pytest
 from jammkle_contact.learn import learn
 from jammkle_contact.relearn import cross_validated
 from jammkle_contact.replay import new_controller
-from jammkle_contact.robot_stories import Traces, contact_changes, of_the_body
+from jammkle_contact.robot_stories import Traces, contact_changes, of_the_body, story_of
+from jammkle_contact.sensing import draw_imu
 from jammkle_contact.story import Slide
 from jammkle_contact.synthetic import walk
 from jammkle_contact.trial.cases import Case
@@ -84,7 +85,7 @@ def test_a_body_is_carried_while_any_foot_stands_and_slides_as_they_do_on_averag
     one, other = np.ones(100, dtype=bool), np.ones(100, dtype=bool)
     one[50:], other[80:] = False, False
     imu = np.zeros((100, 6))
-    body = of_the_body([Traces(imu, one, still, still), Traces(imu, other, slides, still)])
+    body = of_the_body([Traces(imu, one, still, still, imu), Traces(imu, other, slides, still, imu)])
     assert body.stands.tolist() == [True] * 80 + [False] * 20
     assert body.sliding_m_s[[0, 60, 90]].tolist() == pytest.approx([0.1, 0.2, 0.0])
 
@@ -109,6 +110,21 @@ def test_two_clocks_of_a_real_foot_are_put_together(tmp_path: Path) -> None:
     assert foot.fit.shift_s == pytest.approx(0.3, abs=0.04)
     assert foot.touchdowns_s == pytest.approx([begin + 0.25 for begin in begins if begin + 0.25 < 7.1], abs=0.003)
     assert foot.score("impact", "always 0.1").hits >= len(foot.touchdowns_s) - 2
+
+
+def test_a_foot_that_rebounds_may_be_said_to_have_left() -> None:
+    """Its lift-off is neither right nor wrong, as its touch-down; one without any loss of touch is wrong."""
+    assert score_times([], [1.03], "lift-off", unclear_s=[1.0]).false == 0
+    assert score_times([], [1.03], "lift-off").false == 1
+    assert score_times([], [1.08], "lift-off", unclear_s=[1.0]).false == 1
+    stands = np.ones(1000, dtype=bool)
+    stands[200:240] = stands[600:900] = False
+    zeros, chance = np.zeros((1000, 6)), np.random.default_rng(1)
+    story = story_of(
+        "one", "shank", Traces(zeros, stands, zeros[:, 0], zeros[:, 0], zeros), draw_imu(chance), 0.1, chance
+    )
+    assert story.liftoffs_s == pytest.approx([1.6])
+    assert story.leaves_s == pytest.approx([1.2, 1.6])
 
 
 def test_a_case_of_a_trial_is_repeatable_and_of_its_own_kind() -> None:

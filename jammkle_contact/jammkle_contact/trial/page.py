@@ -14,7 +14,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from jammkle_contact.trial.cases import HELD_OUT, SOURCES, TUNING
-from jammkle_contact.trial.run import KINDS, OURS, Outcome, best_settings, pooled
+from jammkle_contact.trial.run import KINDS, OURS, WITH_EFFORTS, Outcome, best_settings, pooled
 from jammkle_contact.trial.scoring import WINDOWS_S, median_with_interval
 from jammkle_controller.core.detector_settings import Mount
 from jammkle_graph.command.figures import STYLE
@@ -37,11 +37,14 @@ def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
     """Return all figures for machines, and for the page."""
     rows = []
     for part, sources in SOURCES.items():
+        with_efforts = (
+            [WITH_EFFORTS] if any(key[0] == part and key[4] == WITH_EFFORTS for key in outcome.scores) else []
+        )
         places = [("", ""), *(("", mount.value) for mount in Mount), *sources]
         for kind in KINDS:
             for source, mount in places:
                 best = best_settings(outcome, mount)
-                ways = (OURS, *(best[kind, name] for each, name in best if each == kind))
+                ways = (OURS, *with_efforts, *(best[kind, name] for each, name in best if each == kind))
                 rows += [
                     _row(
                         part,

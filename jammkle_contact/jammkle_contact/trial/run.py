@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import joblib  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_contact.replay import new_controller
+from jammkle_contact.recording import Heard
+from jammkle_contact.replay import hear, new_controller
 from jammkle_contact.sensing import CLOCK_START_S
 from jammkle_contact.trial.baselines import WAYS
 from jammkle_contact.trial.cases import HELD_OUT, TUNING, Case, cases_from
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from jammkle_contact.story import Story
     from jammkle_controller.core.density_ratio import StepRatios
 
-OURS = "ours"
+OURS, WITH_EFFORTS = "ours", "ours, with efforts"
 KINDS = {"impact": ContactKind.IMPACT, "lift-off": ContactKind.LIFTOFF, "slip": ContactKind.SLIP}
 SEEN_S = 0.3
 """What happens in so short a time after a begin is not scored, s: a simulated robot is set down there, while an IMU is
@@ -65,6 +66,11 @@ def run_case(case: Case) -> Outcome:
         outcome.unavailable += not believed
         for kind, times_s in told.items():
             outcome.scores[case.part, case.source, case.mount, kind, OURS].add(scored(story, kind, times_s))
+        for foot in story.feet or (story,):
+            if foot.legs:
+                for kind, times_s in told_by_ours(foot, efforts=True)[0].items():
+                    key = (case.part, case.source, case.mount, kind, WITH_EFFORTS)
+                    outcome.scores[key].add(scored(foot, kind, times_s))
         for name, (way, settings) in WAYS.items():
             for setting in settings:
                 times_s = way(story.samples, setting)
@@ -74,13 +80,26 @@ def run_case(case: Case) -> Outcome:
     return outcome
 
 
-def told_by_ours(story: Story, ratios: StepRatios | None = None) -> tuple[dict[str, list[float]], bool]:
-    """Return the times, s, that a controller tells by kind, and whether it believes the IMU at the end."""
-    controller = new_controller(ControllerParameters(imu_mount=story.mount), ratios)
+def told_by_ours(
+    story: Story, ratios: StepRatios | None = None, *, efforts: bool = False
+) -> tuple[dict[str, list[float]], bool]:
+    """Return the times, s, that a controller tells by kind, and whether it believes the IMU at the end.
+
+    Args:
+        story: What it hears.
+        ratios: Density ratios; None: those that come with it.
+        efforts: Whether it hears the leg's drives as well.
+
+    """
+    controller = new_controller(ControllerParameters(imu_mount=story.mount, use_efforts=efforts), ratios)
     told: dict[str, list[float]] = {kind: [] for kind in KINDS}
     names = {each: kind for kind, each in KINDS.items()}
-    for sample in story.samples:
-        for event in controller.update(sample).events:
+    heard = [Heard(sample.time_ns, sample) for sample in story.samples]
+    if efforts:  # of one time the leg comes first, as on the graph
+        legs = [Heard(time_ns, reading) for time_ns, reading in story.legs]
+        heard = sorted([*legs, *heard], key=lambda each: each.time_ns)
+    for each in heard:
+        for event in hear(controller, each).events:
             if event.kind in names:
                 told[names[event.kind]].append(event.time_ns / NANOSECONDS_PER_SECOND)
     return told, controller.watch.trouble is None
@@ -93,8 +112,8 @@ def scored(story: Story, kind: str, times_s: Sequence[float]) -> Score:
     if kind == "slip":
         return score_slides([slide for slide in story.slides if slide.begin_s >= begin_s], told_s)
     truth_s = story.touchdowns_s if kind == "impact" else story.liftoffs_s
-    touches_s = story.touches_s if kind == "impact" else ()
-    return score_times([at_s for at_s in truth_s if at_s >= begin_s], told_s, kind, touches_s)
+    unclear_s = story.touches_s if kind == "impact" else story.leaves_s
+    return score_times([at_s for at_s in truth_s if at_s >= begin_s], told_s, kind, unclear_s)
 
 
 def run_trial(seed: int, steps: int, jobs: int, on_progress: Callable[[float, str], None]) -> Outcome:

@@ -22,6 +22,9 @@ WINDOWS_S = {"impact": (-0.02, 0.06), "lift-off": (-0.06, 0.15), "slip": (-0.005
 second counts from the slide's end, at most to `LATEST_SLIP_S`. A lift-off counts from the unloading on and for half of
 a short swing."""
 
+UNCLEAR_S = WINDOWS_S["impact"]
+"""The same for what need not be told, whether a touch or its loss: a foot that rebounds is back after 60 ms, s."""
+
 LATEST_SLIP_S = 0.2
 """So long after a slide's begin its slip must be told, s: as long as slides within a step last. Who slides down a slope
 for a second is hit by something, and what tells of that has not felt the slip."""
@@ -85,8 +88,8 @@ def score_times(truth_s: Sequence[float], told_s: Sequence[float], kind: str, un
         truth_s: What must be told, s.
         told_s: What was told, s.
         kind: Of the events: a key of `WINDOWS_S`.
-        unclear_s: What may be told and need not: a rebound, or the graze of a foot that swings. Within its window an
-            event is neither right nor wrong.
+        unclear_s: What may be told and need not: a rebound, or the graze of a foot that swings. Within `UNCLEAR_S` of
+            it an event is neither right nor wrong.
 
     """
     before_s, after_s = WINDOWS_S[kind]
@@ -100,6 +103,7 @@ def score_times(truth_s: Sequence[float], told_s: Sequence[float], kind: str, un
             free.remove(inside[0])
         else:
             score.missed += 1
+    before_s, after_s = UNCLEAR_S
     score.false = sum(not any(at + before_s <= told <= at + after_s for at in unclear_s) for told in free)
     return score
 
