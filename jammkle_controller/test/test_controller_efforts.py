@@ -190,6 +190,21 @@ def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> N
     assert controller.state is PolicyState.STANCE
 
 
+def test_a_foot_that_the_gait_has_put_down_in_vain_is_in_the_air() -> None:
+    """Above a hole a plan of contact tells no touch-down where the efforts are known, and the foot stays soft."""
+    controller = AnkleController(controller_settings(ControllerParameters(imu_mount="body", use_efforts=True)))
+    chance, told = np.random.default_rng(2), []
+    for index in range(1000):
+        time_ns = 2_000_000 * index
+        if index % 5 == 0:
+            told += controller.hear_leg(loaded(20.0 if index < 500 else 0.0), time_ns).events
+            told += controller.hear_plan(contact=not 500 <= index < 700, time_ns=time_ns).events
+        force = chance.normal((0.0, 0.0, GRAVITY_M_S2), 0.02).tolist()
+        told += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
+    assert [each.kind for each in told] == [ContactKind.LIFTOFF]
+    assert controller.state is PolicyState.SWING
+
+
 def test_efforts_are_not_heard_unless_asked_for() -> None:
     """Without use_efforts no leg is believed, whatever it tells."""
     controller = AnkleController(controller_settings(ControllerParameters(imu_mount="shank")))

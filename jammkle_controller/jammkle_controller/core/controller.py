@@ -127,8 +127,10 @@ class AnkleController:
         wish_before = self._policy.wish
         off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
         plan_only = event.source is Source.GAIT
-        # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body.
+        # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body; the
+        # efforts of its leg feel it wherever the IMU is.
         feels = self._detector.available and self.feels(Detection.STEP)
+        feels = feels or self.inputs.efforts_contact(time_ns) is not None
         if off_ground is lifted or (plan_only and not lifted and feels):
             return Reaction((), wish_changed=False)
         if plan_only and lifted and self.inputs.measured_contact(time_ns):
