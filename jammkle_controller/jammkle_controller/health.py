@@ -99,7 +99,7 @@ def input_health(controller: AnkleController, time_ns: int, topics: Mapping[Inpu
     names = ", ".join(each.value for each in Input if each in heard)
     missing = ""
     if not controller.feels(Detection.STEP) and not controller.inputs.tells_contact(time_ns):
-        missing = f"; a step is not felt on the {controller.mount.value}: a robot that walks needs gait, switch or load"
+        missing = f"; a step is not felt on the {controller.mount.value}: who walks needs gait, efforts, switch or load"
     return Health("inputs", Level.OK, f"beside the IMU: {names or 'none'}{missing}", values)
 
 

@@ -55,7 +55,7 @@ _BODY: Mapping[Detection, Offer] = {
     Detection.IMPACT: Offer(made=True, reason="the end of free fall; a threshold above weight and level"),
     Detection.FLIGHT: _FREE_FALL,
     Detection.STEP: Offer(
-        made=False, reason="a body that does not fall never showed it: needs the gait, a foot switch or the load"
+        made=False, reason="a body that does not fall never showed it: needs the gait, efforts, a switch or the load"
     ),
     Detection.SWING: Offer(made=False, reason="the swing of one foot is not felt on the body"),
     Detection.RAISE: _RAISED,
