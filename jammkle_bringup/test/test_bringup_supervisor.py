@@ -140,6 +140,21 @@ def test_processes_stop_one_after_the_other_in_reverse_order() -> None:
     assert [name for name, line in lines.all if line == "leaving"] == ["driver", "sim", "recorder"]
 
 
+def test_what_a_process_says_last_is_handed_on() -> None:
+    """Who reads it may be slow: nothing is lost as it ends."""
+    lines = Lines()
+
+    def take_slowly(name: str, line: str) -> None:
+        time.sleep(0.2)
+        lines.take(name, line)
+
+    leaving = OBEDIENT.replace("sys.exit(0)", "(print('leaving', flush=True), sys.exit(0))")
+    with Supervisor([spec("sim", leaving)], take_slowly) as supervisor:
+        wait_until(lambda: lines.ready("sim"), "it is ready")
+        assert supervisor.stop() == ()
+        assert ("sim", "leaving") in lines.all
+
+
 def test_a_stubborn_process_is_killed_and_named() -> None:
     """A process that ignores SIGTERM is killed after the timeout and counts as a bad end."""
     lines = Lines()

@@ -117,7 +117,7 @@ class _Child:
 
     def death(self) -> Death:
         """Return how the ended process ended, after all that it said was read."""
-        self._reader.join(_READER_TIMEOUT_S)
+        self._read_to_the_end()
         return Death(self.spec.name, self.process.returncode, tuple(self._lines))
 
     def ask_to_end(self) -> None:
@@ -133,6 +133,11 @@ class _Child:
         except subprocess.TimeoutExpired:
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
+        self._read_to_the_end()
+
+    def _read_to_the_end(self) -> None:
+        """Hand on what the ended process said last; a process of its own that outlives it may hold the line open."""
+        self._reader.join(_READER_TIMEOUT_S)
 
 
 class Supervisor:
