@@ -9,6 +9,7 @@ from jammkle_sim.ankles import RIG_OUTPUTS, ROBOT_OUTPUTS
 from jammkle_sim.landing import landing_options
 from jammkle_sim.parameters import RobotParameters, RunParameters, SimParameters
 from jammkle_sim.robots.alone import ankle_alone
+from jammkle_sim.walking import robot_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -32,6 +33,8 @@ class SimKind:
     """Whether ~/run_rig can put a rig in its place."""
     reset_by: Callable[[Any], object]
     """Gives of the parameters what a reset builds the simulation anew for, once it is something else."""
+    built_of: Callable[[Any], Any]
+    """Gives what `exchange` of another simulation puts in the place of its own."""
     robot_of: Callable[[Any], Robot]
     """Gives what its robot description is made from."""
 
@@ -53,6 +56,7 @@ RIG = SimKind(
     lambda simulation: {"": simulation},
     runs_rigs=True,
     reset_by=landing_options,
+    built_of=lambda simulation: simulation.rig,
     robot_of=_ankle_of_rig,
 )
 ROBOT = SimKind(
@@ -60,6 +64,7 @@ ROBOT = SimKind(
     ROBOT_OUTPUTS,
     _of_robot,
     runs_rigs=False,
-    reset_by=lambda _: None,
+    reset_by=robot_options,
+    built_of=lambda simulation: simulation.robot,
     robot_of=lambda simulation: simulation.robot,
 )

@@ -232,7 +232,7 @@ class SimNode(Node):
     def _reset(self) -> None:
         self._engine.reset()
         if self._kind.reset_by(self._wanted) != self._kind.reset_by(self._built):
-            self._simulation.exchange(self._make_simulation(self._wanted).rig)
+            self._simulation.exchange(self._kind.built_of(self._make_simulation(self._wanted)))
             self._built = self._wanted
             self._show(None)
         self._rigs.forget_trouble()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from jammkle_graph.parameters import ParameterError, parameter
 from jammkle_sim.core.schedule import RateError, steps_per_output, timestep_ns
 from jammkle_sim.rigs.options import (
+    FROM_RESET,
     drop_height_option,
     mass_option,
     parameter_set_option,
@@ -125,6 +126,15 @@ class RobotParameters(RobotOptions, RunParameters):
         50,
         MAX_RATE_HZ,
     )
+    slope_deg: float = parameter(
+        0.0,
+        f"Inclination of the ground, rising toward the toes{FROM_RESET}",
+        "deg",
+        0.0,
+        40.0,
+        dynamic=True,
+    )
+    drop_height_m: float = drop_height_option("ground", dynamic=True)
     robot: str = parameter("leg", "What is simulated", choices=ROBOTS)
 
     def __post_init__(self) -> None:

@@ -23,7 +23,12 @@ def make_robot(parameters: RobotParameters) -> RobotSimulation:
         ParameterError: the robot refuses a value.
 
     """
-    options = RobotOptions(**{field.name: getattr(parameters, field.name) for field in fields(RobotOptions)})
+    options = robot_options(parameters)
     # The first step of a process compiles or loads the laws, or else simulated time would start with a backlog.
     robot_simulation(parameters.robot, options).advance(1)
     return robot_simulation(parameters.robot, options)
+
+
+def robot_options(parameters: RobotParameters) -> RobotOptions:
+    """Return what the parameters say of the robot; speed and rates are none of its business."""
+    return RobotOptions(**{field.name: getattr(parameters, field.name) for field in fields(RobotOptions)})

@@ -187,3 +187,19 @@ def test_efforts_are_what_the_servos_gave_in_the_mean() -> None:
         last.append(abs(applied[-1] - np.mean(applied)))
     assert np.median(errors) < 0.5 * np.median(last)
     assert told["ankle_pitch"] == 0.0
+
+
+def test_another_ground_is_put_under_it() -> None:
+    """What is exchanged starts as if it had been there from the beginning; only time goes on."""
+    steep = RobotOptions(slope_deg=12.0, friction=0.5)
+    simulation = robot_simulation("leg", RobotOptions(friction=0.5))
+    simulation.advance(300)
+    simulation.exchange(robot("leg", steep))
+    assert simulation.robot_time_s == 0.0
+    fresh = robot_simulation("leg", steep)
+    simulation.advance(700)
+    fresh.advance(700)
+    assert simulation.sample() == fresh.sample()
+    assert simulation.time_s == pytest.approx(fresh.time_s + 300 * fresh.timestep_s)
+    with pytest.raises(ValueError, match="time step"):
+        simulation.exchange(robot("leg", RobotOptions(timestep_s=0.001)))

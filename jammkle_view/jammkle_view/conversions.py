@@ -49,8 +49,12 @@ def _tendons(message: Any) -> Tendons:
 
 
 def _imu(message: Any) -> Imu:
-    force = message.linear_acceleration
-    return Imu(_stamp_s(message), (float(force.x), float(force.y), float(force.z)))
+    force, rate = message.linear_acceleration, message.angular_velocity
+    return Imu(
+        _stamp_s(message),
+        (float(force.x), float(force.y), float(force.z)),
+        (float(rate.x), float(rate.y), float(rate.z)),
+    )
 
 
 def _base(message: Any) -> Base:

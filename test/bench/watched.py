@@ -10,14 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
 import psutil
-import viser
-import zstandard
+from page_client import PageClient
 from rosgraph_msgs.msg import Clock
-from viser._messages import ViewerCameraMessage
-from websockets.sync.client import connect
-from websockets.typing import Subprotocol
 
 from graph import Probe, Up
 from jammkle_graph.names import CLOCK
@@ -93,29 +88,21 @@ def _round(*, watched: bool) -> _Round:
             if not watched:
                 return _Round(real_time_factor(probe, time.sleep))
             probe.spin_until(lambda: "page: " in up.text(), "there is a page")
-            port = re.findall(r"page: http://localhost:(\d+)", up.text())[0]
-            return _watch(probe, up.child("jammkle_view"), f"ws://127.0.0.1:{port}")
+            address = re.findall(r"page: (http://localhost:\d+)", up.text())[0]
+            return _watch(probe, up.child("jammkle_view"), address)
         finally:
             probe.close()
             up.stop()
 
 
 def _watch(probe: Probe, viewer: psutil.Process, address: str) -> _Round:
-    protocol = Subprotocol(f"viser-v{viser.__version__}")
-    with connect(address, subprotocols=[protocol], max_size=None) as line:
-        camera = ViewerCameraMessage((1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 1.0, 0.01, 100.0, 800, 1200,
-                                     (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))  # fmt: skip
-        line.send(msgspec.msgpack.encode(camera.as_serializable_dict()))
+    with PageClient(address) as page:
         frames = 0
 
         def take(left_s: float) -> None:
             nonlocal frames
-            try:
-                message = line.recv(timeout=max(left_s, 0.0))
-            except TimeoutError:
-                return
-            size = int.from_bytes(message[8:16], "little")
-            frames += zstandard.ZstdDecompressor().decompress(message[16 : 16 + size]).count(MOVED)
+            if page.hear(left_s):
+                frames += page.raw.count(MOVED)
 
         end_s = time.monotonic() + SETTLE_S
         while time.monotonic() < end_s:

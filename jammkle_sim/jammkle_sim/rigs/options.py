@@ -11,7 +11,7 @@ from jammkle_sim.physics.constants import TENDON_SETS
 
 P = TypeVar("P", bound=ParameterClass)
 
-_FROM_RESET = "; a change holds from the next `~/reset` on"
+FROM_RESET = "; a change holds from the next `~/reset` on"
 
 
 def seed_option() -> Any:
@@ -56,7 +56,7 @@ def drop_height_option(ground: str, *, dynamic: bool = False) -> Any:
         dynamic: Whether it may be changed for the next reset.
 
     """
-    description = f"Fall of the foot's lowest point onto the {ground}{_FROM_RESET if dynamic else ''}"
+    description = f"Fall of the foot's lowest point onto the {ground}{FROM_RESET if dynamic else ''}"
     return parameter(0.05, description, "m", 0.0, 0.5, dynamic=dynamic)
 
 
@@ -83,7 +83,7 @@ def slope_option(*, dynamic: bool = False) -> Any:
         dynamic: Whether it may be changed for the next reset.
 
     """
-    description = f"Inclination of the slope to land on{_FROM_RESET if dynamic else ''}"
+    description = f"Inclination of the slope to land on{FROM_RESET if dynamic else ''}"
     return parameter(40.0, description, "deg", 0.0, 50.0, dynamic=dynamic)
 
 

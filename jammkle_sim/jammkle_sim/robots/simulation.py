@@ -83,6 +83,10 @@ class RobotSimulation:
             robot: What is simulated.
 
         """
+        self._total_steps = 0
+        self._put_together(robot)
+
+    def _put_together(self, robot: Robot) -> None:
         self._robot = robot
         self._model = robot.model
         self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -115,7 +119,6 @@ class RobotSimulation:
         self._control_steps = max(1, round(CONTROL_PERIOD_S / self.timestep_s))
         self._regulation_steps = max(1, round(REGULATION_PERIOD_S / self.timestep_s))
         self._one_imu = all(ankle.imu is ImuPlace.BODY for ankle in robot.ankles)
-        self._total_steps = 0
         self._robot_steps = 0
 
     @property
@@ -202,6 +205,22 @@ class RobotSimulation:
         for view in self.ankles.values():
             view.restart()
         self._robot_steps = 0
+
+    def exchange(self, robot: Robot) -> None:
+        """Go on with another robot, at its start, commanded to nothing; the time goes on.
+
+        Args:
+            robot: With the same time step.
+
+        Raises:
+            ValueError: another time step, in which the time so far would be something else.
+
+        """
+        step_s = float(robot.model.opt.timestep)
+        if step_s != self.timestep_s:
+            msg = f"time step is {step_s:g} s; it must be that of the robot before, {self.timestep_s:g} s"
+            raise ValueError(msg)
+        self._put_together(robot)
 
     def description(self) -> dict[str, object]:
         """Name of the robot and all its parameters, ready for YAML."""

@@ -54,6 +54,7 @@ class Ankle:
         self.events: deque[Event] = deque(maxlen=_EVENTS)
         self.pressures_pa = Trace(len(PRESSURE_LINES), capacity)
         self.forces_m_s2 = Trace(len(IMU_LINES), capacity)
+        self.rates_rad_s = Trace(len(IMU_LINES), capacity)
         self.pulls_n = Trace(len(TENSION_LINES), capacity)
         self._latest_pa = [math.nan] * len(PRESSURE_LINES)
         self._pressures_at_s = math.nan
@@ -74,6 +75,7 @@ class Ankle:
             case Imu():
                 self._measured_at(sample.time_s)
                 self.forces_m_s2.append(sample.time_s, sample.specific_force_m_s2)
+                self.rates_rad_s.append(sample.time_s, sample.angular_velocity_rad_s)
             case Base():
                 self.base = sample
             case JamReport():

@@ -60,10 +60,11 @@ class Pressure:
 
 @dataclass(frozen=True)
 class Imu:
-    """Specific force in the frame of the IMU, m/s^2."""
+    """Specific force, m/s^2, and angular velocity, rad/s, in the frame of the IMU."""
 
     time_s: float
     specific_force_m_s2: tuple[float, float, float]
+    angular_velocity_rad_s: tuple[float, float, float]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_graph import names
 from jammkle_view.core import ankle as known
+from jammkle_view.core.knobs import knobs_of
 from jammkle_view.core.models import setting_of
 from jammkle_view.core.samples import EventKind
 from jammkle_view.core.tints import EVENT_TINTS, LINE_TINTS, tendon_tint
@@ -16,7 +17,7 @@ from jammkle_view.page.controls import AnkleControls
 from jammkle_view.page.plots import Line, Mark, Plot
 from jammkle_view.page.scene import RobotScene
 from jammkle_view.page.server import look_at
-from jammkle_view.page.sim_controls import Knob, SimControls
+from jammkle_view.page.sim_controls import SimControls
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -24,20 +25,20 @@ if TYPE_CHECKING:
     import viser
 
     from jammkle_view.core.ankle import Ankle
-    from jammkle_view.core.models import Naming, Setting
+    from jammkle_view.core.models import Naming
     from jammkle_view.core.tints import Rgb
     from jammkle_view.core.trace import Trace
     from jammkle_view.core.wishes import Wish
 
 _PLOT_PERIOD_S = 0.15
 _TEXT_PERIOD_S = 0.25
-_LANDING = "landing"
-"""Rig of the sim node, whose slope and drop height may be changed."""
 _APART_M = 0.6
 """Between ankles that stand in rigs of their own, m."""
 _LABEL_S = 1.5
 """Time for which an event is written beside the robot."""
 _PER_KILO = 1e-3
+FORCE, RATE = "Specific force [m/s²]", "Angular rate [rad/s]"
+"""What is plotted of the IMU, one at a time: a plot out of sight costs nothing."""
 _PANEL_WIDTH_PX, _PLOTS_WIDTH_PX = 330.0, 430.0
 
 
@@ -163,9 +164,10 @@ class LivePage:
             scene.put((0.0, -_APART_M * place, 0.0))
             self._drawn.append(_Drawn(scene, members))
         look_at(self._server, self._drawn[0].scene.centre_m, self._drawn[0].scene.reach_m)
-        if any(descriptions.values()):
-            single = len(groups) > 1 or len(self._ankles) == 1
-            self._sim.offer(self._ankles[0] if single else "", knobs_of(whole))
+        simulated = tuple(name for name, text in descriptions.items() if text)
+        if simulated:
+            several = len(groups) == 1 and len(self._ankles) > 1  # of one simulation above them
+            self._sim.offer(("",) if several else simulated, knobs_of(whole))
 
     def _show_texts(self, ankles: Mapping[str, Ankle], factor: float) -> None:
         for name, ankle in ankles.items():
@@ -194,24 +196,23 @@ class LivePage:
         self._label.visible = fresh
 
 
-def knobs_of(setting: Setting) -> tuple[Knob, ...]:
-    """Return what can be turned while a setting is simulated."""
-    knobs = [Knob("speed", "speed", 0.05, 2.0, 0.05, 1.0, hint="Simulated time per real time")]
-    if setting.rig == _LANDING:
-        slope_deg, height_m = float(setting.options["slope_deg"]), float(setting.options["drop_height_m"])
-        hint = "Holds from the next reset on"
-        knobs.append(Knob("slope_deg", "slope [deg]", 0.0, 50.0, 1.0, slope_deg, hint=hint))
-        knobs.append(Knob("drop_height_m", "drop height [mm]", 0.0, 200.0, 5.0, 1e3 * height_m, 1e-3, hint))
-    return tuple(knobs)
-
-
 class _LivePlots:
-    """Pressure, specific force and tension over the last seconds; the time axis ends now."""
+    """Pressure, IMU and tension over the last seconds; the time axis ends now."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         axis_s = (-known.SPAN_S, 0.0)
         self._pressure = Plot(gui, "Pressure, absolute [kPa]", lines_of(known.PRESSURE_LINES), axis_s)
-        self._force = Plot(gui, "Specific force [m/s²]", lines_of(known.IMU_LINES), axis_s, event_marks())
+        shown = gui.add_dropdown("IMU", (FORCE, RATE))
+        self._imu = {
+            title: Plot(gui, title, lines_of(known.IMU_LINES), axis_s, event_marks()) for title in (FORCE, RATE)
+        }
+        self._imu[RATE].set_visible(visible=False)
+
+        @shown.on_update
+        def _(_event: object) -> None:
+            for title, plot in self._imu.items():
+                plot.set_visible(visible=title == shown.value)
+
         self._pull = Plot(gui, "Tension [N]", lines_of(known.TENSION_LINES), axis_s)
 
     def show(self, ankle: Ankle) -> None:
@@ -222,7 +223,9 @@ class _LivePlots:
         for event in ankle.events:
             marked.setdefault(event.kind.name.lower(), []).append(event.time_s - ankle.time_s)
         self._draw(self._pressure, ankle.pressures_pa, ankle.time_s, _PER_KILO)
-        self._draw(self._force, ankle.forces_m_s2, ankle.time_s, 1.0, marked)
+        for title, trace in ((FORCE, ankle.forces_m_s2), (RATE, ankle.rates_rad_s)):
+            if self._imu[title].visible:
+                self._draw(self._imu[title], trace, ankle.time_s, 1.0, marked)
         self._draw(self._pull, ankle.pulls_n, ankle.time_s, 1.0)
 
     def _draw(

@@ -118,6 +118,15 @@ class Plot:
         marks = [_strokes(time_s, (marked_s or {}).get(mark.label, ())) for mark in self._marks]
         self._handle.data = (time_s, *(np.ascontiguousarray(column) for column in values.T), *marks)
 
+    @property
+    def visible(self) -> bool:
+        """Whether it is on the page."""
+        return bool(self._handle.visible)
+
+    def set_visible(self, *, visible: bool) -> None:
+        """Show or hide it."""
+        self._handle.visible = visible
+
     def remove(self) -> None:
         """Take it off the page."""
         self._handle.remove()

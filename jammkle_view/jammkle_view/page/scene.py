@@ -30,7 +30,14 @@ class RobotScene:
     """One model, drawn and moved. A ghost is drawn in one see-through colour."""
 
     def __init__(
-        self, server: viser.ViserServer, root: str, model: Any, ghost: Rgb | None = None, *, floats: bool = False
+        self,
+        server: viser.ViserServer,
+        root: str,
+        model: Any,
+        ghost: Rgb | None = None,
+        *,
+        floats: bool = False,
+        beside: RobotScene | None = None,
     ) -> None:
         """Draw it at its start.
 
@@ -41,16 +48,17 @@ class RobotScene:
             floats: Whether its joints do not tell where it is. Until somebody else does it is put onto the ground; then
                 it stays in sight, and the ground passes under it.
             ghost: Its one colour, if it is to be seen through; the world around it is then left out.
+            beside: On whose ground a ghost that floats moves.
 
         """
         self._kinematics = Kinematics(model)
         self._root = server.scene.add_frame(root, show_axes=False)
         self._bodies: dict[str, viser.FrameHandle] = {}
-        self._floats = floats
+        self._floats, self._beside = floats, beside
         self._place_m = np.zeros(3)
         self._ground: viser.FrameHandle | None = None
         self._grid: viser.GridHandle | None = None
-        if floats:
+        if floats and beside is None:
             self._ground = server.scene.add_frame(f"{root}/ground", show_axes=False)
             self._grid = server.scene.add_grid(
                 f"{root}/grid",
@@ -153,6 +161,8 @@ class RobotScene:
             self._root.position = self._place_m - travel_m
             self._ground.position = travel_m
             self._grid.position = axes @ (_CELL_M * np.round(travel_m @ axes / _CELL_M) + (0.0, 0.0, _ABOVE_M))
+        elif self._beside is not None:
+            self._root.position = self._beside._root.position  # noqa: SLF001 - one of its kind
         positions_m, rotations = self._kinematics.positions_m + sunk_m, self._kinematics.rotations
         for name, frame in self._bodies.items():
             place = self._places[name]

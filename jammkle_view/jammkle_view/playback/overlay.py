@@ -15,7 +15,7 @@ from jammkle_gap import (
     rerun,
 )
 from jammkle_graph.command.errors import InputError
-from jammkle_view.playback.recorded import Track
+from jammkle_view.playback.recorded import NOTHING, Track
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,6 +48,8 @@ class SimulatedRun:
     tensions_n: Track
     readings: Mapping[str, Track]
     """What sensors would have read, by signal; each track has one column of the same name."""
+    base: Track = NOTHING
+    """Of a robot whose joints do not tell where it is; as `Recorded.base`."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from jammkle_view.page import words
 from jammkle_view.page.scene import RobotScene
 from jammkle_view.page.server import look_at
 from jammkle_view.playback.plots import PLOTTED, WHOLE, WINDOWS_S, PlaybackPlots
+from jammkle_view.playback.recorded import base_at
 
 if TYPE_CHECKING:
     import viser
@@ -59,7 +60,9 @@ class PlaybackPage:
         self._robot = RobotScene(server, "/recorded", model, floats=setting.floats)
         self._ghost = None
         if overlay is not None:
-            self._ghost = RobotScene(server, "/simulated", overlay.runs[0].model, GHOST_TINT)
+            self._ghost = RobotScene(
+                server, "/simulated", overlay.runs[0].model, GHOST_TINT, floats=setting.floats, beside=self._robot
+            )
         look_at(server, self._robot.centre_m, self._robot.reach_m)
         gui = server.gui
         gui.main_panel.dock_right()
@@ -200,7 +203,7 @@ class PlaybackPage:
         run = self._overlay.run_at(time_s)
         self._ghost.set_visible(visible=run is not None and self._ghost_wanted)
         if run is not None:
-            self._ghost.show(run.joints.at(time_s), {}, {})
+            self._ghost.show(run.joints.at(time_s), {}, {}, base_at(run.base, time_s))
 
     def _show_texts(self, time_s: float) -> None:
         self._status.content = words.status_html(

@@ -11,7 +11,8 @@ import numpy as np
 from jammkle_graph import names
 from jammkle_view.core.samples import EventKind
 from jammkle_view.core.tints import EVENT_TINTS, GHOST_TINT, LINE_TINTS
-from jammkle_view.page.plots import Line, Mark, Plot
+from jammkle_view.core.trace import thinned
+from jammkle_view.page.plots import BINS, Line, Mark, Plot
 from jammkle_view.playback.recorded import NOTHING, Track
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ WINDOWS_S: dict[str, float] = {WHOLE: math.inf, "20 s": 20.0, "5 s": 5.0, "1 s":
 PLOTTED: tuple[str, ...] = (
     *(names.PRESSURES[channel].name for channel in names.CHANNELS),
     names.MANIFOLD_PRESSURE.name,
-    *(f"imu/specific_force_{axis}" for axis in "xz"),
+    *(f"imu/specific_force_{axis}" for axis in "xyz"),
+    *(f"imu/angular_velocity_{axis}" for axis in "xyz"),
     "ankle_pitch/position",
     f"{names.CARRIAGE_JOINT}/position",
     *(f"{tendon}/tension" for tendon in names.TENDONS),
@@ -70,6 +72,7 @@ class PlaybackPlots:
         """
         self._gui, self._recorded = gui, recorded
         self._curves = {title: curves for title, curves in _curves(recorded, overlay).items() if curves}
+        self._whole = {title: _sampled(curves, 0.0, math.inf) for title, curves in self._curves.items()}
         self._tab = tab
         self._plots: dict[str, Plot] = {}
         self.set_window(WHOLE)
@@ -97,7 +100,7 @@ class PlaybackPlots:
         marked = {kind.name.lower(): [each - zero_s for each in self._times_of(kind)] for kind in EventKind}
         marked[_NOW.label] = [time_s - zero_s]
         for title, curves in self._curves.items():
-            base_s, values = _sampled(curves, start_s, end_s)
+            base_s, values = self._whole[title] if whole else _sampled(curves, start_s, end_s)
             self._plots[title].show(base_s - zero_s, values, marked)
 
     def _times_of(self, kind: EventKind) -> list[float]:
@@ -129,8 +132,11 @@ def _curves(recorded: Recorded, overlay: Overlay | None) -> dict[str, tuple[_Cur
         ),
         "Specific force [m/s²]": tuple(
             _Curve(axis, LINE_TINTS[axis], recorded.forces_m_s2, readings(signal), axis, signal, 1.0)
-            for axis, signal in ((axis, f"imu/specific_force_{axis}") for axis in "xz")
-            if axis in recorded.forces_m_s2.columns
+            for axis, signal in ((axis, f"imu/specific_force_{axis}") for axis in recorded.forces_m_s2.columns)
+        ),
+        "Angular rate [rad/s]": tuple(
+            _Curve(axis, LINE_TINTS[axis], recorded.rates_rad_s, readings(signal), axis, signal, 1.0)
+            for axis, signal in ((axis, f"imu/angular_velocity_{axis}") for axis in recorded.rates_rad_s.columns)
         ),
         "Pitch of the foot, toe down [deg]": joint("ankle_pitch", "pitch", math.degrees(1.0)),
         "Carriage [mm]": joint(names.CARRIAGE_JOINT, "carriage", 1e3),
@@ -159,7 +165,7 @@ def _lines(curves: Sequence[_Curve]) -> tuple[Line, ...]:
 
 
 def _sampled(curves: Sequence[_Curve], start_s: float, end_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return all lines of a plot at the times of its first measured one, between two times, s."""
+    """Return all lines of a plot at the times of its first measured one, between two times, s, as many as it draws."""
     time_s = curves[0].measured.time_s
     first, last = np.searchsorted(time_s, start_s), np.searchsorted(time_s, end_s, side="right")
     base_s = time_s[first:last]
@@ -170,7 +176,7 @@ def _sampled(curves: Sequence[_Curve], start_s: float, end_s: float) -> tuple[ND
         runs = [run for run in curve.simulated if curve.simulated_column in run.columns]
         if runs:
             columns.append(_pieced(base_s, runs, curve.simulated_column, curve.scale))
-    return base_s, np.stack(columns, axis=1)
+    return thinned(base_s, np.stack(columns, axis=1), BINS)
 
 
 def _pieced(base_s: NDArray[np.float64], runs: Sequence[Track], column: str, scale: float) -> NDArray[np.float64]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bisect
 import dataclasses
+import math
+from array import array
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -71,6 +73,8 @@ class Recorded:
     """By topic; each track has one column of the same name."""
     forces_m_s2: Track
     """Columns x, y, z."""
+    rates_rad_s: Track
+    """Columns x, y, z."""
     broken: Mapping[str, float]
     """When a tendon was first seen broken, s, by name."""
     reports: Sequence[JamReport]
@@ -79,16 +83,20 @@ class Recorded:
 
     def base_at(self, time_s: float) -> Base | None:
         """Return where the robot was at a time, s; None where nobody told."""
-        at = self.base.at(time_s)
-        if not at:
-            return None
-        turn = (at["qw"], at["qx"], at["qy"], at["qz"])
-        return Base(time_s, (at["x"], at["y"], at["z"]), turn)
+        return base_at(self.base, time_s)
 
     def report_at(self, time_s: float) -> JamReport | None:
         """Return what the driver said last before a time, s."""
         place = bisect.bisect_right(self.reports, time_s, key=lambda each: each.time_s)
         return self.reports[place - 1] if place else None
+
+
+def base_at(track: Track, time_s: float) -> Base | None:
+    """Return a place of a track like `Recorded.base` at a time, s; None of an empty one."""
+    at = track.at(time_s)
+    if not at:
+        return None
+    return Base(time_s, (at["x"], at["y"], at["z"]), (at["qw"], at["qx"], at["qy"], at["qz"]))
 
 
 def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[float], None]) -> Recorded:
@@ -155,16 +163,41 @@ def _take(heard: _Heard, made: Callable[[Any], Sample], message: Any) -> None:
     heard.take(made(message))
 
 
+class _Rows:
+    """Samples of some signals as they come, eight bytes a number: a recording may be long."""
+
+    def __init__(self) -> None:
+        self.time_s = array("d")
+        self._columns: dict[str, array[float]] = {}
+
+    def append(self, time_s: float, row: Mapping[str, float]) -> None:
+        """Add a sample; a signal that a row does not have is not a number there."""
+        for name in row.keys() - self._columns.keys():
+            self._columns[name] = array("d", [math.nan]) * len(self.time_s)
+        self.time_s.append(time_s)
+        for name, values in self._columns.items():
+            values.append(row.get(name, math.nan))
+
+    def last(self) -> dict[str, float] | None:
+        """Return the latest row; None where there is none."""
+        return {name: values[-1] for name, values in self._columns.items()} if self.time_s else None
+
+    def track(self, start_s: float) -> Track:
+        """Return the samples in rising time since a start, the first of those of one time."""
+        if not self.time_s:
+            return NOTHING
+        time_s, order = np.unique(np.asarray(self.time_s) - start_s, return_index=True)
+        return Track(time_s, {name: np.asarray(values)[order] for name, values in sorted(self._columns.items())})
+
+
 class _Heard:
     """Collects samples."""
 
     def __init__(self) -> None:
-        self._joints: list[tuple[float, Mapping[str, float]]] = []
-        self._others: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
-        self._base: list[tuple[float, Mapping[str, float]]] = []
-        self._tensions_n: list[tuple[float, Mapping[str, float]]] = []
-        self._forces_m_s2: list[tuple[float, Mapping[str, float]]] = []
-        self._pressures_pa: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
+        self._joints, self._base, self._tensions_n = _Rows(), _Rows(), _Rows()
+        self._forces_m_s2, self._rates_rad_s = _Rows(), _Rows()
+        self._others: dict[str, _Rows] = {}
+        self._pressures_pa: dict[str, _Rows] = {}
         self._broken: dict[str, float] = {}
         self._reports: list[JamReport] = []
         self._events: list[Event] = []
@@ -174,25 +207,25 @@ class _Heard:
         """Take joints of another ankle of the robot."""
         sample = TAKERS[names.JOINT_STATES.name](message)
         if isinstance(sample, Joints):
-            self._others.setdefault(ankle, []).append((sample.time_s, sample.positions))
+            self._others.setdefault(ankle, _Rows()).append(sample.time_s, sample.positions)
 
     def take(self, sample: Sample) -> None:
         """Take a sample of the ankle, or of its robot."""
         match sample:
             case Base():
-                self._base.append((sample.time_s, _base_row(sample, self._base[-1][1] if self._base else None)))
+                self._base.append(sample.time_s, _base_row(sample, self._base.last()))
             case Joints():
-                self._joints.append((sample.time_s, sample.positions))
+                self._joints.append(sample.time_s, sample.positions)
             case Tendons():
-                self._tensions_n.append((sample.time_s, sample.tensions_n))
+                self._tensions_n.append(sample.time_s, sample.tensions_n)
                 for tendon in sample.broken:
                     self._broken.setdefault(tendon, sample.time_s)
             case Pressure():
                 row = {sample.topic: sample.pressure_pa}
-                self._pressures_pa.setdefault(sample.topic, []).append((sample.time_s, row))
+                self._pressures_pa.setdefault(sample.topic, _Rows()).append(sample.time_s, row)
             case Imu():
-                row = dict(zip("xyz", sample.specific_force_m_s2, strict=True))
-                self._forces_m_s2.append((sample.time_s, row))
+                self._forces_m_s2.append(sample.time_s, dict(zip("xyz", sample.specific_force_m_s2, strict=True)))
+                self._rates_rad_s.append(sample.time_s, dict(zip("xyz", sample.angular_velocity_rad_s, strict=True)))
             case JamReport():
                 self._reports.append(sample)
             case Event():
@@ -208,22 +241,23 @@ class _Heard:
 
         """
         measured = (self._joints, self._tensions_n, self._forces_m_s2, *self._pressures_pa.values())
-        times_s = [time_s for rows in measured for time_s, _ in rows]
+        times_s = [np.asarray(rows.time_s) for rows in measured if rows.time_s]
         if not times_s:
             msg = f"bag {name} holds nothing that was measured in namespace {namespace}"
             raise InputError(msg)
-        start_s = min(times_s)
+        start_s, end_s = min(float(each.min()) for each in times_s), max(float(each.max()) for each in times_s)
         return Recorded(
             name=name,
             namespace=namespace,
             start_s=start_s,
-            duration_s=max(max(times_s) - start_s, _SHORTEST_S),
-            joints=_track(self._joints, start_s),
-            base=_track(self._base, start_s),
-            others={ankle: _track(rows, start_s) for ankle, rows in self._others.items()},
-            tensions_n=_track(self._tensions_n, start_s),
-            pressures_pa={topic: _track(rows, start_s) for topic, rows in self._pressures_pa.items()},
-            forces_m_s2=_track(self._forces_m_s2, start_s),
+            duration_s=max(end_s - start_s, _SHORTEST_S),
+            joints=self._joints.track(start_s),
+            base=self._base.track(start_s),
+            others={ankle: rows.track(start_s) for ankle, rows in self._others.items()},
+            tensions_n=self._tensions_n.track(start_s),
+            pressures_pa={topic: rows.track(start_s) for topic, rows in self._pressures_pa.items()},
+            forces_m_s2=self._forces_m_s2.track(start_s),
+            rates_rad_s=self._rates_rad_s.track(start_s),
             broken={tendon: time_s - start_s for tendon, time_s in self._broken.items()},
             reports=sorted(
                 (dataclasses.replace(each, time_s=each.time_s - start_s) for each in self._reports), key=_time_s
@@ -245,12 +279,3 @@ def _base_row(base: Base, before: Mapping[str, float] | None) -> dict[str, float
 
 def _time_s(sample: JamReport | Event) -> float:
     return sample.time_s
-
-
-def _track(rows: Sequence[tuple[float, Mapping[str, float]]], start_s: float) -> Track:
-    """Return samples in rising time since a start; a signal that a row does not have is not a number there."""
-    if not rows:
-        return NOTHING
-    names = dict.fromkeys(name for _, row in rows for name in row)
-    time_s, order = np.unique(np.array([time_s for time_s, _ in rows]) - start_s, return_index=True)
-    return Track(time_s, {name: np.array([row.get(name, np.nan) for _, row in rows])[order] for name in names})

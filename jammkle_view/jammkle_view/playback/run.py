@@ -14,6 +14,7 @@ from jammkle_view.playback.overlay import Overlay, overlay_of
 from jammkle_view.playback.page import PlaybackPage
 from jammkle_view.playback.player import Player
 from jammkle_view.playback.recorded import read_recorded
+from jammkle_view.playback.robot_overlay import is_robot, robot_overlay
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -72,6 +73,8 @@ def _simulated(shown: Shown, recorded: Recorded) -> tuple[Overlay | None, str]:
     if not shown.simulated:
         return None, ""
     try:
+        if shown.rig is None and is_robot(recorded):
+            return _robot(shown, recorded), ""
         with progress_bar("simulating the same"):
             return overlay_of(shown.bag, recorded, shown.rig, shown.corrected), ""
     except InputError as error:
@@ -79,6 +82,20 @@ def _simulated(shown: Shown, recorded: Recorded) -> tuple[Overlay | None, str]:
             raise
         _say(f"without simulation: {error}")
         return None, f"without simulation: {error}"
+
+
+def _robot(shown: Shown, recorded: Recorded) -> Overlay:
+    """Return the simulation of a robot.
+
+    Raises:
+        InputError: it cannot be simulated again, or shall be corrected.
+
+    """
+    if shown.corrected is not None:
+        msg = f"--corrected {shown.corrected} needs a recording of a rig: effects are of an ankle on its rig"
+        raise InputError(msg)
+    with progress_bar("simulating the same") as show:
+        return robot_overlay(shown.bag, recorded, lambda share: show(share, ""))
 
 
 def _say(text: str) -> None:

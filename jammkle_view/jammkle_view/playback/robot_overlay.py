@@ -1,0 +1,250 @@
+"""The simulation that lies over a recording of a simulated leg or quadruped: the same robot, told the same again."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from jammkle_graph import names
+from jammkle_graph.command.errors import InputError
+from jammkle_graph.parameters import ParameterError
+from jammkle_sim.rigs.simulation import UnstableSimulationError
+from jammkle_sim.robots.catalogue import robot
+from jammkle_sim.robots.options import RobotOptions
+from jammkle_sim.robots.simulation import RobotSimulation
+from jammkle_view.core.models import setting_of
+from jammkle_view.playback.commands import commands_of
+from jammkle_view.playback.overlay import Gap, Overlay, SimulatedRun
+from jammkle_view.playback.recorded import NOTHING, Track
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.robots.ankle_view import AnkleView
+    from jammkle_view.core.models import Naming
+    from jammkle_view.playback.commands import Told
+    from jammkle_view.playback.recorded import Recorded
+
+LATEST_STAMP_S = 3600.0
+"""A robot is simulated from its start on; an hour of a quadruped takes some ten minutes. A machine's clock is later."""
+_IMU_PERIOD_S = 0.002
+_STATE_TICKS = 5
+"""IMU samples per sample of joints, pressures and tensions: 100 Hz, more than a page shows in a second."""
+_UNHEARD_S = 0.05
+"""Recordings that begin later are told of: what was commanded before is not in them."""
+_BASE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+_AXES = ("x", "y", "z")
+
+
+def is_robot(recorded: Recorded) -> bool:
+    """Return whether a recording is of a simulated leg or quadruped."""
+    content = _content(recorded)
+    return "robot" in content
+
+
+def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float], None]) -> Overlay:
+    """Simulate what a bag of a robot holds: from the robot's start, without noise, commanded as its ankles were.
+
+    Args:
+        path: The bag.
+        recorded: The same as read for the page.
+        on_progress: Told the share that is done, 0 to 1.
+
+    Raises:
+        InputError: it cannot be simulated again; the message says why.
+
+    """
+    end_s = recorded.start_s + recorded.duration_s
+    if end_s > LATEST_STAMP_S:
+        msg = (
+            f"the recording ends at {end_s:.0f} s of its clock; a robot is simulated from its start on, to "
+            f"{LATEST_STAMP_S:.0f} s at most. What was stamped by a machine's clock cannot be simulated again"
+        )
+        raise InputError(msg)
+    simulation = _simulation(recorded)
+    several = len(simulation.ankles) > 1
+    above, _, own = recorded.namespace.rpartition("/") if several else (recorded.namespace, "", "")
+    namespaces = {f"{above.rstrip('/')}/{name}" if several else recorded.namespace: name for name in simulation.ankles}
+    shown = own if several else next(iter(simulation.ankles))
+    told = commands_of(path, namespaces)
+    if not told:
+        msg = f"bag {path} holds no commands of {names.PUMP_DUTY.name} or a solenoid: nobody knows what it was told"
+        raise InputError(msg)
+    rows = _Rows(simulation.ankles[shown])
+    try:
+        _run(simulation, told, end_s, rows, on_progress)
+    except UnstableSimulationError as error:
+        raise InputError(str(error)) from error
+    run = rows.run(simulation, shown, setting_of(recorded.description).ankles, recorded.start_s)
+    note = (
+        f"simulated from the robot's start, {recorded.start_s:.1f} s before the recording; what it was told until then "
+        "is taken to be the first that was recorded, and a reset is not known"
+    )
+    return Overlay((run,), tuple(_gaps(recorded, run)), (note,) if recorded.start_s > _UNHEARD_S else ())
+
+
+def _content(recorded: Recorded) -> Mapping[str, Any]:
+    try:
+        content = yaml.safe_load(recorded.description)
+    except yaml.YAMLError:
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _simulation(recorded: Recorded) -> RobotSimulation:
+    """Return the robot at its start, with sensors that have neither noise nor offset."""
+    content = _content(recorded)
+    known = {field.name for field in dataclasses.fields(RobotOptions)}
+    told = {name: value for name, value in dict(content.get("options") or {}).items() if name in known}
+    try:
+        built = robot(str(content["robot"]), RobotOptions(**told))
+    except (ParameterError, TypeError) as error:
+        msg = f"robot '{content['robot']}' cannot be built as {names.SIM_PARAMETERS.name} says: {error}"
+        raise InputError(msg) from error
+    sensors = dataclasses.replace(
+        built.sensors,
+        acceleration_noise_m_s2_rthz=0.0,
+        angular_rate_noise_rad_s_rthz=0.0,
+        pressure_noise_pa=0.0,
+        pressure_offset_pa=0.0,
+    )
+    return RobotSimulation(dataclasses.replace(built, sensors=sensors))
+
+
+def _run(
+    simulation: RobotSimulation,
+    told: Sequence[Told],
+    end_s: float,
+    rows: _Rows,
+    on_progress: Callable[[float], None],
+) -> None:
+    first: dict[tuple[str, str], Told] = {}
+    for each in told:
+        first.setdefault((each.ankle, each.channel), each)
+    for each in first.values():
+        _command(simulation, each)
+    step_s, tick_steps = simulation.timestep_s, round(_IMU_PERIOD_S / simulation.timestep_s)
+    coming, taken = iter(told), 0
+    following = next(coming, None)
+    for tick in range(1, round(end_s / _IMU_PERIOD_S) + 1):
+        end = tick * tick_steps
+        while following is not None and following.time_s < tick * _IMU_PERIOD_S:
+            at = min(max(round(following.time_s / step_s), taken), end)
+            simulation.advance(at - taken)
+            taken = at
+            _command(simulation, following)
+            following = next(coming, None)
+        simulation.advance(end - taken)
+        taken = end
+        rows.note(simulation, with_state=tick % _STATE_TICKS == 0)
+        if tick % (100 * _STATE_TICKS) == 0:
+            on_progress(tick * _IMU_PERIOD_S / end_s)
+
+
+def _command(simulation: RobotSimulation, told: Told) -> None:
+    view = simulation.ankles[told.ankle]
+    if told.channel:
+        view.set_solenoid(told.channel, told.value > 0.0)
+    else:
+        view.set_pump_duty(min(max(told.value, 0.0), 1.0))
+
+
+class _Rows:
+    """What one ankle and the robot around it do, as it comes."""
+
+    def __init__(self, view: AnkleView) -> None:
+        self._view = view
+        self._imu: list[list[float]] = []
+        self._pressures_pa: list[list[float]] = []
+        self._tensions_n: list[list[float]] = []
+        self._base: list[list[float]] = []
+        self._joints: list[list[float]] = []
+
+    def note(self, simulation: RobotSimulation, *, with_state: bool) -> None:
+        """Take a sample of the IMU, and of everything else where it is due."""
+        imu = self._view.imu()
+        self._imu.append([*imu.specific_force_m_s2, *imu.angular_velocity_rad_s])
+        if with_state:
+            base = simulation.base()
+            self._base.append([*base.position_m, *base.rotation])
+            self._pressures_pa.append([self._view.manifold_pressure_pa(), *self._view.channel_pressures_pa().values()])
+            self._tensions_n.append([tendon.tension_n for tendon in self._view.tendons()])
+            self._joints.append(
+                [angle for view in simulation.ankles.values() for angle in view.joint_positions().values()]
+            )
+
+    def run(
+        self, simulation: RobotSimulation, shown: str, namings: Mapping[str, Naming], start_s: float
+    ) -> SimulatedRun:
+        """Return all of it, in the time of the recording."""
+        time_s = _IMU_PERIOD_S * _STATE_TICKS * np.arange(1.0, len(self._base) + 1.0) - start_s
+        imu_s = _IMU_PERIOD_S * np.arange(1.0, len(self._imu) + 1.0) - start_s
+        joints = np.array(self._joints).reshape(len(time_s), -1)
+        several, place = len(simulation.ankles) > 1, 0
+        columns: dict[str, NDArray[np.float64]] = {}
+        for name, view in simulation.ankles.items():
+            naming = namings[name if several else ""]
+            for told in view.joint_positions():
+                columns[naming.joint(told)] = joints[:, place]
+                if name == shown:  # plots know them by what the ankle tells
+                    columns[told] = joints[:, place]
+                place += 1
+        pressures = (names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[channel].name for channel in names.CHANNELS))
+        readings = {
+            topic: Track(time_s, {topic: values})
+            for topic, values in zip(pressures, np.array(self._pressures_pa).T, strict=True)
+        }
+        signals = [f"imu/{what}_{axis}" for what in ("specific_force", "angular_velocity") for axis in _AXES]
+        readings |= {
+            signal: Track(imu_s, {signal: values})
+            for signal, values in zip(signals, np.array(self._imu).T, strict=True)
+        }
+        tensions = dict(zip(names.TENDONS, np.array(self._tensions_n).T, strict=True))
+        base = dict(zip(_BASE, np.array(self._base).T, strict=True))
+        return SimulatedRun(
+            simulation.model, Track(time_s, columns), Track(time_s, tensions), readings, Track(time_s, base)
+        )
+
+
+def _gaps(recorded: Recorded, run: SimulatedRun) -> list[Gap]:
+    """Return how far the shown signals are off, at the times at which they were measured."""
+    pairs: list[tuple[str, str, Track, str, Track]] = [
+        (topic, "Pa", track, topic, run.readings.get(topic, NOTHING)) for topic, track in recorded.pressures_pa.items()
+    ]
+    for what, unit, track in (
+        ("specific_force", "m/s^2", recorded.forces_m_s2),
+        ("angular_velocity", "rad/s", recorded.rates_rad_s),
+    ):
+        pairs += [
+            (f"imu/{what}_{axis}", unit, track, axis, run.readings[f"imu/{what}_{axis}"]) for axis in track.columns
+        ]
+    pairs += [
+        (f"{joint}/position", "rad", recorded.joints, joint, run.joints)
+        for joint in recorded.joints.columns
+        if joint in run.joints.columns
+    ]
+    pairs += [
+        (f"{tendon}/tension", "N", recorded.tensions_n, tendon, run.tensions_n)
+        for tendon in recorded.tensions_n.columns
+        if tendon in run.tensions_n.columns
+    ]
+    gaps = [_gap(signal, unit, track, column, simulated) for signal, unit, track, column, simulated in pairs]
+    return [gap for gap in gaps if gap is not None]
+
+
+def _gap(signal: str, unit: str, measured: Track, column: str, simulated: Track) -> Gap | None:
+    values = simulated.columns.get(column, simulated.columns.get(signal))
+    if values is None or not len(measured.time_s):
+        return None
+    inside = (measured.time_s >= simulated.time_s[0]) & (measured.time_s <= simulated.time_s[-1])
+    off = np.interp(measured.time_s[inside], simulated.time_s, values) - measured.columns[column][inside]
+    off = off[np.isfinite(off)]
+    if not len(off):
+        return None
+    return Gap(signal, unit, float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()))

@@ -1,0 +1,158 @@
+"""The page of a running graph, from a browser's end of the line: what is clicked has its effect on the graph."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from page_client import PageClient
+
+from jammkle_graph.names import ACHILLES, CARRIAGE_JOINT, CLOCK, JAM_STATE, JOINT_STATES, PERONEAL_LEFT
+from jammkle_msgs.msg import ChannelJamState
+from jammkle_view.core.knobs import Knob
+from jammkle_view.core.wishes import Action, Ask, SetSim
+from jammkle_view.page.server import address_of, serve
+from jammkle_view.page.sim_controls import SimControls
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from graph import Probe, Up
+    from jammkle_view.core.wishes import Wish
+
+RAISED_M = 0.1
+"""150 mm less the 50 mm from which the ankle falls by default."""
+STEEP_DEG = 12.0
+PATIENT = """
+/**/sim: {ros__parameters: {release_time_s: 3600.0}}
+/**/controller: {ros__parameters: {auto_at_start: false}}
+/**/driver: {ros__parameters: {pressure_timeout_s: 30.0, jam_timeout_s: 30.0}}
+"""
+
+
+@pytest.mark.timeout(300)
+def test_what_is_clicked_has_its_effect(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """Jam, Unjam, Pause, Go on, Reset, a slider: services and parameters of the graph, as the probe sees."""
+    (tmp_path / "patient.yaml").write_text(PATIENT)
+    up = start("up", "--view", "--params", str(tmp_path / "patient.yaml"))
+    probe = make_probe()
+    probe.listen(JAM_STATE, JOINT_STATES, CLOCK)
+    with PageClient(page_of(up, probe)) as page:
+
+        def until(holds: Callable[[], bool], what: str) -> None:
+            page.wait_until(holds, what, lambda: probe.executor.spin_once(timeout_sec=0.0))
+
+        until(lambda: "drop height [mm]" in page.labels(), "the page knows what is simulated")
+        until(lambda: probe.last(JOINT_STATES) is not None, "joint_states are heard")
+        held_m = joint(probe, CARRIAGE_JOINT)
+        until(lambda: near(page.positions_m["/ankle/carriage"][2], held_m), "the scene shows where it is held")
+
+        page.change("achilles", "Jam")
+        until(lambda: state_of(probe, ACHILLES) == ChannelJamState.JAMMED, "the driver has jammed the channel")
+        assert state_of(probe, PERONEAL_LEFT) == ChannelJamState.UNJAMMED
+        until(lambda: "JAMMED" in page.text().replace("UNJAMMED", ""), "the page says so")
+        page.change("achilles", "Unjam")
+        until(lambda: state_of(probe, ACHILLES) == ChannelJamState.UNJAMMED, "the driver has let it go")
+
+        page.change("time", "Pause")
+        until(lambda: "paused" in page.text(), "the simulation has answered")
+        until(lambda: ticks(probe) == 0, "time stands still")
+        stopped_ns = clock_ns(probe)
+        page.change("time", "Go on")
+        until(lambda: clock_ns(probe) > stopped_ns, "time goes on")
+
+        page.change("drop height [mm]", 150.0)
+        until(lambda: "drop_height_m is 0.15" in page.text(), "the simulation has taken the height")
+        page.change("time", "Reset")
+        until(lambda: near(joint(probe, CARRIAGE_JOINT), held_m + RAISED_M), "the carriage is held higher")
+        until(lambda: near(page.positions_m["/ankle/carriage"][2], held_m + RAISED_M), "the scene shows it there")
+
+        shown = [field["visible"] for field in page.fields.values() if field.get("type") == "GuiUplotMessage"]
+        page.change("IMU", "Angular rate [rad/s]")
+        until(lambda: plots(page) != shown, "another plot is shown")
+        assert sum(plots(page)) == sum(shown)
+    assert up.stop() == 0
+
+
+@pytest.mark.timeout(300)
+def test_a_leg_is_put_on_a_slope(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+    """From the next reset on it stands on ground that is inclined: its foot turns by as much."""
+    up = start("up", "--view", "--robot", "leg")
+    probe = make_probe()
+    probe.listen(JOINT_STATES)
+    with PageClient(page_of(up, probe)) as page:
+
+        def until(holds: Callable[[], bool], what: str) -> None:
+            page.wait_until(holds, what, lambda: probe.executor.spin_once(timeout_sec=0.0))
+
+        until(lambda: "slope [deg]" in page.labels(), "the page knows what is simulated")
+        until(lambda: probe.last(JOINT_STATES) is not None, "joint_states are heard")
+        flat_rad = joint(probe, "ankle_pitch")
+        page.change("slope [deg]", STEEP_DEG)
+        until(lambda: "slope_deg is 12" in page.text(), "the simulation has taken the slope")
+        page.change("time", "Reset")
+        turned_rad = 0.5 * math.radians(STEEP_DEG)
+        until(lambda: abs(joint(probe, "ankle_pitch") - flat_rad) > turned_rad, "the foot lies on the slope")
+    assert up.stop() == 0
+
+
+def test_every_simulation_is_asked() -> None:
+    """Two ankles in simulations of their own are paused by one click, and get the same slope."""
+    wishes: list[Wish] = []
+    server = serve("localhost", 0, "two ankles")
+    try:
+        controls = SimControls(server.gui, wishes.append)
+        with PageClient(address_of(server)) as page:
+            controls.offer(("left", "right"), (Knob("slope_deg", "slope [deg]", 0.0, 40.0, 1.0, 0.0),))
+            page.wait_until(lambda: "slope [deg]" in page.labels(), "it can be asked")
+            page.change("time", "Pause")
+            page.change("slope [deg]", 7.0)
+            asked = {*(Ask(who, Action.PAUSE) for who in ("left", "right"))}
+            asked |= {SetSim(who, "slope_deg", 7.0) for who in ("left", "right")}
+            page.wait_until(lambda: asked <= set(wishes), "both are asked")
+            controls.show("slope_deg", 3.0)
+            page.wait_until(lambda: page.value("slope [deg]") == 3.0, "it shows what a simulation has")
+    finally:
+        server.stop()
+
+
+def page_of(up: Up, probe: Probe) -> str:
+    """Address of the page, once it and the graph are there."""
+    probe.spin_until(lambda: "jammkle: up\n" in up.text(), "the graph is up")
+    probe.spin_until(lambda: "page: " in up.text(), "there is a page")
+    return re.findall(r"page: (http://localhost:\d+)", up.text())[0]
+
+
+def joint(probe: Probe, name: str) -> float:
+    message = probe.last(JOINT_STATES)
+    return float(dict(zip(message.name, message.position, strict=True))[name])
+
+
+def clock_ns(probe: Probe) -> int:
+    stamp: Any = probe.last(CLOCK).clock
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def ticks(probe: Probe) -> int:
+    """How often /clock is heard in some 0.4 s."""
+    before = len(probe.heard[CLOCK.name])
+    for _ in range(20):
+        probe.executor.spin_once(timeout_sec=0.02)
+    return len(probe.heard[CLOCK.name]) - before
+
+
+def state_of(probe: Probe, channel: str) -> int:
+    return probe.channel_states().get(channel, ChannelJamState.UNKNOWN)
+
+
+def plots(page: PageClient) -> list[bool]:
+    return [bool(field["visible"]) for field in page.fields.values() if field.get("type") == "GuiUplotMessage"]
+
+
+def near(one_m: float, other_m: float) -> bool:
+    return abs(one_m - other_m) < 1e-3
