@@ -75,10 +75,10 @@ def processes(domain_id: int, tmp_path: Path) -> Iterator[Processes]:
     running.end()
 
 
-@pytest.fixture
-def left_alone(tmp_path: Path) -> tuple[str, str]:
+@pytest.fixture(scope="session")
+def left_alone(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     """Options of `jammkle up` for an ankle that hangs in its rig while the controller decides nothing."""
-    path = tmp_path / "left_alone.yaml"
+    path = tmp_path_factory.mktemp("left_alone") / "left_alone.yaml"
     path.write_text(
         "/**/sim:\n  ros__parameters:\n    release_time_s: 3600.0\n"
         "/**/controller:\n  ros__parameters:\n    auto_at_start: false\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psutil
+import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -20,10 +22,11 @@ from rosbags.highlevel import AnyReader
 
 from jammkle_graph.names import CHANNELS, JAM_ALL, JAM_STATE, Service, Topic
 from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_graph.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from rclpy.node import Node
 
@@ -176,3 +179,20 @@ class Up:
     def text(self) -> str:
         """All it has printed so far."""
         return self.output.read_text() + self.errors.read_text()
+
+
+@contextlib.contextmanager
+def shared_graph(folder: Path, *arguments: str) -> Iterator[tuple[Up, Probe]]:
+    """Bring a graph up in a domain of its own, and look on: for several tests that leave it as it is."""
+    with pytest.MonkeyPatch.context() as patch, own_domain() as domain_id:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        up = Up(domain_id, folder, *arguments)
+        probe = Probe(domain_id)
+        try:
+            probe.listen(JAM_STATE)
+            probe.wait_until_up()
+            yield up, probe
+        finally:
+            probe.close()
+            exit_code = up.stop()
+            sys.stdout.write(f"{up.arguments} ended with {exit_code}\n{up.text()}\n")

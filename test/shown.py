@@ -17,6 +17,7 @@ SOURCED = "needs a sourced ROS 2; tried by hand, as the page says"
 _FIRST_SESSION = "test/test_graph_life.py::test_the_first_session"
 _LANDING = "test/test_landing.py::test_the_foot_touches_down_after_a_free_fall"
 _TRIAL = "jammkle_gap/test/test_trial_whole.py::test_a_small_trial_of_a_stranger"
+_CONTACT = "jammkle_contact/test/test_contact_command.py::test_a_small_trial_of_the_detectors"
 _BOARD = "test/test_board_graph.py::test_the_whole_graph_runs_on_the_board"
 _CHECK = "test/test_board_check.py::test_a_healthy_board_passes_twice"
 _BOARDS = "test/test_several_boards.py::test_each_ankle_has_its_own_board"
@@ -36,6 +37,7 @@ ELSEWHERE: dict[str, str] = {
     r"jammkle record -o runs/(my_bag|quadruped)$": "jammkle_bringup/test/test_bringup_recorder.py",
     r"jammkle recover": "jammkle_bringup/test/test_bringup_recovery.py",
     r"jammkle paper": "jammkle_sim/test/test_paper_command.py",
+    r"jammkle contact ": _CONTACT,
     r"jammkle gap blind|python docs/examples/blind_external.py": _TRIAL,
     r"jammkle gap diagnose runs/leaking": _DIAGNOSIS,
     r"python docs/examples/gap_": "jammkle_gap/test/test_examples.py",
@@ -71,7 +73,6 @@ UNTIL_CTRL_C = r"jammkle (up|view) "
 """What goes on until it is asked to stop, beside the lines below it; the next such line takes its place."""
 
 SHORTER: dict[str, str] = {
-    "--steps 400": "--steps 40 --runs 0",
     "--duration-s 10": "--duration-s 1",
     "--repeats 5": "--repeats 2",
 }

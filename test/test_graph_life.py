@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -16,7 +15,7 @@ from lifecycle_msgs.srv import ChangeState
 
 from graph import COMMAND, TIMEOUT_S, environment
 from jammkle_bringup.graph_client import DISCOVERY_S
-from jammkle_graph.names import CHANNELS, CLOCK, DIAGNOSTICS, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
+from jammkle_graph.names import CHANNELS, CLOCK, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
 from jammkle_msgs.msg import ChannelJamState
 from readme_tables import EXAMPLES
 
@@ -76,31 +75,6 @@ def test_up_stops_cleanly(graph: tuple[Up, Probe]) -> None:
     assert "Traceback" not in up.text()
     probe.spin_until(lambda: not any(probe.last(topic).data for topic in SOLENOIDS.values()), "all solenoids released")
     probe.spin_until(lambda: probe.last(PUMP_DUTY).data == 0.0, "the pump is off")
-
-
-def test_status_lists_every_node_every_time(graph: tuple[Up, Probe], start: Callable[..., Up], tmp_path: Path) -> None:
-    """Each call is a process that has to discover the graph anew, and shows every line of every node."""
-    _, probe = graph
-    probe.listen(DIAGNOSTICS)
-    probe.spin_until(lambda: len({node_of(line) for line in lines_of(probe)}) == 3, "every node reports")
-    told = {line for line in lines_of(probe) if "nodes" not in line}
-    files = [tmp_path / f"{number}.json" for number in range(STATUS_CALLS)]
-    for call in [start("status", "--json", str(file)) for file in files]:
-        assert call.wait() == 0
-    for file in files:
-        listed = {line["name"] for line in json.loads(file.read_text())["health"]}
-        assert {node_of(line) for line in listed} == {"/controller", "/driver", "/sim"}
-        assert told <= listed
-
-
-def lines_of(probe: Probe) -> set[str]:
-    """Names of the lines on /diagnostics so far, `/node: about`."""
-    return {status.name for message in probe.heard[DIAGNOSTICS.name] for status in message.status}
-
-
-def node_of(line: str) -> str:
-    """Node that a line on /diagnostics is of."""
-    return line.split(":", maxsplit=1)[0]
 
 
 @pytest.mark.parametrize("package", ["jammkle_driver", "jammkle_controller", "jammkle_sim"])
@@ -186,16 +160,6 @@ def test_a_killed_up_leaves_no_process(graph: tuple[Up, Probe]) -> None:
     assert not alive
 
 
-def test_a_second_up_in_the_namespace_is_refused(graph: tuple[Up, Probe], start: Callable[..., Up]) -> None:
-    """One clear line and exit code 2; the first graph goes on as if nothing had happened."""
-    up, probe = graph
-    second = start("up")
-    assert second.wait() == 2
-    assert len(second.text().strip().splitlines()) == 1
-    assert up.process.poll() is None
-    assert probe.call(JAM).success
-
-
 @pytest.mark.parametrize("namespaces", [("/", "/"), ("lf_ankle", "rf_ankle")], ids=["same names", "two clocks"])
 def test_graphs_started_together_do_not_both_go_on(
     start: Callable[..., Up],
@@ -228,29 +192,6 @@ def test_graphs_started_together_do_not_both_go_on(
         assert "already up" in up.text() or "/clock comes from" in up.text()
 
 
-@pytest.mark.parametrize(
-    ("request_fields", "words"),
-    [
-        ({"channels": ["soleus"]}, ("soleus", *CHANNELS)),
-        ({"vacuum_pa": float("nan")}, ("nan",)),
-        ({"vacuum_pa": float("inf")}, ("inf",)),
-        ({"vacuum_pa": 1e6}, ("1e+06", "Pa")),
-        ({"vacuum_pa": -5e3}, ("-5",)),
-        ({"channels": ["achilles", "soleus"], "vacuum_pa": GOOD_VACUUM_PA}, ("soleus",)),
-    ],
-)
-def test_a_bad_jam_request_changes_nothing(
-    graph: tuple[Up, Probe], request_fields: dict[str, object], words: tuple[str, ...]
-) -> None:
-    """The answer is success=false with the value and the limit in it, and no channel is commanded."""
-    _, probe = graph
-    answer = probe.call(JAM, **request_fields)
-    assert not answer.success
-    assert all(word in answer.message for word in words), answer.message
-    assert "\n" not in answer.message
-    assert all(channel.commanded_vacuum_pa == 0.0 for channel in probe.last(JAM_STATE).channels)
-
-
 def test_a_jam_request_while_inactive_is_refused(graph: tuple[Up, Probe]) -> None:
     """A deactivated driver answers success=false, says how to activate it, and jams again once it is active."""
     _, probe = graph
@@ -263,25 +204,6 @@ def test_a_jam_request_while_inactive_is_refused(graph: tuple[Up, Probe]) -> Non
         assert answer.success is accepted, answer.message
         if not accepted:
             assert "active" in answer.message
-
-
-def test_a_step_is_refused_while_running(graph: tuple[Up, Probe]) -> None:
-    """Stepping needs a pause first; the answer says so."""
-    _, probe = graph
-    answer = probe.call(STEP, steps=10)
-    assert not answer.success
-    assert "pause" in answer.message.lower()
-
-
-def test_a_vacuum_beyond_the_limit_is_bad_input(graph: tuple[Up, Probe], start: Callable[..., Up]) -> None:
-    """`jammkle jam` with a vacuum that the running driver does not allow: exit code 2 and one line with the limit."""
-    _, probe = graph
-    process = start("jam", "--vacuum-kpa", "900")
-    assert process.wait() == 2
-    lines = process.text().strip().splitlines()
-    assert len(lines) == 1
-    assert "900" in lines[0]
-    assert all(channel.commanded_vacuum_pa == 0.0 for channel in probe.last(JAM_STATE).channels)
 
 
 def bad_yaml(folder: Path) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING
 
 import pytest
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from graph import Probe, Up, interface
+from graph import Probe, Up, interface, shared_graph
 from jammkle_graph.names import (
     ACTIONS,
     CHANNELS,
@@ -29,7 +30,7 @@ from jammkle_graph.names import (
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from builtin_interfaces.msg import Time
 
@@ -41,17 +42,15 @@ ROS_OWN_SERVICES = ("rcl_interfaces/", "type_description_interfaces/", "lifecycl
 """Services that ROS gives every node or every lifecycle node."""
 
 
-@pytest.fixture
-def probe(start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]) -> Probe:
-    """Bring up one ankle and look on until the driver knows every channel."""
-    start("up", "--monitor", *left_alone)
-    looking_on = make_probe()
-    looking_on.listen(JAM_STATE)
-    looking_on.wait_until_up()
-    # What a node offers is announced one by one after the node itself, and on a busy machine that takes a while.
-    looking_on.spin_until(lambda: set(NODES) <= set(looking_on.node.get_node_names()), "every node is discovered")
-    looking_on.spin_until(lambda: not _unannounced(looking_on), "every topic and service is announced")
-    return looking_on
+@pytest.fixture(scope="module")
+def probe(tmp_path_factory: pytest.TempPathFactory, left_alone: tuple[str, str]) -> Iterator[Probe]:
+    """Bring up one ankle for the tests that only look on, and wait until its driver knows every channel."""
+    with shared_graph(tmp_path_factory.mktemp("wiring"), "up", "--monitor", *left_alone) as (_, looking_on):
+        # What a node offers is announced one by one after the node itself, and on a busy machine that takes a while.
+        known = looking_on.node.get_node_names
+        looking_on.spin_until(lambda: set(NODES) <= set(known()), "every node is discovered")
+        looking_on.spin_until(lambda: not _unannounced(looking_on), "every topic and service is announced")
+        yield looking_on
 
 
 def _unannounced(looking_on: Probe) -> list[str]:
@@ -111,14 +110,13 @@ def test_the_actions_are_those_in_the_table(probe: Probe) -> None:
         }
 
 
-@pytest.mark.usefixtures("probe")
-def test_who_joins_late_gets_what_is_latched(make_probe: Callable[..., Probe]) -> None:
+def test_who_joins_late_gets_what_is_latched(probe: Probe) -> None:
     """jam_state, the solenoids and the simulation's parameters reach a subscriber that comes after them."""
-    late = make_probe()
     latched = (SIM_PARAMETERS, JAM_STATE, *SOLENOIDS.values())
-    late.listen(*latched)
-    late.spin_until(lambda: all(late.heard[topic.name] for topic in latched), "everything latched has come")
-    assert "slope_deg" in late.last(SIM_PARAMETERS).data
+    with contextlib.closing(Probe(probe.context.get_domain_id())) as late:
+        late.listen(*latched)
+        late.spin_until(lambda: all(late.heard[topic.name] for topic in latched), "everything latched has come")
+        assert "slope_deg" in late.last(SIM_PARAMETERS).data
 
 
 def test_a_stop_that_came_before_the_driver_is_heeded(
@@ -135,41 +133,32 @@ def test_a_stop_that_came_before_the_driver_is_heeded(
     )
 
 
-def test_two_ankles_live_side_by_side(
-    start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
-) -> None:
-    """Two namespaces share a domain; jamming one ankle leaves the other soft."""
-    left, right = make_probe("/lf_ankle"), make_probe("/rf_ankle")
-    for probe in (left, right):
-        start("up", "--namespace", probe.node.get_namespace(), *left_alone)
-        probe.listen(JAM_STATE)
-        probe.wait_until_up()
-    start("jam", "--namespace", "/lf_ankle").wait()
-    left.wait_until_jammed()
-    assert set(right.channel_states()) == set(CHANNELS)
-    assert not {ChannelJamState.JAMMING, ChannelJamState.JAMMED} & set(right.channel_states().values())
-
-
 def seconds(stamp: Time) -> float:
     """Time of a stamp, s."""
     return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
-def test_a_second_ankle_takes_the_time_of_the_first(
+def test_two_ankles_live_side_by_side(
     start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
 ) -> None:
-    """Its stamps follow the /clock that the first one makes, although it starts seconds later."""
-    first = make_probe("/lf_ankle")
+    """Two namespaces share a domain: the second takes the time of the first, and is soft while that is jammed."""
+    left, right = make_probe("/lf_ankle"), make_probe("/rf_ankle")
     start("up", "--namespace", "lf_ankle", *left_alone)
-    first.listen(CLOCK)
-    first.spin_until(lambda: bool(first.last(CLOCK)) and seconds(first.last(CLOCK).clock) > LATE_S, "time goes on")
-    second = make_probe("/rf_ankle")
-    second.listen(CLOCK, IMU)
+    left.listen(CLOCK, JAM_STATE)
+    left.spin_until(lambda: bool(left.last(CLOCK)) and seconds(left.last(CLOCK).clock) > LATE_S, "time goes on")
+    right.listen(CLOCK, IMU, JAM_STATE)
     up = start("up", "--namespace", "rf_ankle", *left_alone)
-    second.spin_until(lambda: bool(second.last(IMU)), "the second ankle's IMU is heard")
-    assert len(second.node.get_publishers_info_by_topic(CLOCK.name)) == 1
+    right.wait_until_up()
+    right.spin_until(lambda: bool(right.last(IMU)), "the second ankle's IMU is heard")
+    assert len(right.node.get_publishers_info_by_topic(CLOCK.name)) == 1
     assert "comes from /lf_ankle/sim" in up.text()
-    assert abs(seconds(second.last(IMU).header.stamp) - seconds(second.last(CLOCK).clock)) < LATE_S / 2
+    assert abs(seconds(right.last(IMU).header.stamp) - seconds(right.last(CLOCK).clock)) < LATE_S / 2
+
+    left.wait_until_up()
+    start("jam", "--namespace", "/lf_ankle").wait()
+    left.wait_until_jammed()
+    assert set(right.channel_states()) == set(CHANNELS)
+    assert not {ChannelJamState.JAMMING, ChannelJamState.JAMMED} & set(right.channel_states().values())
 
 
 def test_the_clock_never_runs_backwards(probe: Probe) -> None:

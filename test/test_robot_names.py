@@ -89,10 +89,10 @@ def test_a_mission_speaks_in_the_robots_words(graph: tuple[Up, Probe]) -> None:
 
     def held() -> bool:
         commands.publish(wish)
-        return theirs(probe)["inner"] == ChannelJamState.JAMMED
+        ours = probe.channel_states()["peroneal_right"]
+        return theirs(probe)["inner"] == ours == ChannelJamState.JAMMED
 
     probe.spin_until(held, "inner is jammed by the stream")
-    assert probe.channel_states()["peroneal_right"] == ChannelJamState.JAMMED
     driver: Any = up.child("jammkle_driver")
     driver.suspend()
     try:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-OFFERED = ("valve_dead_time", "line_leak_achilles", "pump_wear", "command_delay")
+OFFERED = ("valve_dead_time", "line_leak_achilles")
 """Effects on offer: few, so that a busy machine is done in time."""
 
 
@@ -28,6 +28,7 @@ def cluster() -> Iterator[LocalCluster]:
         yield started
 
 
+@pytest.mark.trial
 @pytest.mark.timeout(1800)
 def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
     cluster: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -33,6 +33,10 @@ _PACKAGES = (
     "jammkle_bringup",
 )
 
+for _library in ("OPENBLAS", "OMP", "MKL"):  # read as they are loaded, also by every process that a test starts
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+"""Linear algebra in one thread: where others want the cores too, threads wait for one another."""
+
 _FIRST_PORT = 7400
 _PORTS_PER_DOMAIN = 250
 """Port numbers of a domain's participants: the DDS-RTPS specification, 2.5, section 9.6.2.3."""
