@@ -34,7 +34,7 @@ _VENTED_BY_HAND = (UNJAM.name, UNJAM_ALL.name, *(service.name for service in CHA
 
 
 def contact_event_message(event: ContactEvent, frame_id: str) -> ContactEventMessage:
-    """Write a contact event, stamped with the sample that decided, in the IMU's frame."""
+    """Write a contact event, stamped with the sample that decided, in the frame that it was felt in."""
     message = ContactEventMessage()
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(event.time_ns, NANOSECONDS_PER_SECOND)
     message.header.frame_id = frame_id

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 from jammkle_controller.core.inputs import Input
@@ -100,7 +101,17 @@ def input_health(controller: AnkleController, time_ns: int, topics: Mapping[Inpu
     missing = ""
     if not controller.feels(Detection.STEP) and not controller.inputs.tells_contact(time_ns):
         missing = f"; a step is not felt on the {controller.mount.value}: who walks needs gait, efforts, switch or load"
-    return Health("inputs", Level.OK, f"beside the IMU: {names or 'none'}{missing}", values)
+    level = Level.OK
+    sole = controller.inputs.sole
+    if sole is not None:
+        for what, count in dataclasses.asdict(sole.counts).items():
+            values[f"odometry, {what.replace('_', ' ')}"] = str(count)
+        if Input.ODOMETRY not in heard:
+            level = Level.WARN
+            missing += (
+                f"; no odometry on {topics[Input.ODOMETRY]} that tells the speed of the sole: slips are the IMU's"
+            )
+    return Health("inputs", level, f"beside the IMU: {names or 'none'}{missing}", values)
 
 
 def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_hand: Sequence[str] = ()) -> Health:

@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -21,9 +22,11 @@ from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.freshness import Freshness
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.reading import (
+    body_twist,
     imu_sample,
     imu_sample_of,
     joint_position,
+    leg_pose,
     leg_reading,
     load_n,
     nanoseconds,
@@ -46,6 +49,7 @@ from jammkle_graph.names import (
     JAM_STATE,
     JOINT_STATES,
     LOAD_CELL,
+    ODOMETRY,
     PLANNED_CONTACT,
     SET_AUTO,
 )
@@ -73,6 +77,7 @@ INPUT_TOPICS = {
     Input.PLANNED_CONTACT: PLANNED_CONTACT.name,
     Input.JOINTS: JOINT_STATES.name,
     Input.EFFORTS: JOINT_STATES.name,
+    Input.ODOMETRY: ODOMETRY.name,
 }
 """Where each of the optional inputs is heard."""
 
@@ -104,6 +109,9 @@ class ControllerNode(ClockHearer):
         self._freshness = Freshness(values.imu_timeout_s, time.monotonic(), self._graph_time_s())
         self._trouble = StreamTrouble()
         self._values = values
+        self._leg = (values.abduction_joint, values.hip_joint, values.knee_joint)
+        self._body_frame = ""
+        self._inputs = {**INPUT_TOPICS, Input.ODOMETRY: values.odometry_topic}
         self._driver = DriverView()
         self._driver_heard = False
         self._wished_pa = 0.0
@@ -128,6 +136,8 @@ class ControllerNode(ClockHearer):
             self.create_subscription(kind, topic.name, partial(self._hear, take), subscriber_qos(topic))
         self.create_subscription(WrenchStamped, LOAD_CELL.name, self._hear_load, subscriber_qos(LOAD_CELL))
         self.create_subscription(JointState, JOINT_STATES.name, self._hear_joints, subscriber_qos(JOINT_STATES))
+        if values.use_odometry:
+            self.create_subscription(Odometry, values.odometry_topic, self._hear_body, subscriber_qos(ODOMETRY))
 
     def _feel(self, serialized: bytes) -> None:
         measured = wire.read(serialized, wire.IMU_DOUBLES)
@@ -153,6 +163,15 @@ class ControllerNode(ClockHearer):
             reading = leg_reading(message, self._values.hip_joint, self._values.knee_joint)
             if reading is not None:
                 self._take(self._controller.hear_leg(reading, time_ns), message.header.frame_id)
+        if self._values.use_odometry:
+            pose = leg_pose(message, self._leg)
+            if pose is not None:
+                self._take(self._controller.hear_pose(pose, time_ns), self._body_frame)
+
+    def _hear_body(self, message: Odometry) -> None:
+        self._body_frame = message.child_frame_id
+        twist = body_twist(message)
+        self._take(self._controller.hear_odometry(twist, twist.time_ns), self._body_frame)
 
     def _take(self, reaction: Reaction, frame_id: str) -> None:
         if reaction.wish_changed and self._auto:
@@ -232,7 +251,7 @@ class ControllerNode(ClockHearer):
         by_hand = self._driver.by_hand if self._controller.vacuum_pa > 0.0 else ()
         policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver(), by_hand=by_hand)
         time_ns = max(self.get_clock().now().nanoseconds, self._controller.gate.last_ns or 0)
-        inputs = input_health(self._controller, time_ns, INPUT_TOPICS)
+        inputs = input_health(self._controller, time_ns, self._inputs)
         return [imu, inputs, policy, self._roll_call.health()]
 
     def _graph_time_s(self) -> float:

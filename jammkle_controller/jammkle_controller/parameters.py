@@ -14,6 +14,8 @@ from jammkle_controller.core.policy import PolicyMode, PolicySettings
 from jammkle_controller.core.raised import RaiseSettings
 from jammkle_controller.core.settled import SettledSettings
 from jammkle_controller.core.slip import SlipSettings
+from jammkle_controller.core.sole_slip import SoleSettings
+from jammkle_controller.core.sole_speed import LegGeometry
 from jammkle_controller.core.swing import SwingSettings
 from jammkle_controller.core.watch import WatchSettings
 from jammkle_graph.constants import HELD_VACUUM_PA
@@ -71,6 +73,35 @@ class ControllerParameters:
     armature_kg_m2: float = parameter(
         0.004, "Inertia of the motors of hip and knee behind their gears", "kg m^2", 0.0, 1.0
     )
+    use_odometry: bool = parameter(
+        default=False,
+        description="Whether odom and the leg's joints show slips, by the speed of the sole; geometry below must fit",
+    )
+    odometry_topic: str = parameter(
+        "odom", "Where the odometry of the body is: /odom, for instance, where several ankles share it"
+    )
+    odometry_spread_m_s: float = parameter(
+        0.04,
+        "Standard deviation of the odometry's velocity, per axis, where its covariance is zero: noise of 0.03 and "
+        "drift of 0.025 m/s, assumed",
+        "m/s",
+        0.001,
+        1.0,
+    )
+    abduction_joint: str = parameter("abduction", "Joint of the hip in joint_states, about x; absent: there is none")
+    hip_x_m: float = parameter(0.0, "Axis of abduction, or the hip without one, forward of base_link", "m", -2.0, 2.0)
+    hip_y_m: float = parameter(0.0, "To the left of base_link", "m", -2.0, 2.0)
+    hip_z_m: float = parameter(0.0, "Above base_link", "m", -2.0, 2.0)
+    hip_offset_m: float = parameter(
+        0.0, "From the axis of abduction to the left to the plane of the leg; negative: right", "m", -1.0, 1.0
+    )
+    ankle_lean_rad: float = parameter(
+        0.5223, "Pitch of the ankle's frame against the shank's: the shank's lean as it stands", "rad", -1.6, 1.6
+    )
+    toe_m: float = parameter(0.06, "From the ankle's joint forward to the toe's corners; as of ours", "m", 0.0, 0.5)
+    heel_m: float = parameter(0.045, "From the ankle's joint backward to the heel's corners", "m", 0.0, 0.5)
+    foot_half_width_m: float = parameter(0.03, "From the middle of the sole to its corners, sideways", "m", 0.0, 0.5)
+    sole_depth_m: float = parameter(0.02, "From the ankle's joint down to the sole", "m", 0.0, 0.5)
     command_rate_hz: float = parameter(
         20.0,
         "How often jam_command is repeated, by a steady clock; must be well above the inverse of the driver's "
@@ -293,7 +324,12 @@ def controller_settings(values: ControllerParameters) -> ControllerSettings:
     return ControllerSettings(
         detector_settings(values),
         policy_settings(values),
-        InputSettings(values.stance_share, values.use_load, leg_model(values) if values.use_efforts else None),
+        InputSettings(
+            values.stance_share,
+            values.use_load,
+            leg_model(values) if values.use_efforts else None,
+            sole_settings(values) if values.use_odometry else None,
+        ),
     )
 
 
@@ -306,4 +342,23 @@ def leg_model(values: ControllerParameters) -> LegModel:
         values.shank_kg,
         values.shank_centre_m,
         values.armature_kg_m2,
+    )
+
+
+def sole_settings(values: ControllerParameters) -> SoleSettings:
+    """Pick what the speed of the sole follows from."""
+    return SoleSettings(
+        LegGeometry(
+            hip_m=(values.hip_x_m, values.hip_y_m, values.hip_z_m),
+            offset_m=values.hip_offset_m,
+            thigh_m=values.thigh_m,
+            shank_m=values.shank_m,
+            lean_rad=values.ankle_lean_rad,
+            toe_m=values.toe_m,
+            heel_m=values.heel_m,
+            half_width_m=values.foot_half_width_m,
+            sole_m=values.sole_depth_m,
+        ),
+        values.odometry_spread_m_s,
+        values.imu_frozen_s,
     )

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -33,6 +34,7 @@ from jammkle_graph.names import (
     JAM_COMMAND,
     JAM_STATE,
     JOINT_STATES,
+    ODOMETRY,
     SET_AUTO,
     UNJAM,
 )
@@ -402,6 +404,52 @@ def test_other_inputs_are_named_and_vent(make_bench: Callable[..., Bench]) -> No
     bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 0.0), "the ankle is vented")
     bench.spin_until(lambda: bench.events[-1].source == "contact switch", "the lift-off is told")
     assert bench.events[-1].type == ContactEvent.LIFTOFF
+
+
+def test_odometry_is_named_tells_a_slip_and_is_missed(make_bench: Callable[..., Bench]) -> None:
+    """With use_odometry a steady slide is told, in the body's frame; once it is silent the IMU's slips are all."""
+    shared = "/shared/odom"
+    bench = make_bench("--ros-args", "-p", "use_odometry:=true", "-p", f"odometry_topic:={shared}")
+    bench.wait_until_up()
+    joints = bench.node.create_publisher(JointState, JOINT_STATES.name, publisher_qos(JOINT_STATES))
+    odometry = bench.node.create_publisher(Odometry, shared, publisher_qos(ODOMETRY))
+    switch = bench.node.create_publisher(Bool, FOOT_CONTACT.name, publisher_qos(FOOT_CONTACT))
+    missing = f"no odometry on {shared} that tells the speed of the sole"
+    bench.spin_until(lambda: missing in bench.health["inputs"].message, "that there is none is told")
+    assert bench.health["inputs"].level == DiagnosticStatus.WARN
+    for publisher in (joints, odometry, switch):
+        bench.spin_until(lambda heard=publisher: heard.get_subscription_count() > 0, "the controller hears it")
+
+    def go(speed_m_s: float) -> None:
+        time_s = time.time()
+        leg = JointState(name=["knee", "hip"], position=[-1.05, 0.52], velocity=[0.0, 0.0])
+        body = Odometry(child_frame_id="base_link")
+        leg.header.stamp.sec = body.header.stamp.sec = int(time_s)
+        leg.header.stamp.nanosec = body.header.stamp.nanosec = round(time_s % 1.0 * 1e9)
+        body.twist.twist.linear.x = speed_m_s + bench.noise.normal(0.0, 0.003)
+        body.twist.covariance[0] = 0.01**2
+        switch.publish(Bool(data=True))
+        joints.publish(leg)
+        odometry.publish(body)
+        bench.feel(GRAVITY_M_S2, time_s)
+
+    def named() -> bool:
+        go(0.0)
+        return bench.health["inputs"].message == "beside the IMU: contact switch, odometry"
+
+    def told() -> bool:
+        go(0.3)
+        return any(event.type == ContactEvent.SLIP for event in bench.events)
+
+    bench.spin_until(named, "the odometry is named")
+    assert bench.health["inputs"].level == DiagnosticStatus.OK
+    assert not bench.events
+    bench.spin_until(told, "the slip is told")
+    slip = next(event for event in bench.events if event.type == ContactEvent.SLIP)
+    assert (slip.source, slip.unit, slip.header.frame_id) == ("odometry", "m/s", "base_link")
+    assert slip.magnitude == pytest.approx(0.3, abs=0.05)
+    assert slip.direction.x > 0.95
+    bench.spin_until(lambda: missing in bench.health["inputs"].message, "that it is silent is told")
 
 
 def test_efforts_are_named_and_vent_a_foot_that_bears_nothing(make_bench: Callable[..., Bench]) -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from jammkle_controller.core.density_ratio import StepRatios
     from jammkle_controller.core.imu import ImuGate, ImuSample
     from jammkle_controller.core.leg_load import LegReading
+    from jammkle_controller.core.sole_speed import BodyTwist, LegPose
     from jammkle_controller.core.watch import ImuWatch
 
 FALLING = 0.5
@@ -120,6 +121,30 @@ class AnkleController:
         falls = self._detector.available and self._detector.motion.load < FALLING
         return self._hear(self.inputs.hear_leg(reading, time_ns, falls=falls), time_ns)
 
+    def hear_pose(self, pose: LegPose, time_ns: int) -> Reaction:
+        """Take angles and rates from the body down to the foot."""
+        return self._slip(self.inputs.hear_pose(pose, time_ns, stands=self._stands(time_ns)), time_ns)
+
+    def hear_odometry(self, twist: BodyTwist, time_ns: int) -> Reaction:
+        """Take how the body moves, as it is told at a time; its own stamp is earlier by what the estimator takes."""
+        return self._slip(self.inputs.hear_odometry(twist, time_ns), time_ns)
+
+    def _stands(self, time_ns: int) -> bool | None:
+        """Whether the foot stands: by a sensor of contact, or by an IMU that feels its steps; None: not known."""
+        contact = self.inputs.measured_contact(time_ns)
+        if contact is None and self._detector.available and self.feels(Detection.STEP):
+            return self._detector.phase not in (Phase.FLIGHT, Phase.SWING)
+        return contact
+
+    def _slip(self, event: ContactEvent | None, time_ns: int) -> Reaction:
+        """React to a slip that the odometry tells."""
+        if event is None or self._detector.phase is Phase.FLIGHT:
+            return Reaction((), wish_changed=False)
+        wish_before = self._policy.wish
+        self._detector.slide()
+        self._react(event)
+        return self._reaction((event,), wish_before, time_ns)
+
     def _hear(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         if event is None:
             return Reaction((), wish_changed=False)
@@ -148,6 +173,8 @@ class AnkleController:
     def _counts(self, event: ContactEvent) -> bool:
         """Whether an event of the IMU stands against what else is known; the detector is set right if it does not."""
         touches = event.kind is ContactKind.IMPACT
+        if event.kind is ContactKind.SLIP and self.inputs.tells_slips(event.time_ns):
+            return False
         contact = self.inputs.measured_contact(event.time_ns)
         if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
             self._detector.correct(lifted=False, time_ns=event.time_ns)

@@ -107,6 +107,12 @@ class ContactDetector:
             self._impact.note(time_ns)
             self._land(time_ns)
 
+    def slide(self) -> None:
+        """Take that the foot slides: it does not rest."""
+        if self.phase is Phase.PLANTED:
+            self.phase = Phase.GROUND
+            self._rest.restart()
+
     def bear(self, borne: bool | None, time_ns: int) -> None:  # noqa: FBT001 - three things that it may be
         """Take whether the efforts of the leg say that the foot stands; None: they are not known.
 

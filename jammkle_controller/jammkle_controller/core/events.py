@@ -35,6 +35,7 @@ class Source(enum.Enum):
     LOAD = "load"
     GAIT = "gait"
     EFFORTS = "joint efforts"
+    ODOMETRY = "odometry"
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,8 @@ class ContactEvent:
         detection_delay_s: From the first sample that carries the event to the one that decided, s.
         probability: That it is one, 0 to 1: a posterior on a foot or shank that steps, otherwise assumed.
         source: What it was felt on.
-        direction: Unit vector of the sliding or of the blow in the IMU's frame; zeros: not known.
+        direction: Unit vector of the sliding or of the blow in the IMU's frame, or in the body's where
+            the odometry told it; zeros: not known.
 
     """
 

@@ -1,4 +1,4 @@
-"""What a robot may tell of contact beside the IMU, each optional: switch, load, gait phase, plan, joints, efforts."""
+"""What a robot may tell of contact beside the IMU, each optional: switch, load, gait, joints, efforts, odometry."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from jammkle_controller.core.anticipation import GaitPhase
 from jammkle_controller.core.contact_load import LoadContact
 from jammkle_controller.core.events import NEWTON, NO_UNIT, ContactEvent, ContactKind, Source
 from jammkle_controller.core.leg_load import LegLoad
+from jammkle_controller.core.sole_slip import SoleSlip
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from jammkle_controller.core.leg_load import LegModel, LegReading
+    from jammkle_controller.core.sole_slip import SoleSettings
+    from jammkle_controller.core.sole_speed import BodyTwist, LegPose
 
 LOADED_SHARE = 0.4
 UNLOADED_SHARE = 0.15
@@ -44,15 +47,20 @@ class Input(enum.Enum):
     PLANNED_CONTACT = "planned contact"
     JOINTS = "joint states"
     EFFORTS = "joint efforts"
+    ODOMETRY = "odometry"
 
 
 @dataclass(frozen=True)
 class InputSettings:
-    """Share of the stride that the foot stands, whether the load cell shows contact, and what the leg is, if known."""
+    """Share of the stride that the foot stands, whether the load cell shows contact, and what the leg is, if known.
+
+    `sole` is how the speed of its sole follows from odometry and joints; None: no odometry is heard.
+    """
 
     stance_share: float
     use_load: bool
     leg: LegModel | None = None
+    sole: SoleSettings | None = None
 
 
 class ContactInputs:
@@ -68,8 +76,10 @@ class ContactInputs:
         self._usual_load_n = 0.0
         self._load_side: bool | None = None
         self._load_side_ns = 0
+        self._paired_ns: int | None = None
         self._leg_load = None if settings.leg is None else LegLoad(settings.leg)
         self._leg_contact = LoadContact()
+        self.sole = None if settings.sole is None else SoleSlip(settings.sole)
 
     def heard(self, time_ns: int) -> tuple[Input, ...]:
         """Inputs that were heard lately; a switch is heard for ever, as it may speak on change only."""
@@ -152,6 +162,28 @@ class ContactInputs:
             return None
         kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
         return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
+
+    def hear_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
+        """Take angles and rates from the body down to the foot, and whether the foot stands, as far as known."""
+        return (
+            None if self.sole is None else self._note_sole(self.sole.hear_pose(pose, time_ns, stands=stands), time_ns)
+        )
+
+    def hear_odometry(self, twist: BodyTwist, time_ns: int) -> ContactEvent | None:
+        """Take how the body moves, as it is told at a time: its own stamp may be earlier."""
+        return None if self.sole is None else self._note_sole(self.sole.hear_twist(twist, time_ns), time_ns)
+
+    def tells_slips(self, time_ns: int) -> bool:
+        """Whether odometry and joints tell how fast the sole goes, so that the IMU is not asked for slips."""
+        return self._is_heard(Input.ODOMETRY, time_ns)
+
+    def _note_sole(self, slip: ContactEvent | None, time_ns: int) -> ContactEvent | None:
+        """Note that the odometry is heard: once it has told a speed of the sole."""
+        if self.sole is not None and self.sole.paired_ns is not None:
+            if self.sole.paired_ns != self._paired_ns:
+                self._heard_ns[Input.ODOMETRY] = time_ns
+            self._paired_ns = self.sole.paired_ns
+        return slip
 
     def is_another_foots(self, time_ns: int) -> bool:
         """Whether a blow on the body comes at a phase at which this foot does not touch down."""

@@ -61,7 +61,8 @@ _BODY: Mapping[Detection, Offer] = {
     Detection.RAISE: _RAISED,
     Detection.SLIP_STANDING: Offer(made=True, reason="a step of the acceleration that becomes a speed"),
     Detection.SLIP_STEPPING: Offer(
-        made=False, reason="a body that walks speeds up and slows down at every step: 2 of 309 reported slips were one"
+        made=False,
+        reason="a body that walks speeds up and slows down at every step: 2 of 309 told were one; odometry shows it",
     ),
     Detection.REST: _REST,
 }

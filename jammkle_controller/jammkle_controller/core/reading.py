@@ -6,12 +6,17 @@ A message is anything with the fields of its type: the classes of rclpy and thos
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.leg_load import LegReading
+from jammkle_controller.core.sole_speed import BodyTwist, LegPose
 from jammkle_graph import wire
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_graph.names import ANKLE_JOINTS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _NOT_MEASURED = -1.0
 """Value of a covariance's first entry that says that the quantity is not measured (sensor_msgs/Imu)."""
@@ -74,3 +79,47 @@ def leg_reading(message: Any, hip: str, knee: str) -> LegReading | None:
     if any(len(column) <= max(places) for column in columns):
         return None
     return LegReading(*(float(column[place]) for column in columns for place in places))
+
+
+def leg_pose(message: Any, leg: Sequence[str]) -> LegPose | None:
+    """Return angles and rates of abduction, hip, knee and ankle (sensor_msgs/JointState).
+
+    Args:
+        message: Of the joints.
+        leg: Names of abduction, hip and knee; a leg whose abduction is not among the joints has none.
+
+    Returns:
+        None: hip or knee are missing. What there is not of the ankle is NaN.
+
+    """
+    names = list(message.name)
+    roll, pitch, yaw = ANKLE_JOINTS
+    if not set(leg[1:]) <= set(names):
+        return None
+    places = [names.index(joint) if joint in names else -1 for joint in (*leg, pitch, roll, yaw)]
+    if min(len(message.position), len(message.velocity)) <= max(places):
+        return None
+    absent = (0.0, *(math.nan,) * (len(places) - 1))
+    columns = (message.position, message.velocity)
+    return LegPose(
+        *(
+            float(column[place]) if place >= 0 else missing
+            for column in columns
+            for place, missing in zip(places, absent, strict=True)
+        )
+    )
+
+
+def body_twist(message: Any) -> BodyTwist:
+    """Read an odometry (nav_msgs/Odometry): its twist is in the frame of the body, child_frame_id.
+
+    Its spread is the root of the largest of the three variances of the velocity; where they are zero it is not told.
+    """
+    speed, rate = message.twist.twist.linear, message.twist.twist.angular
+    variance = max(float(message.twist.covariance[7 * axis]) for axis in range(3))
+    return BodyTwist(
+        nanoseconds(message.header.stamp),
+        (float(speed.x), float(speed.y), float(speed.z)),
+        (float(rate.x), float(rate.y), float(rate.z)),
+        math.sqrt(variance) if 0.0 < variance < math.inf else 0.0,
+    )
