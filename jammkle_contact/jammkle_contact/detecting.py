@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from jammkle_contact.picture import draw
-from jammkle_contact.recording import Recording, TableFormat, read_bag, read_table
+from jammkle_contact.recording import Joints, Recording, TableFormat, read_bag, read_table
 from jammkle_contact.replay import Replay, replay
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_graph.command.errors import InputError
@@ -49,7 +49,13 @@ def detect(request: DetectRequest) -> int:
     if request.recording.suffix.lower() in _TABLES:
         recording = read_table(request.recording, request.layout)
     else:
-        leg = (parameters.hip_joint, parameters.knee_joint) if parameters.use_efforts else None
+        leg = Joints(
+            parameters.abduction_joint,
+            parameters.hip_joint,
+            parameters.knee_joint,
+            efforts=parameters.use_efforts,
+            odometry=parameters.odometry_topic if parameters.use_odometry else "",
+        )
         recording = read_bag(request.recording, request.topic, request.namespace, leg)
     if not recording.samples():
         msg = f"{request.recording} holds no sample of an IMU"

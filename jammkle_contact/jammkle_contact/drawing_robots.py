@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_contact.robot_stories import RATE_HZ, felt_on_the_body, of_the_body, run, story_of
-from jammkle_contact.sensing import Drives, draw_imu, read_leg
+from jammkle_contact.sensing import Drives, Estimator, draw_imu, read_body, read_leg, read_pose
 from jammkle_controller.core.detector_settings import Mount
 from jammkle_graph.names import CHANNELS
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
+from jammkle_sim.robots.places import place_of
 
 if TYPE_CHECKING:
     from jammkle_contact.story import Story
@@ -73,11 +74,14 @@ def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> l
         traces = run(simulation, _DURATION_S[options.behaviour])
     except UnstableSimulationError:
         return []
-    feet = list(traces.values())
+    feet, names = list(traces.values()), list(traces)
     if mount == Mount.BODY.value:
         traces = {"body": of_the_body(feet)}
     drives = np.random.default_rng([seed, int(wide), 79])  # of their own: the rest is drawn as before there were any
     legs = [read_leg(each.leg, RATE_HZ, Drives(), drives) for each in feet]
+    joints = np.random.default_rng([seed, int(wide), 80])
+    poses = [read_pose(each.pose, RATE_HZ, Drives(), leg, joints) for each, leg in zip(feet, legs, strict=True)]
+    twists = read_body(feet[0].twist, RATE_HZ, Estimator(), joints)
     vibration = float(10.0 ** chance.uniform(-1.3, 0.0 if wide else -0.2))
     stories = [
         story_of(
@@ -85,6 +89,10 @@ def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> l
         )
         for name, each in traces.items()
     ]
-    if mount != Mount.BODY.value:
-        return [dataclasses.replace(story, legs=leg) for story, leg in zip(stories, legs, strict=True)]
-    return [felt_on_the_body(story, feet, legs) for story in stories]
+    if mount == Mount.BODY.value:
+        stories = [felt_on_the_body(story, feet, legs) for story in stories]
+    told = [
+        dataclasses.replace(foot, legs=leg, poses=pose, twists=twists, place=place_of(name))
+        for foot, leg, pose, name in zip(stories[0].feet or stories, legs, poses, names, strict=True)
+    ]
+    return told if not stories[0].feet else [dataclasses.replace(stories[0], feet=tuple(told))]

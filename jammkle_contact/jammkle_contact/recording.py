@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.reading import imu_sample, joint_position, leg_reading, load_n, nanoseconds
+from jammkle_controller.core.reading import (
+    body_twist,
+    imu_sample,
+    joint_position,
+    leg_pose,
+    leg_reading,
+    load_n,
+    nanoseconds,
+)
 from jammkle_graph import names
 from jammkle_graph.bags.reading import messages, opened
 from jammkle_graph.command.errors import InputError
@@ -22,6 +30,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_controller.core.leg_load import LegReading
+    from jammkle_controller.core.sole_speed import BodyTwist, LegPose
 
 FORCE_UNITS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY_M_S2}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": math.radians(1.0)}
@@ -30,10 +39,10 @@ _AXES = 3
 
 
 class Heard(NamedTuple):
-    """What a controller hears at a time, ns: a sample of the IMU, a reading of the leg, or the value of an input."""
+    """What a controller hears at a time, ns: an IMU's sample, a leg, the body's motion, or the value of an input."""
 
     time_ns: int
-    what: ImuSample | LegReading | Input
+    what: ImuSample | LegReading | LegPose | BodyTwist | Input
     value: float = 0.0
 
 
@@ -78,14 +87,24 @@ class TableFormat:
     delimiter: str = ","
 
 
-def read_bag(path: Path, topic: str = "", namespace: str = "/", leg: tuple[str, str] | None = None) -> Recording:
+class Joints(NamedTuple):
+    """Joints of a leg, and what is to be heard beside the IMU: their efforts, and an odometry, on a topic if any."""
+
+    abduction: str
+    hip: str
+    knee: str
+    efforts: bool
+    odometry: str
+
+
+def read_bag(path: Path, topic: str = "", namespace: str = "/", leg: Joints | None = None) -> Recording:
     """Read a bag with an IMU.
 
     Args:
         path: The bag.
         topic: Of the IMU; empty: imu/data of the namespace, or the only one of its type.
         namespace: Normalised namespace, in which the other inputs are.
-        leg: Joints of hip and knee, if their efforts are to be heard.
+        leg: Joints, if more than the ankle's are to be heard.
 
     Raises:
         InputError: unreadable, or no IMU, or several and no topic.
@@ -102,6 +121,8 @@ def read_bag(path: Path, topic: str = "", namespace: str = "/", leg: tuple[str, 
             for each in (names.FOOT_CONTACT, names.GAIT_PHASE, names.PLANNED_CONTACT, names.LOAD_CELL)
         }
         others[resolved(namespace, names.JOINT_STATES.name)] = names.JOINT_STATES
+        if leg is not None and leg.odometry:
+            others[resolved(namespace, leg.odometry)] = names.ODOMETRY
         wanted = [each for each in reader.connections if each.topic == imu or each.topic in others]
         heard = []
         for connection, log_ns, data in messages(reader, path, wanted):
@@ -124,7 +145,7 @@ def _only_imu(path: Path, imus: list[str], usual: str) -> str:
     raise InputError(msg)
 
 
-def _other(topic: names.Topic, message: Any, log_ns: int, leg: tuple[str, str] | None) -> list[Heard]:
+def _other(topic: names.Topic, message: Any, log_ns: int, leg: Joints | None) -> list[Heard]:
     if topic is names.FOOT_CONTACT:
         return [Heard(log_ns, Input.CONTACT_SWITCH, float(message.data))]
     if topic is names.PLANNED_CONTACT:
@@ -134,10 +155,13 @@ def _other(topic: names.Topic, message: Any, log_ns: int, leg: tuple[str, str] |
     at_ns = nanoseconds(message.header.stamp)
     if topic is names.LOAD_CELL:
         return [Heard(at_ns, Input.LOAD, load_n(message))]
+    if topic is names.ODOMETRY:
+        return [Heard(at_ns, body_twist(message))]
     roll_rad = joint_position(message, names.ANKLE_JOINTS[0])
     heard = [] if roll_rad is None else [Heard(at_ns, Input.JOINTS, roll_rad)]
-    reading = None if leg is None else leg_reading(message, *leg)
-    return heard if reading is None else [*heard, Heard(at_ns, reading)]
+    reading = leg_reading(message, leg.hip, leg.knee) if leg is not None and leg.efforts else None
+    pose = leg_pose(message, leg[:3]) if leg is not None and leg.odometry else None
+    return [*heard, *(Heard(at_ns, each) for each in (reading, pose) if each is not None)]
 
 
 def read_table(path: Path, layout: TableFormat) -> Recording:

@@ -9,6 +9,7 @@ from jammkle_controller.core.controller import AnkleController, Reaction
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_load import LegReading
+from jammkle_controller.core.sole_speed import BodyTwist, LegPose
 from jammkle_controller.parameters import ControllerParameters, controller_settings
 
 if TYPE_CHECKING:
@@ -53,8 +54,8 @@ def hear(controller: AnkleController, heard: Heard) -> Reaction:
     time_ns, what, value = heard
     if isinstance(what, ImuSample):
         return controller.update(what)
-    if isinstance(what, LegReading):
-        return controller.hear_leg(what, time_ns)
+    if isinstance(what, (LegReading, LegPose, BodyTwist)):
+        return _hear_motion(controller, what, time_ns)
     if what is Input.JOINTS:
         controller.inputs.hear_joints(value, time_ns)
         return Reaction((), wish_changed=False)
@@ -64,6 +65,14 @@ def hear(controller: AnkleController, heard: Heard) -> Reaction:
         return controller.hear_plan(contact=bool(value), time_ns=time_ns)
     take = controller.hear_phase if what is Input.GAIT_PHASE else controller.hear_load
     return take(value, time_ns)
+
+
+def _hear_motion(controller: AnkleController, what: LegReading | LegPose | BodyTwist, time_ns: int) -> Reaction:
+    if isinstance(what, LegReading):
+        return controller.hear_leg(what, time_ns)
+    if isinstance(what, LegPose):
+        return controller.hear_pose(what, time_ns)
+    return controller.hear_odometry(what, time_ns)
 
 
 def replay(stream: Iterable[Heard], parameters: ControllerParameters) -> Replay:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 RATE_HZ = 1000
 LEG_JOINTS = ("hip", "knee")
+POSE_JOINTS = ("abduction", "hip", "knee", "ankle_pitch", "ankle_roll", "ankle_yaw")
+"""In the order of `LegPose`; a leg on a boom has no abduction."""
 LEAST_AIR_S = 0.06
 """A foot that loses touch for less than this rebounds, and has not lifted: one that bounces off at 0.3 m/s, as fast as
 feet are put down here, is back after 2 v / g = 61 ms. The times in the air of simulated feet have a gap there."""
@@ -48,6 +50,10 @@ class Traces:
     way_m: NDArray[np.float64]
     leg: NDArray[np.float64]
     """Angles, rates and efforts of hip and knee, shape (n, 6)."""
+    pose: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 12)))
+    """Angles and rates of POSE_JOINTS, shape (n, 12)."""
+    twist: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
+    """Velocity and angular velocity of the base in its own frame, shape (n, 6)."""
 
 
 class Keeper:
@@ -68,6 +74,9 @@ class Keeper:
                 foot.sliding_speed_m_s,
                 foot.sliding_distance_m,
                 *(each[joint] for each in (ankle.positions, ankle.velocities, ankle.efforts) for joint in LEG_JOINTS),
+                *(each.get(joint, 0.0) for each in (ankle.positions, ankle.velocities) for joint in POSE_JOINTS),
+                *sample.base.linear_m_s,
+                *sample.base.angular_rad_s,
             )
             self._rows.setdefault(name, []).append(row)
 
@@ -76,7 +85,9 @@ class Keeper:
         made = {}
         for name, rows in self._rows.items():
             table = np.array(rows, dtype=float)
-            made[name] = Traces(table[:, :6], table[:, 6] > 0, table[:, 7], table[:, 8], table[:, 9:])
+            made[name] = Traces(
+                table[:, :6], table[:, 6] > 0, table[:, 7], table[:, 8], *np.hsplit(table[:, 9:], (6, 18))
+            )
         return made
 
 
@@ -163,6 +174,8 @@ def of_the_body(ankles: Sequence[Traces]) -> Traces:
         sliding_m_s=sliding_m_s,
         way_m=np.cumsum(sliding_m_s) / RATE_HZ,
         leg=ankles[0].leg,
+        pose=ankles[0].pose,
+        twist=ankles[0].twist,
     )
 
 

@@ -10,6 +10,7 @@ from scipy.signal import butter, lfilter, lfilter_zi  # type: ignore[import-unty
 
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.leg_load import LegReading
+from jammkle_controller.core.sole_speed import BodyTwist, LegPose
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -124,6 +125,62 @@ def read_leg(
     rows += chance.normal(0.0, np.repeat(spreads, 2), rows.shape)
     stamps = np.round(times_s * NANOSECONDS_PER_SECOND).astype(int).tolist()
     return [(stamp, LegReading(*row)) for stamp, row in zip(stamps, rows.tolist(), strict=True)]
+
+
+def read_pose(
+    pose: NDArray[np.float64],
+    fine_hz: float,
+    drives: Drives,
+    legs: list[tuple[int, LegReading]],
+    chance: np.random.Generator,
+) -> list[tuple[int, LegPose]]:
+    """Read true angles and rates of a leg and its ankle, shape (n, 12) at `fine_hz`, at the times of its readings.
+
+    Hip and knee are as those readings have them; all encoders are alike.
+    """
+    rows = pose[round(fine_hz / drives.rate_hz) - 1 :: round(fine_hz / drives.rate_hz)].copy()
+    rows += chance.normal(0.0, np.repeat((drives.angle_noise_rad, drives.rate_noise_rad_s), 6), rows.shape)
+    rows[:, [1, 2, 7, 8]] = [reading[:4] for _, reading in legs]
+    return [(stamp, LegPose(*row)) for (stamp, _), row in zip(legs, rows.tolist(), strict=True)]
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """What a legged robot's state estimator tells of its body. All assumed.
+
+    Noise and drift are of the size that estimators from legs and IMU are known to leave in the velocity, some
+    centimetres a second (Bloesch et al., IROS 2013; Camurri et al., RA-L 2(2), 2017). That a real one believes in feet
+    that stand, and so errs by a share of the slide itself, is left out.
+    """
+
+    rate_hz: float = 100.0
+    noise_m_s: float = 0.03
+    """White, per axis."""
+    drift_m_s: float = 0.025
+    """Standard deviation, per axis, of an error that goes on for `drift_time_s` (Ornstein and Uhlenbeck)."""
+    drift_time_s: float = 2.0
+    turning_noise_rad_s: float = 0.01
+    latency_s: float = 0.01
+
+
+def read_body(
+    twist: NDArray[np.float64], fine_hz: float, estimator: Estimator, chance: np.random.Generator
+) -> list[tuple[int, BodyTwist]]:
+    """Read a true twist, shape (n, 6) at `fine_hz`, as an odometry tells it: times of hearing, ns, and what is told."""
+    rows = twist[round(fine_hz / estimator.rate_hz) - 1 :: round(fine_hz / estimator.rate_hz)].copy()
+    times_s = CLOCK_START_S + np.arange(1, len(rows) + 1) / estimator.rate_hz - 1.0 / fine_hz
+    kept = np.exp(-1.0 / (estimator.rate_hz * estimator.drift_time_s))
+    steps = chance.normal(0.0, estimator.drift_m_s, (len(rows), 3))
+    steps[1:] *= np.sqrt(1.0 - kept**2)
+    rows[:, :3] += lfilter([1.0], [1.0, -kept], steps, axis=0)
+    spreads = (estimator.noise_m_s, estimator.turning_noise_rad_s)
+    rows += chance.normal(0.0, np.repeat(spreads, 3), rows.shape)
+    late_ns = round(estimator.latency_s * NANOSECONDS_PER_SECOND)
+    stamps = np.round(times_s * NANOSECONDS_PER_SECOND).astype(int).tolist()
+    return [
+        (stamp + late_ns, BodyTwist(stamp, (x, y, z), (p, q, r)))
+        for stamp, (x, y, z, p, q, r) in zip(stamps, rows.tolist(), strict=True)
+    ]
 
 
 CLOCK_START_S = 1.0

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from jammkle_controller.core.imu import ImuSample
     from jammkle_controller.core.leg_load import LegReading
+    from jammkle_controller.core.sole_speed import BodyTwist, LegPose
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,12 @@ class Story:
     """Every time that the foot met the ground: touch-downs, rebounds, and grazes of a foot that swings."""
     legs: list[tuple[int, LegReading]] = field(default_factory=list)
     """Stamps, ns, and readings of the leg, where the robot has servos."""
+    poses: list[tuple[int, LegPose]] = field(default_factory=list)
+    """Stamps, ns, and angles and rates of all joints from the body to the foot."""
+    twists: list[tuple[int, BodyTwist]] = field(default_factory=list)
+    """Times at which an odometry is heard, ns, and what it tells of the body."""
+    place: dict[str, float] = field(default_factory=dict)
+    """Where the leg is on the body: parameters of the controller."""
     feet: tuple[Story, ...] = ()
     """Of a body: the story of each foot, whose leg is read."""
     leaves_s: tuple[float, ...] = ()

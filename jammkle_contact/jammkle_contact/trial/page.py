@@ -14,7 +14,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from jammkle_contact.trial.cases import HELD_OUT, SOURCES, TUNING
-from jammkle_contact.trial.run import KINDS, OURS, WITH_EFFORTS, Outcome, best_settings, pooled
+from jammkle_contact.trial.run import KINDS, OURS, WITH_EFFORTS, WITH_ODOMETRY, Outcome, best_settings, pooled
 from jammkle_contact.trial.scoring import WINDOWS_S, median_with_interval
 from jammkle_controller.core.detector_settings import Mount
 from jammkle_graph.command.figures import STYLE
@@ -37,14 +37,20 @@ def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
     """Return all figures for machines, and for the page."""
     rows = []
     for part, sources in SOURCES.items():
-        with_efforts = (
-            [WITH_EFFORTS] if any(key[0] == part and key[4] == WITH_EFFORTS for key in outcome.scores) else []
-        )
+        more = [
+            way
+            for way in (WITH_EFFORTS, WITH_ODOMETRY)
+            if any(key[0] == part and key[4] == way for key in outcome.scores)
+        ]
         places = [("", ""), *(("", mount.value) for mount in Mount), *sources]
         for kind in KINDS:
             for source, mount in places:
                 best = best_settings(outcome, mount)
-                ways = (OURS, *with_efforts, *(best[kind, name] for each, name in best if each == kind))
+                ways = (
+                    OURS,
+                    *(way for way in more if kind == "slip" or way != WITH_ODOMETRY),
+                    *(best[kind, name] for each, name in best if each == kind),
+                )
                 rows += [
                     _row(
                         part,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import joblib  # type: ignore[import-untyped]  # carries no types
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from jammkle_controller.core.density_ratio import StepRatios
 
 OURS, WITH_EFFORTS = "ours", "ours, with efforts"
+WITH_ODOMETRY = "ours, with efforts and odometry"
 KINDS = {"impact": ContactKind.IMPACT, "lift-off": ContactKind.LIFTOFF, "slip": ContactKind.SLIP}
 SEEN_S = 0.3
 """What happens in so short a time after a begin is not scored, s: a simulated robot is set down there, while an IMU is
@@ -71,6 +72,9 @@ def run_case(case: Case) -> Outcome:
                 for kind, times_s in told_by_ours(foot, efforts=True)[0].items():
                     key = (case.part, case.source, case.mount, kind, WITH_EFFORTS)
                     outcome.scores[key].add(scored(foot, kind, times_s))
+                times_s = told_by_ours(foot, efforts=True, odometry=True)[0]["slip"]
+                key = (case.part, case.source, case.mount, "slip", WITH_ODOMETRY)
+                outcome.scores[key].add(scored(foot, "slip", times_s))
         for name, (way, settings) in WAYS.items():
             for setting in settings:
                 times_s = way(story.samples, setting)
@@ -81,7 +85,7 @@ def run_case(case: Case) -> Outcome:
 
 
 def told_by_ours(
-    story: Story, ratios: StepRatios | None = None, *, efforts: bool = False
+    story: Story, ratios: StepRatios | None = None, *, efforts: bool = False, odometry: bool = False
 ) -> tuple[dict[str, list[float]], bool]:
     """Return the times, s, that a controller tells by kind, and whether it believes the IMU at the end.
 
@@ -89,14 +93,19 @@ def told_by_ours(
         story: What it hears.
         ratios: Density ratios; None: those that come with it.
         efforts: Whether it hears the leg's drives as well.
+        odometry: Whether it hears the body's speed, and all joints.
 
     """
-    controller = new_controller(ControllerParameters(imu_mount=story.mount, use_efforts=efforts), ratios)
+    place: dict[str, Any] = dict(story.place) if odometry else {}
+    parameters = ControllerParameters(imu_mount=story.mount, use_efforts=efforts, use_odometry=odometry, **place)
+    controller = new_controller(parameters, ratios)
     told: dict[str, list[float]] = {kind: [] for kind in KINDS}
     names = {each: kind for kind, each in KINDS.items()}
     heard = [Heard(sample.time_ns, sample) for sample in story.samples]
+    if odometry:
+        heard = [*(Heard(*each) for each in story.poses), *(Heard(*each) for each in story.twists), *heard]
     if efforts:  # of one time the leg comes first, as on the graph
-        legs = [Heard(time_ns, reading) for time_ns, reading in story.legs]
+        legs = [Heard(*each) for each in story.legs]
         heard = sorted([*legs, *heard], key=lambda each: each.time_ns)
     for each in heard:
         for event in hear(controller, each).events:
