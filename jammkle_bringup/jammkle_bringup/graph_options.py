@@ -20,7 +20,7 @@ from jammkle_bringup.core.node_table import (
 from jammkle_bringup.core.parameter_file import assignment, check_parameter_files, merged_values, values_of
 from jammkle_graph.bags.writing import check_free
 from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, FOXGLOVE_NODE, SIM_NODE, VIEWER_NODE
+from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, FOXGLOVE_NODE, ODOMETRY, SIM_NODE, VIEWER_NODE
 from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.parameters import ParameterError, rows
 from jammkle_sim.robots.options import RobotOptions
@@ -246,6 +246,23 @@ def with_imu_mount(options: GraphOptions) -> GraphOptions:
     for entry in options.nodes:
         if entry.name == CONTROLLER_NODE and "imu_mount" not in given_values_of(options, entry):
             options = with_value(options, entry.path, "imu_mount", value=place)
+    return options
+
+
+def with_legs(options: GraphOptions) -> GraphOptions:
+    """Return the options in which controllers that are to hear odometry know where their simulated leg is."""
+    if options.robot is Robot.ANKLE or options.hardware != SIM_HARDWARE:
+        return options
+    for entry in options.nodes:
+        given = given_values_of(options, entry) if entry.name == CONTROLLER_NODE else {}
+        if given.get("use_odometry") is not True:
+            continue
+        from jammkle_sim.robots.places import place_of  # noqa: PLC0415 - it loads MuJoCo, which nothing else here needs
+
+        fits = {**place_of(entry.within), "odometry_topic": resolved(options.namespace, ODOMETRY.name)}
+        for name, value in fits.items():
+            if name not in given:
+                options = with_value(options, entry.path, name, value=value)
     return options
 
 

@@ -18,6 +18,7 @@ from jammkle_bringup.graph_options import (
     makes_clock,
     node_names,
     with_imu_mount,
+    with_legs,
     with_value,
 )
 from jammkle_bringup.neighbours import LOOK_S, LOOKERS, refuse_if_doubled, refuse_if_there
@@ -107,7 +108,7 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
 
     """
     check(options)
-    options = with_imu_mount(options)
+    options = with_legs(with_imu_mount(options))
     with (
         NamespaceLock(options.namespace, ros_domain(), default_folder()),
         ClockLock(ros_domain(), default_folder()) as clock,

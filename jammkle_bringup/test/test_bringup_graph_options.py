@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 import pytest
 
 from jammkle_bringup.core.node_table import Robot
-from jammkle_bringup.graph_options import GraphOptions, check, given_value, viewer_values, with_given, with_imu_mount
+from jammkle_bringup.graph_options import (
+    GraphOptions,
+    check,
+    given_value,
+    viewer_values,
+    with_given,
+    with_imu_mount,
+    with_legs,
+)
 from jammkle_bringup.up import child_specs
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.names import CONTROLLER_NODE, SIM_NODE
@@ -69,6 +77,24 @@ def test_one_controller_that_is_told_of_its_imu_leaves_the_others_as_they_are() 
     options = with_given(GraphOptions("/", robot=Robot.QUADRUPED), ["lf_ankle/controller:imu_mount:=body"])
     told = [with_imu_mount(options).values[f"{ankle}/controller"]["imu_mount"] for ankle in options.robot.ankles]
     assert told == ["body", "shank", "shank", "shank"]
+
+
+def test_controllers_that_hear_odometry_know_where_their_leg_is() -> None:
+    """Each of a quadruped its own place, and the odometry beside them; what is given wins, the others get nothing."""
+    asked = [
+        "controller:use_odometry:=true",
+        "rh_ankle/controller:hip_x_m:=-0.2",
+        "lh_ankle/controller:use_odometry:=false",
+    ]
+    values = with_legs(with_given(GraphOptions("/robot", robot=Robot.QUADRUPED), asked)).values
+    assert values["rf_ankle/controller"] == {
+        "hip_x_m": 0.19,
+        "hip_y_m": -0.06,
+        "hip_offset_m": -0.05,
+        "odometry_topic": "/robot/odom",
+    }
+    assert (values["rh_ankle/controller"]["hip_x_m"], values["rh_ankle/controller"]["hip_y_m"]) == (-0.2, -0.06)
+    assert values["lh_ankle/controller"] == {"use_odometry": False}
 
 
 def test_a_page_that_is_not_installed_is_refused_before_anything_starts(monkeypatch: pytest.MonkeyPatch) -> None:
