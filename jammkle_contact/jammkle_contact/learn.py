@@ -20,7 +20,8 @@ from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
 from jammkle_controller.core.motion import Motion
 from jammkle_controller.core.sole import SoleFilter
 from jammkle_controller.core.touchdown import LEAST_BLOW_M_S2, LEAST_RATIO
-from jammkle_controller.parameters import ControllerParameters, detector_settings
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import detector_settings
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:

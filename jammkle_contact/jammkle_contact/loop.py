@@ -6,6 +6,7 @@ actuators. It is deterministic, and as fast as the simulation lets it be.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from jammkle_contact.recording import Heard
@@ -13,6 +14,7 @@ from jammkle_contact.replay import hear, new_controller
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_load import LegReading
+from jammkle_controller.core.sole_speed import BodyTwist, LegPose
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish
@@ -22,7 +24,7 @@ from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.parameters import ControllerParameters
@@ -63,6 +65,18 @@ class SimulatedAnkle(Protocol):
 
     def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001 - the state of a coil, as Bool is
         """Energise or release a channel's solenoid."""
+
+
+class BodyMotion(Protocol):
+    """How the body of a robot moves."""
+
+    @property
+    def linear_m_s(self) -> tuple[float, float, float]:
+        """Velocity of its origin, m/s, in its own frame."""
+
+    @property
+    def angular_rad_s(self) -> tuple[float, float, float]:
+        """Angular velocity, rad/s, in its own frame."""
 
 
 class PlannedStep(Protocol):
@@ -117,7 +131,11 @@ class AnkleLoop:
     """Controller and driver of one simulated ankle. The controller hears what the simulation tells on the graph."""
 
     def __init__(
-        self, ankle: SimulatedAnkle, controller: ControllerParameters, driver: DriverParameters | None = None
+        self,
+        ankle: SimulatedAnkle,
+        controller: ControllerParameters,
+        driver: DriverParameters | None = None,
+        body: Callable[[], BodyMotion] | None = None,
     ) -> None:
         """Start both, at time 0.
 
@@ -125,11 +143,14 @@ class AnkleLoop:
             ankle: What is felt and driven.
             controller: Parameters of the controller.
             driver: Parameters of the driver; none: its defaults.
+            body: Tells how the robot's body moves, for a controller that hears odometry: one without error.
 
         """
         self.ankle = ankle
         self.controller = new_controller(controller)
         self._leg = (controller.hip_joint, controller.knee_joint) if controller.use_efforts else None
+        self._above = (controller.abduction_joint, controller.hip_joint, controller.knee_joint)
+        self._body = body if controller.use_odometry else None
         self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
         self.driver.activate(_instant(0.0))
         self.events: list[ContactEvent] = []
@@ -176,12 +197,29 @@ class AnkleLoop:
             columns = (self.ankle.joint_positions(), self.ankle.joint_velocities(), self.ankle.joint_efforts())
             if set(self._leg) <= columns[0].keys():
                 told.append(Heard(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg))))
+        if self._body is not None and isinstance(self.ankle, WithEfforts):
+            moves = self._body()
+            told.append(Heard(time_ns, self._pose(self.ankle)))
+            told.append(Heard(time_ns, BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)))
         planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
         if planned is not None:
             told.append(Heard(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
             if planned.phase is not None:
                 told.append(Heard(time_ns, Input.GAIT_PHASE, planned.phase))
         return told
+
+    def _pose(self, ankle: WithEfforts) -> LegPose:
+        """Return angles and rates from the body down; a leg without abduction has none."""
+        roll, pitch, yaw = ANKLE_JOINTS
+        missing = {self._above[0]: 0.0}
+        columns = (self.ankle.joint_positions(), ankle.joint_velocities())
+        return LegPose(
+            *(
+                column.get(joint, missing.get(joint, math.nan))
+                for column in columns
+                for joint in (*self._above, pitch, roll, yaw)
+            )
+        )
 
 
 def _instant(time_s: float) -> Instant:

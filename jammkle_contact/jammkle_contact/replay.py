@@ -10,7 +10,7 @@ from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_load import LegReading
 from jammkle_controller.core.sole_speed import BodyTwist, LegPose
-from jammkle_controller.parameters import ControllerParameters, controller_settings
+from jammkle_controller.settings import controller_settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from jammkle_controller.core.density_ratio import StepRatios
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.imu import StreamCounts
+    from jammkle_controller.parameters import ControllerParameters
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from jammkle_controller.core.events import ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_load import LegLoad, LegReading
-from jammkle_controller.parameters import ControllerParameters, leg_model
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import leg_model
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CONTACT_EVENTS, IMU, JAM_COMMAND
 from jammkle_graph.qos import publisher_qos, subscriber_qos
@@ -199,6 +200,27 @@ def test_efforts_tell_every_step_of_a_leg_on_any_mount() -> None:
         told_s = [event.time_ns / NANOSECONDS_PER_SECOND for event in told if event.kind is kind]
         assert len(told_s) == len(true_s)
         assert told_s == pytest.approx([at_s + 0.015 for at_s in true_s], abs=0.03)
+
+
+def test_a_slip_is_told_by_odometry_in_the_loop() -> None:
+    """Ground that turns slippery under a leg: the loop tells it before 20 mm, as a controller that hears the same."""
+    parameters = ControllerParameters(imu_mount="body", use_efforts=True, use_odometry=True)
+    options = RobotOptions(behaviour="slip", imu="body", slope_deg=15.0, slip_friction=0.1, slip_time_s=1.0)
+    simulation = robot_simulation("leg", options)
+    loop = AnkleLoop(simulation.ankles["ankle"], parameters, body=simulation.base)
+    slid_m = []
+    for sample in simulation.samples(1.5, 500):
+        loop.step(sample.time_s)
+        slid_m.append(sample.ankles["ankle"].foot.sliding_distance_m)
+    told = [event for event in loop.events if event.source is Source.ODOMETRY and event.time_ns > 0.5e9]
+    assert [event.kind for event in told] == [ContactKind.SLIP]
+    when = round(told[0].time_ns / NANOSECONDS_PER_SECOND * 500.0)
+    assert 0.0 < slid_m[when] - slid_m[499] < 0.02
+    without = AnkleLoop(simulation.ankles["ankle"], parameters)
+    simulation.reset()
+    for number, _ in enumerate(simulation.samples(1.5, 500)):
+        without.step((number + 1) / 500.0)
+    assert not any(event.source is Source.ODOMETRY for event in without.events)
 
 
 def test_the_leg_of_the_controller_is_that_of_the_simulation() -> None:

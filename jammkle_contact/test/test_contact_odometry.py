@@ -12,7 +12,8 @@ from jammkle_contact.sensing import CLOCK_START_S, Drives, Estimator, read_body,
 from jammkle_contact.story import Story
 from jammkle_contact.trial.run import told_by_ours
 from jammkle_controller.core.sole_speed import BodyTwist, LegPose, sole_velocity_m_s
-from jammkle_controller.parameters import ControllerParameters, sole_settings
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import sole_settings
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot_simulation

@@ -32,7 +32,8 @@ from jammkle_controller.core.reading import (
     nanoseconds,
 )
 from jammkle_controller.health import StreamTrouble, imu_health, input_health, policy_health
-from jammkle_controller.parameters import ControllerParameters, controller_settings
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import controller_settings
 from jammkle_graph import wire
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change

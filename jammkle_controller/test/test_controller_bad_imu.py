@@ -12,7 +12,8 @@ from jammkle_controller.core.events import ContactKind, Source
 from jammkle_controller.core.inputs import PLAN_SILENT_S, Input
 from jammkle_controller.core.transitions import PolicyState
 from jammkle_controller.core.watch import ImuTrouble
-from jammkle_controller.parameters import ControllerParameters, controller_settings
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import controller_settings
 from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:

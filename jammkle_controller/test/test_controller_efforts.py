@@ -17,7 +17,8 @@ from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_load import LegLoad, LegReading
 from jammkle_controller.core.policy import PolicyState
-from jammkle_controller.parameters import ControllerParameters, controller_settings, leg_model
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import controller_settings, leg_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable

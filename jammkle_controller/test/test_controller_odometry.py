@@ -16,7 +16,8 @@ from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.sole_slip import FALSE_ALARM_S, SoleSettings, SoleSlip
 from jammkle_controller.core.sole_speed import BodyTwist, LegGeometry, LegPose, sole_velocity_m_s
-from jammkle_controller.parameters import ControllerParameters, controller_settings, sole_settings
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import controller_settings, sole_settings
 
 STEP_NS = 10_000_000
 PLACE = LegGeometry((0.19, 0.06, -0.01), 0.05, 0.16, 0.14, 0.5, 0.06, 0.045, 0.03, 0.02)

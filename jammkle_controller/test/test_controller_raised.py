@@ -10,7 +10,8 @@ import pytest
 
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import METRE, ContactKind
-from jammkle_controller.parameters import ControllerParameters, controller_settings
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import controller_settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
