@@ -50,6 +50,7 @@ class PlaybackPage:
 
         """
         self._server, self._recorded, self._overlay, self._player = server, recorded, overlay, player
+        self._slider_s = 0.0
         setting = setting_of(recorded.description)
         model = setting.model
         if overlay is not None and not recorded.description:
@@ -90,7 +91,6 @@ class PlaybackPage:
         self._next_plot_s = 0.0
         self._plotted_at_s = math.nan
         self._shown_s = math.nan
-        self._moved_by_hand: float | None = None
 
     def show(self, now_s: float) -> None:
         """Show where the player stands.
@@ -99,9 +99,10 @@ class PlaybackPage:
             now_s: Real time, s, from a steady clock.
 
         """
-        if self._moved_by_hand is not None:
-            self._player.jump(self._moved_by_hand)
-            self._moved_by_hand = None
+        asked_s = float(self._slider.value)
+        if asked_s != self._slider_s:  # by somebody: what the page has written itself is known
+            self._slider_s = asked_s
+            self._player.jump(asked_s)
         time_s = self._player.time_s
         with self._server.atomic():
             if self._plots.window != self._wanted_window:
@@ -123,11 +124,6 @@ class PlaybackPage:
         self._slider = gui.add_slider("time [s]", 0.0, duration_s, min(step_s, duration_s), 0.0)
         run = gui.add_button_group("playback", (PLAY, PAUSE))
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1", hint="Recorded time per real time")
-
-        @self._slider.on_update
-        def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-            if event.client is not None:  # moved by somebody, not by the page itself
-                self._moved_by_hand = float(self._slider.value)
 
         @run.on_click
         def _(_event: object) -> None:
@@ -212,7 +208,9 @@ class PlaybackPage:
                 ("time", f"{time_s:.3f} of {self._recorded.duration_s:.2f} s"),
             )
         )
-        if abs(float(self._slider.value) - time_s) > self._slider.step / 2.0:
+        stands_s = float(self._slider.value)
+        if stands_s == self._slider_s and abs(stands_s - time_s) > self._slider.step / 2.0:
+            self._slider_s = time_s
             self._slider.value = time_s  # type: ignore[misc]  # viser sets it by a way of its own
         report = self._recorded.report_at(time_s)
         for channel, handle in self._channels.items():
