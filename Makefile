@@ -7,12 +7,12 @@ BIN := .venv/bin
 FUZZ_SEEDS := 100 101 102 103 104 105 106 107 108 109
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help demo test trials bench live blind contact faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
+.PHONY: help demo test slow bench live blind contact faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
 	@echo "make test   set up, run the tests"
-	@echo "make trials set up, run the tests that are trials of half a minute or more"
+	@echo "make slow   set up, run the slow tests: trials of half a minute or more, every example of the pages"
 	@echo "make bench  set up, measure speed; writes bench.json"
 	@echo "make live   set up, ten minutes of landings at 1 kHz through the live graph, and four ankles; writes live.json"
 	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes docs/faults.md, 30 minutes"
@@ -39,8 +39,8 @@ demo: set-up
 test: set-up
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup
 
-trials: set-up
-	@$(BIN)/python -m pytest -m trial
+slow: set-up
+	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup -m slow
 
 bench: set-up
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json

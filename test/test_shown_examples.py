@@ -156,6 +156,7 @@ class Shell:
             self._beside.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [

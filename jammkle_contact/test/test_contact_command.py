@@ -16,7 +16,7 @@ def contact(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([COMMAND, "contact", *map(str, arguments)], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.trial
+@pytest.mark.slow
 def test_a_small_trial_of_the_detectors(tmp_path: Path) -> None:
     """Every detector has its figures beside the simple ways, on the tuning part and on what is held out."""
     answer = contact("--steps", 40, "--runs", 0, "-o", tmp_path)

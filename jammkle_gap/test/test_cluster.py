@@ -28,7 +28,7 @@ def cluster() -> Iterator[LocalCluster]:
         yield started
 
 
-@pytest.mark.trial
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
     cluster: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -16,7 +16,7 @@ DATA = Path(os.environ.get("JAMMKLE_REAL_DATA", HOUSE.parent / "shared" / "data"
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no real recordings in {DATA}")
-@pytest.mark.trial
+@pytest.mark.slow
 @pytest.mark.timeout(600)  # sixteen runs of a servo among them
 def test_no_real_machine_gets_a_confident_wrong_name() -> None:
     """What is said is what is known beforehand, but for one that docs/gap.md explains, Prusa."""

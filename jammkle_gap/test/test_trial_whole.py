@@ -201,7 +201,7 @@ def test_a_diagnosis_is_told_of_its_bags_alone(external: tuple[Path, Path], monk
     assert [told["references"] for told in again] == [[], [], []]
 
 
-@pytest.mark.trial
+@pytest.mark.slow
 def test_a_bag_that_is_its_own_reference_is_still_diagnosed_without(
     external: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -236,7 +236,7 @@ def test_answers_are_fixed_before_the_key_is_opened(
     assert "not blind any more" in capsys.readouterr().err
 
 
-@pytest.mark.trial
+@pytest.mark.slow
 @pytest.mark.timeout(600)  # three cases, each a process of its own
 def test_a_small_trial_of_a_stranger(external: tuple[Path, Path], tmp_path: Path) -> None:
     """Three cases of a reality that this project does not know are diagnosed blind and scored; the hash is on the page.
