@@ -127,16 +127,24 @@ class Probe:
         )
 
     def wait_until_jammed(self) -> None:
-        """Wait until all is JAMMED; ask anew where the board let go of a driver that a busy machine kept waiting."""
+        """Wait until all is JAMMED, on a busy machine too, where the board lets go of a driver that is kept waiting."""
 
         def jammed() -> bool:
+            return set(self.channel_states().values()) == {ChannelJamState.JAMMED}
+
+        self.spin_jammed_until(jammed, "everything is jammed")
+
+    def spin_jammed_until(self, holds: Callable[[], bool], what: str) -> None:
+        """Spin until something holds, and jam again whenever such a board has let go."""
+
+        def holds_jammed() -> bool:
             state = self.last(JAM_STATE)
             if state is not None and state.fault.reason == Fault.BOARD_LET_GO:
                 self.heard[JAM_STATE.name].clear()
                 self.call(JAM_ALL)
-            return set(self.channel_states().values()) == {ChannelJamState.JAMMED}
+            return holds()
 
-        self.spin_until(jammed, "everything is jammed")
+        self.spin_until(holds_jammed, what)
 
     def wait_until_up(self) -> None:
         """Wait until the driver has measured every channel."""

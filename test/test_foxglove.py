@@ -48,6 +48,8 @@ class App:
         self.channels: dict[str, dict[str, Any]] = {}
         self.messages: dict[int, list[tuple[int, bytes]]] = {}
         self.told: list[dict[str, Any]] = []
+        self.wishes: dict[int, str] = {}
+        """What was asked for, by the number of its channel."""
 
     def listen_until(self, holds: Callable[[], bool], what: str) -> None:
         end_s = time.monotonic() + TIMEOUT_S
@@ -62,6 +64,9 @@ class App:
                 self.told.append(said)
                 for channel in said.get("channels", ()):
                     self.channels[channel["topic"]] = channel
+                # The server's library offers a channel a moment before it knows it, and refuses who is quicker.
+                for number in re.findall(r"Unknown channel ID: (\d+)", str(said.get("message"))):
+                    self.connection.send(self.wishes[int(number)])
             elif frame[0] == MESSAGE:
                 subscription, time_ns = struct.unpack_from("<IQ", frame, 1)
                 self.messages.setdefault(subscription, []).append((time_ns, frame[13:]))
@@ -69,6 +74,7 @@ class App:
     def subscribe(self, number: int, topic: str) -> None:
         self.listen_until(lambda: topic in self.channels, f"{topic} is offered")
         wish = {"op": "subscribe", "subscriptions": [{"id": number, "channelId": self.channels[topic]["id"]}]}
+        self.wishes[self.channels[topic]["id"]] = json.dumps(wish)
         self.connection.send(json.dumps(wish))
 
 

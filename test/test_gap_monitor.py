@@ -79,7 +79,9 @@ def test_a_leak_is_warned_of_in_the_pneumatics_alone(
     start("up", "--monitor", "--params", str(parameters))
     probe = make_probe()
     jammed(probe)
-    probe.spin_until(lambda: subsystems(probe)["pneumatics"].state == SubsystemGap.WIDE, "the pneumatics are wide")
+    probe.spin_jammed_until(
+        lambda: subsystems(probe)["pneumatics"].state == SubsystemGap.WIDE, "the pneumatics are wide"
+    )
     found = subsystems(probe)
     assert found["pneumatics"].signal.endswith("/pressure")
     assert found["pneumatics"].gap > probe.last(SIMULATOR_GAP).limit

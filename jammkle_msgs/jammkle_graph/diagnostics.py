@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 PERIOD_S = 1.0
+_OVERDUE_S = 1.5 * PERIOD_S
+"""Age of the last report from which on `check` does not wait for the timer. Chosen: well before others call it silence,
+and later than any timer that is on time."""
 
 FAREWELL = ": stopped"
 """End of the name under which a node that is stopped in order reports for the last time."""
@@ -51,14 +55,18 @@ class DiagnosticsPublisher:
         self._hardware_id = hardware_id
         self._report = report
         self._last: tuple[tuple[str, Level, str], ...] = ()
+        self._sent_s = time.monotonic()
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS.name, publisher_qos(DIAGNOSTICS))
         # A timer on simulated time stands still when /clock does, and so would the report that says so.
         self._timer = node.create_timer(PERIOD_S, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def check(self) -> None:
-        """Publish now if a level or a message has changed since the last report."""
+        """Publish now if a level or a message has changed since the last report, or if the timer is overdue.
+
+        On a node that does not keep up, the timer's callback waits behind those of all messages before it.
+        """
         health = self._report()
-        if _signature(health) != self._last:
+        if _signature(health) != self._last or time.monotonic() - self._sent_s >= _OVERDUE_S:
             self._send(health)
 
     def publish(self) -> None:
@@ -72,7 +80,7 @@ class DiagnosticsPublisher:
         self._publisher.wait_for_all_acked(Duration(seconds=_FAREWELL_TIMEOUT_S))
 
     def _send(self, health: Sequence[Health]) -> None:
-        self._last = _signature(health)
+        self._last, self._sent_s = _signature(health), time.monotonic()
         name = self._node.get_fully_qualified_name()
         self._publisher.publish(diagnostic_array(self._stamp(), name, self._hardware_id, health))
 
