@@ -136,6 +136,19 @@ def test_a_bad_recording_is_refused_with_what_to_record_instead(case: str) -> No
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("at", [0.0, 0.4, 0.9])
+def test_a_recorder_that_was_held_up_has_no_drifting_clock(at: float) -> None:
+    """For an eighth of a bag all samples wait and are logged together."""
+
+    def held_up(each: Samples) -> Samples:
+        begin_s, duration_s = each.log_s[0], float(np.ptp(each.log_s))
+        waiting = (each.log_s >= begin_s + at * duration_s) & (each.log_s < begin_s + (at + 0.125) * duration_s)
+        end_s = begin_s + (at + 0.125) * duration_s
+        return dataclasses.replace(each, log_s=np.where(waiting, end_s, each.log_s))
+
+    assert recording_of(changed(ACHILLES, held_up)(bag())) is not None
+
+
 @pytest.mark.parametrize(
     ("rig", "said"), [("tensile", "no tendon"), ("drop", "slide starts at"), ("slip", "slide starts at")]
 )
