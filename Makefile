@@ -12,7 +12,7 @@ FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
 	@echo "make test   set up, run the tests"
-	@echo "make slow   set up, run the slow tests: trials of half a minute or more, every example of the pages"
+	@echo "make slow   set up, run the slow tests: whole trials, soaks, every example of the pages"
 	@echo "make bench  set up, measure speed; writes bench.json"
 	@echo "make live   set up, ten minutes of landings at 1 kHz through the live graph, and four ankles; writes live.json"
 	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes docs/faults.md, 30 minutes"

@@ -37,6 +37,7 @@ def look_on(make_probe: Callable[..., Probe]) -> dict[str, Probe]:
     return probes
 
 
+@pytest.mark.slow
 @pytest.mark.alone
 @pytest.mark.timeout(1200)  # which counts while it waits for the other test's end
 def test_each_ankle_has_its_own_board(

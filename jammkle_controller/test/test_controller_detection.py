@@ -176,6 +176,7 @@ def test_gentle_motion_raises_no_alarm(
     assert streams.events_of(streams.sense(force, 500, gyro=gyro)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [500, 1000])
 def test_noise_alone_is_silent_for_minutes(streams: Any, rate_hz: int) -> None:
     """Three minutes of sensor noise at rest give no event at all."""
