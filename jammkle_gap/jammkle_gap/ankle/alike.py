@@ -112,6 +112,14 @@ def length_s(recording: Recording) -> float:
     return max(float(signal.time_s[-1]) for signal in recording.signals)
 
 
+def driven(course: Course, length_s: float) -> tuple[float, float]:
+    """Return how far a carriage was driven, m, and how fast for most of the way, m/s; 0 where it stands still."""
+    range_m = float(np.ptp(course.position_m))
+    speeds_m_s = np.abs(np.diff(course.at(np.arange(0.0, length_s, COMPARED_S)))) / COMPARED_S
+    moves = range_m > STILL_M and len(speeds_m_s) > 0
+    return range_m, float(np.median(speeds_m_s[speeds_m_s > 0.5 * speeds_m_s.max()])) if moves else 0.0
+
+
 def short(value: Any) -> str:
     """Return an option's value as a text."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -133,9 +141,11 @@ def scatter_of(inputs: AnkleInputs) -> dict[str, float]:
 
 def _options_differ(first: AnkleInputs, second: AnkleInputs) -> str:
     scatter = scatter_of(first)
-    others = dict(second.options)
-    for name, value in first.options:
-        other = others[name]
+    one, other = dict(first.options), dict(second.options)
+    # Of two repeats one may be taken as told and the other as measured, where that hangs by a hair.
+    for name in dict(first.shown).keys() & dict(second.shown).keys():
+        one[name], other[name] = dict(first.shown)[name], dict(second.shown)[name]
+    for name, value in one.items():
         if name in PROGRAMME or (name == "channel" and first.rig != "tensile"):
             continue
         if name in _MEASURED:
@@ -148,12 +158,13 @@ def _options_differ(first: AnkleInputs, second: AnkleInputs) -> str:
             return f"{name} is known of one alone"
         else:
             tolerance = _SCATTERS * scatter.get(name, 0.0)
-        if value != other and (isinstance(value, str) or abs(value - other) > tolerance):
-            return f"{name} {short(value)}, not {short(other)}"
+        wanted = other[name]
+        if value != wanted and (isinstance(value, str) or abs(value - wanted) > tolerance):
+            return f"{name} {short(value)}, not {short(wanted)}"
     return ""
 
 
-def _switchings(line: Timeline | None, length_s: float) -> list[tuple[float, float]]:
+def switchings(line: Timeline | None, length_s: float) -> list[tuple[float, float]]:
     """Return when a solenoid changes and to what, from a little before the start to a time."""
     if line is None:
         return []
@@ -180,7 +191,7 @@ def _drawn(line: Timeline, end_s: float) -> list[tuple[float, float]]:
 def _commands_differ(first: AnkleInputs, second: AnkleInputs, lengths_s: tuple[float, float]) -> str:
     for channel in names.CHANNELS:
         lines = [each.commands.solenoids.get(channel) for each in (first, second)]
-        one, other = (_switchings(line, each_s) for line, each_s in zip(lines, lengths_s, strict=True))
+        one, other = (switchings(line, each_s) for line, each_s in zip(lines, lengths_s, strict=True))
         # What comes before the start may be longer ago in the other, and what comes as the shorter ends missing there.
         while len(one) > len(other) and one[0][0] < 0.0:
             one.pop(0)

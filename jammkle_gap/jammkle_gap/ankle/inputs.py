@@ -55,7 +55,9 @@ class AnkleInputs:
     known: frozenset[str] = frozenset()
     """Options that bag, user or measurements have given; the others are the rig's defaults."""
     measured: frozenset[str] = frozenset()
-    """Those that the recording shows."""
+    """Those that are as the recording shows them."""
+    shown: Options = ()
+    """What the recording shows of options, whether it was taken or what was told; sorted."""
 
     @cached_property
     def key(self) -> str:

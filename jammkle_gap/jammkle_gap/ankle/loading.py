@@ -211,7 +211,8 @@ def _recording(name: str, bag: Bag, topics: Mapping[str, Samples], told: Told, s
 def _unmoved(told: Told) -> AnkleInputs:
     """Return inputs of a rig that does what its programme says and is told nothing."""
     nothing = Timeline(np.zeros(1), np.zeros(1))
-    return AnkleInputs(told.rig, told.options, CommandTrack(nothing, {}), known=told.known, measured=told.measured)
+    track, shown = CommandTrack(nothing, {}), tuple(sorted(told.shown.items()))
+    return AnkleInputs(told.rig, told.options, track, known=told.known, measured=told.measured, shown=shown)
 
 
 def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], span: Span, built: Rig) -> AnkleInputs:

@@ -44,6 +44,7 @@ def with_fall(
 
     Args:
         told: What bag and user tell. What the user gives is kept; a height that the bag gives, if the carriage agrees.
+            Whether it does may hang by a hair, so repeats settle it together: `setting.with_settings`.
         span: The run.
         topics: What was measured.
         start_m: Tells where a rig's carriage hangs, m.
@@ -57,6 +58,7 @@ def with_fall(
     by_carriage = _by_carriage(span, topics, start_m(told) - height_m)
     if by_carriage is not None:
         measured_m, how = by_carriage
+        told = told.with_shown(_HEIGHT, measured_m)
         is_right = abs(measured_m - height_m) <= max(_FALL_M, _FALL_SHARE * height_m)
         if _HEIGHT in told.given and is_right:
             return told
@@ -78,6 +80,7 @@ def _with_pitch(told: Told, span: Span, topics: Mapping[str, Samples], notes: li
     if not hanging.any():
         return told
     pitch_deg = math.degrees(float(np.median(angle_rad[hanging])))
+    told = told.with_shown(_PITCH, pitch_deg)
     if abs(pitch_deg - float(options[_PITCH])) <= _PITCH_DEG:
         return told
     notes.append(f"pitch of the hanging foot as measured: {pitch_deg:.1f} degrees")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.conformity import known_nonconformity
 from jammkle_gap.ankle.effects import ankle_library, machine_constants, run_scatter
+from jammkle_gap.ankle.group import group_of
 from jammkle_gap.ankle.priors import PriorParameter
 from jammkle_gap.ankle.registrar import AnkleRegistrar
 from jammkle_gap.ankle.sensing import AnkleSensing
@@ -49,13 +50,6 @@ def ankle_problem(library: Library | None = None) -> Problem:
 def bin_s(recording: Recording) -> float:
     """Return the length of a bin for a recording's rig, s."""
     return _SLOW_BIN_S if inputs_of(recording).rig == "slip" else _BIN_S
-
-
-def group_of(recording: Recording) -> str:
-    """Return text that is the same for recordings whose signatures are: of the same setting, told in the same way."""
-    inputs = inputs_of(recording)
-    told = (inputs.course is not None, inputs.release_seen_by, inputs.exact)
-    return repr((inputs.rig, recording.setting, told))
 
 
 @lru_cache(maxsize=1)

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_gap.ankle.alike import (
-    COMPARED_S,
     HEIGHT,
     PITCH,
     PROGRAMME,
-    STILL_M,
     difference,
+    driven,
     held_vacuum,
     length_s,
     scatter_of,
@@ -35,21 +34,26 @@ def with_settings(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 
     What a person set once for all runs of a setting, and each recording shows a little otherwise, is then common to
     them: the pitch of the hanging foot, and a drop height that the time of the fall alone tells of. A fault that moves
-    these stays visible.
+    these stays visible. Where some of the repeats bear out what was told, it holds for all of them.
     """
-    firsts: list[Recording] = []
+    groups: list[list[int]] = []
+    for i, recording in enumerate(recordings):
+        own = next((group for group in groups if not difference(recordings[group[0]], recording)), None)
+        if own is None:
+            groups.append([i])
+        else:
+            own.append(i)
+    found = list(recordings)
     texts: list[str] = []
-    found = []
-    for recording in recordings:
-        same = [text for first, text in zip(firsts, texts, strict=True) if not difference(first, recording)]
-        if not same:
-            plain = setting_text(recording)
-            numbered = (f"{plain} ({number})" for number in itertools.count(2))
-            same = [next(text for text in itertools.chain([plain], numbered) if text not in texts)]
-            firsts.append(recording)
-            texts.append(same[0])
-        found.append(dataclasses.replace(recording, setting=same[0]))
-    return tuple(_set_in_common(each, [other for other in found if other.setting == each.setting]) for each in found)
+    for group in groups:
+        repeats = [recordings[i] for i in group]
+        common = [_set_in_common(each, repeats) for each in repeats]
+        plain = setting_text(common[0])
+        numbered = (f"{plain} ({number})" for number in itertools.count(2))
+        texts.append(next(text for text in itertools.chain([plain], numbered) if text not in texts))
+        for i, each in zip(group, common, strict=True):
+            found[i] = dataclasses.replace(each, setting=texts[-1])
+    return tuple(found)
 
 
 def setting_text(recording: Recording) -> str:
@@ -66,10 +70,7 @@ def setting_text(recording: Recording) -> str:
     held_pa, _ = held_vacuum(recording)
     parts.append("not jammed" if held_pa is None else f"{1e-3 * held_pa:.0f} kPa")
     if inputs.course is not None:
-        time_s = np.arange(0.0, length_s(recording), COMPARED_S)
-        range_m = float(np.ptp(inputs.course.position_m))
-        speeds_m_s = np.abs(np.diff(inputs.course.at(time_s))) / COMPARED_S
-        fast_m_s = float(np.median(speeds_m_s[speeds_m_s > 0.5 * speeds_m_s.max()])) if range_m > STILL_M else 0.0
+        range_m, fast_m_s = driven(inputs.course, length_s(recording))
         parts.append(f"{1e3 * range_m:.1f} mm at {1e3 * fast_m_s:.3g} mm/s")
     if HEIGHT in defaults:
         parts.append(f"{1e3 * float(dict(inputs.options)[HEIGHT]):.0f} mm")
@@ -77,11 +78,18 @@ def setting_text(recording: Recording) -> str:
 
 
 def _set_in_common(recording: Recording, repeats: Sequence[Recording]) -> Recording:
-    """Return a recording with the medians over its repeats of what was set once and measured in each."""
+    """Return a recording with what was set once for all of its repeats, and what each of them shows otherwise."""
     inputs = inputs_of(recording)
     by_imu = inputs.release_seen_by == names.IMU.name
-    common = {PITCH, HEIGHT} if by_imu else {PITCH}
-    options = dict(inputs.options)
-    for name in common & inputs.measured:
-        options[name] = float(np.median([dict(inputs_of(each).options)[name] for each in repeats]))
-    return dataclasses.replace(recording, inputs=dataclasses.replace(inputs, options=tuple(sorted(options.items()))))
+    options, measured, notes = dict(inputs.options), inputs.measured, recording.notes
+    for name in sorted({PITCH, HEIGHT} & inputs.measured):
+        taken = [(dict(inputs_of(each).options)[name], name in inputs_of(each).measured) for each in repeats]
+        as_told = [value for value, is_measured in taken if not is_measured]
+        if as_told:
+            options[name], measured = float(np.median(as_told)), measured - {name}
+            borne_out = f"{len(as_told)} of {len(taken)} repeats bear it out"
+            notes = (*notes, f"{name} is taken as told, {short(options[name])}: {borne_out}")
+        elif name == PITCH or by_imu:
+            options[name] = float(np.median([value for value, _ in taken]))
+    inputs = dataclasses.replace(inputs, options=tuple(sorted(options.items())), measured=measured)
+    return dataclasses.replace(recording, inputs=inputs, notes=notes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -33,7 +33,9 @@ class Told:
     firm: frozenset[str] = frozenset()
     """Options that the user gave: no measurement overrules them."""
     measured: frozenset[str] = frozenset()
-    """Options that the recording shows."""
+    """Options that are as the recording shows them."""
+    shown: Mapping[str, float] = field(default_factory=dict)
+    """What the recording shows of options, whether it is taken or what was told."""
 
     @property
     def options(self) -> Options:
@@ -53,6 +55,10 @@ class Told:
     def with_measured(self, name: str, value: Any) -> Told:
         """Return the same with one more option known, by the recording."""
         return dataclasses.replace(self, given={**self.given, name: value}, measured=self.measured | {name})
+
+    def with_shown(self, name: str, value: float) -> Told:
+        """Return the same with what the recording shows of an option, which stays as it was told."""
+        return dataclasses.replace(self, shown={**self.shown, name: value})
 
 
 def told_by(bag: Bag, rig: str | None, options: Mapping[str, Any]) -> Told:

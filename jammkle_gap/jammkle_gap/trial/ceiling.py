@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from jammkle_gap.ankle.problem import bin_s, group_of
+from jammkle_gap.ankle.group import group_of
+from jammkle_gap.ankle.problem import bin_s
 from jammkle_gap.ankle.registrar import AnkleRegistrar
 from jammkle_gap.ankle.truth import inputs_of
 from jammkle_gap.core.constants import Constants
