@@ -11,12 +11,13 @@ if TYPE_CHECKING:
     from jammkle_gap.ankle.problem import ankle_problem
     from jammkle_gap.ankle.rerun import Rerun, rerun
     from jammkle_gap.ankle.setting import with_settings
+    from jammkle_gap.core.as_json import as_dict
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import BadRecordingError, Phase, Recording, Signal
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.diagnose import diagnose
     from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library, Nuisance
-    from jammkle_gap.core.result import Diagnosis, Verdict, as_dict
+    from jammkle_gap.core.result import Diagnosis, Verdict
     from jammkle_gap.core.simulate import InfeasibleError, Problem, SimulatorError
     from jammkle_gap.landing import Riddle
 
@@ -41,7 +42,7 @@ _HOMES = {
     "Verdict": "core.result",
     "ankle_library": "ankle.effects",
     "ankle_problem": "ankle.problem",
-    "as_dict": "core.result",
+    "as_dict": "core.as_json",
     "diagnose": "core.diagnose",
     "load_recordings": "ankle.loading",
     "rerun": "ankle.rerun",

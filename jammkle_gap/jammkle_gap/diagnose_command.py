@@ -10,8 +10,8 @@ from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.problem import ankle_problem
 from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set
 from jammkle_gap.backend import backend
+from jammkle_gap.core.as_json import as_dict
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_gap.core.result import as_dict
 from jammkle_gap.corrected_file import corrected_file
 from jammkle_gap.diagnosing import diagnosis_of
 from jammkle_gap.inputs import asked_of, in_settings, library_of, recordings_of

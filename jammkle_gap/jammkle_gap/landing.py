@@ -16,8 +16,8 @@ from jammkle_gap.ankle.problem import ankle_problem
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.sensor_sets import headline_set, selected
 from jammkle_gap.backend import backend
+from jammkle_gap.core.as_json import as_dict
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.core.result import as_dict
 from jammkle_gap.diagnosing import diagnosis_of
 from jammkle_gap.landing_effects import Outcome, Secret, draw, outcome
 from jammkle_gap.report import words

@@ -6,21 +6,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.conformal import p_values
 from jammkle_gap.core.design import next_experiment
 from jammkle_gap.core.detect import detect
 from jammkle_gap.core.equivalence import class_names
+from jammkle_gap.core.fitted import candidate_of, explained_by, freedom_of, left_by
+from jammkle_gap.core.held_out import held_out
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
 from jammkle_gap.core.posterior import NONE_OF_THEM, posterior_of
 from jammkle_gap.core.reference_notes import reference_notes
 from jammkle_gap.core.result import (
-    Candidate,
     Diagnosis,
-    FittedEffect,
-    FittedParameter,
-    HeldOutSetting,
     SignalGap,
     Spent,
     Trace,
@@ -32,7 +29,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.compare import Difference
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.detect import Detection
@@ -40,13 +36,6 @@ if TYPE_CHECKING:
     from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.posterior import Posterior
     from jammkle_gap.core.simulate import Runner
-
-_Z90 = 1.645
-"""Half of a 90 % interval, in standard deviations."""
-_AT_BOUND = 0.01
-"""Share of a parameter's range from a bound within which it counts as at it."""
-_DETECTABLE = (stats.norm.ppf(0.99) + stats.norm.ppf(0.99)) ** 2
-"""Squared whitened length that is detected with 99 % power at 1 % false alarms along a known direction."""
 
 
 def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runner, constants: Constants) -> Diagnosis:
@@ -68,7 +57,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         _squared(difference.whitened, referenced),
         int(referenced.sum()),
         difference.healthy,
-        _freedom(evidence, constants),
+        freedom_of(evidence, constants),
         [replace(fit, left=_squared(fit.whitened - fit.signature, referenced)) for fit in fits.values()],
         evidence.own,
         class_names(evidence.classes),
@@ -85,12 +74,12 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     # Without references the simulator's own error does not cancel: what was known with them is no measure.
     known = evidence.problem.conformity(evidence.settings[0].faulty[0]) if referenced.all() else ()
-    left = _left(evidence, best)
+    left = left_by(evidence, best)
     return Diagnosis(
         verdict=verdict,
         reasons=_reasons(verdict, detection, posterior, evidence),
         candidates=tuple(
-            _candidate(evidence, fits.get(names), names, posterior.probabilities[names], constants)
+            candidate_of(evidence, fits.get(names), names, posterior.probabilities[names], constants)
             for names in credible
         ),
         posterior=posterior.probabilities,
@@ -102,7 +91,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         subsystems=_subsystems(evidence, posterior),
         gap=closing_of(difference, left, evidence.settings, constants.blocks),
         signals=_signals(evidence, best),
-        held_out=_held_out(evidence, best, constants),
+        held_out=held_out(evidence, best, constants),
         classes=evidence.classes,
         silent=candidates.silent,
         calibration=dict(sorted(spread.items(), key=lambda item: -abs(item[1]))),
@@ -134,94 +123,14 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
     if best is None:
         return (first, "no effect on offer moves these signals")
     fit = next(f for f in (*evidence.candidates.singles, *evidence.candidates.pairs) if f.names == best)
-    share = 100.0 * _explained(evidence, fit)
+    share = 100.0 * explained_by(evidence, fit)
     second = f"{' + '.join(best)} explains {share:.0f} % of its square; probability {posterior.probabilities[best]:.2f}"
     unknown = posterior.probabilities.get(NONE_OF_THEM, 0.0)
     return first, second, f"none of the effects on offer: probability {unknown:.2f}"
 
 
-def _candidate(
-    evidence: Evidence,
-    fit: Fit | None,
-    names: tuple[str, ...],
-    probability: float,
-    constants: Constants,
-) -> Candidate:
-    if fit is None:
-        return Candidate(names, probability, 0.0, ())
-    others = {
-        other for members in evidence.classes for other in members if set(members) & set(names) and other not in names
-    }
-    return Candidate(
-        names,
-        probability,
-        _explained(evidence, fit),
-        _fitted(evidence, fit, constants),
-        tuple(sorted(others)),
-    )
-
-
 def _squared(values: NDArray[np.float64], kept: NDArray[np.bool_]) -> float:
     return float(np.square(values[kept]).sum())
-
-
-def _left(evidence: Evidence, fit: Fit | None) -> NDArray[np.float64]:
-    """Return what a candidate leaves of the difference, whitened by scatter alone."""
-    whole = evidence.difference
-    return whole.whitened - (whole.whiten(fit.features) if fit is not None and fit.features else 0.0)
-
-
-def _explained(evidence: Evidence, fit: Fit) -> float:
-    """Return the share of the squared whitened difference that a candidate explains."""
-    left, whole = _left(evidence, fit), evidence.difference.whitened
-    return 1.0 - float(left @ left) / float(whole @ whole)
-
-
-def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedEffect, ...]:
-    library = evidence.problem.library
-    half = _half_widths(evidence, fit, constants)
-    found = []
-    for name in fit.names:
-        effect = library.effect(name)
-        parameters = []
-        for each in effect.parameters:
-            key = effect.key(each)
-            value, index = fit.values[key], list(fit.values).index(key)
-            span = each.maximum - each.minimum
-            low, high = max(value - half[index], each.minimum), min(value + half[index], each.maximum)
-            bound = min(value - each.minimum, each.maximum - value) < _AT_BOUND * span and value != each.null
-            seen = float(np.linalg.norm(fit.jacobian[:, index]))
-            step = np.sqrt(_DETECTABLE) / seen if seen > 0.0 else np.nan
-            detectable = each.null + np.sign(value - each.null) * step
-            inside = each.minimum <= detectable <= each.maximum
-            parameters.append(
-                FittedParameter(
-                    each.name, each.unit, value, (low, high), bool(bound), float(detectable) if inside else np.nan
-                )
-            )
-        found.append(FittedEffect(name, effect.subsystem, effect.sentence, tuple(parameters)))
-    return tuple(found)
-
-
-def _freedom(evidence: Evidence, constants: Constants) -> float:
-    """Return the degrees of freedom of the simulator's own error: at most one a signal and block of time."""
-    blocks = constants.blocks * sum(len(setting.layout.signals) for setting in evidence.settings)
-    return min(constants.discrepancy_freedom, float(blocks))
-
-
-def _half_widths(evidence: Evidence, fit: Fit, constants: Constants) -> NDArray[np.float64]:
-    """Return half of each parameter's 90 % interval: curvature, times what the fit leaves beyond healthy scatter.
-
-    What is left is the simulator's own error, which hangs together over time: see `_freedom`.
-    """
-    size = evidence.difference.whitened.size
-    beyond = max(fit.left / size / evidence.difference.healthy - 1.0, 0.0)
-    inflation = 1.0 + beyond * size / _freedom(evidence, constants)
-    scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-12)
-    normal = (fit.jacobian / scale).T @ (fit.jacobian / scale)
-    variance = np.diag(np.linalg.pinv(normal, rcond=1e-8)) / scale**2
-    half: NDArray[np.float64] = _Z90 * np.sqrt(np.maximum(variance, 0.0) * inflation)
-    return half
 
 
 def _subsystems(evidence: Evidence, posterior: Posterior) -> dict[str, float]:
@@ -231,47 +140,6 @@ def _subsystems(evidence: Evidence, posterior: Posterior) -> dict[str, float]:
             subsystem = evidence.problem.library.effect(name).subsystem
             found[subsystem] = found.get(subsystem, 0.0) + probability / len(names)
     return dict(sorted(found.items(), key=lambda item: -item[1]))
-
-
-def _parts(evidence: Evidence, whole: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Cut what holds all settings into one part per setting."""
-    return np.split(whole, np.cumsum(evidence.difference.sizes)[:-1])
-
-
-def _held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tuple[HeldOutSetting, ...]:
-    """Return how far the gap closes in each setting with parameters fitted to the others, by one Gauss-Newton step."""
-    if best is None or len(evidence.settings) < 2:  # noqa: PLR2004 - one alone cannot be held out
-        return ()
-    left = best.whitened - best.signature
-    parts, slopes = _parts(evidence, left), _parts(evidence, best.jacobian)
-    wholes = _parts(evidence, best.whitened)
-    found = []
-    for k, setting in enumerate(evidence.settings):
-        others = [i for i in range(len(parts)) if i != k]
-        jacobian = np.concatenate([slopes[i] for i in others])
-        rest = np.concatenate([parts[i] for i in others])
-        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
-        step = np.linalg.lstsq(jacobian / scale, rest, rcond=1e-6)[0] / scale
-        single = _alone(evidence, k, wholes[k])
-        closing = closing_of(single, parts[k] - slopes[k] @ step, [setting], constants.blocks)
-        found.append(HeldOutSetting(setting.name, closing))
-    return tuple(found)
-
-
-def _alone(evidence: Evidence, k: int, whitened: NDArray[np.float64]) -> Difference:
-    """Return the difference of one setting."""
-    whole = evidence.difference
-    return replace(
-        whole,
-        whitened=whitened,
-        factors=(whole.factors[k],),
-        sizes=(whole.sizes[k],),
-        deviations=(whole.deviations[k],),
-        freedom=(whole.freedom[k],),
-        scatter=(whole.scatter[k],),
-        columns=(whole.columns[k],),
-        shared=(whole.shared[k],),
-    )
 
 
 def _signatures(evidence: Evidence, best: Fit | None) -> list[NDArray[np.float64]]:

@@ -10,10 +10,10 @@ from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.problem import ankle_problem
 from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set, selected
 from jammkle_gap.backend import backend
+from jammkle_gap.core.as_json import as_dict
 from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.diagnose import evidence_of
-from jammkle_gap.core.result import as_dict
 from jammkle_gap.core.signatures import cache_folder
 from jammkle_gap.core.simulate import Runner
 from jammkle_gap.diagnosing import failures_told
