@@ -85,7 +85,8 @@ docs: .venv-docs/made
 
 .venv-docs/made: docs/requirements.lock
 	@$(PYTHON) -m venv --clear .venv-docs
-	@.venv-docs/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r docs/requirements.lock
+	@.venv-docs/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes \
+		-r docs/requirements.lock
 	@touch $@
 
 readme: set-up

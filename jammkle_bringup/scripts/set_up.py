@@ -112,7 +112,9 @@ def install_requirements():
     run([sys.executable, "-m", "venv", str(VENV)], ROOT / ".set_up.log", clean_environment())
     (ROOT / ".set_up.log").rename(VENV / "venv.log")
     pip = [str(VENV / "bin" / "python"), "-m", "pip", "--disable-pip-version-check", "install", "--no-input"]
-    run([*pip, "--require-hashes", "-r", str(LOCK)], VENV / "requirements.log", clean_environment())
+    # The lock names all there is. Left to look for dependencies itself, pip takes a newer release of what has an extra,
+    # such as coverage[toml], than the lock has, and then refuses it for having no hash.
+    run([*pip, "--no-deps", "--require-hashes", "-r", str(LOCK)], VENV / "requirements.log", clean_environment())
     point_exports_here()
 
 
