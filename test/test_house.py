@@ -308,3 +308,9 @@ def test_the_robot_description_lets_ask_for_what_the_driver_takes() -> None:
     from jammkle_sim.robots.urdf_control import LARGEST_VACUUM_PA  # noqa: PLC0415 - as above
 
     assert DriverParameters().max_vacuum_pa == LARGEST_VACUUM_PA
+
+
+def test_the_lock_file_names_all_that_it_takes() -> None:
+    """It is installed as it stands, so that what it does not name is missing."""
+    result = subprocess.run([sys.executable, "-m", "pip", "check"], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout
