@@ -12,7 +12,7 @@ from scipy import stats
 from jammkle_gap import Constants, Library, Problem
 from jammkle_gap.core.compare import Difference, Residuals, beside, difference_of, settings_of
 from jammkle_gap.core.conformal import nonconformity, p_values
-from jammkle_gap.core.detect import detect, probability_of_gap
+from jammkle_gap.core.detect import detect, probability_of_gap, spread_along
 from jammkle_gap.core.equivalence import class_names, classes_of
 from jammkle_gap.core.fit import Fit
 from jammkle_gap.core.grids import grid_of
@@ -88,6 +88,42 @@ def test_a_gap_that_no_effect_explains_is_seen_altogether() -> None:
     assert found.gap
     assert found.effect == ""
     assert found.ratio == pytest.approx(4.0, rel=0.4)
+
+
+def scattered_along(random: np.random.Generator, *spreads: float) -> Difference:
+    """Return settings of eight healthy runs each that scatter along their first feature alone."""
+    deviations = tuple(spread * random.normal(size=(8, 1)) * np.array([[1.0, 0.0]]) for spread in spreads)
+    count = len(spreads)
+    return Difference(np.zeros(2 * count), (), (1.0,) * count, (2,) * count, deviations, (8,) * count, (), (), ())
+
+
+def test_scatter_in_one_setting_has_the_freedom_of_its_runs() -> None:
+    """Runs of settings in which a signature does not show say nothing of how healthy runs scatter along it."""
+    random = np.random.default_rng(24)
+    prior = CONSTANTS.direction_prior_freedom
+    both, first = np.array([1.0, 0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
+    difference = scattered_along(random, 3.0, 3.0)
+    assert spread_along(difference, first, CONSTANTS).freedom == pytest.approx(prior + 8.0)
+    assert prior + 8.0 < spread_along(difference, both, CONSTANTS).freedom <= prior + 16.0
+    uneven = scattered_along(random, 30.0, 0.3)
+    assert spread_along(uneven, both, CONSTANTS).freedom == pytest.approx(prior + 8.0, rel=0.01)
+
+
+@pytest.mark.parametrize("spreads", [(10.0, 10.0), (10.0, 1.0), (10.0, 0.1)])
+def test_what_scatters_in_one_setting_alone_raises_no_more_alarms(spreads: tuple[float, float]) -> None:
+    """Gains of healthy machines along a signature exceed the limit of 1 % in no more than 1 %, even or uneven.
+
+    Without the prior, which takes the scatter to be about 1.
+    """
+    constants = replace(CONSTANTS, direction_prior_freedom=0.0)
+    random = np.random.default_rng(25)
+    signature = np.array([1.0, 0.0, 1.0, 0.0])
+    trials, beyond = 3000, 0
+    for _ in range(trials):
+        spread = spread_along(scattered_along(random, *spreads), signature, constants)
+        gain = np.square(random.normal(size=2) @ spreads) / 2.0
+        beyond += bool(stats.f.sf(gain / spread.variance, 1, spread.freedom) < 0.01)
+    assert beyond <= stats.binom.ppf(0.999, trials, 0.01)
 
 
 def left_by(*lefts: float, names: tuple[str, ...] = ("one", "two", "three"), features: int = 400) -> list[Fit]:

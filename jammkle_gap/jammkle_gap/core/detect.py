@@ -42,7 +42,7 @@ def detect(difference: Difference, singles: Sequence[Fit], constants: Constants)
     """Test the difference against healthy runs.
 
     Along an effect with p parameters the gain, over p and over the moderated variance of healthy runs along the same
-    signature, is F-distributed with p and prior plus repeats degrees of freedom (Smyth 2004, eq. 6); over effects the
+    signature, is F-distributed with p and that variance's degrees of freedom (Smyth 2004, eq. 6); over effects the
     smallest p-value counts as many times as there are effects (Bonferroni). Altogether, the logarithm of the squared
     length per feature is t-distributed about that of healthy runs, with the spread that these show.
 
@@ -53,13 +53,12 @@ def detect(difference: Difference, singles: Sequence[Fit], constants: Constants)
 
     """
     length = float(difference.whitened @ difference.whitened)
-    freedom = constants.direction_prior_freedom + sum(difference.freedom)
     best, effect = 1.0, ""
     for fit in singles:
         gain = length - fit.left
         count = len(fit.values)
         spread = spread_along(difference, fit.signature, constants)
-        chance = float(stats.f.sf(gain / (count * spread), count, freedom))
+        chance = float(stats.f.sf(gain / (count * spread.variance), count, spread.freedom))
         if chance < best:
             best, effect = chance, "+".join(fit.names)
     explained = min(1.0, best * max(len(singles), 1, constants.tested_effects))
@@ -95,23 +94,37 @@ def probability_of_gap(p_value: float, constants: Constants) -> float:
     return float(1.0 / (1.0 + np.exp(-evidence)))
 
 
-def spread_along(difference: Difference, signature: NDArray[np.float64], constants: Constants) -> float:
-    """Return the variance of healthy runs along a signature, moderated towards 1, and never below."""
-    total = freedom = 0.0
+@dataclass(frozen=True)
+class Spread:
+    """How healthy runs scatter along a signature."""
+
+    variance: float
+    """Of the whitened difference along it; 1: as the covariance has it, and never taken to be less."""
+    freedom: float
+    """Degrees of freedom of the variance, those of the prior among them."""
+
+
+def spread_along(difference: Difference, signature: NDArray[np.float64], constants: Constants) -> Spread:
+    """Return how healthy runs scatter along a signature, moderated towards a variance of 1.
+
+    Each setting's variance counts by its share of the squared signature. Their weighted sum has the degrees of freedom
+    of Satterthwaite 1946 (Biometrics Bulletin 2:110): those of one setting where the signature shows in that one alone.
+    """
     squared = float(signature @ signature)
-    if squared <= 0.0:
-        return 1.0
+    total = uncertainty = 0.0
     begin = 0
     for size, deviations, own in zip(difference.sizes, difference.deviations, difference.freedom, strict=True):
         part = signature[begin : begin + size]
         begin += size
         length = float(np.linalg.norm(part))
         if length > 0.0 and own:
-            share = length**2 / squared
-            total += share * float(np.square(deviations @ (part / length)).sum())
-            freedom += share * own
+            weighted = length**2 / squared * float(np.square(deviations @ (part / length)).sum()) / own
+            total += weighted
+            uncertainty += weighted**2 / own
+    freedom = total**2 / uncertainty if uncertainty > 0.0 else 0.0
     prior = constants.direction_prior_freedom
-    return max(1.0, (prior + total) / (prior + freedom))
+    variance = (prior + freedom * total) / (prior + freedom)
+    return Spread(max(1.0, variance), prior + freedom)
 
 
 def _altogether(difference: Difference, ratio: float, constants: Constants) -> float:
