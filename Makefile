@@ -17,7 +17,7 @@ help:
 	@echo "make live   set up, ten minutes of landings at 1 kHz through the live graph, and four ankles; writes live.json"
 	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes docs/faults.md, 30 minutes"
 	@echo "make soak   set up, jam half an hour with random faults, once simulated and once on the firmware; 1,000,000 malformed frames; malformed requests, 100,000 and 17,000 over DDS"
-	@echo "make blind  set up, check the diagnosis blind: the standard trial, about six hours; goes on where it was stopped"
+	@echo "make blind  set up, check the diagnosis blind: the standard trial, two to three hours; goes on where it was stopped"
 	@echo "make contact set up, try the detectors on 4000 steps, slips and landings; writes runs/contact, 20 minutes"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make docs   build the documentation as pages: docs/_build/index.html"
