@@ -110,7 +110,7 @@ def nodes_line(probe: Probe, of: str) -> DiagnosticStatus:
 def test_an_ankle_and_the_simulation_above_it_miss_each_other(
     processes: Processes, make_probe: Callable[..., Probe]
 ) -> None:
-    """Who dies is told by the other one, with since when; no ankle is told of another's driver."""
+    """The survivor reports who died, and since when; no ankle reports another's driver."""
     probe = make_probe()
     probe.listen(DIAGNOSTICS)
     processes.start("sim", "robot:=quadruped", "start_paused:=true", module="jammkle_sim.robot")

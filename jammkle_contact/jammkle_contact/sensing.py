@@ -108,7 +108,7 @@ class Drives:
     rate_noise_rad_s: float = 0.02
     effort_noise_n_m: float = 0.05
     gain_spread: float = 0.05
-    """Standard deviation of the torque told by torque given, drawn for each drive."""
+    """Standard deviation of the ratio of measured to applied torque, drawn for each drive."""
     offset_n_m: float = 0.05
     """Standard deviation of what a drive tells at rest: friction of its gear."""
 

@@ -168,7 +168,7 @@ def loaded(up_n: float) -> LegReading:
 
 @pytest.mark.parametrize("mount", ["foot", "shank", "body"])
 def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> None:
-    """Told by efforts alone, on any mount, beside an IMU at rest; a blow on a leg in the air is no touch-down."""
+    """Detected from efforts alone, on any mount, beside an IMU at rest; a blow on a leg in the air is no touch-down."""
     controller = AnkleController(controller_settings(ControllerParameters(imu_mount=mount, use_efforts=True)))
     chance, told = np.random.default_rng(2), []
     for index in range(2000):

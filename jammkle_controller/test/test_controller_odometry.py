@@ -1,4 +1,4 @@
-"""How fast the sole goes, from odometry and joints; slips told by it, and what is done when it is not told."""
+"""How fast the sole goes, from odometry and joints; slips detected from it, and what is done when it is missing."""
 
 from __future__ import annotations
 
