@@ -14,7 +14,7 @@ DEVELOPMENT_SEEDS: Final = 1000
 STANDARD_SEED: Final = 46_811
 """Of the standard trial, `make blind`. The one place where it stands. 20 000 was that of November's."""
 STANDARD_CASES: Final = 200
-"""Of the standard trial; 100 of them healthy. Twice as many would take two cores four hours, by the times in docs/blind.md."""
+"""Of the standard trial; 100 of them healthy. Twice as many would take four hours, by the times in docs/blind.md."""
 STANDARD_LIVE: Final = 6
 """Further cases from the live graph: each is four landings in real time."""
 SMALL_SEED: Final = 7
