@@ -1,4 +1,4 @@
-"""Synthetic IMU streams for the controller's tests: true motion at 10 kHz, then a sensor that reads it."""
+"""Synthetic IMU streams for the controller's tests, and controllers as real processes."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from controller_bench import GRAVITY_M_S2, Bench
 
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
+from jammkle_graph.testing import own_domain
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
     from jammkle_controller.core.events import ContactEvent, ContactKind
 
 FINE_HZ = 10_000
-GRAVITY_M_S2 = 9.80665
 ACCELEROMETER_NOISE = 80e-6 * GRAVITY_M_S2  # m/s^2/sqrt(Hz), density of the paper's class of IMU
 GYRO_NOISE = 9e-5  # rad/s/sqrt(Hz), 0.005 deg/s/sqrt(Hz)
 CUTOFF_HZ = 225.0
@@ -148,3 +150,19 @@ class Streams:
 def streams() -> Streams:
     """Return the maker of IMU streams."""
     return Streams()
+
+
+@pytest.fixture
+def make_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Bench]]:
+    """Make a bench in a ROS domain of its own."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    benches: list[Bench] = []
+    with own_domain() as number:
+
+        def make(*arguments: str) -> Bench:
+            benches.append(Bench(number, tmp_path, *arguments))
+            return benches[-1]
+
+        yield make
+        for bench in benches:
+            bench.close()
