@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_bringup.core.log_times import TimeSource
 from jammkle_bringup.recorder import Recorder, RecorderOptions, spin_and_close
 from jammkle_bringup.up import say
 from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.bags.writing import BagCounts, TimeSource, check_free
+from jammkle_graph.bags.writing import BagCounts, check_free
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.runner import run
 

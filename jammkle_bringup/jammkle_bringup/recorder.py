@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
+import inspect
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,20 +15,22 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
-from rosgraph_msgs.msg import Clock as ClockMessage
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
-from jammkle_bringup.conversions import clock_ns, message_class
+from jammkle_bringup.conversions import message_class
+from jammkle_bringup.core.log_times import LogTimes, Received, TimeSource
+from jammkle_graph import wire
 from jammkle_graph.bags.offered import bag_qos
-from jammkle_graph.bags.writing import FLUSH_PERIOD_S, BagLog, TimeSource
+from jammkle_graph.bags.writing import FLUSH_PERIOD_S, BagLog
 from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import CLOCK, SIM_PARAMETERS, TOPICS
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_graph.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS
 from jammkle_graph.namespace import resolved
 from jammkle_graph.overhearing import belongs, misses, strongest
-from jammkle_graph.qos import publisher_qos
+from jammkle_graph.qos import answer_qos, publisher_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from rclpy.executors import Executor
@@ -42,7 +45,10 @@ QUEUE_DEPTH = 2000
 """Messages per topic that may wait while the recorder is busy: 2 s of a 1 kHz IMU. Assumed."""
 
 _DISCOVERY_PERIOD_S = 0.2
-_UNDECIDED_S = 1.0
+_UNDECIDED_NS = NANOSECONDS_PER_SECOND
+"""How long messages without any stamp wait for a /clock to be discovered, ns; it takes 0.2 s as a rule."""
+_SWITCH_WITHIN_S = 10.0
+"""Time, s, for which a /clock that appears after the system's time was chosen still puts all messages onto its own."""
 _SPIN_TIMEOUT_S = 0.1
 _DRAIN_S = 1.0  # a graph that goes on publishes without end
 
@@ -68,12 +74,22 @@ class Recorder(Node):
         """
         self.path = options.path
         self._failed = False
-        self._log = BagLog(options.path, definitions, options.source)
+        self._definitions = definitions
+        self._log = BagLog(options.path, definitions)
+        self._times = LogTimes(options.source, self._write)
+        self._begun_ns = time.time_ns()
+        self._may_switch = options.source is TimeSource.UNDECIDED
+        self._kept: list[Received] = []
+        self._count = 0
         super().__init__("recorder", namespace=options.namespace, start_parameter_services=False)
         self._namespace = options.namespace
         self._sim_parameters = resolved(options.namespace, SIM_PARAMETERS.name)
         self._recorded: dict[str, Subscription] = {}
         self._requested: dict[str, QoSProfile] = {}
+        self._types: dict[str, tuple[str, Callable[[], Sequence[Qos]]]] = {}
+        self._of_clock_maker: dict[str, bool] = {}
+        self._done = self.create_publisher(Header, LOCKSTEP.name, answer_qos())
+        self._answer = wire.HeaderWriter(self.get_fully_qualified_name())
         self._refused: set[str] = set()
         # What the project itself publishes is subscribed to before its publishers are there, so that nothing is
         # lost between a publisher's first message and the next look at the graph.
@@ -81,12 +97,16 @@ class Recorder(Node):
             self._subscribe(resolved(options.namespace, topic.name), topic.message_type, publisher_qos(topic))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover, clock=steady)
-        self._decision = self.create_timer(_UNDECIDED_S, self._decide, clock=steady)
         self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
         self._discover()
 
+    @property
+    def received(self) -> int:
+        """How many messages were received so far."""
+        return self._count
+
     def counts(self) -> BagCounts:
-        """Return how many messages came so far."""
+        """Return how many messages are in the bag so far."""
         return self._log.counts()
 
     def can_go_on(self) -> bool:
@@ -103,12 +123,18 @@ class Recorder(Node):
             GraphError: it could not be written to its end.
 
         """
+        with self._keeping_failure():
+            self._times.end()
         return self._log.close()
 
     def _discover(self) -> None:
         """Subscribe to topics that have appeared, and anew where a publisher offers less than was asked for."""
+        since_ns = self._times.waiting_since_ns
+        if since_ns is not None and time.time_ns() - since_ns > _UNDECIDED_NS and not self.count_publishers(CLOCK.name):
+            with self._keeping_failure():
+                self._times.decide(TimeSource.SYSTEM)
         for name, types in self.get_topic_names_and_types():
-            if name in self._refused or not belongs(self._namespace, name):
+            if name in self._refused or name.endswith(f"/{LOCKSTEP.name}") or not belongs(self._namespace, name):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
             if not publishers:
@@ -124,7 +150,8 @@ class Recorder(Node):
     def _subscribe(self, name: str, message_type: str, offered: QoSProfile) -> None:
         try:
             kind = message_class(message_type)
-            self._log.add_topic(name, message_type, functools.partial(self._offered, name, offered))
+            self._types[name] = (message_type, functools.partial(self._offered, name, offered))
+            self._log.add_topic(name, *self._types[name])
         except InputError as error:
             self._refuse(name, str(error))
             return
@@ -132,9 +159,9 @@ class Recorder(Node):
         old = self._recorded.pop(name, None)
         if old is not None:
             self.destroy_subscription(old)
-        take = self._take_clock if name == CLOCK.name else functools.partial(self._take, name)
+        take = functools.partial(self._take_clock if name == CLOCK.name else self._take, name, _begins_with_time(kind))
         self._requested[name] = profile
-        self._recorded[name] = self.create_subscription(kind, name, take, profile, raw=True)
+        self._recorded[name] = self.create_subscription(kind, name, _with_info(take), profile, raw=True)
 
     def _refuse(self, name: str, why: str) -> None:
         self._refused.add(name)
@@ -152,29 +179,78 @@ class Recorder(Node):
         except OSError:  # the bag knows which
             self._failed = True
 
-    def _take(self, name: str, data: bytes) -> None:
+    def _take(self, name: str, is_stamped: bool, data: bytes, source_ns: int) -> None:  # noqa: FBT001 - bound once
+        # a latched message from before belongs to the begin: nobody was there when it was published
+        source_ns = max(source_ns, self._begun_ns)
+        # of health, since that comes from nodes that live in neither time
+        stamp_ns = _stamp_ns(data) if is_stamped and name != DIAGNOSTICS.name else 0
+        message = Received(name, data, source_ns, stamp_ns, self._is_of_clock_maker(name))
+        self._count += 1
         with self._keeping_failure():
-            self._log.write(name, data)
+            self._keep(message)
+            self._times.take(message)
             if name == self._sim_parameters:
                 self._log.set_custom_data(SIM_PARAMETERS.name, _text(data))
+
+    def _write(self, message: Received, log_ns: int) -> None:
+        self._log.write(message.topic, message.data, log_ns)
+
+    def _is_of_clock_maker(self, name: str) -> bool:
+        """Return whether all publishers of a topic belong to the node that makes /clock, once there is one."""
+        known = self._of_clock_maker.get(name)
+        if known is None:
+            makers = self._nodes(CLOCK.name)
+            if not makers:
+                return False
+            known = self._of_clock_maker[name] = self._nodes(name) <= makers
+        return known
+
+    def _nodes(self, topic: str) -> set[str]:
+        ends = self.get_publishers_info_by_topic(topic)
+        return {resolved(end.node_namespace, end.node_name) for end in ends}
+
+    def _keep(self, message: Received) -> None:
+        """Keep the first messages: should a /clock appear, they get its time after all."""
+        if not self._may_switch:
+            return
+        if self._kept and message.source_ns - self._kept[0].source_ns > _SWITCH_WITHIN_S * NANOSECONDS_PER_SECOND:
+            self._may_switch = False
+            self._kept.clear()
+        else:
+            self._kept.append(message)
+
+    def _switch(self) -> None:
+        """Write the bag anew on simulated time, with the first messages that were kept."""
+        self._log.discard()
+        self._log = BagLog(self.path, self._definitions)
+        for name, of_topic in self._types.items():
+            self._log.add_topic(name, *of_topic)
+        self._times = LogTimes(TimeSource.SIMULATED, self._write)
+        kept, self._kept = self._kept, []
+        for message in kept:
+            self._times.take(message)
+            if message.topic == self._sim_parameters:
+                self._log.set_custom_data(SIM_PARAMETERS.name, _text(message.data))
 
     def _flush(self) -> None:
         with self._keeping_failure():
             self._log.flush()
 
-    def _take_clock(self, data: bytes) -> None:
+    def _take_clock(self, name: str, _is_stamped: bool, data: bytes, source_ns: int) -> None:  # noqa: FBT001
+        tick_ns = _stamp_ns(data)
+        self._count += 1
         with self._keeping_failure():
-            if self._log.source is TimeSource.UNDECIDED:
-                self._log.decide(TimeSource.SIMULATED)
-            self._log.tick(clock_ns(deserialize_message(data, ClockMessage)))
-            self._log.write(CLOCK.name, data)
-
-    def _decide(self) -> None:
-        """Settle which clock is used: by now a simulation would have been discovered."""
-        self._decision.cancel()
-        simulated = self.count_publishers(CLOCK.name) > 0
-        with self._keeping_failure():
-            self._log.decide(TimeSource.SIMULATED if simulated else TimeSource.SYSTEM)
+            if self._may_switch:
+                if self._times.source is TimeSource.SYSTEM:
+                    self._switch()
+                    self.get_logger().info(f"{name} has appeared: log times are simulated time after all")
+                else:
+                    self.get_logger().info(f"log times are simulated time, by {name}")
+                self._may_switch = False
+                self._kept.clear()
+            self._times.tick(Received(name, data, source_ns, tick_ns))
+        if self._done.get_subscription_count() > 0:
+            self._done.publish(self._answer.write(tick_ns))
 
 
 def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
@@ -188,8 +264,8 @@ def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
         executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
     end_s = time.monotonic() + _DRAIN_S
     before = -1
-    while node.can_go_on() and node.counts().messages > before and time.monotonic() < end_s:
-        before = node.counts().messages
+    while node.can_go_on() and node.received > before and time.monotonic() < end_s:
+        before = node.received
         executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
         executor.spin_once(timeout_sec=0)
     node.close()
@@ -198,3 +274,30 @@ def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
 def _text(data: bytes) -> str:
     message: Any = deserialize_message(data, String)
     return str(message.data)
+
+
+def _with_info(take: Callable[[bytes, int], None]) -> Callable[..., None]:
+    """Return a callback that asks for the middleware's information on a message, and hands on its source timestamp.
+
+    rclpy sees by a callback's signature that it takes two arguments. Its EventsExecutor (7.1.6) passes both as one.
+    """
+
+    def callback(*received: Any) -> None:
+        data, info = received if len(received) > 1 else received[0]
+        take(data, info["source_timestamp"] or info["received_timestamp"] or time.time_ns())
+
+    both = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
+    callback.__signature__ = inspect.Signature(both)  # type: ignore[attr-defined]
+    return callback
+
+
+def _begins_with_time(kind: Any) -> bool:
+    """Return whether messages begin with a header, or with a time as /clock does."""
+    first = next(iter(kind.get_fields_and_field_types().values()), "")
+    return first in ("std_msgs/Header", "builtin_interfaces/Time")
+
+
+def _stamp_ns(data: bytes) -> int:
+    """Return the stamp that a serialised message begins with, ns."""
+    stamp = wire.read_clock(data)
+    return 0 if stamp is None else stamp[0] * NANOSECONDS_PER_SECOND + stamp[1]

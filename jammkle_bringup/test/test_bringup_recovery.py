@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from jammkle_graph.bags.data_section import scanned
 from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
 from jammkle_graph.bags.recovery import recover
-from jammkle_graph.bags.writing import BagLog, TimeSource
+from jammkle_graph.bags.writing import BagLog
 from jammkle_graph.command.main import main
 
 if TYPE_CHECKING:
@@ -25,18 +25,18 @@ FILL_THE_DISK = """
 import subprocess, sys
 from pathlib import Path
 from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.bags.writing import BagLog, TimeSource
+from jammkle_graph.bags.writing import BagLog
 from jammkle_graph.command.errors import GraphError
 from rosbags.highlevel import AnyReader
 
 disk = Path(sys.argv[1])
 subprocess.run(["mount", "-t", "tmpfs", "-o", "size=400k", "none", str(disk)], check=True)
-log = BagLog(disk / "bag", MessageDefinitions(share_folders()), TimeSource.SYSTEM)
+log = BagLog(disk / "bag", MessageDefinitions(share_folders()))
 log.add_topic("/chatter", "std_msgs/msg/String", lambda: [])
 written = 0
 try:
     while True:
-        log.write("/chatter", bytes(int(sys.argv[2])))
+        log.write("/chatter", bytes(int(sys.argv[2])), written)
         written += 1
         if written % 10 == 0:
             log.flush()
@@ -62,14 +62,13 @@ def contents(bag: Path) -> list[tuple[str, int, bytes]]:
 @pytest.fixture
 def torn(tmp_path: Path) -> Path:
     """Make the bag of a recorder that died after 60 messages of two topics in six chunks."""
-    log = BagLog(tmp_path / "torn", MessageDefinitions(share_folders()), TimeSource.SIMULATED)
+    log = BagLog(tmp_path / "torn", MessageDefinitions(share_folders()))
     for topic in ("/left", "/right"):
         log.add_topic(topic, "std_msgs/msg/Float32", list)
     log.set_custom_data("sim_parameters", "rig: drop")
     for number in range(30):
-        log.tick(number * 10**7)
         for topic in ("/left", "/right"):
-            log.write(topic, b"\0\1\0\0" + bytes([number, 0, 0, 0]))
+            log.write(topic, b"\0\1\0\0" + bytes([number, 0, 0, 0]), number * 10**7)
         if number % 5 == 4:
             log.flush()
     shutil.copytree(tmp_path / "torn", tmp_path / "dead")
@@ -140,7 +139,7 @@ def test_what_cannot_be_recovered_is_refused(torn: Path, tmp_path: Path, capsys:
         begin = scanned(stream, lambda _: None).chunks[2].index.chunk_start_offset
         stream.seek(begin)
         stream.write(b"\x70")
-    log = BagLog(tmp_path / "running", MessageDefinitions(share_folders()), TimeSource.SYSTEM)
+    log = BagLog(tmp_path / "running", MessageDefinitions(share_folders()))
     refused = {
         "none": "does not exist",
         "empty": "no *.mcap",

@@ -74,9 +74,6 @@ def imu_health(controller: AnkleController, freshness: Freshness, topic: str, *,
     if freshness.stale:
         reason = f" ({counts.ignored} samples were ignored: {seen})" if trouble and counts.ignored else ""
         return Health("imu", Level.ERROR, f"{silent}{reason}; {SAFE_MODE}", values)
-    if freshness.paused:
-        level = Level.OK if counts.usable else Level.WARN
-        return Health("imu", level, "no samples, and the graph's clock stands still: paused", values)
     if not counts.usable:
         return Health("imu", Level.OK, f"waiting for the first sample on {topic}", values)
     return _believed_health(controller.watch.trouble, seen if trouble else "", values)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float32
@@ -35,10 +32,9 @@ from jammkle_controller.health import StreamTrouble, imu_health, input_health, p
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
 from jammkle_graph import wire
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.heard_clock import ClockHearer
+from jammkle_graph.lockstep import LockstepNode
 from jammkle_graph.names import (
     ANKLE_JOINTS,
     CONTACT_EVENTS,
@@ -86,11 +82,11 @@ FOLLOW_S = 0.5
 """How long the driver may take to follow a new wish before that is told, s: ten repeats of jam_command."""
 
 
-class ControllerNode(ClockHearer):
+class ControllerNode(LockstepNode):
     """Detects contact on `imu/data` and commands jamming on `jam_command`.
 
-    The wish is published from within the callback of the sample that changed it, and repeated by a steady timer, so
-    that the driver knows the controller is alive also while simulated time stands still.
+    A change is published from within the callback of the sample that led to it, and repeated regularly, so that the
+    driver knows that the controller is alive.
     """
 
     def __init__(self, **node_options: Any) -> None:
@@ -107,7 +103,7 @@ class ControllerNode(ClockHearer):
         values = declare(self, ControllerParameters)
         self._auto = values.auto_at_start
         self._controller = AnkleController(controller_settings(values))
-        self._freshness = Freshness(values.imu_timeout_s, time.monotonic(), self._graph_time_s())
+        self._freshness = Freshness(values.imu_timeout_s, self.now_s())
         self._trouble = StreamTrouble()
         self._values = values
         self._leg = (values.abduction_joint, values.hip_joint, values.knee_joint)
@@ -116,7 +112,7 @@ class ControllerNode(ClockHearer):
         self._driver = DriverView()
         self._driver_heard = False
         self._wished_pa = 0.0
-        self._since_wish_s = time.monotonic()
+        self._since_wish_s = self.now_s()
         self.add_on_set_parameters_callback(self._refuse_what_the_driver_refuses)
         on_change(self, ControllerParameters, self._configure)
 
@@ -124,8 +120,7 @@ class ControllerNode(ClockHearer):
         self._events = self.create_publisher(ContactEvent, CONTACT_EVENTS.name, publisher_qos(CONTACT_EVENTS))
         self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
         self.create_service(SetBool, SET_AUTO.name, self._set_auto)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / values.command_rate_hz, self._repeat, clock=steady)
+        self.every(1.0 / values.command_rate_hz, self._repeat)
         self._roll_call = RollCall(self)
         self.create_subscription(JamState, JAM_STATE.name, self._hear_driver, subscriber_qos(JAM_STATE))
         self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU), raw=True)
@@ -233,8 +228,8 @@ class ControllerNode(ClockHearer):
                 return objection
         wished_pa = self._controller.vacuum_pa
         if wished_pa != self._wished_pa:
-            self._wished_pa, self._since_wish_s = wished_pa, time.monotonic()
-        patient = time.monotonic() - self._since_wish_s < FOLLOW_S
+            self._wished_pa, self._since_wish_s = wished_pa, self.now_s()
+        patient = self.now_s() - self._since_wish_s < FOLLOW_S
         return "" if patient or not self._driver_heard else self._driver.trouble(wished_pa)
 
     def _configure(self, values: ControllerParameters) -> None:
@@ -244,16 +239,13 @@ class ControllerNode(ClockHearer):
             self._command()
 
     def _health(self) -> Sequence[Health]:
-        steady_s = time.monotonic()
+        now_s = self.now_s()
         counts = self._controller.gate.counts
-        self._freshness.observe(counts.usable, steady_s, self._graph_time_s())
-        trouble = self._trouble.recent(counts, steady_s)
+        self._freshness.observe(counts.usable, now_s)
+        trouble = self._trouble.recent(counts, now_s)
         imu = imu_health(self._controller, self._freshness, self.resolve_topic_name(IMU.name), trouble=trouble)
         by_hand = self._driver.by_hand if self._controller.vacuum_pa > 0.0 else ()
         policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver(), by_hand=by_hand)
         time_ns = max(self.get_clock().now().nanoseconds, self._controller.gate.last_ns or 0)
         inputs = input_health(self._controller, time_ns, self._inputs)
         return [imu, inputs, policy, self._roll_call.health()]
-
-    def _graph_time_s(self) -> float:
-        return self.get_clock().now().nanoseconds / NANOSECONDS_PER_SECOND

@@ -5,18 +5,16 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_driver.ankle_time import ankle_time
-from jammkle_driver.conversions import wishes
+from jammkle_driver.conversions import seconds, wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError
+from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
 from jammkle_driver.health import ankle_lines, health_lines
 from jammkle_driver.lifecycle import refuse_bad_transitions
@@ -24,7 +22,7 @@ from jammkle_driver.outputs import Outputs
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_graph.declare import declare, on_change
 from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.heard_clock import ClockHearer
+from jammkle_graph.lockstep import LockstepNode
 from jammkle_graph.names import (
     CHANNEL_JAMS,
     CHANNELS,
@@ -34,6 +32,7 @@ from jammkle_graph.names import (
     JAM,
     JAM_ALL,
     JAM_COMMAND,
+    SIM_HARDWARE,
     UNJAM,
     UNJAM_ALL,
 )
@@ -46,15 +45,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from jammkle_driver.core.hardware import Hardware, PressureSample
-    from jammkle_driver.core.watchdog import Instant
     from jammkle_graph.health import Health
     from jammkle_graph.names import Service
 
 STATE_PERIOD_S = 1.0
-"""jam_state is repeated this often on the steady clock, s."""
+"""jam_state is repeated this often, s."""
 
 
-class DriverNode(ClockHearer, LifecycleNode):
+class DriverNode(LockstepNode, LifecycleNode):
     """Pump and solenoids of one ankle as topics and services."""
 
     def __init__(self, **node_options: Any) -> None:
@@ -72,8 +70,9 @@ class DriverNode(ClockHearer, LifecycleNode):
         self._values = declare(self, DriverParameters)
         check_parameters(self._values)
         on_change(self, DriverParameters, self._take_parameters)
+        if self._values.hardware != SIM_HARDWARE:
+            self.live_on_steady_clock()
         self._driver = Driver(CHANNELS, self._values.settings())
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
         self._roll_call = RollCall(self)
@@ -101,8 +100,7 @@ class DriverNode(ClockHearer, LifecycleNode):
         self._create_subscriptions()
         self._create_services()
         for period_s, callback in ((TICK_PERIOD_S, self._on_tick), (STATE_PERIOD_S, self._repeat_state)):
-            timer = self.create_timer(period_s, callback, clock=self._steady)
-            self._closers.append(partial(self.destroy_timer, timer))
+            self._closers.append(self.every(period_s, callback))
         self._settle()
         return super().on_configure(state)
 
@@ -289,4 +287,6 @@ class DriverNode(ClockHearer, LifecycleNode):
         return (*lines, *ankle_lines(self._driver), self._roll_call.health())
 
     def _now(self) -> Instant:
-        return ankle_time(self, simulated=self._hardware is not None and self._hardware.link.simulated)
+        # of a simulated ankle the graph's time, which its stamps are in, also where nobody makes that
+        now_s = seconds(self.get_clock().now()) if self._values.hardware == SIM_HARDWARE else self.now_s()
+        return Instant(now_s, now_s)

@@ -13,6 +13,7 @@ SENSOR_HISTORY_DEPTH = 1000
 A reliable publisher can send again only what it still has, so its depth is how long a recorder may be held up.
 """
 _EVENT_DEPTH = 100
+"""Five seconds of what is repeated at 20 Hz, so that a recorder which is held up for 2 s misses none."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,18 @@ class Delivery:
 _LATCHED = Delivery(1, reliable=True, latched=True)
 _PUBLISHED = {
     TopicKind.SENSOR: Delivery(SENSOR_HISTORY_DEPTH, reliable=True),
-    TopicKind.COMMAND: Delivery(1, reliable=True),
+    TopicKind.COMMAND: Delivery(_EVENT_DEPTH, reliable=True),
     TopicKind.STATE: _LATCHED,
+    TopicKind.ACTUATOR: Delivery(_EVENT_DEPTH, reliable=True, latched=True),
     TopicKind.EVENT: Delivery(_EVENT_DEPTH, reliable=True),
+    TopicKind.CLOCK: Delivery(SENSOR_HISTORY_DEPTH, reliable=True),
+}
+_SUBSCRIBED = {
+    **_PUBLISHED,
+    TopicKind.SENSOR: Delivery(_SENSOR_DEPTH, reliable=False),
+    TopicKind.COMMAND: Delivery(1, reliable=True),
     TopicKind.CLOCK: Delivery(1, reliable=False),
 }
-_SUBSCRIBED = {**_PUBLISHED, TopicKind.SENSOR: Delivery(_SENSOR_DEPTH, reliable=False)}
 
 
 def published(topic: Topic) -> Delivery:

@@ -1,4 +1,7 @@
-"""Health of a node on /diagnostics: 1 Hz and on change, stamped with the graph's clock, paced by a steady one."""
+"""Health of a node on /diagnostics: on change, and at 1 Hz of the graph's time and of the machine's steady clock.
+
+Of both, since others count a node's silence in the time that they live in, and people look on while that stands still.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 
 from jammkle_graph.health import Health, Level, diagnostic_array
+from jammkle_graph.lockstep import LockstepNode
 from jammkle_graph.names import DIAGNOSTICS
 from jammkle_graph.qos import publisher_qos
 
@@ -24,6 +28,9 @@ PERIOD_S = 1.0
 _OVERDUE_S = 1.5 * PERIOD_S
 """Age of the last report from which on `check` does not wait for the timer. Chosen: well before others call it silence,
 and later than any timer that is on time."""
+
+_MOSTLY = 0.9
+"""Share of the period since the last report from which the timer reports again; it need not come when another has."""
 
 FAREWELL = ": stopped"
 """End of the name under which a node that is stopped in order reports for the last time."""
@@ -56,9 +63,12 @@ class DiagnosticsPublisher:
         self._report = report
         self._last: tuple[tuple[str, Level, str], ...] = ()
         self._sent_s = time.monotonic()
+        self._due_s = PERIOD_S
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS.name, publisher_qos(DIAGNOSTICS))
         # A timer on simulated time stands still when /clock does, and so would the report that says so.
-        self._timer = node.create_timer(PERIOD_S, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(PERIOD_S, self._publish_if_due, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        if isinstance(node, LockstepNode) and node.lives_in_simulated_time:
+            node.every(PERIOD_S, self.publish)
 
     def check(self) -> None:
         """Publish now if a level or a message has changed since the last report, or if the timer is overdue.
@@ -68,6 +78,16 @@ class DiagnosticsPublisher:
         health = self._report()
         if _signature(health) != self._last or time.monotonic() - self._sent_s >= _OVERDUE_S:
             self._send(health)
+
+    def at(self, time_s: float) -> None:
+        """Publish once in each second of a time that the node makes itself."""
+        if not self._due_s - PERIOD_S <= time_s < self._due_s:
+            self._due_s = (time_s // PERIOD_S + 1.0) * PERIOD_S
+            self.publish()
+
+    def _publish_if_due(self) -> None:
+        if time.monotonic() - self._sent_s >= _MOSTLY * PERIOD_S:
+            self.publish()
 
     def publish(self) -> None:
         """Publish now."""

@@ -17,6 +17,9 @@ VIEWER_NODE = "viewer"
 FOXGLOVE_NODE = "foxglove"
 ROBOT_NAMES_NODE = "robot_names"
 
+SIM_HARDWARE = "sim"
+"""The driver's hardware that a node of the graph simulates. Every other one stands behind the driver alone."""
+
 PERONEAL_LEFT = "peroneal_left"
 PERONEAL_RIGHT = "peroneal_right"
 ACHILLES = "achilles"
@@ -65,10 +68,12 @@ class TopicKind(enum.Enum):
     """A stream of wishes: reliable, volatile. A wish from before one joined is void."""
     STATE = "state"
     """The latest value counts: reliable, latched (transient local), depth 1."""
+    ACTUATOR = "actuator"
+    """What an actuator is commanded: as a state, and no change may be missed: deep queues."""
     EVENT = "event"
     """Each message counts: reliable, volatile, deep queue."""
     CLOCK = "clock"
-    """/clock: best effort, depth 1, as rclpy subscribes to it."""
+    """/clock: reliable with a deep queue, for recorders; subscribers best effort, depth 1, as rclpy has them."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,7 @@ class Topic:
     note: str
 
 
-PUMP_DUTY = Topic("pump/duty", "std_msgs/msg/Float32", TopicKind.STATE, "duty applied to the pump, 0 to 1")
+PUMP_DUTY = Topic("pump/duty", "std_msgs/msg/Float32", TopicKind.ACTUATOR, "duty applied to the pump, 0 to 1")
 ACTUATOR_STATES = Topic(
     "actuator_states",
     "jammkle_msgs/msg/ActuatorStates",
@@ -169,12 +174,21 @@ DIAGNOSTICS = Topic(
     "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TopicKind.EVENT, "health of every node, 1 Hz and on change"
 )
 
+LOCKSTEP = Topic(
+    "lockstep",
+    "std_msgs/msg/Header",
+    TopicKind.SENSOR,
+    "from each node that the simulation waits for: its full name in frame_id, and up to which stamp it is done",
+)
+"""Between a simulation and those that keep in step with it; not part of a recording, which tells nothing of pace."""
+
 TF = Topic("/tf", "tf2_msgs/msg/TFMessage", TopicKind.SENSOR, "the same pose for tf, where tf2_msgs is installed")
 
 
 def solenoid_topic(channel: str) -> Topic:
     """Topic of a channel's solenoid: true = energised = connected to the manifold."""
-    return Topic(f"{channel}/solenoid", "std_msgs/msg/Bool", TopicKind.STATE, "true: energised, vacuum; false: vented")
+    note = "true: energised, vacuum; false: vented"
+    return Topic(f"{channel}/solenoid", "std_msgs/msg/Bool", TopicKind.ACTUATOR, note)
 
 
 def pressure_topic(channel: str) -> Topic:

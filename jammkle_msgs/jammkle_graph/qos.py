@@ -58,6 +58,11 @@ def newest_qos(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
+def answer_qos() -> QoSProfile:
+    """Profile of answers to ticks of a simulation. It asks again where one is lost, so that none need be kept."""
+    return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
 def live_qos() -> QoSProfile:
     """Volatile profile that also matches publishers that do not latch (`ros2 topic pub` by default does not).
 

@@ -14,6 +14,7 @@ from rclpy.serialization import deserialize_message
 
 from jammkle_graph.diagnostics import FAREWELL, PERIOD_S
 from jammkle_graph.health import Health, Level
+from jammkle_graph.lockstep import LockstepNode
 from jammkle_graph.names import CONTROLLER_NODE, DIAGNOSTICS, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
 from jammkle_graph.qos import subscriber_qos
 
@@ -21,6 +22,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from rclpy.node import Node
+
+CLOCK_MISSED_AFTER_S = 5.0
+"""Silence of /clock, s of real time, after which its maker is reported missing.
+
+A simulation that is paused, or waits for somebody, repeats it twice a second. Chosen so long that no busy machine comes
+to it; nothing but this report hangs on it.
+"""
 
 MISSED_AFTER_S = 2.5 * PERIOD_S
 """Silence of a node after which it is missed, s: two reports that did not come."""
@@ -34,7 +42,7 @@ SILENT_FOR = ", silent for (s)"
 MEANING = {
     DRIVER_NODE: "nobody drives pump and solenoids; the board lets go 0.2 s after its last word, and the ankle is soft",
     CONTROLLER_NODE: "nobody decides on jamming; the driver lets go of what jam_command jammed after command_timeout_s",
-    SIM_NODE: "there is no ankle any more; pressures and IMU are silent, and the driver goes to FAULT",
+    SIM_NODE: "there is no ankle any more; pressures and IMU are silent, and simulated time stands still",
     GAP_MONITOR_NODE: "nobody compares the robot with its simulator; the ankle is not affected",
 }
 """What the death of each node means for the ankle."""
@@ -47,16 +55,17 @@ class RollCall:
     each of its ankles in its report (`/sim: lf_ankle tendons`).
     """
 
-    def __init__(self, node: Node, ankles: Collection[str] = (), now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, node: Node, ankles: Collection[str] = (), now_s: Callable[[], float] | None = None) -> None:
         """Listen for a node.
 
         Args:
             node: Whose line it is.
             ankles: Namespaces below the node's own of the ankles that it simulates; none: its own is the only one.
-            now_s: A steady clock, s.
+            now_s: The time that the node lives in, s; None: it knows that itself, or it is the steady clock.
 
         """
-        self._now_s = now_s
+        self._node = node if isinstance(node, LockstepNode) else None
+        self._now_s = now_s or (time.monotonic if self._node is None else self._node.now_s)
         namespace = node.get_namespace().rstrip("/")
         self._prefix = f"{namespace}/"
         self._own = node.get_name()
@@ -66,7 +75,7 @@ class RollCall:
         self._of_this_ankle = f"{self._robot_sim}: {ankle} "
         self._marks = [mark.encode() for mark in (self._prefix, self._robot_sim) if mark]
         self._heard_s: dict[str, float] = {}
-        self._looked_s = now_s()
+        self._looked_s = self._now_s()
         node.create_subscription(
             DiagnosticArray, DIAGNOSTICS.name, self._take_bytes, subscriber_qos(DIAGNOSTICS), raw=True
         )
@@ -74,6 +83,11 @@ class RollCall:
     def health(self) -> Health:
         """Return one line: who is there, and who is missed."""
         now_s = self._now_s()
+        silent_s = 0.0 if self._node is None else self._node.clock_silent_s
+        if silent_s > CLOCK_MISSED_AFTER_S:
+            text = f"/clock has not ticked for {silent_s:.0f} s of real time: who makes it is dead or hangs. "
+            text += f"{MEANING[SIM_NODE]}"
+            return Health(ROLL_CALL_LINE.removeprefix(": "), Level.ERROR, text)
         # Who stood still itself has heard nobody, and has nobody to blame for it.
         since_s = now_s - self._looked_s
         if since_s > 1.5 * PERIOD_S:

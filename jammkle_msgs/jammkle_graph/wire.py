@@ -76,6 +76,33 @@ def read_clock(serialized: bytes) -> tuple[int, int] | None:
     return seconds, nanoseconds
 
 
+class HeaderWriter:
+    """Writes std_msgs/Header with one frame_id."""
+
+    def __init__(self, frame_id: str) -> None:
+        """Prepare the bytes."""
+        text = frame_id.encode() + b"\0"
+        self._bytes = bytearray(_TEXT_BEGIN + len(text))
+        _ENCAPSULATION.pack_into(self._bytes, 0, _PLAIN_LITTLE_ENDIAN, 0)
+        self._length = len(text)
+        self._bytes[_TEXT_BEGIN:] = text
+
+    def write(self, time_ns: int) -> bytes:
+        """Return the serialized message with a stamp, ns."""
+        seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
+        _HEADER.pack_into(self._bytes, _ENCAPSULATION.size, seconds, nanoseconds, self._length)
+        return bytes(self._bytes)
+
+
+def read_header(serialized: bytes) -> tuple[int, str] | None:
+    """Return stamp, ns, and frame_id of a serialized std_msgs/Header; None as `read`."""
+    if serialized[:2] != _PLAIN_LITTLE_ENDIAN or len(serialized) < _TEXT_BEGIN:
+        return None
+    seconds, nanoseconds, length = _HEADER.unpack_from(serialized, _ENCAPSULATION.size)
+    text = serialized[_TEXT_BEGIN : _TEXT_BEGIN + max(length - 1, 0)].decode(errors="replace")
+    return seconds * NANOSECONDS_PER_SECOND + nanoseconds, text
+
+
 class Writer:
     """Writes measurements of one frame."""
 

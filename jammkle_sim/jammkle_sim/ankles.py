@@ -90,6 +90,11 @@ class Ankles:
         for each in self._all:
             each.commands.acknowledge(time_ns)
 
+    def look_for_silence(self) -> None:
+        """Let go of ankles whose driver has been silent for too long; to be called before each step."""
+        for each in self._all:
+            each.commands.look_for_silence()
+
     def repeat(self, time_ns: int) -> None:
         """Say it once more where nothing was said since the last call."""
         for each in self._all:

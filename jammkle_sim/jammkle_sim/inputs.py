@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from std_msgs.msg import Bool, Float32
 
 from jammkle_graph import names
@@ -23,12 +20,8 @@ if TYPE_CHECKING:
 
 
 WATCHDOG_S = 0.2
-"""Silence of the driver after which the simulated board lets go, s of the machine's steady clock and of simulated time
-both: the firmware's default of watchdog_ms."""
-
-_LOOKS = 4
-"""How often silence is looked for in that time. One look counts for no more than two such periods, so that a simulation
-which stood still itself, and has heard nobody, does not blame the driver."""
+"""Silence of the driver after which the simulated board lets go, s of simulated time: the firmware's default of
+watchdog_ms."""
 
 
 class AnkleHardware(Protocol):
@@ -58,8 +51,7 @@ class Commands:
             node: The sim node.
             simulation: What obeys.
             on_refused_change: Called when `refused` or `let_go` becomes something else.
-            time_s: Gives simulated time, s; while it stands, so does the simulated board, and its watchdog, and where
-                it is slow, so are both: the driver, which lives in it, is then no less diligent.
+            time_s: Gives simulated time, s; the simulated board and its watchdog live in it.
             within: Namespace of the ankle below the node's own; empty: that.
 
         """
@@ -72,13 +64,10 @@ class Commands:
         self._energised = dict.fromkeys(names.CHANNELS, False)
         self._is_new = True
         self._told_lately = False
-        self._silent_s = 0.0
-        self._looked_s = time.monotonic()
-        self._looked_simulated_s = time_s()
+        self._received_s = time_s()
         self._let_go = False
         self._wanted_duty = 0.0
         self._wanted = dict.fromkeys(names.CHANNELS, False)
-        node.create_timer(WATCHDOG_S / _LOOKS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         qos = publisher_qos(names.ACTUATOR_STATES)
         self._acknowledged = node.create_publisher(ActuatorStates, below(within, names.ACTUATOR_STATES), qos)
         duty = names.PUMP_DUTY
@@ -108,6 +97,15 @@ class Commands:
         for channel, energised in self._energised.items():
             self._simulation.set_solenoid(channel, energised)
 
+    def look_for_silence(self) -> None:
+        """Let go if the driver has been silent for too long; to be called before each step."""
+        now_s = self._time_s()
+        self._received_s = min(self._received_s, now_s)  # time may be set back
+        is_on = self._duty > 0.0 or any(self._energised.values())
+        if is_on and not self._let_go and now_s - self._received_s > WATCHDOG_S:
+            self._set_let_go(let_go=True)
+            self._obey(0.0, dict.fromkeys(names.CHANNELS, False))
+
     def acknowledge(self, time_ns: int) -> None:
         """Say what has changed; to be called before each step, with the simulated time, ns, at which that begins."""
         if self._is_new:
@@ -124,15 +122,6 @@ class Commands:
         self._acknowledged.publish(states)
         self._is_new = False
         self._told_lately = True
-
-    def _look(self) -> None:
-        now_s, simulated_s = time.monotonic(), self._time_s()
-        passed_s = min(now_s - self._looked_s, simulated_s - self._looked_simulated_s, 2.0 * WATCHDOG_S / _LOOKS)
-        self._looked_s, self._looked_simulated_s = now_s, simulated_s
-        self._silent_s += max(passed_s, 0.0)
-        if self._silent_s > WATCHDOG_S and not self._let_go and (self._duty > 0.0 or any(self._energised.values())):
-            self._set_let_go(let_go=True)
-            self._obey(0.0, dict.fromkeys(names.CHANNELS, False))
 
     def _take_duty(self, message: Float32) -> None:
         self._hear()
@@ -152,7 +141,7 @@ class Commands:
 
     def _hear(self) -> None:
         self._heard += 1
-        self._silent_s = 0.0
+        self._received_s = self._time_s()
 
     def _follow(self) -> None:
         """Do what is wanted, unless the board has let go and was not yet told to release everything."""

@@ -29,6 +29,7 @@ from jammkle_sim.health import rig_health, simulation_health
 from jammkle_sim.kinds import RIG, SimKind
 from jammkle_sim.outputs import ClockOutput
 from jammkle_sim.parameters import GAIT_RATE_HZ, MAX_RATE_HZ, PRESSURE_RATE_HZ, WHOLE_RATE_HZ
+from jammkle_sim.participants import Participants
 from jammkle_sim.rig_action import NoRigAction, RigAction
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.urdf import robot_urdf
@@ -91,14 +92,10 @@ class SimNode(Node):
         self._diagnostics = DiagnosticsPublisher(
             self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
         )
-        self._roll_call = RollCall(self, kind.ankles_of(self._simulation))
-        self._ankles = Ankles(
-            self,
-            kind.ankles_of(self._simulation),
-            kind.outputs,
-            self._diagnostics.check,
-            lambda: self._engine.time_ns / NANOSECONDS_PER_SECOND,
-        )
+        ankles = kind.ankles_of(self._simulation)
+        self._participants = Participants(self, ankles, parameters, self._diagnostics.check)
+        self._roll_call = RollCall(self, ankles, self._time_s)
+        self._ankles = Ankles(self, ankles, kind.outputs, self._diagnostics.check, self._time_s)
         self._whole = _make_whole(self, kind, self._simulation)
         self._shown = self._simulation
         self._describe(self._simulation)
@@ -124,15 +121,24 @@ class SimNode(Node):
 
         """
         end_s = time.monotonic() + _LONGEST_WORK_S
-        wait_s = self._advance()
-        while wait_s <= 0 and time.monotonic() < end_s:
+        while True:
+            if not self._participants.ready():
+                if self._participants.to_repeat():
+                    self._tick(self._engine.time_ns)
+                return _LONGEST_WAIT_S
+            self._answers.answer_finished_steps()
             wait_s = self._advance()
-        return min(wait_s, _LONGEST_WAIT_S)
+            if wait_s > 0 or time.monotonic() >= end_s:
+                return min(wait_s, _LONGEST_WAIT_S)
 
     def _advance(self) -> float:
         """Advance to the next due outputs and publish them, if their time has come; return the time until the next."""
+        limit_ns = self._participants.limit_ns
+        if limit_ns is not None:
+            self._engine.go_as_far_as(limit_ns)
         own = not self._rigs.place  # a rig follows no driver
         if own:
+            self._ankles.look_for_silence()
             self._ankles.acknowledge(self._engine.time_ns)
         try:
             tick = self._engine.cycle()
@@ -141,14 +147,25 @@ class SimNode(Node):
                     self._ankles.repeat(tick.time_ns)
                 self._ankles.publish(tick)
                 self._whole.publish(tick, self._shown, self._kind.ankles_of(self._shown))
-                runs = self._engine.control.state is RunState.RUNNING
-                (self._clock_output.run if runs else self._clock_output.publish)(tick.time_ns)
+                if self._engine.control.state is not RunState.RUNNING:
+                    self._tick(tick.time_ns)
+                elif self._clock_output.run(tick.time_ns):
+                    self._participants.sent(tick.time_ns)
+                self._diagnostics.at(self._time_s())
         except (UnstableSimulationError, NotFiniteError) as error:
             self._fail(str(error))
         self._rigs.go_on()
-        self._answers.answer_finished_steps()
         self._ankles.tell_breaks()
+        self._participants.arrived(self._engine.time_ns, self._engine.next_output_ns() - self._engine.time_ns)
         return self._engine.wait_s()
+
+    def _time_s(self) -> float:
+        return self._engine.time_ns / NANOSECONDS_PER_SECOND
+
+    def _tick(self, time_ns: int) -> None:
+        """Publish /clock, where that is this node's to make, and wait for the answers."""
+        if self._clock_output.publish(time_ns):
+            self._participants.sent(time_ns)
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:
         """Run until asked to stop: a cycle, then callbacks until the next one is due.
@@ -162,7 +179,8 @@ class SimNode(Node):
         self._engine.restart_pace()  # making the node has taken time that nobody wants to catch up
         while not stop:
             executor.spin_once(timeout_sec=self.cycle())
-            self._serve_drivers(executor)
+            if not self._participants.any:
+                self._serve_drivers(executor)
             self._clock_guard.check()
 
     def _serve_drivers(self, executor: Executor) -> None:
@@ -201,14 +219,14 @@ class SimNode(Node):
     def _take_changes(self, changed: RunParameters) -> None:
         self._wanted = changed
         self._engine.set_speed(changed.speed)
+        self._participants.set_timeout(changed.lockstep_timeout_s)
         if not self._engine.begun:
             self._engine.set_start_time(changed.start_time_s)
 
     def _repeat_standing_clock(self) -> None:
         """Publish the standing /clock again, so that a node which joins during a pause knows the time."""
-        standing = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
-        if standing and self._engine.time_ns > 0:
-            self._clock_output.publish(self._engine.time_ns)
+        if self._engine.control.state in (RunState.PAUSED, RunState.FAILED):
+            self._tick(self._engine.time_ns)
 
     def _fail(self, why: str) -> None:
         """Stop what cannot be simulated any further: the rig, and else the ankle."""
@@ -241,6 +259,7 @@ class SimNode(Node):
     def _health(self) -> list[Health]:
         return [
             simulation_health(self._engine),
+            self._participants.health(),
             *self._ankles.health(self._engine.control.rig),
             rig_health(self._rigs.place, self._rigs.trouble),
             self._roll_call.health(),

@@ -49,6 +49,19 @@ class RunParameters:
     publish_clock: bool = parameter(
         default=True, description="Publish /clock; false for all but one of several simulated ankles"
     )
+    lockstep: bool = parameter(
+        default=True,
+        description="Take the next step when all nodes that take part are done with the one before; false: run freely",
+    )
+    lockstep_timeout_s: float = parameter(
+        1.0,
+        "Real time for which a silent node is waited for; then it is named on /diagnostics and not waited for until "
+        "it answers; 0 waits for ever",
+        "s",
+        0.0,
+        3600.0,
+        dynamic=True,
+    )
     clock_rate_hz: int = parameter(
         MAX_RATE_HZ,
         "Most ticks of /clock per second while time runs; one comes after an output, so 1000 is one after every output",

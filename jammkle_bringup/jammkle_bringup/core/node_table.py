@@ -17,6 +17,7 @@ from jammkle_graph.names import (
     GAP_MONITOR_NODE,
     QUADRUPED_ANKLES,
     ROBOT_NAMES_NODE,
+    SIM_HARDWARE,
     SIM_NODE,
     VIEWER_NODE,
 )
@@ -39,10 +40,6 @@ class Robot(enum.Enum):
     def ankles(self) -> tuple[str, ...]:
         """Namespaces of its ankles below the graph's own; a single one is in that."""
         return QUADRUPED_ANKLES if self is Robot.QUADRUPED else ("",)
-
-
-SIM_HARDWARE = "sim"
-"""The hardware that a node of the graph simulates. Every other one stands behind the driver alone."""
 
 
 @dataclass(frozen=True)

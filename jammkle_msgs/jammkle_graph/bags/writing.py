@@ -1,10 +1,9 @@
-"""Write messages into a bag (MCAP, metadata version 9) under ROS time, even those that come before time has begun."""
+"""Write messages into a bag (MCAP, metadata version 9)."""
 
 from __future__ import annotations
 
 import contextlib
-import enum
-import time
+import shutil
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -27,17 +26,6 @@ FLUSH_PERIOD_S = 0.5
 """How often a recorder calls `flush`: what a killed one loses is at most this much and what its queues hold."""
 
 
-class TimeSource(enum.Enum):
-    """Which clock gives the log times of a bag."""
-
-    UNDECIDED = "undecided"
-    """It is not known yet whether there is a /clock: messages are held."""
-    SIMULATED = "simulated"
-    """/clock. Messages that come before its first tick are held, and logged with the time of that tick."""
-    SYSTEM = "system"
-    """The clock of this machine."""
-
-
 @dataclass
 class _Topic:
     """What the log knows of one topic."""
@@ -56,28 +44,18 @@ class BagCounts:
     by_topic: dict[str, int] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class _Held:
-    """A message that waits for its time. `system_time_ns` is when it came by the clock of this machine."""
-
-    topic: str
-    data: bytes
-    system_time_ns: int
-
-
 class BagLog:
     """An open bag. Not safe for use from several threads.
 
     Whatever was flushed survives the process. `recover` makes a bag whole that was not closed.
     """
 
-    def __init__(self, path: Path, definitions: MessageDefinitions, source: TimeSource) -> None:
+    def __init__(self, path: Path, definitions: MessageDefinitions) -> None:
         """Create the bag.
 
         Args:
             path: Folder of the bag; it must not exist.
             definitions: Where message definitions come from.
-            source: Which clock to use; UNDECIDED until `decide` is called.
 
         Raises:
             InputError: the path exists, or cannot be made.
@@ -86,10 +64,7 @@ class BagLog:
         check_free(path)
         self._path = path
         self._definitions = definitions
-        self._source = source
         self._topics: dict[str, _Topic] = {}
-        self._held: list[_Held] = []
-        self._clock_ns: int | None = None
         self._failure: OSError | None = None
         self._writer = Writer(path, version=metadata.VERSION, storage_plugin=StoragePlugin.MCAP)
         try:
@@ -99,25 +74,6 @@ class BagLog:
         except (OSError, WriterError) as error:
             msg = f"bag {path} cannot be made: {error}"
             raise InputError(msg) from error
-
-    @property
-    def source(self) -> TimeSource:
-        """Which clock gives the log times."""
-        return self._source
-
-    def decide(self, source: TimeSource) -> None:
-        """Say which clock gives the log times, once, and write what waited for it."""
-        if self._source is not TimeSource.UNDECIDED:
-            return
-        self._source = source
-        self._write_held()
-
-    def tick(self, clock_ns: int) -> None:
-        """Take a tick of /clock and write what waited for the first one."""
-        # Messages overtake each other on the way; a bag's time must not run backwards for that.
-        self._clock_ns = clock_ns if self._clock_ns is None else max(self._clock_ns, clock_ns)
-        if self._source is not TimeSource.SYSTEM:
-            self._write_held()
 
     def add_topic(self, topic: str, message_type: str, offered: Callable[[], Sequence[Qos]]) -> None:
         """Make a topic known. It appears in the bag with its first message.
@@ -134,8 +90,18 @@ class BagLog:
         self._definitions.find(message_type)
         self._topics.setdefault(topic, _Topic(message_type, offered))
 
-    def write(self, topic: str, data: bytes) -> None:
-        """Take a serialised message (CDR) of a topic that was added before."""
+    def write(self, topic: str, data: bytes, log_ns: int) -> None:
+        """Write a message.
+
+        Args:
+            topic: Added before.
+            data: Serialised (CDR).
+            log_ns: Log time, ns.
+
+        Raises:
+            OSError: it cannot be written.
+
+        """
         entry = self._topics[topic]
         if entry.connection is None:
             definition = self._definitions.find(entry.message_type)
@@ -147,12 +113,8 @@ class BagLog:
                 offered_qos_profiles=entry.offered(),
             )
         entry.count += 1
-        now_ns = self._now_ns()
-        if now_ns is None:
-            self._held.append(_Held(topic, data, time.time_ns()))
-            return
         with self._noticing_failure():
-            self._writer.write(entry.connection, now_ns, data)
+            self._writer.write(entry.connection, log_ns, data)
 
     def flush(self) -> None:
         """Hand everything over to the operating system, so that it outlives this process.
@@ -179,12 +141,12 @@ class BagLog:
                 self._write_metadata()
 
     def counts(self) -> BagCounts:
-        """Return how many messages came so far, held ones included."""
+        """Return how many messages were written so far."""
         by_topic = {name: entry.count for name, entry in self._topics.items() if entry.count}
         return BagCounts(sum(by_topic.values()), by_topic)
 
     def close(self) -> BagCounts:
-        """Complete the bag. Messages that still wait for /clock get time zero: it never began.
+        """Complete the bag.
 
         A bag that could not be written on is ended where that began.
 
@@ -192,13 +154,8 @@ class BagLog:
             GraphError: it could not be written to its end; one line on what is in it.
 
         """
-        if self._source is TimeSource.UNDECIDED and self._failure is None:
-            self.decide(TimeSource.SYSTEM)
-        if self._clock_ns is None:
-            self._clock_ns = 0
         if self._failure is None:
             with contextlib.suppress(OSError), self._noticing_failure():
-                self._write_held()
                 self._writer.close()
         if self._failure is not None:
             # an open file would be flushed, and fail, once more when Python ends
@@ -207,6 +164,12 @@ class BagLog:
             msg = f"bag {self._path} cannot be written: {self._failure.strerror or self._failure}; {self._ended()}"
             raise GraphError(msg) from self._failure
         return self.counts()
+
+    def discard(self) -> None:
+        """Remove the bag: what was written was wrong."""
+        with contextlib.suppress(OSError):
+            self._writer.abort()
+        shutil.rmtree(self._path)
 
     def fail(self, failure: OSError) -> None:
         """Note why this bag cannot be written on; `close` then ends it here."""
@@ -242,23 +205,6 @@ class BagLog:
 
     def _write_metadata(self) -> None:
         metadata.write(self._path, metadata.begun(self._storage.path.name, self._writer.custom_data))
-
-    def _now_ns(self) -> int | None:
-        if self._source is TimeSource.SYSTEM:
-            return time.time_ns()
-        return self._clock_ns if self._source is TimeSource.SIMULATED else None
-
-    def _write_held(self) -> None:
-        simulated_ns = self._now_ns()
-        if simulated_ns is None:
-            return
-        held, self._held = self._held, []
-        for message in held:
-            connection = self._topics[message.topic].connection
-            if connection is not None:
-                at_ns = message.system_time_ns if self._source is TimeSource.SYSTEM else simulated_ns
-                with self._noticing_failure():
-                    self._writer.write(connection, at_ns, message.data)
 
 
 def check_free(path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_graph.bags.delivered import bag_delivery
 from jammkle_graph.bags.serialisation import Serialiser
-from jammkle_graph.bags.writing import BagLog, TimeSource
+from jammkle_graph.bags.writing import BagLog
 from jammkle_graph.delivery import published
 from jammkle_graph.names import CLOCK, DIAGNOSTICS, OF_THE_WHOLE, ROBOT_TOPICS, SIM_PARAMETERS, TOPICS, below
 from jammkle_graph.namespace import resolved
@@ -62,7 +62,7 @@ def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitio
         definitions: As for `write_bag`.
 
     """
-    log = BagLog(path, definitions, TimeSource.SIMULATED)
+    log = BagLog(path, definitions)
     serialiser = Serialiser(definitions)
     of_robot = [topic for topic in ROBOT_TOPICS if any(topic.name in run.topics for run in runs.values())]
     for ankle in runs:
@@ -72,9 +72,8 @@ def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitio
     clock = OutgoingMessages(())
 
     def write(name: str, topic: Topic, message: Any) -> None:
-        log.write(name, serialiser.serialised(topic.message_type, message))
+        log.write(name, serialiser.serialised(topic.message_type, message), at_ns)
 
-    log.tick(0)
     at_ns = 0
     streams = [_stream(run, ankle, namespace, is_first=i == 0) for i, (ankle, run) in enumerate(runs.items())]
     try:
@@ -82,7 +81,6 @@ def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitio
             if time_ns > at_ns:
                 write(CLOCK.name, CLOCK, clock.clock(at_ns))
                 at_ns = time_ns
-                log.tick(at_ns)
             write(name, topic, message)
             if topic is SIM_PARAMETERS:
                 log.set_custom_data(SIM_PARAMETERS.name, message.data)

@@ -116,6 +116,7 @@ class Engine:
         self._factor = RealTimeFactor()
         self._now_s = now_s
         self._begun = False
+        self._limit_ns: int | None = None
         self.restart_pace()
 
     @property
@@ -145,6 +146,19 @@ class Engine:
             return 0.0
         return self._factor.value()
 
+    def go_as_far_as(self, limit_ns: int) -> None:
+        """Live in the time of another clock from now on, which stands at `limit_ns`: its pace is that of this one.
+
+        Time that is ahead of it, as when that clock was set back, is set back as well.
+        """
+        if self._limit_ns is None or self.time_ns > limit_ns:
+            self._course.move_to(limit_ns)
+        self._limit_ns = limit_ns
+
+    def next_output_ns(self) -> int:
+        """Simulated time, ns, of the next output."""
+        return self._course.time_ns_at(self._course.next_step())
+
     def wait_s(self) -> float:
         """Real time, s, until `cycle` has something to do; infinite while time stands still."""
         state = self._control.state
@@ -152,6 +166,8 @@ class Engine:
             return 0.0
         if state is not RunState.RUNNING:
             return float("inf")
+        if self._limit_ns is not None:
+            return 0.0 if self.next_output_ns() <= self._limit_ns else float("inf")
         return self._pacer.wait_s(self._time_s_at(self._course.next_step()), self._now_s())
 
     def cycle(self) -> Tick | None:
@@ -199,6 +215,8 @@ class Engine:
         already_running = self._control.state is RunState.RUNNING
         self._control.resume()
         if not already_running:
+            if self._limit_ns is not None:  # the clock went on meanwhile
+                self._course.move_to(self._limit_ns)
             self.restart_pace()
 
     def begin_steps(self, steps: int) -> None:
