@@ -1,4 +1,4 @@
-"""Whether two bags of one simulated graph agree: every message of every node that steers, its log time and its bytes."""
+"""Whether two bags of one simulated graph agree: every message of all that steers, its log time and its bytes."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.graph_options import GraphOptions, makes_clock, node_names
 from jammkle_bringup.neighbours import LOOKERS, refuse_if_doubled
 from jammkle_bringup.readiness import Startup
-from jammkle_bringup.up import beside_others, child_specs, say, say_how_it_ended
+from jammkle_bringup.up import beside_others, child_specs, say, say_how_it_ended, steering
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM_STATE, SIM_NODE
 from jammkle_graph.qos import subscriber_qos
@@ -150,6 +150,7 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
             startup = Startup(client, supervisor, f"; the output is in {log.name}")
             startup.wait_until_connected([spec.name for spec in specs])
             startup.wait_until_active()
+            startup.wait_until_in_step(steering(options, [spec.name for spec in specs]))
             supervisor.loaded()
             refuse_if_doubled(client, node_names(options), makes_clock=makes_clock(options))
             say("simulation, controller, driver and recorder are there")

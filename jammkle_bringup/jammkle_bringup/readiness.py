@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -19,11 +20,13 @@ from std_srvs.srv import SetBool
 from jammkle_bringup.conversions import clock_ns
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_graph.health import LOCKSTEP_LINE
 from jammkle_graph.names import (
     CHANNELS,
     CLOCK,
     CONTACT_EVENTS,
     CONTROLLER_NODE,
+    DIAGNOSTICS,
     DRIVER_NODE,
     IMU,
     JAM_COMMAND,
@@ -120,6 +123,31 @@ class Startup:
         if not self.wait(lambda: not _missing(self.client, members, ankles), timeout_s):
             missing = ", ".join(_missing(self.client, members, ankles))
             msg = f"not ready after {timeout_s:g} s, missing: {missing}{self.hint}"
+            raise GraphError(msg)
+
+    def wait_until_in_step(self, members: Collection[str]) -> None:
+        """Wait until the simulation knows these nodes as those that it waits for, so that all see its first step.
+
+        Args:
+            members: Names relative to the graph's namespace.
+
+        Raises:
+            GraphError: a process died, or the time is up.
+            Interrupted: the command was asked to stop.
+
+        """
+        in_step: set[str] = set()
+        line = f"{resolved(self.client.namespace, SIM_NODE)}{LOCKSTEP_LINE}"
+
+        def take(array: DiagnosticArray) -> None:
+            for status in array.status:
+                if status.name == line:
+                    in_step.update(value.key for value in status.values)
+
+        self.client.subscribe(DiagnosticArray, DIAGNOSTICS, take, subscriber_qos(DIAGNOSTICS))
+        wanted = {resolved(self.client.namespace, member) for member in members}
+        if not self.wait(lambda: wanted <= in_step, READY_TIMEOUT_S * len(members)):
+            msg = f"not in step with the simulation: {', '.join(sorted(wanted - in_step))}{self.hint}"
             raise GraphError(msg)
 
     def wait_until_active(self, driver: str = DRIVER_NODE) -> None:

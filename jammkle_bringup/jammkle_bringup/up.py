@@ -25,10 +25,10 @@ from jammkle_bringup.neighbours import LOOK_S, LOOKERS, refuse_if_doubled, refus
 from jammkle_bringup.readiness import RECORDER, Startup
 from jammkle_graph.command.errors import GraphError
 from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.names import CLOCK, DRIVER_NODE, SIM_NODE
+from jammkle_graph.names import CLOCK, CONTROLLER_NODE, DRIVER_NODE, SIM_NODE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from jammkle_bringup.core.supervisor import Death
 
@@ -157,6 +157,13 @@ def begin_alone(
             time.sleep(_LOOK_PERIOD_S)
 
 
+def steering(options: GraphOptions, members: Collection[str]) -> set[str]:
+    """Return those of a graph's processes that its simulation waits for; none where nothing is simulated in step."""
+    if SIM_NODE not in members or given_value(options, SIM_NODE, "lockstep") is False:
+        return set()
+    return {member for member in members if member.rpartition("/")[2] in (DRIVER_NODE, CONTROLLER_NODE, RECORDER)}
+
+
 def paused_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
     """Return the processes of a graph whose simulation starts paused."""
     return child_specs(with_value(options, SIM_NODE, "start_paused", value=True))
@@ -181,6 +188,7 @@ def begin(options: GraphOptions, supervisor: Supervisor, client: GraphClient) ->
     if by_itself:
         for driver in drivers:
             startup.wait_until_active(driver)
+    startup.wait_until_in_step(steering(options, members))
     supervisor.loaded()
     others_clock = given_value(options, SIM_NODE, "publish_clock") is False
     if others_clock and given_value(options, SIM_NODE, "start_time_s") is None:

@@ -20,6 +20,10 @@ COMMANDS_LINE = " commands"
 """How a simulation's line on what an ankle was commanded ends, after the ankle's name where there are several."""
 
 
+LOCKSTEP_LINE = ": lockstep"
+"""How the name of a simulation's line on who is in step ends; its values have the full names of the nodes as keys."""
+
+
 class Level(enum.Enum):
     """Severity, as in diagnostic_msgs."""
 

@@ -184,18 +184,18 @@ class ClockOutput:
         """Make the publisher on `node`, unless somebody else keeps the graph's time; `rate_hz` bounds `run`'s ticks."""
         self._publisher = _publisher(node, "", Clock, names.CLOCK) if is_ours else None
         self._period_ns = NANOSECONDS_PER_SECOND // rate_hz
-        self._told_ns = -self._period_ns
+        self._last_ns = 0
         self._messages = OutgoingMessages(())
 
     def run(self, time_ns: int) -> bool:
-        """Publish a tick of time that runs on, unless one was published less than a period before; return if it was."""
-        if 0 <= time_ns - self._told_ns < self._period_ns:
+        """Publish a tick of time that runs on, if a multiple of the period has been passed; return whether it was."""
+        if self._last_ns <= time_ns and time_ns // self._period_ns == self._last_ns // self._period_ns:
             return False
         return self.publish(time_ns)
 
     def publish(self, time_ns: int) -> bool:
         """Publish a tick; return whether that is this node's to do."""
-        self._told_ns = time_ns
+        self._last_ns = time_ns
         if self._publisher is None:
             return False
         self._publisher.publish(self._messages.clock(time_ns))

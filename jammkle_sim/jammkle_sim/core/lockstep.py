@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.health import Health, Level
+from jammkle_graph.health import LOCKSTEP_LINE, Health, Level
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -176,6 +176,11 @@ class Lockstep:
         if self.missing and self.waited_s > max(self.timeout_s, 1.0):
             texts.append(f"time stands still until {', '.join(self.missing)} answers (lockstep_timeout_s is 0)")
         if texts:
-            return Health("lockstep", Level.WARN, "; ".join(texts), values)
+            return Health(LOCKSTEP_LINE.removeprefix(": "), Level.WARN, "; ".join(texts), values)
         members = ", ".join(self.participants)
-        return Health("lockstep", Level.OK, f"in step: {members}" if members else "nobody takes part", values)
+        return Health(
+            LOCKSTEP_LINE.removeprefix(": "),
+            Level.OK,
+            f"in step: {members}" if members else "nobody takes part",
+            values,
+        )
