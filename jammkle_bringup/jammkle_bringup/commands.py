@@ -197,6 +197,12 @@ def demo(
         str | None,
         typer.Option(help="What is done to the simulated ankle, by name.", show_default="drawn, and not told"),
     ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            help="Draws the effect and its size: the same seed, the same demo.", show_default="another each time"
+        ),
+    ] = None,
     no_effect: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--no-effect", help="Leave the simulated ankle as its simulator has it.")
     ] = False,
@@ -214,7 +220,7 @@ def demo(
     results.check_writable(json)
     if no_effect and effect is not None:
         return failed(f"--effect {effect} and --no-effect exclude each other: give one of them", EXIT_BAD_INPUT)
-    riddle = Riddle.nothing() if no_effect else Riddle.drawn(effect)
+    riddle = Riddle.nothing() if no_effect else Riddle.drawn(effect, seed)
     today = dt.datetime.now(tz=dt.timezone.utc).astimezone().date()
     result = land(lambda: fresh_folder(output, today), normalised(namespace), riddle, StopRequest())
     console = results.console()

@@ -34,6 +34,8 @@ ANSWER_TIMEOUT_S = 5.0
 """How long the command waits for the graph. Assumed; discovery on one machine takes about 0.3 s."""
 
 _SPIN_S = 0.05
+_MOST_AT_ONCE = 100
+"""Callbacks that are served of what has been received; more than a fraction of a second of events and states."""
 
 DISCOVERY_S = 3.5
 """How long to look for other nodes. They are seen after 0.15 s as a rule, but at times only with their next
@@ -105,6 +107,11 @@ class GraphClient:
                 return False
             self._executor.spin_once(timeout_sec=min(_SPIN_S, left_s))
         return True
+
+    def take_what_came(self) -> None:
+        """Serve callbacks of all that has been received already."""
+        for _ in range(_MOST_AT_ONCE):
+            self._executor.spin_once(timeout_sec=0.0)
 
     def call(self, service: Service, kind: type[Any], request: Any, timeout_s: float = ANSWER_TIMEOUT_S) -> Any:
         """Call a service of the graph and return its answer.

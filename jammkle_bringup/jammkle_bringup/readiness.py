@@ -35,9 +35,12 @@ from jammkle_graph.names import (
     SET_PAUSED,
     SIM_NODE,
     SOLENOIDS,
+    STEP,
 )
 from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.qos import subscriber_qos
+from jammkle_msgs.srv import Step
+from jammkle_sim.parameters import SimParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
@@ -53,6 +56,9 @@ READY_TIMEOUT_S = 30.0
 """Until all nodes are there. Assumed; a first start compiles the simulation's laws, which takes some seconds."""
 
 _STATE_TIMEOUT_S = 2.0
+
+STUCK_S = 60.0
+"""Real time, s, for steps that take a fraction of a second; only a simulation that hangs takes so long."""
 
 _JOINED_WITHIN_S = 0.2
 """How far /clock may have gone on while a simulation was told to start at it, s: it stays behind by as much."""
@@ -197,6 +203,47 @@ class Startup:
                 raise GraphError(msg)
             if clock_ns(ticks[-1]) / NANOSECONDS_PER_SECOND - start_s < _JOINED_WITHIN_S:
                 return
+
+    def step(self, steps: int) -> float:
+        """Let a paused simulation take steps, as fast as all that are in step with it can; return its time then, s.
+
+        What its nodes have published up to then has been received.
+
+        Raises:
+            GraphError: a process died, or the simulation refuses or does not answer.
+            Interrupted: the command was asked to stop.
+
+        """
+        caller = self.client.node.create_client(Step, resolved(self.client.namespace, STEP.path))
+        try:
+            future = caller.call_async(Step.Request(steps=steps))
+            if not self.wait(future.done, STUCK_S):
+                msg = f"{STEP.path} did not answer within {STUCK_S:g} s{self.hint}"
+                raise GraphError(msg)
+        finally:
+            self.client.node.destroy_client(caller)
+        answer = future.result()
+        if not answer.success:
+            msg = f"the simulation did not go on: {answer.message}{self.hint}"
+            raise GraphError(msg)
+        self.client.take_what_came()
+        return float(answer.simulated_time_s)
+
+    def wait_steps(self, steps: int) -> None:
+        """Wait until a simulation that runs in the time of another /clock has taken that many steps.
+
+        Raises:
+            GraphError: a process died, or /clock stands still.
+            Interrupted: the command was asked to stop.
+
+        """
+        self.let_go()
+        ticks_ns: list[int] = []
+        self.client.subscribe(Clock, CLOCK, lambda tick: ticks_ns.append(clock_ns(tick)), subscriber_qos(CLOCK))
+        passed_ns = round(steps * SimParameters().timestep_s * NANOSECONDS_PER_SECOND)
+        if not self.wait(lambda: bool(ticks_ns) and ticks_ns[-1] - ticks_ns[0] >= passed_ns, STUCK_S):
+            msg = f"{CLOCK.name} stands still for {STUCK_S:g} s{self.hint}"
+            raise GraphError(msg)
 
     def let_go(self) -> None:
         """Let the simulated time run.

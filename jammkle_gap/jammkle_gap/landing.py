@@ -101,17 +101,19 @@ class Riddle:
     secret: Secret
 
     @classmethod
-    def drawn(cls, effect: str | None) -> Riddle:
+    def drawn(cls, effect: str | None, seed: int | None = None) -> Riddle:
         """Hide an effect of a drawn size.
 
         Args:
             effect: Its name; None draws one.
+            seed: Of the draw; None: another one each time.
 
         Raises:
             InputError: no effect of the demo has this name.
 
         """
-        return cls(draw(random.SystemRandom(), effect))
+        draws = random.SystemRandom() if seed is None else random.Random(seed)  # noqa: S311 - no secret of that kind
+        return cls(draw(draws, effect))
 
     @classmethod
     def nothing(cls) -> Riddle:
