@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from rosbags.highlevel import AnyReader
 
+from jammkle_graph.names import CLOCK
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -15,12 +17,18 @@ REAL_TIME = ("/diagnostics",)
 
 
 def recorded(bag: Path, until_ns: int) -> dict[str, list[tuple[int, bytes]]]:
-    """Return log time and bytes of every message after the start of time and up to `until_ns`, by topic."""
+    """Return log time and bytes of every message after the start of time and up to `until_ns`, by topic.
+
+    A tick of /clock that is repeated while time stands still counts once.
+    """
     found: dict[str, list[tuple[int, bytes]]] = defaultdict(list)
     with AnyReader([bag]) as reader:
         for connection, log_ns, data in reader.messages():
-            if connection.topic not in REAL_TIME and 0 < log_ns <= until_ns:
-                found[connection.topic].append((log_ns, bytes(data)))
+            if connection.topic in REAL_TIME or not 0 < log_ns <= until_ns:
+                continue
+            message = (log_ns, bytes(data))
+            if connection.topic != CLOCK.name or message not in found[CLOCK.name][-1:]:
+                found[connection.topic].append(message)
     return found
 
 

@@ -1,0 +1,176 @@
+"""Simulated time waits for all that steer: the same seed gives the same bag, and nobody can make it stand still."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from builtin_interfaces.msg import Time
+from same_bag import differences, recorded
+from std_msgs.msg import Header
+
+from graph import environment, interface
+from jammkle_graph.names import CLOCK, DIAGNOSTICS, JAM_ALL, LOCKSTEP, SET_AUTO, SET_PAUSED, STEP, UNJAM_ALL
+from jammkle_graph.qos import answer_qos
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from graph import Probe, Up
+
+CHUNK_STEPS = 500
+"""Steps of 0.5 ms that are taken at once."""
+EXAMPLE = Path(__file__).parents[1] / "docs" / "examples" / "in_step.py"
+
+
+@contextmanager
+def busy_loops(count: int = 4) -> Iterator[None]:
+    """Keep the machine busy."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for each in loops:
+            each.kill()
+            each.wait()
+
+
+def paused_graph(start: Callable[..., Up], probe: Probe, *arguments: str) -> Up:
+    """Bring a graph up that is recorded and waits at time zero."""
+    up = start("up", "--record", "bag", "-p", "sim:start_paused:=true", *arguments)
+    probe.spin_until(lambda: "jammkle: up; paused" in up.text(), "the graph is up")
+    return up
+
+
+def go_on(probe: Probe, chunks: int) -> None:
+    """Take chunks of steps."""
+    for _ in range(chunks):
+        assert probe.call(STEP, steps=CHUNK_STEPS).success
+
+
+def ask_for_jams(probe: Probe) -> None:
+    """Take over by hand, vent and jam, each at a stamp of its own, and leave it to the controller again."""
+    assert probe.call(SET_AUTO, data=False).success
+    assert probe.call(UNJAM_ALL).success
+    go_on(probe, 2)
+    assert probe.call(JAM_ALL).success
+    go_on(probe, 2)
+    assert probe.call(SET_AUTO, data=True).success
+    go_on(probe, 3)
+
+
+def reports(probe: Probe) -> str:
+    """Return what was last reported of lockstep."""
+    for array in reversed(probe.heard[DIAGNOSTICS.name]):
+        for status in array.status:
+            if status.name == "/sim: lockstep":
+                return str(status.message)
+    return ""
+
+
+def steps_in_progress(probe: Probe) -> Any:
+    """Ask for a chunk of steps, and return its future."""
+    kind = interface(STEP.service_type)
+    client = probe.node.create_client(kind, STEP.path)
+    probe.spin_until(client.service_is_ready, "steps are offered")
+    return client.call_async(kind.Request(steps=CHUNK_STEPS))
+
+
+def bag_of(up: Up) -> Path:
+    """Return the bag of a graph."""
+    return up.output.parent / "bag"
+
+
+def test_the_same_seed_gives_the_same_bag_on_any_machine(
+    start: Callable[..., Up], make_probe: Callable[..., Probe]
+) -> None:
+    """Idle, and beside four busy loops with a driver that is stopped for a while, every message agrees to the byte."""
+    probe = make_probe()
+    up = paused_graph(start, probe)
+    go_on(probe, 6)
+    ask_for_jams(probe)
+    assert up.stop() == 0
+    with busy_loops():
+        other = paused_graph(start, probe, "-p", "sim:lockstep_timeout_s:=0.0")
+        go_on(probe, 5)
+        probe.listen(DIAGNOSTICS)
+        driver = other.child("jammkle_driver")
+        driver.send_signal(signal.SIGSTOP)
+        steps = steps_in_progress(probe)
+        probe.spin_until(lambda: "time stands still until /driver answers" in reports(probe), "it is waited for")
+        assert not steps.done()
+        driver.send_signal(signal.SIGCONT)
+        probe.spin_until(steps.done, "the steps are taken")
+        ask_for_jams(probe)
+        assert other.stop() == 0
+    assert differences(bag_of(up), bag_of(other), 3_250_000_000) == []
+
+
+def test_a_recorder_that_is_stopped_misses_nothing_and_shifts_nothing(
+    start: Callable[..., Up], make_probe: Callable[..., Probe]
+) -> None:
+    """After SIGSTOP for longer than it is waited for, every sample and command is there, at the time it was said."""
+    probe = make_probe()
+    up = start("up", "--record", "bag", "--speed", "1")
+    probe.listen(CLOCK)
+    probe.spin_until(lambda: simulated_s(probe) > 1.8, "the ankle is jammed")
+    recorder = next(each for each in up.children() if "record" in each.cmdline())
+    recorder.send_signal(signal.SIGSTOP)
+    stopped_s = simulated_s(probe)
+    probe.spin_until(lambda: simulated_s(probe) > stopped_s + 1.0, "time has gone on without it")
+    recorder.send_signal(signal.SIGCONT)
+    probe.spin_until(lambda: simulated_s(probe) > stopped_s + 2.0, "it has caught up")
+    assert up.stop() == 0
+    begin_ns, end_ns = round((stopped_s - 0.5) * 1e9), round((stopped_s + 1.5) * 1e9)
+    found = recorded(bag_of(up), end_ns)
+    for topic, period_ns in (("/imu/data", 2_000_000), ("/clock", 2_000_000), ("/achilles/pressure", 10_000_000)):
+        log_ns = [at_ns for at_ns, _ in found[topic] if at_ns > begin_ns]
+        assert log_ns == list(range(log_ns[0], log_ns[-1] + 1, period_ns)), topic
+    for topic in ("/achilles/solenoid", "/jam_command"):  # repeated at 20 Hz, on the grid of simulated time
+        grid = {at_ns for at_ns, _ in found[topic] if at_ns > begin_ns and at_ns % 50_000_000 == 0}
+        assert sorted(grid) == list(range(min(grid), max(grid) + 1, 50_000_000)), topic
+
+
+def simulated_s(probe: Probe) -> float:
+    """Return the time of the last tick, s; 0 before the first."""
+    tick = probe.last(CLOCK)
+    return tick.clock.sec + tick.clock.nanosec * 1e-9 if tick else 0.0
+
+
+def test_a_node_of_ones_own_takes_part_in_ten_lines(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], domain_id: int
+) -> None:
+    """The example of the docs is waited for; killed, it is named and given up; so is whoever gives wrong answers."""
+    probe = make_probe()
+    probe.listen(DIAGNOSTICS, CLOCK)
+    paused_graph(start, probe)
+    mission = subprocess.Popen([sys.executable, EXAMPLE], env=environment(domain_id))
+    try:
+        probe.spin_until(lambda: reports(probe) == "in step: /controller, /driver, /mission, /recorder", "it is known")
+        go_on(probe, 1)
+        mission.send_signal(signal.SIGSTOP)
+        steps = steps_in_progress(probe)
+        probe.spin_until(lambda: "/mission has not answered for 1 s" in reports(probe), "it is given up")
+        probe.spin_until(steps.done, "time goes on without it")
+        mission.send_signal(signal.SIGCONT)
+        probe.spin_until(lambda: reports(probe).startswith("in step: /controller, /driver, /mission"), "it is back")
+    finally:
+        mission.kill()
+        mission.wait()
+    guest = probe.node.create_publisher(Header, LOCKSTEP.name, answer_qos())
+    probe.spin_until(lambda: guest.get_subscription_count() > 0, "it is listened to")
+
+    def nonsense() -> bool:
+        guest.publish(Header(frame_id="/guest", stamp=Time(sec=1_000_000)))
+        return "/guest says it is done with 1000000.0000 s" in reports(probe)
+
+    probe.spin_until(nonsense, "it is reported")
+    before_s = simulated_s(probe)
+    go_on(probe, 1)
+    assert simulated_s(probe) > before_s
+    assert probe.call(SET_PAUSED, data=False).success
+    probe.spin_until(lambda: simulated_s(probe) > before_s + 0.5, "time runs on")
