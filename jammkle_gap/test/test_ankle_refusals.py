@@ -24,6 +24,16 @@ def changed(topic: str, change: Callable[[Samples], Samples]) -> Callable[[Bag],
     return lambda bag: dataclasses.replace(bag, topics={**bag.topics, topic: change(bag.topics[topic])})
 
 
+def by_the_log(topic: str, change: Callable[[Samples], Samples]) -> Callable[[Bag], Bag]:
+    """Return what makes a robot's bag, whose commands have log times alone, and changes one topic of it."""
+
+    def robots(bag: Bag) -> Bag:
+        others = {name: each for name, each in bag.topics.items() if name != names.ACTUATOR_STATES.name}
+        return dataclasses.replace(bag, topics=others, clock=None)
+
+    return lambda bag: changed(topic, change)(robots(bag))
+
+
 def column(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Samples], Samples]:
     """Return what changes one column."""
     return lambda each: dataclasses.replace(each, columns={**each.columns, name: change(each.columns[name])})
@@ -105,12 +115,12 @@ BAD: dict[str, tuple[Callable[[Bag], Bag], str, str]] = {
         "check that sensor",
     ),
     "clock apart": (
-        changed(ACHILLES, lambda each: dataclasses.replace(each, log_s=each.log_s + 7.0)),
+        by_the_log(ACHILLES, lambda each: dataclasses.replace(each, log_s=each.log_s + 7.0)),
         "clocks disagree",
         "record with one clock",
     ),
     "clock drifts": (
-        changed(ACHILLES, lambda each: dataclasses.replace(each, log_s=each.log_s * 1.2)),
+        by_the_log(ACHILLES, lambda each: dataclasses.replace(each, log_s=each.log_s * 1.2)),
         "clocks drift apart",
         "synchronise",
     ),
@@ -146,7 +156,25 @@ def test_a_recorder_that_was_held_up_has_no_drifting_clock(at: float) -> None:
         end_s = begin_s + (at + 0.125) * duration_s
         return dataclasses.replace(each, log_s=np.where(waiting, end_s, each.log_s))
 
-    assert recording_of(changed(ACHILLES, held_up)(bag())) is not None
+    assert recording_of(by_the_log(ACHILLES, held_up)(bag())) is not None
+
+
+def test_a_topic_that_comes_late_is_no_other_clock() -> None:
+    """Latency of messages that carry a stamp is no reason to refuse: the quickest ones show the log's clock."""
+    late = by_the_log(names.JOINT_STATES.name, lambda each: dataclasses.replace(each, log_s=each.log_s + 0.6))
+    assert recording_of(late(bag())) is not None
+
+
+def test_log_times_of_a_simulation_say_nothing() -> None:
+    """With /clock, or commands that the hardware has acknowledged, a recorder may fall behind as far as it will."""
+
+    def late(each: Samples) -> Samples:
+        return dataclasses.replace(each, log_s=each.log_s + np.linspace(0.0, 1.8, len(each.log_s)))
+
+    stamps_s = bag().topics[ACHILLES].stamp_s
+    simulated = dataclasses.replace(bag(), clock=Samples(stamps_s, stamps_s, {"clock_s": stamps_s}))
+    recording = recording_of(changed(ACHILLES, late)(simulated))
+    assert any("fell behind by up to 1.8 s" in note for note in recording.notes)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from jammkle_gap.ankle import checks
 from jammkle_gap.ankle.acknowledged import is_exact, with_acknowledgements
 from jammkle_gap.ankle.atmosphere import begins_vented, weather_pa, with_air
 from jammkle_gap.ankle.bag import read_bag
-from jammkle_gap.ankle.bag_checks import check_commands, checked_topics
+from jammkle_gap.ankle.bag_checks import check_commands, checked_clocks, checked_topics
 from jammkle_gap.ankle.course import course_of
 from jammkle_gap.ankle.inputs import AnkleInputs, nominal_rig
 from jammkle_gap.ankle.instruments import RESOLUTION, declared_noise, quantity_of
@@ -125,6 +125,7 @@ def recordings_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] |
     told = told_by(bag, rig, options or {})
     check_commands(bag)
     topics = checked_topics(bag)
+    of_recorder = checked_clocks(bag, topics)
     first_s = whole_span(topics).start_s
     whole = {each.name: each for each in signals_of(bag.name, topics, first_s, np.inf)}
     checks.check_commands_from_start(bag.name, whole, commands_of(topics, first_s))
@@ -138,10 +139,8 @@ def recordings_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] |
             errors.append(error)
     if not found:
         raise errors[0]
-    if errors:
-        note = f"{len(errors)} of {len(spans)} runs left out as too short"
-        found = [dataclasses.replace(each, notes=(*each.notes, note)) for each in found]
-    return tuple(found)
+    left_out = (f"{len(errors)} of {len(spans)} runs left out as too short",) if errors else ()
+    return tuple(dataclasses.replace(each, notes=(*each.notes, *left_out, *of_recorder)) for each in found)
 
 
 def _spans(bag: Bag, topics: Mapping[str, Samples], told: Told, whole: Mapping[str, Signal]) -> tuple[Span, ...]:
