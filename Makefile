@@ -16,7 +16,7 @@ help:
 	@echo "make bench  set up, measure speed; writes bench.json"
 	@echo "make live   set up, ten minutes of landings at 1 kHz through the live graph, and four ankles; writes live.json"
 	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes docs/faults.md, 30 minutes"
-	@echo "make soak   set up, jam half an hour with random faults, once simulated and once on the firmware; 1,000,000 malformed frames; malformed requests, 100,000 and 17,000 over DDS"
+	@echo "make soak   set up, 20 demos, ten times the graph tests and once all tests beside four busy loops; jam half an hour with random faults, once simulated and once on the firmware; 1,000,000 malformed frames; malformed requests, 100,000 and 17,000 over DDS"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, two to three hours; goes on where it was stopped"
 	@echo "make contact set up, try the detectors on 4000 steps, slips and landings; writes runs/contact, 20 minutes"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
@@ -52,6 +52,7 @@ faults: set-up
 	@$(BIN)/python test/trial_of_faults.py --seed 4000 --hours 0.5 --page docs/faults.md
 
 soak: set-up
+	@$(BIN)/python test/busy_soak.py --suite
 	@$(BIN)/python -m jammkle_driver.fake
 	@$(BIN)/python test/board_soak.py
 	@$(FIRMWARE) fuzz

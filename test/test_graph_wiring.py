@@ -20,6 +20,7 @@ from jammkle_graph.names import (
     FROM_OUTSIDE,
     IMU,
     JAM_STATE,
+    LOCKSTEP,
     RESET,
     SERVICES,
     SIM_NODE,
@@ -82,7 +83,7 @@ def test_every_pair_of_publisher_and_subscriber_fits(probe: Probe) -> None:
 
 def test_there_is_no_topic_that_is_not_in_the_table(probe: Probe) -> None:
     """Every topic that a node of ours publishes or takes is one of the documented ones, or ROS's own."""
-    known = {topic.name if topic.name.startswith("/") else f"/{topic.name}" for topic in TOPICS}
+    known = {topic.name if topic.name.startswith("/") else f"/{topic.name}" for topic in (*TOPICS, LOCKSTEP)}
     known |= {"/rosout", "/parameter_events"} | {f"/{node}/transition_event" for node in NODES}
     for node in NODES:
         pairs = probe.node.get_publisher_names_and_types_by_node(node, "/")

@@ -1,9 +1,8 @@
-"""For tests: a ROS domain of one's own, the machine for one alone, the same random examples; needs test packages."""
+"""For tests: a ROS domain of one's own, the same random examples; needs test packages."""
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import gc
 import importlib
 import os
@@ -78,19 +77,6 @@ def _environment() -> Iterator[None]:
     yield
     os.environ.clear()
     os.environ.update(before)
-
-
-@pytest.fixture(autouse=True)
-def _machine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Let a test marked `alone` run beside no other of the same run: one that needs both cores to keep up.
-
-    All others share the lock, each for itself; it is a file that the run's processes have in common.
-    """
-    folder = tmp_path_factory.getbasetemp()
-    common = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
-    with (common / "machine.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX if request.node.get_closest_marker("alone") else fcntl.LOCK_SH)
-        yield
 
 
 @contextlib.contextmanager
