@@ -14,11 +14,25 @@ from same_bag import differences, recorded
 from std_msgs.msg import Header
 
 from graph import environment, interface
-from jammkle_graph.names import CLOCK, DIAGNOSTICS, JAM_ALL, LOCKSTEP, SET_AUTO, SET_PAUSED, STEP, UNJAM_ALL
+from jammkle_graph.names import (
+    CLOCK,
+    DIAGNOSTICS,
+    JAM_ALL,
+    JAM_STATE,
+    LOCKSTEP,
+    RESET,
+    SET_AUTO,
+    SET_PAUSED,
+    STEP,
+    UNJAM_ALL,
+)
 from jammkle_graph.qos import answer_qos
+from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from processes import Processes
 
     from graph import Probe, Up
 
@@ -174,3 +188,34 @@ def test_a_node_of_ones_own_takes_part_in_ten_lines(
     assert simulated_s(probe) > before_s
     assert probe.call(SET_PAUSED, data=False).success
     probe.spin_until(lambda: simulated_s(probe) > before_s + 0.5, "time runs on")
+
+
+def test_a_reset_leaves_no_fault_behind(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+    """Jammed, evacuating and vented: pressures jump by a reset, and nobody takes that for a leak or a bad sensor."""
+    probe = make_probe()
+    probe.listen(JAM_STATE)
+    paused_graph(start, probe, "-p", "controller:auto_at_start:=false", "-p", "sim:release_time_s:=3600.0")
+    go_on(probe, 1)
+    for service, chunks in ((JAM_ALL, 4), (JAM_ALL, 1), (UNJAM_ALL, 1), (JAM_ALL, 4), (UNJAM_ALL, 4)):
+        assert probe.call(service).success
+        go_on(probe, chunks)
+        assert probe.call(RESET).success
+        go_on(probe, 6)
+        assert ChannelJamState.FAULT not in probe.channel_states().values(), (service, probe.last(JAM_STATE))
+
+
+def test_a_simulation_that_is_started_anew_is_taken_up(processes: Processes, make_probe: Callable[..., Probe]) -> None:
+    """A clock that jumps back stops nobody: time-outs count from there, and the ankle is jammed again."""
+    probe = make_probe()
+    probe.listen(JAM_STATE, CLOCK, DIAGNOSTICS)
+    processes.start("controller", "use_sim_time:=true")
+    processes.start("driver", "use_sim_time:=true")
+    processes.start("sim")
+    probe.wait_for_channels(ChannelJamState.JAMMED)
+    processes.send("sim", signal.SIGKILL)
+    processes.start("sim")
+    probe.heard[CLOCK.name].clear()
+    probe.spin_until(lambda: 0.0 < simulated_s(probe) < 1.0, "time has begun anew")
+    probe.spin_until(lambda: simulated_s(probe) > 2.5, "it goes on")
+    probe.wait_for_channels(ChannelJamState.JAMMED)
+    assert reports(probe) == "in step: /controller, /driver"

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from jammkle_driver.hardware_choice import HardwareContext
 
 _CONNECTED = LinkStatus(LinkState.CONNECTED, "topics of the simulation", simulated=True)
-_LET_GO = dataclasses.replace(_CONNECTED, latched=frozenset({SafeCause.HOST_SILENT}))
 
 
 class SimulatedHardware:
@@ -41,7 +40,7 @@ class SimulatedHardware:
             )
             for place, topic in topics.items()
         ]
-        self._silent = False
+        self._link = _CONNECTED
         self._subscriptions.append(
             context.node.create_subscription(
                 ActuatorStates, ACTUATOR_STATES.name, self._on_taken, subscriber_qos(ACTUATOR_STATES)
@@ -51,7 +50,7 @@ class SimulatedHardware:
     @property
     def link(self) -> LinkStatus:
         """Always connected: whether the simulation is there is seen by its pressures; it lets go as a board does."""
-        return _LET_GO if self._silent else _CONNECTED
+        return self._link
 
     def apply(self, command: ActuatorCommand) -> None:
         """Do nothing: the driver publishes its commands whatever the hardware, and the simulation listens to them."""
@@ -60,7 +59,9 @@ class SimulatedHardware:
         """Do nothing: the simulated board takes jams again once it was told to release everything."""
 
     def _on_taken(self, message: ActuatorStates) -> None:
-        self._silent = message.host_silent
+        latched = frozenset({SafeCause.HOST_SILENT} if message.host_silent else ())
+        if (latched, message.plant_restarts) != (self._link.latched, self._link.plant_restarts):
+            self._link = dataclasses.replace(_CONNECTED, latched=latched, plant_restarts=message.plant_restarts)
 
     def close(self) -> None:
         """Unsubscribe."""

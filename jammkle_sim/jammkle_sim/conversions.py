@@ -180,18 +180,22 @@ def time_message(time_ns: int) -> Time:
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
-def actuator_states(time_ns: int, duty: float, energised: Mapping[str, bool], *, host_silent: bool) -> ActuatorStates:
+def actuator_states(
+    time_ns: int, duty: float, energised: Mapping[str, bool], restarts: int, *, host_silent: bool
+) -> ActuatorStates:
     """Return what pump, 0 to 1, and solenoids, by channel, are told from a simulated time, ns, on.
 
     Args:
         time_ns: Simulated time, ns.
         duty: Of the pump, 0 to 1.
         energised: Per channel.
+        restarts: How often the simulated plant was put back to its start.
         host_silent: Whether the simulated board has let go, as it had not heard the driver.
 
     """
     message = ActuatorStates(pump_duty=duty, channels=list(energised), energised=list(energised.values()))
     message.host_silent = host_silent
+    message.plant_restarts = restarts
     message.header.stamp = time_message(time_ns)
     return message
 

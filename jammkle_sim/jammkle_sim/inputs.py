@@ -63,6 +63,7 @@ class Commands:
         self._duty = 0.0
         self._energised = dict.fromkeys(names.CHANNELS, False)
         self._is_new = True
+        self._restarts = 0
         self._told_lately = False
         self._received_s = time_s()
         self._let_go = False
@@ -92,7 +93,9 @@ class Commands:
         return self._let_go
 
     def apply(self) -> None:
-        """Command again what stands: a reset rig is still wired to the same driver."""
+        """Command again what stands: a reset rig is still wired to the same driver, which must know of the reset."""
+        self._restarts += 1
+        self._is_new = True
         self._simulation.set_pump_duty(self._duty)
         for channel, energised in self._energised.items():
             self._simulation.set_solenoid(channel, energised)
@@ -118,7 +121,7 @@ class Commands:
         self._told_lately = False
 
     def _tell(self, time_ns: int) -> None:
-        states = actuator_states(time_ns, self._duty, self._energised, host_silent=self._let_go)
+        states = actuator_states(time_ns, self._duty, self._energised, self._restarts, host_silent=self._let_go)
         self._acknowledged.publish(states)
         self._is_new = False
         self._told_lately = True

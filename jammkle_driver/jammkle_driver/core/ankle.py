@@ -267,6 +267,12 @@ class Ankle:
         self.leaks.stop()
         self._judged_from_s = now.graph_s
 
+    def begin_anew(self, now: Instant) -> None:
+        """Keep nothing of what was known of the air: it was put back to a start. What is asked for stays."""
+        self.judge_from_now_on(now)
+        self._regulator.reset()
+        self._stamps.clear()
+
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""
         self._regulator.reset()

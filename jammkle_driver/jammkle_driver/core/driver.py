@@ -58,6 +58,7 @@ class Driver:
         self._stop_asked = False
         self._stop_reason = ""
         self._board_waits = False
+        self._plant_restarts = 0
         self._line_noise: Finding | None = None
         self._restarted: Finding | None = None
 
@@ -253,6 +254,9 @@ class Driver:
             Whether the board's latched safe state is to be acknowledged now.
 
         """
+        if link.plant_restarts != self._plant_restarts:
+            self._plant_restarts = link.plant_restarts
+            self._ankle.begin_anew(now)
         verdict = self._link_guard.look(link, jammed=self._ankle.jammed)
         self._board_waits = verdict.wait
         if verdict.fault is not None or verdict.wait:  # it did something else than it was told

@@ -105,6 +105,7 @@ class LinkStatus:
         timeouts: Requests that nobody answered in time.
         refusals: Requests that the board refused.
         rate_hz: Rate at which outputs and all sensors are exchanged; None where it is not known.
+        plant_restarts: How often what is behind the outputs was put back to its start, as a simulation is.
         simulated: Whether the other end lives in the graph's time, which may stand still or run fast.
 
     """
@@ -122,6 +123,7 @@ class LinkStatus:
     timeouts: int = 0
     refusals: int = 0
     rate_hz: float | None = None
+    plant_restarts: int = 0
     simulated: bool = False
 
 
