@@ -223,4 +223,4 @@ class AnkleLoop:
 
 
 def _instant(time_s: float) -> Instant:
-    return Instant(time_s, time_s, clock_runs=True)
+    return Instant(time_s, time_s)

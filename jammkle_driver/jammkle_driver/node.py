@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -287,6 +288,8 @@ class DriverNode(LockstepNode, LifecycleNode):
         return (*lines, *ankle_lines(self._driver), self._roll_call.health())
 
     def _now(self) -> Instant:
-        # of a simulated ankle the graph's time, which its stamps are in, also where nobody makes that
-        now_s = seconds(self.get_clock().now()) if self._values.hardware == SIM_HARDWARE else self.now_s()
-        return Instant(now_s, now_s)
+        if self._values.hardware != SIM_HARDWARE:
+            return Instant(self.now_s(), self.now_s())
+        # the graph's time, which the simulation's stamps are in, also where nobody makes that
+        graph_s = seconds(self.get_clock().now())
+        return Instant(graph_s if self.in_step else time.monotonic(), graph_s)

@@ -63,7 +63,7 @@ class Requests(RuleBasedStateMachine):
     @rule(passed_s=st.sampled_from((0.0, 0.01, 0.05, 0.3, 2.0)), runs=st.booleans())
     def tick(self, passed_s: float, *, runs: bool) -> None:
         steady_s = self.now.steady_s + passed_s
-        self.now = Instant(steady_s, self.now.graph_s + (passed_s if runs else 0.0), runs)
+        self.now = Instant(steady_s, self.now.graph_s + (passed_s if runs else 0.0))
         self.driver.tick(self.now)
 
     @rule(stop=st.booleans())

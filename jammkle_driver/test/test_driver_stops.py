@@ -39,14 +39,11 @@ def test_a_silent_stream_is_taken_back(make_rig: Callable[..., Any]) -> None:
     assert rig.wanted_pa("right") == 50e3
 
 
-@pytest.mark.parametrize(("steady_s", "graph_s"), [(100.0, 0.0), (0.0, 100.0)])
-def test_a_paused_or_racing_simulation_is_no_silence(
-    make_rig: Callable[..., Any], steady_s: float, graph_s: float
-) -> None:
-    """While only one of the clocks advances, neither pressure nor command is stale."""
+def test_a_paused_simulation_is_no_silence(make_rig: Callable[..., Any]) -> None:
+    """While simulated time stands, neither pressure nor command goes stale, however long that takes."""
     rig = make_rig().active()
     rig.follow(left=50e3)
-    rig.wait(steady_s, graph_s)
+    rig.wait(100.0, 0.0)
     rig.driver.tick(rig.now)
     assert rig.wanted_pa("left") == 50e3
     assert rig.channel("left").state is ChannelState.JAMMING
@@ -133,15 +130,15 @@ def test_time_that_runs_backwards_is_survived(make_rig: Callable[..., Any]) -> N
     timeout_s=st.floats(0.01, 10.0),
     steps=st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 5.0)), max_size=20),
 )
-def test_a_watchdog_needs_both_clocks(timeout_s: float, steps: list[tuple[float, float]]) -> None:
-    """It expires exactly when both clocks have passed the timeout since it was fed; unfed, never."""
+def test_a_watchdog_counts_the_time_that_the_ankle_lives_in(timeout_s: float, steps: list[tuple[float, float]]) -> None:
+    """It expires exactly when that has passed the timeout since it was fed, whatever real time does; unfed, never."""
     watchdog = Watchdog(timeout_s)
     now = Instant(0.0, 0.0)
     assert not watchdog.expired(Instant(1e9, 1e9))
     watchdog.feed(now)
     for steady_s, graph_s in steps:
         now = Instant(now.steady_s + steady_s, now.graph_s + graph_s)
-        assert watchdog.expired(now) is (min(now.steady_s, now.graph_s) > timeout_s)
+        assert watchdog.expired(now) is (now.graph_s > timeout_s)
 
 
 def test_what_others_do_to_the_air_is_no_fault_of_an_inactive_driver(make_rig: Callable[..., Any]) -> None:

@@ -97,6 +97,11 @@ class LockstepNode(Node):
         return self._simulated
 
     @property
+    def in_step(self) -> bool:
+        """Whether a simulation waits for this node."""
+        return self._in_step
+
+    @property
     def clock_silent_s(self) -> float:
         """How long /clock has not been received, s of the machine's steady clock; 0 for a node that needs none."""
         return time.monotonic() - self._tick_received_s if self._simulated else 0.0

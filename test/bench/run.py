@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from in_step import InStep, measure_in_step
 from rich.console import Console
 from rich.table import Table
 from start_up import StartUp, measure_start_up
@@ -33,6 +34,8 @@ LONGEST_START_UP_S = 4.0
 LEAST_FRAMES_PER_S = 30.0
 LEAST_OF_FACTOR = 0.9
 """Aims for the graph's start, and for the page of a walking quadruped and what it leaves of the real-time factor."""
+LEAST_IN_STEP, MOST_STEERING_CORE_S = 3.0, 0.6
+"""Aims in lockstep: simulated seconds per second of the ankle, and core seconds a second of what steers four."""
 IMU_RATES_HZ = (500, 1000)
 
 
@@ -51,6 +54,7 @@ class Results:
     safe_states: list[SafeState]
     loads: list[Load]
     watched: Watched
+    in_step: list[InStep]
     diagnosis: GapDiagnosis
 
 
@@ -78,6 +82,8 @@ def measure(console: Console) -> Results:
             loads += measure_load(domain_id, rate_hz)
     with console.status("a quadruped with and without a page"):
         watched = measure_watched()
+    with console.status("graphs in step, and running freely"):
+        in_step = measure_in_step()
     with console.status("diagnosing the gap of four recordings"):
         diagnosis = measure_diagnosis()
     return Results(
@@ -92,6 +98,7 @@ def measure(console: Console) -> Results:
         safe_states,
         loads,
         watched,
+        in_step,
         diagnosis,
     )
 
@@ -156,6 +163,19 @@ def table_of(results: Results) -> Table:
         f"load before {page.load_before:.1f}",
         f"{page.ratio:.2f} (lowest {page.ratio_lowest:.2f}); viewer {page.viewer_percent_of_one_core:.0f} % of a core",
     )
+    for each in results.in_step:
+        table.add_row(
+            f"{each.robot}, simulated seconds per second at speed 0, in lockstep",
+            f"{each.in_step:.2f}; {each.tick_ms:.2f} ms a tick, a bare relay {each.relay_ms:.2f} ms",
+            f"running freely {each.free:.2f}",
+            f"{each.ratio:.2f}",
+        )
+        table.add_row(
+            f"{each.robot}, processor time of drivers and controllers per simulated second, in lockstep",
+            f"{each.steering_core_s:.2f} s; sample to solenoid {each.sample_to_solenoid_ms:.0f} ms of simulated time",
+            f"running freely {each.free_steering_core_s:.2f} s",
+            f"{each.steering_core_s / each.free_steering_core_s:.2f}",
+        )
     _add_diagnosis(table, results.diagnosis)
     return table
 
@@ -207,6 +227,7 @@ def _add_diagnosis(table: Table, found: GapDiagnosis) -> None:
 def missed_bounds(results: Results) -> list[str]:
     """Return what is over its bound or short of its aim, a phrase each."""
     line, page = results.line, results.watched
+    ankle, quadruped = results.in_step
     ratios = {"service to coils": line.service_over_bare, "impact to coils": line.impact_over_bare}
     held = {
         **{
@@ -222,6 +243,9 @@ def missed_bounds(results: Results) -> list[str]:
         f"`jammkle up` in {LONGEST_START_UP_S:g} s": results.start_up.up_s <= LONGEST_START_UP_S,
         f"{LEAST_FRAMES_PER_S:g} frames a second": page.frames_per_s >= LEAST_FRAMES_PER_S,
         f"{LEAST_OF_FACTOR:g} of the real-time factor beside the page": page.ratio >= LEAST_OF_FACTOR,
+        f"{LEAST_IN_STEP:g} simulated seconds per second of the ankle in lockstep": ankle.in_step >= LEAST_IN_STEP,
+        "the quadruped in lockstep no slower than running freely": quadruped.ratio >= 1.0,
+        f"{MOST_STEERING_CORE_S:g} core seconds a second for four": quadruped.steering_core_s <= MOST_STEERING_CORE_S,
     }
     return [aim for aim, kept in held.items() if not kept]
 

@@ -20,7 +20,7 @@ class WishStream:
     """
 
     def __init__(self, timeout_s: float) -> None:
-        """Make a stream that has said nothing; it is silent after `timeout_s` s on both clocks."""
+        """Make a stream that has said nothing; it is silent after `timeout_s` s."""
         self._watchdog = Watchdog(timeout_s)
         self._last: dict[str, float] = {}
         self._followers: set[str] = set()

@@ -1,0 +1,143 @@
+"""What lockstep costs: simulated seconds per second as fast as it goes, in step and running freely, in one run.
+
+Beside each graph stands a bare relay on the same machine, in the same minutes: a tick that one process sends, and an
+answer that another gives, with nothing done in between.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sensor_msgs.msg import Imu
+from std_msgs.msg import Bool
+
+from echo import ECHO_TOPIC, MARK
+from graph import Probe, Up, environment
+from jammkle_graph.names import ACTUATOR_STATES, CLOCK, CONTACT_EVENTS, IMU
+from jammkle_graph.qos import publisher_qos
+from jammkle_graph.testing import own_domain
+
+if TYPE_CHECKING:
+    import psutil
+
+MEASURED_S = 8.0
+RELAYS = 1000
+STEERING = ("jammkle_driver", "jammkle_controller")
+ROBOTS = ("ankle", "quadruped")
+
+
+@dataclass(frozen=True)
+class InStep:
+    """One robot's graph, alone on the machine but for what else runs there.
+
+    Attributes:
+        robot: Of the graph.
+        in_step: Simulated seconds per second in lockstep.
+        free: The same running freely.
+        steering_core_s: Processor time of all drivers and controllers per simulated second in lockstep, s.
+        free_steering_core_s: The same running freely.
+        relay_ms: Median round trip of a bare relay, ms of real time.
+        tick_ms: Real time per tick of /clock in lockstep, ms.
+        sample_to_solenoid_ms: Simulated time from a landing's sample to the first solenoid that acts on it, ms.
+
+    """
+
+    robot: str
+    in_step: float
+    free: float
+    steering_core_s: float
+    free_steering_core_s: float
+    relay_ms: float
+    tick_ms: float
+    sample_to_solenoid_ms: float
+
+    @property
+    def ratio(self) -> float:
+        """Speed in lockstep over that of running freely."""
+        return self.in_step / self.free
+
+
+def measure_in_step() -> list[InStep]:
+    """Measure both robots."""
+    return [_measured(robot) for robot in ROBOTS]
+
+
+def _measured(robot: str) -> InStep:
+    free = _run(robot, lockstep=False)
+    stepped = _run(robot, lockstep=True)
+    return InStep(robot, stepped[0], free[0], stepped[1], free[1], _relay_ms(), stepped[2], stepped[3])
+
+
+def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
+    """Return speed, core seconds of those that steer, real ms per tick, and the way from sample to solenoid, ms."""
+    with tempfile.TemporaryDirectory() as folder, own_domain() as domain_id:
+        options = ("--robot", robot, "--speed", "0", "-p", f"sim:lockstep:={str(lockstep).lower()}")
+        up = Up(domain_id, Path(folder), "up", *options)
+        probe = Probe(domain_id, "" if robot == "ankle" else "/lf_ankle")
+        try:
+            probe.listen(CLOCK, CONTACT_EVENTS, ACTUATOR_STATES)
+            probe.spin_until(lambda: _time_s(probe) > 2.0, "it has landed")
+            steering = [each for each in up.children() if any(name in each.cmdline() for name in STEERING)]
+            before_s, begin_s, core_s = _time_s(probe), time.perf_counter(), sum(map(_core_s, steering))
+            ticks = len(probe.heard[CLOCK.name])
+            end_s = begin_s + MEASURED_S
+            probe.spin_until(lambda: time.perf_counter() > end_s, "it was measured", timeout_s=100.0 * MEASURED_S)
+            passed_s, simulated_s = time.perf_counter() - begin_s, _time_s(probe) - before_s
+            used_s = sum(map(_core_s, steering)) - core_s
+            heard = max(len(probe.heard[CLOCK.name]) - ticks, 1)
+            return simulated_s / passed_s, used_s / simulated_s, 1e3 * passed_s / heard, _way_ms(probe)
+        finally:
+            probe.close()
+            up.stop()
+
+
+def _way_ms(probe: Probe) -> float:
+    """Return the simulated time from the first event to the first change of a solenoid after it."""
+    event_s = _stamp_s(probe.heard[CONTACT_EVENTS.name][0])
+    after = (_stamp_s(each) for each in probe.heard[ACTUATOR_STATES.name] if any(each.energised))
+    return 1e3 * (next(at_s for at_s in after if at_s >= event_s) - event_s)
+
+
+def _relay_ms() -> float:
+    """Return the median round trip of a bare relay."""
+    with own_domain() as domain_id:
+        echo = subprocess.Popen([sys.executable, str(Path(__file__).with_name("echo.py"))], env=environment(domain_id))
+        probe = Probe(domain_id)
+        try:
+            answers: list[float] = []
+            probe.node.create_subscription(Bool, ECHO_TOPIC, lambda _: answers.append(time.perf_counter()), 10)
+            samples = probe.node.create_publisher(Imu, IMU.name, publisher_qos(IMU))
+            probe.spin_until(lambda: samples.get_subscription_count() > 0, "the relay listens")
+            sample, ways_ms = Imu(), []
+            sample.header.frame_id = MARK
+            for _ in range(RELAYS):
+                known, sent_s = len(answers), time.perf_counter()
+                samples.publish(sample)
+                probe.spin_until(lambda known=known: len(answers) > known, "it answers")
+                ways_ms.append(1e3 * (answers[-1] - sent_s))
+            return sorted(ways_ms)[len(ways_ms) // 2]
+        finally:
+            probe.close()
+            echo.terminate()
+            echo.wait()
+
+
+def _time_s(probe: Probe) -> float:
+    tick = probe.last(CLOCK)
+    return tick.clock.sec + 1e-9 * tick.clock.nanosec if tick else 0.0
+
+
+def _stamp_s(message: object) -> float:
+    stamp = message.header.stamp  # type: ignore[attr-defined]
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+
+def _core_s(process: psutil.Process) -> float:
+    times = process.cpu_times()
+    return float(times.user + times.system)
