@@ -245,7 +245,8 @@ def test_what_may_not_change_is_refused_with_the_reason(graph: Graph) -> None:
         assert words in result.reason
         assert at_once.reason == result.reason
         assert driver.get_parameter(name).value == before
-    assert graph.ankle.all_in(ChannelJamState.JAMMED)
+    assert {channel.commanded_vacuum_pa for channel in graph.ankle.states[-1].channels} == {50e3}
+    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
 
 
 def test_the_set_point_of_the_next_jam_may_change_while_jammed(graph: Graph) -> None:
