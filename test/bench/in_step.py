@@ -116,6 +116,12 @@ def _relay_ms() -> float:
             probe.spin_until(lambda: samples.get_subscription_count() > 0, "the relay listens")
             sample, ways_ms = Imu(), []
             sample.header.frame_id = MARK
+
+            def answers_at_all() -> bool:
+                samples.publish(sample)
+                return bool(answers)
+
+            probe.spin_until(answers_at_all, "both ways are matched")
             for _ in range(RELAYS):
                 known, sent_s = len(answers), time.perf_counter()
                 samples.publish(sample)
