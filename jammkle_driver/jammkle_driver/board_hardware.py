@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 from jammkle_driver.board.line import check_port
 from jammkle_driver.board.link import BoardLink
 from jammkle_driver.board.wiring_file import WiringError, load_wiring
+from jammkle_driver.core.hypotheses import Spread
 from jammkle_driver.measured import Measured
 from jammkle_graph.parameters import ParameterError
 
@@ -18,6 +20,10 @@ if TYPE_CHECKING:
     from jammkle_driver.core.hardware import ActuatorCommand, LinkStatus
     from jammkle_driver.hardware_choice import HardwareContext
     from jammkle_driver.parameters import DriverParameters
+
+SURE_WITHIN_S = math.sqrt(12.0) * Spread().timing_s
+"""By how much a cycle may be longer than the shortest one, s, for its readings to be evidence of a fault: anywhere in
+so much time is a standard deviation of what the diagnosis bears. A host that stood still in between made it longer."""
 
 
 class BoardHardware:
@@ -38,6 +44,7 @@ class BoardHardware:
         self._gauges = {place for place, sensor in self._wiring.sensors.items() if sensor.vacuum}
         self._context = context
         self._measured = Measured(context, self._wiring.sensors)
+        self._shortest_s = math.inf
         self._closed = False
         self._came: deque[Exchange] = deque(maxlen=10)
         self._link = BoardLink(parameters.port, self._wiring, parameters.safe_state, self._hand_over)
@@ -90,9 +97,11 @@ class BoardHardware:
     def _deliver(self) -> None:
         while self._came and not self._closed:
             exchange = self._came.popleft()
+            self._shortest_s = min(self._shortest_s, exchange.took_s)
+            timely = exchange.took_s - self._shortest_s <= SURE_WITHIN_S
             ambient_pa = self._context.ambient_pa()
             pressures_pa = {
                 place: self._wiring.sensors[place].absolute_pa(measured_pa, ambient_pa)
                 for place, measured_pa in exchange.sensors_pa.items()
             }
-            self._measured.publish(pressures_pa, exchange.taken, self._gauges)
+            self._measured.publish(pressures_pa, exchange.taken, self._gauges, at_s=exchange.at_s, timely=timely)

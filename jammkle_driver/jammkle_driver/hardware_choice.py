@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from jammkle_driver.core.hardware import Hardware, PressureSample
+    from jammkle_driver.core.hardware import ActuatorCommand, Hardware, PressureSample
     from jammkle_driver.parameters import DriverParameters
 
 
@@ -32,6 +32,10 @@ class HardwareContext:
     Attributes:
         node: The driver's node, for topics and the graph's clock.
         take: Takes one pressure sample; to be called from the node's own thread.
+        driven: Takes what the hardware says that it drives, and since when, s, or that it still does then, on the clock
+            of the samples; from the node's own thread, with every change and at least 20 times a second. Readings
+            count as evidence of a fault for as long as that is known. Hardware that never calls it is taken to do
+            what `Hardware.apply` is given the moment that it is.
         parameters: The driver's parameters as they were when it was configured; `port`, `board_file` and `safe_state`
             are for the hardware alone.
         ambient_pa: Returns what is declared of the atmosphere now, Pa; sensors of vacuum count from it, and it may
@@ -41,6 +45,7 @@ class HardwareContext:
 
     node: Node
     take: Callable[[PressureSample], None]
+    driven: Callable[[ActuatorCommand, float], None]
     parameters: DriverParameters
     ambient_pa: Callable[[], float]
 

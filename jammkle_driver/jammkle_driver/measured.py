@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from sensor_msgs.msg import FluidPressure
 
 from jammkle_driver.conversions import actuator_states_message, pressure_message, seconds
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
 from jammkle_graph.qos import publisher_qos
 from jammkle_msgs.msg import ActuatorStates
@@ -45,25 +47,37 @@ class Measured:
         self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
 
     def publish(
-        self, pressures_pa: Mapping[str, float], taken: ActuatorCommand | None, counted: AbstractSet[str] = frozenset()
+        self,
+        pressures_pa: Mapping[str, float],
+        taken: ActuatorCommand | None,
+        counted: AbstractSet[str] = frozenset(),
+        *,
+        at_s: float | None = None,
+        timely: bool = True,
     ) -> None:
-        """Publish and hand over what was measured just now; to be called from the node's own thread.
+        """Publish and hand over what was measured; to be called from the node's own thread.
 
         Args:
             pressures_pa: Readings by place, Pa absolute; one that is not finite is not published.
             taken: What the outputs do; None: not known.
             counted: Places whose sensor measures vacuum, counted here from `HardwareContext.ambient_pa`.
+            at_s: When that was, s of the steady clock, wherever it has waited since; None: just now.
+            timely: Whether that is as sure as usual: else it is no evidence of a fault.
 
         """
         node = self._context.node
         now, steady_s = node.get_clock().now(), seconds(self._steady.now())
+        if at_s is not None:
+            now, steady_s = now - Duration(nanoseconds=round((steady_s - at_s) * NANOSECONDS_PER_SECOND)), at_s
         if taken is not None:
             self._taken.publish(actuator_states_message(taken, now.to_msg()))
+            if timely:
+                self._context.driven(taken, steady_s)
         for place, pressure_pa in pressures_pa.items():
             if math.isfinite(pressure_pa):
                 message = pressure_message(pressure_pa, now.to_msg(), frame(node.get_namespace(), place))
                 self._pressures[place].publish(message)
-            self._context.take(PressureSample(place, pressure_pa, steady_s, place in counted))
+            self._context.take(PressureSample(place, pressure_pa, steady_s, place in counted, timely))
 
     def close(self) -> None:
         """Destroy the publishers."""

@@ -96,7 +96,9 @@ class DriverNode(LockstepNode, LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs, self._told = Outputs(self), None
-        context = HardwareContext(self, self._on_sample, self._values, self._declared_ambient_pa)
+        context = HardwareContext(
+            self, self._on_sample, self._driver.take_driven, self._values, self._declared_ambient_pa
+        )
         self._hardware = make_hardware(context)
         self._create_subscriptions()
         self._create_services()

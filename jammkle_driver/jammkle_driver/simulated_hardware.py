@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import FluidPressure
 
-from jammkle_driver.conversions import measured_pressure, pressure_sample, seconds
-from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, SafeCause
+from jammkle_driver.conversions import measured_pressure, pressure_sample, seconds, stamp_seconds
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, SafeCause
 from jammkle_graph import wire
 from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES
 from jammkle_graph.qos import subscriber_qos
 from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
-    from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.hardware_choice import HardwareContext
 
 _CONNECTED = LinkStatus(LinkState.CONNECTED, "topics of the simulation", simulated=True)
@@ -59,6 +58,8 @@ class SimulatedHardware:
         """Do nothing: the simulated board takes jams again once it was told to release everything."""
 
     def _on_taken(self, message: ActuatorStates) -> None:
+        driven = ActuatorCommand(dict(zip(message.channels, message.energised, strict=False)), message.pump_duty)
+        self._context.driven(driven, stamp_seconds(message.header.stamp))
         latched = frozenset({SafeCause.HOST_SILENT} if message.host_silent else ())
         if (latched, message.plant_restarts) != (self._link.latched, self._link.plant_restarts):
             self._link = dataclasses.replace(_CONNECTED, latched=latched, plant_restarts=message.plant_restarts)

@@ -121,7 +121,7 @@ def test_a_user_brings_hardware_along(monkeypatch: pytest.MonkeyPatch) -> None:
     parameters = DriverParameters(hardware="our_lab", port="/dev/pump")
     check_parameters(parameters)
     assert OurLab.checked == ["/dev/pump"]
-    context = HardwareContext(None, lambda _: None, parameters, lambda: parameters.ambient_pressure_pa)
+    context = HardwareContext(None, lambda _: None, lambda *_: None, parameters, lambda: parameters.ambient_pressure_pa)
     made = make_hardware(context)
     assert isinstance(made, OurLab)
     assert made.context is context

@@ -63,6 +63,8 @@ class Exchange:
         taken: What the board drives now, as far as it tells; None where it does not and nothing was written.
         latched: Why the board is in its safe state.
         state: What the board says of itself; None where it was not asked in this cycle, or cannot tell.
+        sent_s: When the cycle began, s of the steady clock; what the board read and did was after that,
+        received_s: and before this, when the last reply was in.
 
     """
 
@@ -71,6 +73,18 @@ class Exchange:
     taken: ActuatorCommand | None
     latched: frozenset[SafeCause] = frozenset()
     state: BoardState | None = None
+    sent_s: float = 0.0
+    received_s: float = 0.0
+
+    @property
+    def took_s(self) -> float:
+        """How long the cycle took, s: what happened in it is known no better than to that."""
+        return self.received_s - self.sent_s
+
+    @property
+    def at_s(self) -> float:
+        """Its middle, s of the steady clock."""
+        return 0.5 * (self.sent_s + self.received_s)
 
 
 class Dialogue(Protocol):

@@ -30,8 +30,22 @@ _SILENCE_CHARACTERS = 3.5
 _CHARACTER_BITS = 11
 
 
+_LATE_S = 0.01
+"""How much longer than its time-out a request may take, s, on a host that is on time: ten slices of a scheduler."""
+
+
 class LineError(Exception):
-    """The board did not answer, or not in a way that can be read. One line."""
+    """The board did not answer, or not in a way that can be read. One line.
+
+    Attributes:
+        host_was_late: Whether this end has stood still meanwhile, so that a reply may have come in time.
+
+    """
+
+    def __init__(self, why: str, *, host_was_late: bool = False) -> None:
+        """Say why."""
+        super().__init__(why)
+        self.host_was_late = host_was_late
 
 
 class RefusedError(Exception):
@@ -233,6 +247,7 @@ class Line:
             await asyncio.sleep(left_s)
         self._throw_away()
         pause_s = self._silence_s
+        begun_s = loop.time()
         try:
             reply = await call(device_id=self._wiring.unit)
         except (ModbusException, OSError) as error:
@@ -245,7 +260,8 @@ class Line:
                 self.timeouts += 1
                 pause_s = self._wiring.reply_timeout_s
                 msg = f"no reply within {self._wiring.reply_timeout_s:g} s"
-            raise LineError(msg) from error
+            late_s = loop.time() - begun_s - self._wiring.reply_timeout_s
+            raise LineError(msg, host_was_late=late_s > _LATE_S) from error
         finally:
             self._free_s = loop.time() + pause_s
         if not self._answers(reply, code, reads, echo):

@@ -185,14 +185,16 @@ class BoardLink:
                 await self._acknowledge()
                 self._acknowledges = False  # a line that lost it is asked again
             last = self._command
+            sent_s = time.monotonic()
             exchange = await (self._dialogue.exchange(last) if fresh else self._dialogue.exchange_stale(last))
-        except LineError:
-            self._failed_in_a_row += 1
+        except LineError as error:
+            self._failed_in_a_row += int(not error.host_was_late)
             self._count()
             if self._failed_in_a_row >= _LOST_AFTER or not self._line.is_open:
                 raise
             return
         self._failed_in_a_row = 0
+        exchange = replace(exchange, sent_s=sent_s, received_s=time.monotonic())
         self._take(exchange)
         self._on_exchange(exchange)
 

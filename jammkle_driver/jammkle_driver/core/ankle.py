@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState, missed
 from jammkle_driver.core.diagnosis import Diagnosis, DiagnosisSettings
+from jammkle_driver.core.evidence import LONGEST_UNKNOWN_S, Evidence
 from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
 from jammkle_driver.core.leakage import LeakMeter
@@ -18,6 +19,7 @@ from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSett
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from jammkle_driver.core.evidence import Moment
     from jammkle_driver.core.hardware import PressureSample
     from jammkle_driver.core.watchdog import Instant
 
@@ -85,6 +87,7 @@ class Ankle:
         self.channels = {name: Channel(name, self._settings.channel) for name in self._names}
         self.leaks = LeakMeter(self._names, self._settings.diagnosis.air)
         self.diagnosis = Diagnosis(self._names, self._settings.diagnosis, self.atmosphere.pressure_pa)
+        self.evidence = Evidence((MANIFOLD, *self._names))
         self.manifold_vacuum_pa: float | None = None
         self.findings: tuple[Finding, ...] = ()
         self._stamps: dict[str, float] = {}
@@ -182,6 +185,7 @@ class Ankle:
         for channel in channels:
             channel.clear()
         self.diagnosis.clear(self.atmosphere.pressure_pa)
+        self.evidence.clear()
         self.regulate(0.0)
 
     def declare_atmosphere(self, pressure_pa: float, now: Instant) -> None:
@@ -203,11 +207,11 @@ class Ankle:
             self.judge_from_now_on(now)
         elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), 0.1)
         self._stamps[place] = stamp_s
-        command = self.command
-        judged = driven and self._settings.diagnose and not 0.0 <= self._judged_from_s - stamp_s < _LONGEST_WAIT_S
+        judged = driven and sample.timely and self._settings.diagnose
+        judged = judged and not 0.0 <= self._judged_from_s - stamp_s < _LONGEST_WAIT_S
         if judged:
-            self._note(place, pressure_pa, elapsed_s, command)
             self.note_command(now)
+            self.evidence.read(place, pressure_pa, stamp_s)
         vacuum_pa = self.atmosphere.pressure_pa - pressure_pa
         if place == MANIFOLD:
             self.manifold_vacuum_pa = vacuum_pa
@@ -220,12 +224,16 @@ class Ankle:
                 self._spread(Finding(status.fault, place, status.reason, status.values))
                 self.regulate(0.0)
         if judged:
-            self._diagnose(place, pressure_pa, stamp_s, now)
-        # Samples of one moment come one by one; the pump is set once per moment.
-        if stamp_s != self._regulated_at_s:
-            since_s = stamp_s - self._regulated_at_s
+            self._look_into(self.diagnosis.check_range(place, pressure_pa, self.atmosphere.status))
+            for moment in self.evidence.due():
+                self._note(moment)
+                if self.atmosphere.status.measured:
+                    self._look_into(self.diagnosis.take(moment, self.atmosphere.pressure_pa))
+        # Samples of one moment come one by one, and late ones in any order; the pump is set once per moment.
+        since_s = stamp_s - self._regulated_at_s
+        if not -_LONGEST_WAIT_S < since_s <= 0.0:
             self._regulated_at_s = stamp_s
-            self.regulate(since_s if math.isfinite(since_s) else 0.0)
+            self.regulate(max(since_s, 0.0) if math.isfinite(since_s) else 0.0)
 
     def regulate(self, elapsed_s: float) -> None:
         """Set the pump anew, `elapsed_s` s after the last measurement."""
@@ -256,7 +264,7 @@ class Ankle:
     def note_command(self, now: Instant) -> None:
         """Note what the actuators are told from now on; to be called whenever they are, or a brief one is missed."""
         if self._settings.diagnose:
-            self.diagnosis.command(self.command, now.graph_s)
+            self.evidence.command(self.command, now.graph_s)
 
     def judge_from_now_on(self, now: Instant) -> None:
         """Conclude nothing from readings of until now: the hardware did something else than it was told.
@@ -265,7 +273,8 @@ class Ankle:
         """
         self.diagnosis.clear(self.atmosphere.pressure_pa)
         self.leaks.stop()
-        self._judged_from_s = now.graph_s
+        self._judged_from_s = max(now.graph_s, self.evidence.acknowledged_s)
+        self.evidence.clear()
 
     def begin_anew(self, now: Instant) -> None:
         """Keep nothing of what was known of the air: it was put back to a start. What is asked for stays."""
@@ -282,19 +291,23 @@ class Ankle:
         why = finding(Reason.NOT_REACHED, weakest.name, seen, missed(weakest.status))
         self.fail((weakest.name,), why.to_clear())
 
-    def _note(self, place: str, pressure_pa: float, elapsed_s: float, command: ActuatorCommand) -> None:
+    def _note(self, moment: Moment) -> None:
         """Let what is vented tell of the atmosphere, and what is at rest of leaks."""
-        if place == MANIFOLD:
-            return
-        self.atmosphere.read(place, pressure_pa, elapsed_s, vented=not command.solenoids[place])
+        elapsed_s = min(moment.elapsed_s, LONGEST_UNKNOWN_S)
+        _, command = moment.driven[-1]
         connected = frozenset(name for name, energised in command.solenoids.items() if energised)
-        if connected and command.pump_duty == 0.0:
-            self.leaks.read(place, pressure_pa, elapsed_s, connected, self.atmosphere.pressure_pa)
-        else:
+        at_rest = bool(connected) and command.pump_duty == 0.0 and moment.known
+        if not at_rest:
             self.leaks.stop()
+        for place, pressure_pa in moment.readings_pa.items():
+            if place == MANIFOLD:
+                continue
+            self.atmosphere.read(place, pressure_pa, elapsed_s, vented=not command.solenoids[place])
+            if at_rest:
+                self.leaks.read(place, pressure_pa, elapsed_s, connected, self.atmosphere.pressure_pa)
 
-    def _diagnose(self, place: str, pressure_pa: float, stamp_s: float, now: Instant) -> None:
-        found = self.diagnosis.measure(place, pressure_pa, stamp_s, now.steady_s, self.atmosphere.status)
+    def _look_into(self, found: Finding | None) -> None:
+        """Act on what was found, if anything was, and if it is the first, or another channel's alone."""
         others_go_on = self._settings.fault_policy is FaultPolicy.CHANNEL and all(map(self._is_alone, self.findings))
         if found is None or (self.findings and not others_go_on):
             return

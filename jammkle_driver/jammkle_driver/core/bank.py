@@ -256,7 +256,9 @@ class FilterBank:
             self._held_pa[:, place] += np.where(stuck, share * error, 0.0)
             self._held_variance[:, place] = share * noise
             # Beyond the cap a reading pulls no harder than at it (Huber 1964).
-            gain = row * np.where(stuck, 0.0, 1.0 / (expected * np.maximum(1.0, squared / self._scoring.cap)))[:, None]
+            # But where the pressures begin anew, they begin with what is read, however far that is.
+            beyond = 1.0 if self._bridging else np.maximum(1.0, squared / self._scoring.cap)
+            gain = row * np.where(stuck, 0.0, 1.0 / (expected * beyond))[:, None]
             state += gain * error[:, None]
             covariance -= gain[:, :, None] * row[:, None, :]
         np.clip(state, tables.least, tables.most, out=state)

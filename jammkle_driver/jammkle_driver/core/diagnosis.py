@@ -1,19 +1,19 @@
 """What has failed, from what was commanded and what the pressure sensors read: one verdict, with its numbers.
 
-Readings of one moment are put together and handed to the filters of `core.bank`; a fault is told once the hypothesis
-of it has gained `THRESHOLD` over the healthy ankle and leads all others. A sensor that reads what no pressure can be is
+The readings of a moment are handed to the filters of `core.bank`; a fault is told once the hypothesis of it has gained
+`THRESHOLD` over the healthy ankle and leads all others. A sensor that reads what no pressure can be is
 told without a model.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.bank import FilterBank
 from jammkle_driver.core.description import describe, describe_out_of_range, describe_stand_still
+from jammkle_driver.core.evidence import LATE_SETS
 from jammkle_driver.core.faults import Finding, Reason
 from jammkle_driver.core.freshness import Freshness
 from jammkle_driver.core.hardware import MANIFOLD
@@ -21,11 +21,12 @@ from jammkle_driver.core.heat import HeatMeter
 from jammkle_driver.core.prediction import Step
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from jammkle_driver.core.air import AirSettings
     from jammkle_driver.core.atmosphere import AtmosphereStatus
     from jammkle_driver.core.bank import Estimate
+    from jammkle_driver.core.evidence import Moment
     from jammkle_driver.core.hardware import ActuatorCommand
 
 THRESHOLD = 45.0
@@ -57,9 +58,6 @@ OUT_OF_RANGE_PA = 3e3
 _DRIFT_PA = 1200.0
 """Offset from which a sensor counts as drifting, Pa: five deviations of a good sensor's."""
 
-_LATE_SETS = 5
-"""Sets of readings after which one that is missing a place is taken without it."""
-
 _LONGEST_STEP_S = 0.1
 """Time between two sets of readings beyond which the law says nothing of the pressures, s: a channel fills in it."""
 
@@ -68,12 +66,6 @@ LONGEST_STILL_S = 1.5
 
 _LONGEST_GAP_S = 2.0
 """Time without readings beyond which the filters begin anew, s."""
-
-_PACE_WINDOW_S = 0.5
-"""Over how long the pace of the graph's clock is measured, s."""
-
-_FASTEST = 1.5
-"""Simulated seconds per second beyond which commands and readings are too far apart to be compared."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +81,7 @@ class DiagnosisSettings:
 
 
 class Diagnosis:
-    """Collects commands and readings of one ankle, and says what has failed."""
+    """Takes readings of one ankle with what was driven, and says what has failed."""
 
     def __init__(self, channels: Sequence[str], settings: DiagnosisSettings, ambient_pa: float) -> None:
         """Begin with a vented ankle."""
@@ -122,12 +114,7 @@ class Diagnosis:
         self._bank.leave_out(())
         self._bank.reset(ambient_pa)
         self._heat.reset()
-        self._commands: deque[tuple[float, ActuatorCommand]] = deque(maxlen=200)
-        self._pending: dict[float, dict[str, float]] = {}
         self._last_s = -math.inf
-        self._pace = (0.0, 0.0)
-        self._fast = False
-        self._silent_sets = dict.fromkeys(self._places, 0)
         self._leading_s = 0.0
         self._thawed = (-math.inf, -math.inf)
         self._strange = dict.fromkeys(self._places, 0)
@@ -143,109 +130,78 @@ class Diagnosis:
         self._heat.reset()
         self._leading_s = 0.0
 
-    def command(self, command: ActuatorCommand, stamp_s: float) -> None:
-        """Note what the actuators are told from `stamp_s` on, s of the graph's clock."""
-        if not self._commands or command != self._commands[-1][1]:
-            self._commands.append((stamp_s, command))
+    def check_range(self, place: str, pressure_pa: float, air: AtmosphereStatus) -> Finding | None:
+        """Take one reading, Pa absolute, finite, at once: that it is none that any pressure can be needs no time.
 
-    def measure(
-        self, place: str, pressure_pa: float, stamp_s: float, steady_s: float, air: AtmosphereStatus
-    ) -> Finding | None:
-        """Take one reading, Pa absolute; return what has failed, if that is clear now.
-
-        Before the atmosphere was measured, only what no pressure can be is found: all else is counted from it.
-
-        Args:
-            place: Channel, or the manifold.
-            pressure_pa: What was read, Pa absolute; finite.
-            stamp_s: When it was measured, s of the graph's clock.
-            steady_s: The steady clock when it came, s: a simulation that outruns it is not judged.
-            air: What is known of the atmosphere.
+        Returns:
+            What has failed, if that is clear now.
 
         """
-        ambient_pa = air.pressure_pa
-        if stamp_s <= self._last_s:
-            if stamp_s < self._last_s - 1.0:  # the graph's clock was set back
-                self.clear(ambient_pa)
+        if place in self._known:
             return None
-        found = self._check_range(place, pressure_pa, air)
-        if not air.measured:
-            return found
-        self._pending.setdefault(stamp_s, {})[place] = pressure_pa
-        while found is None and self._pending:
-            oldest = min(self._pending)
-            expected = sum(1 for silent in self._silent_sets.values() if silent <= 2 * _LATE_SETS)
-            if len(self._pending[oldest]) < expected and len(self._pending) <= _LATE_SETS:
-                break
-            found = self._take(oldest, self._pending.pop(oldest), steady_s, ambient_pa)
-        return found
-
-    def _check_range(self, place: str, pressure_pa: float, air: AtmosphereStatus) -> Finding | None:
         ambient_pa = air.pressure_pa
         least_pa = ambient_pa - self._settings.air.pump_ultimate_vacuum_pa - OUT_OF_RANGE_PA
         most_pa = ambient_pa + OUT_OF_RANGE_PA
         inside = least_pa <= pressure_pa <= most_pa
-        if place in self._known:
-            return None
         self._strange[place] = 0 if inside else self._strange[place] + 1
-        if self._strange[place] < _LATE_SETS:
+        if self._strange[place] < LATE_SETS:
             return None
         return describe_out_of_range(place, pressure_pa, least_pa, most_pa, atmosphere_measured=air.measured)
 
-    def _take(self, stamp_s: float, readings: dict[str, float], steady_s: float, ambient_pa: float) -> Finding | None:
+    def take(self, moment: Moment, ambient_pa: float) -> Finding | None:
+        """Take the readings of the next moment; return what has failed, if that is clear now.
+
+        Args:
+            moment: What was read, and what was driven until then.
+            ambient_pa: Pressure of the atmosphere, as it was measured, Pa.
+
+        """
+        stamp_s, readings_pa = moment.stamp_s, moment.readings_pa
         duration_s = stamp_s - self._last_s
         stood_still = self._freshness.stood_still
-        if self._freshness.take(readings) and duration_s < LONGEST_STILL_S:
+        if self._freshness.take(readings_pa) and duration_s < LONGEST_STILL_S:
             return None
         if self._freshness.stood_still:
-            return self._all_stand_still(duration_s, readings, ambient_pa)
+            return self._all_stand_still(duration_s, readings_pa, ambient_pa)
         if stood_still:  # it went on just now: with what it was told long ago, and from who knows where
             self._thawed = (self._last_s, stamp_s)
             self._bank.bridge()
         self._last_s = stamp_s
-        for place in self._places:
-            self._silent_sets[place] = 0 if place in readings else self._silent_sets[place] + 1
-        if not duration_s < _LONGEST_GAP_S or self._outruns(stamp_s, steady_s):  # also the first one
+        if not 0.0 < duration_s < _LONGEST_GAP_S:  # also the first one, and a clock that was set back
             self._bank.reset(ambient_pa)
             self._heat.reset()
             return None
-        if duration_s > _LONGEST_STEP_S:
+        if duration_s > _LONGEST_STEP_S or not moment.known:
             self._bank.bridge()
-            duration_s = _LONGEST_STEP_S
-        if duration_s <= 0.0 or not self._commands:
-            return None
-        self._bank.advance(self._step(stamp_s, duration_s, readings, ambient_pa))
+            duration_s = min(duration_s, _LONGEST_STEP_S)
+        self._bank.advance(self._step(moment, duration_s, ambient_pa))
         return self._judge(duration_s)
 
-    def _all_stand_still(self, duration_s: float, readings: dict[str, float], ambient_pa: float) -> Finding | None:
+    def _all_stand_still(
+        self, duration_s: float, readings_pa: Mapping[str, float], ambient_pa: float
+    ) -> Finding | None:
         """Blame the sensors for one reading that all repeat under vacuum; at the atmosphere it may be their end."""
         self._last_s += duration_s
-        if ambient_pa - min(readings.values()) < self._bank.scoring.evacuated_pa:
+        if ambient_pa - min(readings_pa.values()) < self._bank.scoring.evacuated_pa:
             self._freshness = Freshness()
             self._bank.bridge()
             return None
         return describe_stand_still(duration_s, self._freshness.run)
 
-    def _outruns(self, stamp_s: float, steady_s: float) -> bool:
-        """Whether the graph's clock runs so fast that nobody knows which reading belongs to which command."""
-        since_graph_s, since_steady_s = self._pace
-        graph_s, passed_s = stamp_s - since_graph_s, steady_s - since_steady_s
-        if max(graph_s, passed_s) < _PACE_WINDOW_S and since_steady_s > 0.0:
-            return self._fast
-        self._pace = (stamp_s, steady_s)
-        self._fast = since_steady_s > 0.0 and graph_s > _FASTEST * passed_s + 0.2
-        return self._fast
-
-    def _step(self, stamp_s: float, duration_s: float, readings: dict[str, float], ambient_pa: float) -> Step:
+    def _step(self, moment: Moment, duration_s: float, ambient_pa: float) -> Step:
+        stamp_s, driven = moment.stamp_s, moment.driven
         acts_s = stamp_s - self._settings.air.valve_dead_time_s - 0.5 * duration_s
-        acting = ([command for since_s, command in self._commands if since_s <= acts_s] or [self._commands[0][1]])[-1]
+        acting = ([command for since_s, command in driven if since_s <= acts_s] or [driven[0][1]])[-1]
         thawing_s, thawed_s = self._thawed
-        lately = self._since(thawing_s if stamp_s < thawed_s + SWITCHING_S else stamp_s - SWITCHING_S, stamp_s)
+        lately_s = thawing_s if stamp_s < thawed_s + SWITCHING_S else stamp_s - SWITCHING_S
+        lately = _since(driven, lately_s, stamp_s)
         switching = tuple(len({command.solenoids[name] for command in lately}) > 1 for name in self._channels)
-        duties = [command.pump_duty for command in self._since(stamp_s - DUTY_DOUBT_S, stamp_s)]
+        duties = [command.pump_duty for command in _since(driven, stamp_s - DUTY_DOUBT_S, stamp_s)]
         stays_open = [place for place, reason in self._known.items() if reason is Reason.VALVE_STUCK_OPEN]
-        heard = {place: pa for place, pa in readings.items() if place not in self._known or place in stays_open}
-        readings_pa = tuple(heard.get(place, math.nan) for place in self._places)
+        readings_pa = tuple(
+            math.nan if place in self._known and place not in stays_open else moment.readings_pa.get(place, math.nan)
+            for place in self._places
+        )
         return Step(
             duration_s=duration_s,
             readings_pa=readings_pa,
@@ -256,12 +212,6 @@ class Diagnosis:
             ambient_pa=ambient_pa,
             heat_pa=self._heat.measure(readings_pa, duration_s),
         )
-
-    def _since(self, begin_s: float, end_s: float) -> list[ActuatorCommand]:
-        """Return the command that stood at `begin_s`, and those that came until `end_s`; the first one if none had."""
-        before = [command for since_s, command in self._commands if since_s < begin_s]
-        within = [command for since_s, command in self._commands if begin_s <= since_s <= end_s]
-        return [*before[-1:], *within] or [self._commands[0][1]]
 
     def _judge(self, duration_s: float) -> Finding | None:
         bank = self._bank
@@ -295,3 +245,10 @@ class Diagnosis:
         if hypothesis.reason is not Reason.SENSOR_DRIFTING:
             return False
         return abs(self._bank.estimate(model).offsets_pa[hypothesis.place]) <= _DRIFT_PA
+
+
+def _since(driven: Sequence[tuple[float, ActuatorCommand]], begin_s: float, end_s: float) -> list[ActuatorCommand]:
+    """Return the command that stood at `begin_s`, and those that came until `end_s`; the first one if none had."""
+    before = [command for since_s, command in driven if since_s < begin_s]
+    within = [command for since_s, command in driven if begin_s <= since_s <= end_s]
+    return [*before[-1:], *within] or [driven[0][1]]

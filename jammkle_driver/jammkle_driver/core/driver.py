@@ -245,6 +245,13 @@ class Driver:
         self._sensors.hear(sample.place, now)
         self._ankle.measure(sample, now, driven=self._active)
 
+    def take_driven(self, driven: ActuatorCommand, stamp_s: float) -> None:
+        """Take what the hardware says that it drives, from `stamp_s` on or still then, s, on the clock of the samples.
+
+        Every change, and at least 20 times a second: what is read while it is silent is no evidence of a fault.
+        """
+        self._ankle.evidence.acknowledge(driven, stamp_s)
+
     def look_at_link(self, link: LinkStatus, now: Instant) -> bool:
         """Take the state of the link: fail, or let go, with a board that does not answer or has let go by itself.
 
@@ -276,11 +283,13 @@ class Driver:
 
     def tick(self, now: Instant) -> None:
         """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second."""
+        late_s = max(now.steady_s - self._steady_s - self._settings.tick_period_s, 0.0) if self._steady_s else 0.0
         self._steady_s = now.steady_s
+        # A silent sensor ends in a fault: its silence counts only while somebody was there to notice it.
+        self._sensors.excuse(late_s)
         stood_s = self._overload.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has heard nothing, and nobody is to blame for that.
-            self._sensors.excuse(stood_s)
             self._stop_silence.excuse(stood_s)
             self._stream.excuse(stood_s)
             self._ankle.stood_still()

@@ -23,6 +23,7 @@ class PressureSample:
             measures vacuum, the declared pressure of the atmosphere less that: the driver finds the true one itself.
         stamp_s: When it was measured, s: of the graph's clock where the link is `simulated`, else of the steady clock.
         counted: Whether it was counted from the declared pressure of the atmosphere: a sensor of vacuum.
+        timely: Whether `stamp_s` is as sure as usual; else it regulates, and is no evidence of a fault.
 
     """
 
@@ -30,6 +31,7 @@ class PressureSample:
     pressure_pa: float
     stamp_s: float
     counted: bool = False
+    timely: bool = True
 
 
 @dataclass(frozen=True)

@@ -131,6 +131,7 @@ class FaultBench:
         for _ in range(round(duration_s / SAMPLE_S)):
             self.board.advance(SAMPLE_S)
             self.steady_s += SAMPLE_S
+            self.driver.take_driven(self.board.driven, self.now.graph_s)
             waiting += self._samples_now()
         for each in waiting:
             self._look_at_link(self.now)
@@ -148,8 +149,10 @@ class FaultBench:
         if connected:
             errors = int(self.noisy and self.draw.random() < 0.1)  # noqa: PLR2004 - a tenth of the telegrams is lost
             self.board.count(1 - errors, errors)
-            for sample in () if errors else self._samples_now():
-                self.driver.measure(sample, now)
+            if not errors:
+                self.driver.take_driven(self.board.driven, now.graph_s)
+                for sample in self._samples_now():
+                    self.driver.measure(sample, now)
         self._samples += 1
         if self._samples % _SAMPLES_PER_TICK == 0:
             self._tick(now)
@@ -158,9 +161,8 @@ class FaultBench:
 
     def hand_over(self, late_s: float = 0.0) -> None:
         """Give the driver's command to the board, whose outputs follow `late_s` s later."""
-        if self.driver.command != self.board.driven:
-            self.driver.ankle.note_command(self.now)
         self.board.hear(self.driver.command, late_s)
+        self.driver.take_driven(self.board.driven, self.now.graph_s)
 
     def _tick(self, now: Instant) -> None:
         if self.streams:
