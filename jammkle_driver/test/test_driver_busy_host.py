@@ -125,7 +125,7 @@ def test_a_healthy_ankle_behind_a_starved_host_has_no_fault(starved: Starved, se
 @pytest.mark.parametrize("fault", [FakeFault.LEAK, FakeFault.SENSOR_BIAS], ids=lambda each: each.name)
 @pytest.mark.parametrize("starved", STARVED.values(), ids=STARVED)
 def test_a_true_fault_behind_a_starved_host_is_told(starved: Starved, fault: FakeFault) -> None:
-    """However little time the host has: it is found in what is known; a vented channel that reads 8 kPa is not vented."""
+    """However little time the host has; a vented channel that reads 8 kPa is told as not vented, too."""
     host = Host(1, starved)
     host.run(4.0)
     host.bench.plant.inject(fault, "achilles", 3e-10 if fault is FakeFault.LEAK else -8e3)

@@ -54,6 +54,7 @@ class Driver:
         self._noise = NoiseMeter()
         self._restarts = RestartWatch()
         self._steady_s = 0.0
+        self._ticked_s: float | None = None
         self._active = False
         self._stop_asked = False
         self._stop_reason = ""
@@ -283,10 +284,10 @@ class Driver:
 
     def tick(self, now: Instant) -> None:
         """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second."""
-        late_s = max(now.steady_s - self._steady_s - self._settings.tick_period_s, 0.0) if self._steady_s else 0.0
-        self._steady_s = now.steady_s
-        # A silent sensor ends in a fault: its silence counts only while somebody was there to notice it.
-        self._sensors.excuse(late_s)
+        late_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s - 2.0 * self._settings.tick_period_s
+        self._steady_s, self._ticked_s = now.steady_s, now.graph_s
+        # A silent sensor ends in a fault: only silence counts that somebody was there to notice, by two periods a tick.
+        self._sensors.excuse(max(late_s, 0.0))
         stood_s = self._overload.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has heard nothing, and nobody is to blame for that.
