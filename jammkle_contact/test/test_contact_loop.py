@@ -19,6 +19,7 @@ from jammkle_contact.loop import AnkleLoop
 from jammkle_contact.recording import Heard
 from jammkle_contact.replay import replay
 from jammkle_contact.robot_stories import joined_contacts
+from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.events import ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
@@ -233,3 +234,22 @@ def test_the_leg_of_the_controller_is_that_of_the_simulation() -> None:
     moment = limb.shank_kg * limb.shank_m / 2.0 + mount_kg * (limb.shank_m - ankle.tendon_length_m / 2.0)
     moment += foot_kg * (limb.shank_m - ankle.foot_centre_m[2])
     assert leg.shank_centre_m == pytest.approx(moment / leg.shank_kg, abs=0.0005)
+
+
+@pytest.mark.parametrize("use_efforts", [False, True])
+@pytest.mark.parametrize("imu", ["foot", "shank", "body"])
+@pytest.mark.parametrize("slope_deg", [0.0, 5.0, 15.0])
+def test_a_leg_that_is_put_on_a_slope_is_held(slope_deg: float, imu: str, use_efforts: bool) -> None:  # noqa: FBT001
+    """Whatever of its set-down was felt, it is held within 2.5 s; efforts show contact, rest alone does not."""
+    simulation = robot_simulation("leg", RobotOptions(behaviour="stand", imu=imu, slope_deg=slope_deg))
+    loop = AnkleLoop(simulation.ankles["ankle"], ControllerParameters(imu_mount=imu, use_efforts=use_efforts))
+    stands = False
+    for sample in simulation.samples(2.5, 500):
+        loop.step(sample.time_s)
+        stands = sample.ankles["ankle"].foot.stands
+    assert stands
+    for pressure_pa in loop.ankle.channel_pressures_pa().values():
+        assert STANDARD_ATMOSPHERE_PA - pressure_pa > 30e3
+    report = loop.controller.contact
+    assert report.bears
+    assert report.contact is Contact.CONTACT or not use_efforts

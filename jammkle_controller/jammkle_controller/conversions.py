@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import CHANNEL_JAMS, JAM_COMMAND, UNJAM, UNJAM_ALL
-from jammkle_msgs.msg import ChannelJamCommand, Fault, JamCommand
+from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, ContactState, Fault, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
     from builtin_interfaces.msg import Time
 
+    from jammkle_controller.core.contact import ContactReport
+    from jammkle_graph.health import Health
     from jammkle_msgs.msg import JamState
 
 _TYPES = {
@@ -27,6 +30,12 @@ _TYPES = {
     ContactKind.LIFTOFF: ContactEventMessage.LIFTOFF,
     ContactKind.SWING: ContactEventMessage.SWING,
     ContactKind.SETTLED: ContactEventMessage.SETTLED,
+}
+
+_CONTACTS = {
+    Contact.UNKNOWN: ContactState.UNKNOWN,
+    Contact.CONTACT: ContactState.CONTACT,
+    Contact.NO_CONTACT: ContactState.NO_CONTACT,
 }
 
 _VENTED_BY_HAND = (UNJAM.name, UNJAM_ALL.name, *(service.name for service in CHANNEL_JAMS.values()))
@@ -48,11 +57,21 @@ def contact_event_message(event: ContactEvent, frame_id: str) -> ContactEventMes
     return message
 
 
-def jam_command_message(wish: Mapping[str, float], stamp: Time) -> JamCommand:
-    """Write the wish for every channel: vacuum in Pa, gauge, positive; zero vents."""
+def jam_command_message(wish: Mapping[str, float], stamp: Time, *, anew: bool = False) -> JamCommand:
+    """Write the wish for every channel: vacuum in Pa, gauge, positive; zero vents. `anew`: as on a change."""
     message = JamCommand()
     message.header.stamp = stamp
+    message.anew = anew
     message.channels = [ChannelJamCommand(channel=channel, vacuum_pa=vacuum_pa) for channel, vacuum_pa in wish.items()]
+    return message
+
+
+def contact_state_message(report: ContactReport, health: Health, stamp: Time, *, soft: bool) -> ContactState:
+    """Write what is known of contact, and whether the ankle is soft in stance."""
+    message = ContactState(contact=_CONTACTS[report.contact], shown_by=report.shown_by, at_rest=report.at_rest)
+    message.header.stamp = stamp
+    message.soft_in_stance = soft
+    message.text = health.message
     return message
 
 
@@ -73,4 +92,5 @@ def driver_view(message: JamState) -> DriverView:
         by_hand=by_hand,
         stopped=message.emergency_stopped,
         hold=Hold.STREAM if by_stream else Hold.NOBODY,
+        faulty=tuple(each.channel for each in message.channels if each.state == ChannelJamState.FAULT),
     )

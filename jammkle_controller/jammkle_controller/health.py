@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
+from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.offered import Detection, not_felt
 from jammkle_controller.core.policy import PolicyMode
 from jammkle_controller.core.transitions import PolicyState
 from jammkle_controller.core.watch import ImuTrouble
+from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.health import Health, Level
+from jammkle_graph.names import SET_CONTACT, WAY_BACK
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +24,10 @@ if TYPE_CHECKING:
 
 REMEMBERED_S = 5.0
 """How long trouble in the stream is shown after it ended, s."""
+
+LOOKED_AT_S = 2.0
+"""How long contact may be unknown before that is a warning, s: rest is seen after 1 s."""
+SAY_SO = f"{SET_CONTACT.path} says so"
 
 SAFE_MODE = "the last wish is kept"
 """What is done where nothing shows contact: what is jammed stays jammed, what is soft stays soft."""
@@ -111,6 +118,30 @@ def input_health(controller: AnkleController, time_ns: int, topics: Mapping[Inpu
     return Health("inputs", level, f"beside the IMU: {names or 'none'}{missing}", values)
 
 
+def contact_health(controller: AnkleController, soft: Sequence[str], *, is_soft_in_stance: bool) -> Health:
+    """Tell what is known of contact; WARN where it is not known for `LOOKED_AT_S`, or the ankle is soft in stance.
+
+    Args:
+        controller: Whose knowledge it is.
+        soft: Channels that are not asked to jam.
+        is_soft_in_stance: Whether they should be, and were not for a while.
+
+    """
+    report = controller.contact
+    values = {"shown by": report.shown_by or "nothing", "at rest": str(report.at_rest)}
+    known = f"{report.contact.value} ({report.shown_by})" if report.shown_by else report.contact.value
+    if is_soft_in_stance:
+        what = f"soft in stance: {known}, and not asked to jam: {', '.join(soft) or 'no channel is reported'}"
+        return Health("contact", Level.WARN, f"{what}; {WAY_BACK}", values)
+    time_ns = controller.gate.last_ns
+    if time_ns is None or report.contact is not Contact.UNKNOWN:
+        return Health("contact", Level.OK, "waiting for the first sample" if time_ns is None else known, values)
+    if time_ns - report.since_ns < LOOKED_AT_S * NANOSECONDS_PER_SECOND:
+        return Health("contact", Level.OK, "unknown: looked at first", values)
+    does = "at rest, so held" if report.at_rest else "it moves, so it is left as it is"
+    return Health("contact", Level.WARN, f"unknown: nothing shows whether it stands or hangs; {does}; {SAY_SO}", values)
+
+
 def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_hand: Sequence[str] = ()) -> Health:
     """Tell what the policy wants, and whether it is heard.
 
@@ -128,12 +159,12 @@ def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_h
         **{f"wanted vacuum, {channel} (Pa)": f"{vacuum_pa:.0f}" for channel, vacuum_pa in controller.wish.items()},
     }
     if not auto:
-        return Health("policy", Level.OK, "automatic jamming is off; ~/set_auto turns it on", values)
+        return Health("policy", Level.OK, f"automatic jamming is off; {WAY_BACK}", values)
     if trouble:
         return Health("policy", Level.ERROR, f"automatic: {controller.state.value}, but {trouble}", values)
     if controller.state is PolicyState.FAULT:
         return Health("policy", Level.ERROR, f"fault: nothing shows contact; {SAFE_MODE}", values)
     what = controller.state.value if controller.mode is PolicyMode.AUTO else controller.mode.value
     if by_hand:
-        what += f"; vented by a service: {', '.join(by_hand)}, until the policy changes its wish"
+        what += f"; vented by a service: {', '.join(by_hand)}, until the policy changes its wish; {WAY_BACK}"
     return Health("policy", Level.OK, f"automatic: {what}", values)

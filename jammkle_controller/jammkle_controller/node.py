@@ -13,7 +13,12 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float32
 from std_srvs.srv import SetBool
 
-from jammkle_controller.conversions import contact_event_message, driver_view, jam_command_message
+from jammkle_controller.conversions import (
+    contact_event_message,
+    contact_state_message,
+    driver_view,
+    jam_command_message,
+)
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.freshness import Freshness
@@ -28,7 +33,7 @@ from jammkle_controller.core.reading import (
     load_n,
     nanoseconds,
 )
-from jammkle_controller.health import StreamTrouble, imu_health, input_health, policy_health
+from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
 from jammkle_graph import wire
@@ -38,6 +43,7 @@ from jammkle_graph.lockstep import LockstepNode
 from jammkle_graph.names import (
     ANKLE_JOINTS,
     CONTACT_EVENTS,
+    CONTACT_STATE,
     CONTROLLER_NODE,
     FOOT_CONTACT,
     GAIT_PHASE,
@@ -49,16 +55,19 @@ from jammkle_graph.names import (
     ODOMETRY,
     PLANNED_CONTACT,
     SET_AUTO,
+    SET_CONTACT,
+    WAY_BACK,
 )
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_graph.roll_call import RollCall
-from jammkle_msgs.msg import ContactEvent, JamCommand, JamState
+from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from rclpy.parameter import Parameter
 
+    from jammkle_controller.core.contact import ContactReport
     from jammkle_controller.core.controller import Reaction
     from jammkle_graph.health import Health
 
@@ -78,6 +87,8 @@ INPUT_TOPICS = {
 }
 """Where each of the optional inputs is heard."""
 
+CONTACT_PERIOD_S = 1.0
+"""How often contact_state is told again, s."""
 FOLLOW_S = 0.5
 """How long the driver may take to follow a new wish before that is told, s: ten repeats of jam_command."""
 
@@ -111,6 +122,8 @@ class ControllerNode(LockstepNode):
         self._inputs = {**INPUT_TOPICS, Input.ODOMETRY: values.odometry_topic}
         self._driver = DriverView()
         self._driver_heard = False
+        self._held_s = self._contact_told_s = self.now_s()
+        self._contact_told: tuple[ContactReport, bool] | None = None
         self._wished_pa = 0.0
         self._since_wish_s = self.now_s()
         self.add_on_set_parameters_callback(self._refuse_what_the_driver_refuses)
@@ -118,8 +131,10 @@ class ControllerNode(LockstepNode):
 
         self._commands = self.create_publisher(JamCommand, JAM_COMMAND.name, publisher_qos(JAM_COMMAND))
         self._events = self.create_publisher(ContactEvent, CONTACT_EVENTS.name, publisher_qos(CONTACT_EVENTS))
+        self._contact = self.create_publisher(ContactState, CONTACT_STATE.name, publisher_qos(CONTACT_STATE))
         self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
         self.create_service(SetBool, SET_AUTO.name, self._set_auto)
+        self.create_service(SetBool, SET_CONTACT.name, self._set_contact)
         self.every(1.0 / values.command_rate_hz, self._repeat)
         self._roll_call = RollCall(self)
         self.create_subscription(JamState, JAM_STATE.name, self._hear_driver, subscriber_qos(JAM_STATE))
@@ -148,6 +163,7 @@ class ControllerNode(LockstepNode):
         self._take(take(message, self.get_clock().now().nanoseconds), "")
 
     def _hear_load(self, message: WrenchStamped) -> None:
+        self._controller.inputs.hear_pull(-load_n(message), nanoseconds(message.header.stamp))
         reaction = self._controller.hear_load(load_n(message), nanoseconds(message.header.stamp))
         self._take(reaction, message.header.frame_id)
 
@@ -155,6 +171,9 @@ class ControllerNode(LockstepNode):
         roll_rad, time_ns = joint_position(message, ANKLE_JOINTS[0]), nanoseconds(message.header.stamp)
         if roll_rad is not None:
             self._controller.inputs.hear_joints(roll_rad, time_ns)
+            pitch_rad = joint_position(message, ANKLE_JOINTS[1])
+            if pitch_rad is not None:
+                self._controller.inputs.hear_pitch(pitch_rad)
         if self._values.use_efforts:
             reading = leg_reading(message, self._values.hip_joint, self._values.knee_joint)
             if reading is not None:
@@ -175,23 +194,60 @@ class ControllerNode(LockstepNode):
         for event in reaction.events:
             self._events.publish(contact_event_message(event, frame_id))
 
-    def _command(self) -> None:
-        self._commands.publish(jam_command_message(self._controller.wish, self.get_clock().now().to_msg()))
+    def _command(self, *, anew: bool = False) -> None:
+        self._commands.publish(jam_command_message(self._controller.wish, self.get_clock().now().to_msg(), anew=anew))
 
     def _repeat(self) -> None:
         if self._auto:
             self._command()
+        self._tell_contact()
         self._diagnostics.check()
+
+    def _tell_contact(self) -> None:
+        """Publish what is known of contact when it has changed, and once a second."""
+        told = (self._controller.contact, self._is_soft_in_stance())
+        now_s = self.now_s()
+        if told == self._contact_told and now_s - self._contact_told_s < CONTACT_PERIOD_S:
+            return
+        self._contact_told, self._contact_told_s = told, now_s
+        report, soft = told
+        health = contact_health(self._controller, self._driver.soft, is_soft_in_stance=soft)
+        self._contact.publish(contact_state_message(report, health, self.get_clock().now().to_msg(), soft=soft))
+
+    def _is_soft_in_stance(self) -> bool:
+        """Whether it bears, and a channel has not been asked to jam for `FOLLOW_S`."""
+        held = self._driver_heard and not self._driver.soft
+        if held or not self._controller.contact.bears:
+            self._held_s = self.now_s()
+        return self.now_s() - self._held_s >= FOLLOW_S
+
+    def _set_contact(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        refusal = self._controller.set_contact(stands=request.data)
+        response.success = not refusal
+        if refusal:
+            response.message = f"refused: {refusal}; mend that sensor, or ~/set_auto with false and jam by service"
+            return response
+        if self._auto:
+            self._command(anew=True)
+        does = "stands, and is held" if request.data else "does not stand, and is soft"
+        manual = "" if self._auto else f"; automatic jamming is off; {WAY_BACK}"
+        response.message = f"the foot {does} until something else is felt{manual}"
+        self._tell_contact()
+        self._diagnostics.check()
+        return response
 
     def _set_auto(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._auto = request.data
         response.success = True
         if self._auto:
-            self._command()
+            self._controller.forget_hand()
+            self._command(anew=True)
             response.message = (
                 f"automatic jamming is on ({self._controller.state.value}): "
                 f"{JAM_COMMAND.name} now asks for {self._controller.vacuum_pa:.0f} Pa in every channel"
             )
+            trouble = self._driver.first_clear
+            response.message += f"; {trouble}" if trouble else ""
         else:
             response.message = (
                 f"automatic jamming is off: {JAM_COMMAND.name} stops, and the driver vents the channels that it jammed "
@@ -247,5 +303,6 @@ class ControllerNode(LockstepNode):
         by_hand = self._driver.by_hand if self._controller.vacuum_pa > 0.0 else ()
         policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver(), by_hand=by_hand)
         time_ns = max(self.get_clock().now().nanoseconds, self._controller.gate.last_ns or 0)
+        contact = contact_health(self._controller, self._driver.soft, is_soft_in_stance=self._is_soft_in_stance())
         inputs = input_health(self._controller, time_ns, self._inputs)
-        return [imu, inputs, policy, self._roll_call.health()]
+        return [imu, inputs, contact, policy, self._roll_call.health()]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from jammkle_controller.core.detector_settings import Mount
 from jammkle_controller.core.policy import PolicyMode
 from jammkle_graph.constants import HELD_VACUUM_PA
-from jammkle_graph.parameters import parameter
+from jammkle_graph.parameters import ParameterError, parameter
 
 
 @dataclass(frozen=True)
@@ -267,3 +267,17 @@ class ControllerParameters:
     touchdown_probability: float = parameter(
         0.5, "Probability from which on a blow in a swing is a touch-down", "1", 0.05, 0.99
     )
+
+    def __post_init__(self) -> None:
+        """Check what two parameters say together.
+
+        Raises:
+            ParameterError: a stance is held with more vacuum than a slip, which would then find less.
+
+        """
+        if self.hold_vacuum_pa > self.full_vacuum_pa:
+            msg = (
+                f"parameter 'hold_vacuum_pa' is {self.hold_vacuum_pa:g} Pa; it must be at most full_vacuum_pa, "
+                f"{self.full_vacuum_pa:g} Pa: raise that first, or lower this"
+            )
+            raise ParameterError(msg)

@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import METRE, ContactKind
+from jammkle_controller.health import contact_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
+from jammkle_graph.health import Level
+from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,15 +53,24 @@ class Motion:
         self.height_m = height_m
         self.tilt_rad = tilt_rad
 
-    def felt(self, streams: Streams, mount: str, bias_m_s2: float = 0.0, **parameters: float) -> list[ContactEvent]:
-        """Return what a controller reports whose IMU has a bias along x."""
+    def felt(
+        self,
+        streams: Streams,
+        mount: str,
+        bias_m_s2: float = 0.0,
+        controller: AnkleController | None = None,
+        **parameters: float,
+    ) -> list[ContactEvent]:
+        """Return what a controller, a new one if none is given, reports whose IMU has a bias along x."""
         carried = streams.gravity_m_s2 + np.gradient(np.gradient(self.height_m, 1.0 / HZ), 1.0 / HZ)
         force = np.stack(
             [bias_m_s2 - carried * np.sin(self.tilt_rad), 0.0 * carried, carried * np.cos(self.tilt_rad)], axis=1
         )
         gyro = np.zeros_like(force)
         gyro[:, 1] = np.gradient(self.tilt_rad, 1.0 / HZ)
-        controller = AnkleController(controller_settings(ControllerParameters(imu_mount=mount, **parameters)))
+        controller = controller or AnkleController(
+            controller_settings(ControllerParameters(imu_mount=mount, **parameters))
+        )
         return streams.events_of(streams.sense(force, 500, gyro=gyro), controller)
 
 
@@ -115,3 +128,30 @@ def test_a_lower_height_is_noticed_sooner(streams: Streams) -> None:
     motion = moved(1.5, 0.4, 0.2)
     times = [next(lifts(motion.felt(streams, "foot", raised_foot_m=height_m))) for height_m in (0.05, 0.1, 0.2)]
     assert times == sorted(set(times))
+
+
+@pytest.mark.parametrize("mount", ["foot", "shank", "body"])
+def test_what_moves_and_was_never_felt_is_left_soft_and_is_a_warning(streams: Streams, mount: str) -> None:
+    """A robot that is swayed by hand from the start is neither held nor said to stand or hang."""
+    time_s = np.arange(0.0, 4.0, 1.0 / HZ)
+    motion = Motion(0.0 * time_s, 0.1 * np.sin(2.0 * np.pi * 0.8 * time_s))
+    controller = AnkleController(controller_settings(ControllerParameters(imu_mount=mount)))
+    motion.felt(streams, mount, controller=controller)
+    assert not controller.contact.at_rest
+    if controller.contact.contact is Contact.UNKNOWN:  # a foot that is swung at times seems to step
+        assert contact_health(controller, (), is_soft_in_stance=False).level is Level.WARN
+    assert mount != "body" or (controller.contact.contact, controller.wish) == (
+        Contact.UNKNOWN,
+        dict.fromkeys(CHANNELS, 0.0),
+    )
+
+
+@pytest.mark.parametrize("mount", ["foot", "shank"])
+def test_a_foot_that_is_lifted_and_held_still_in_the_air_is_not_said_to_stand(streams: Streams, mount: str) -> None:
+    """Its stillness suggests a touch-down that it might be; contact is unknown, and the ankle is held."""
+    motion = moved(1.5, 0.3, 0.2, carried_s=3.0)
+    until = round((1.0 + 1.5 + 2.9) * HZ)
+    controller = AnkleController(controller_settings(ControllerParameters(imu_mount=mount)))
+    events = Motion(motion.height_m[:until], motion.tilt_rad[:until]).felt(streams, mount, controller=controller)
+    assert ContactKind.LIFTOFF in [event.kind for event in events]
+    assert (controller.contact.contact, controller.wish) == (Contact.UNKNOWN, dict.fromkeys(CHANNELS, 40e3))

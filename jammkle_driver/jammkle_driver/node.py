@@ -207,7 +207,7 @@ class DriverNode(LockstepNode, LifecycleNode):
     def _on_jam_command(self, message: JamCommand) -> None:
         now = self._now()
         try:
-            self._driver.follow(wishes(message), now, JAM_COMMAND.name)
+            self._driver.follow(wishes(message), now, JAM_COMMAND.name, anew=message.anew)
             refused = ""
         except RequestError as error:
             refused = f"refused: {error}"

@@ -45,8 +45,9 @@ class Rig:
         for place in places or (*CHANNELS, MANIFOLD):
             self.driver.measure(PressureSample(place, STANDARD_ATMOSPHERE_PA - vacuum_pa, self.now.graph_s), self.now)
 
-    def follow(self, **vacuums_pa: float) -> None:
-        self.driver.follow([Wish(name, value) for name, value in vacuums_pa.items()], self.now, "jam_command")
+    def follow(self, *, anew: bool = False, **vacuums_pa: float) -> None:
+        wishes = [Wish(name, value) for name, value in vacuums_pa.items()]
+        self.driver.follow(wishes, self.now, "jam_command", anew=anew)
 
     def channel(self, name: str) -> ChannelStatus:
         return self.driver.status.channels[CHANNELS.index(name)]

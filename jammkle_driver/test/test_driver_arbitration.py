@@ -14,6 +14,7 @@ from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.hardware import MANIFOLD, released
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant
+from jammkle_graph.names import WAY_BACK
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -292,3 +293,25 @@ def test_a_stream_that_begins_with_nothing_takes_nothing_away(make_rig: Callable
     rig.driver.jam(["left"], 0.0, "t")
     rig.follow(left=0.0, right=0.0)
     assert rig.wanted_pa("left") == 50e3
+
+
+@pytest.mark.parametrize("how", ["unjam", "emergency stop"])
+def test_what_is_said_anew_brings_channels_back(make_rig: Callable[..., Any], how: str) -> None:
+    """After a service or a cleared stop repeats change nothing, and the answer names the way back: `anew`."""
+    rig = make_rig().active()
+    rig.follow(left=50e3, right=50e3, achilles=50e3)
+    if how == "unjam":
+        answer = rig.driver.unjam([], "t")
+    else:
+        rig.driver.emergency_stop(stop=True, now=rig.now)
+        rig.follow(left=50e3, right=50e3, achilles=50e3, anew=True)
+        assert [rig.wanted_pa(name) for name in CHANNELS] == [0.0] * 3
+        with pytest.raises(RequestError, match=WAY_BACK):
+            rig.driver.jam([], 0.0, "t")
+        rig.driver.emergency_stop(stop=False, now=rig.now)
+        answer = rig.driver.clear_fault(rig.now)
+    assert WAY_BACK in answer
+    rig.follow(left=50e3, right=50e3, achilles=50e3)
+    assert [rig.wanted_pa(name) for name in CHANNELS] == [0.0] * 3
+    rig.follow(left=50e3, right=50e3, achilles=50e3, anew=True)
+    assert [rig.wanted_pa(name) for name in CHANNELS] == [50e3] * 3

@@ -139,6 +139,12 @@ JAM_COMMAND = Topic(
 CONTACT_EVENTS = Topic(
     "contact_events", "jammkle_msgs/msg/ContactEvent", TopicKind.EVENT, "impact, slip, lift-off, swing, settled"
 )
+CONTACT_STATE = Topic(
+    "contact_state",
+    "jammkle_msgs/msg/ContactState",
+    TopicKind.STATE,
+    "contact, no contact or unknown, what shows it, and whether the ankle is soft in stance",
+)
 EMERGENCY_STOP = Topic(
     "emergency_stop", "std_msgs/msg/Bool", TopicKind.STATE, "true: release everything until ~/clear_fault"
 )
@@ -214,6 +220,7 @@ TOPICS: tuple[Topic, ...] = (
     JAM_STATE,
     JAM_COMMAND,
     CONTACT_EVENTS,
+    CONTACT_STATE,
     FOOT_CONTACT,
     GAIT_PHASE,
     PLANNED_CONTACT,
@@ -298,7 +305,13 @@ UNJAM = Service(DRIVER_NODE, "unjam", "jammkle_msgs/srv/Unjam", "vent channels")
 JAM_ALL = Service(DRIVER_NODE, "jam_all", _TRIGGER, "jam all channels to the default vacuum")
 UNJAM_ALL = Service(DRIVER_NODE, "unjam_all", _TRIGGER, "vent all channels")
 CLEAR_FAULT = Service(DRIVER_NODE, "clear_fault", _TRIGGER, "leave FAULT and emergency stop, everything vented")
-SET_AUTO = Service(CONTROLLER_NODE, "set_auto", _SET_BOOL, "let the controller decide, or not")
+SET_AUTO = Service(
+    CONTROLLER_NODE,
+    "set_auto",
+    _SET_BOOL,
+    "let the controller decide, or not; true is the way back to automatic from every state",
+)
+SET_CONTACT = Service(CONTROLLER_NODE, "set_contact", _SET_BOOL, "say that the foot stands, or that it does not")
 SET_PAUSED = Service(SIM_NODE, "set_paused", _SET_BOOL, "pause or go on")
 RESET = Service(SIM_NODE, "reset", _TRIGGER, "put the rig back to its start; simulated time goes on")
 STEP = Service(SIM_NODE, "step", "jammkle_msgs/srv/Step", "advance a paused simulation by steps")
@@ -314,6 +327,9 @@ def robots_service(suffix: str) -> str:
     return f"robot/{suffix}"
 
 
+WAY_BACK = f"back to automatic: {SET_AUTO.path} with true"
+"""From every state, after `~/clear_fault` where there is a fault or was a stop; named wherever something is refused."""
+
 CHANNEL_JAMS: dict[str, Service] = {channel: channel_jam_service(channel) for channel in CHANNELS}
 
 SERVICES: tuple[Service, ...] = (
@@ -324,6 +340,7 @@ SERVICES: tuple[Service, ...] = (
     UNJAM_ALL,
     CLEAR_FAULT,
     SET_AUTO,
+    SET_CONTACT,
     SET_PAUSED,
     RESET,
     STEP,

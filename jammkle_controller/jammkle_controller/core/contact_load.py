@@ -47,27 +47,29 @@ class LoadContact:
     """
 
     def __init__(self) -> None:
-        """Stand, and have felt nothing."""
-        self.stands = True
+        """Have felt nothing: whether it stands is not known before a load says so."""
+        self.stands: bool | None = None
         self._usual_n = 0.0
         self._time_ns: int | None = None
         self._side = True
         self._side_ns = 0
 
     def update(self, load_n: float, time_ns: int) -> LoadChange | None:
-        """Take the load, N, at a time; return whether the foot stands, if that has changed."""
+        """Take the load, N, at a time; return whether the foot stands, if that has changed since it was first known."""
         elapsed_s = 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / NANOSECONDS_PER_SECOND)
         if self._time_ns is None:
             self._usual_n = load_n
         self._time_ns = time_ns
-        if self.stands:
+        if self.stands is not False:
             self._usual_n += (load_n - self._usual_n) * elapsed_s / (elapsed_s + USUAL_TIME_S)
         probability = self._probability(load_n)
         if (probability > 0.5) is not self._side:  # noqa: PLR2004 - more likely than not
             self._side, self._side_ns = not self._side, time_ns
         if LEFT_PROBABILITY < probability < STANDS_PROBABILITY or (probability >= STANDS_PROBABILITY) is self.stands:
             return None
-        self.stands = not self.stands
+        known, self.stands = self.stands is not None, probability >= STANDS_PROBABILITY
+        if not known:
+            return None
         delay_s = (time_ns - self._side_ns) / NANOSECONDS_PER_SECOND if self._side is self.stands else 0.0
         return LoadChange(self.stands, load_n, delay_s, probability if self.stands else 1.0 - probability)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_controller.core.anticipation import Rhythm
+from jammkle_controller.core.contact import Contact, ContactReport
 from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.detector_settings import DetectorSettings, Phase
 from jammkle_controller.core.events import ContactEvent, ContactKind, Source
@@ -14,7 +15,8 @@ from jammkle_controller.core.imu import Admission
 from jammkle_controller.core.inputs import ContactInputs, InputSettings
 from jammkle_controller.core.offered import Detection, is_felt
 from jammkle_controller.core.policy import JammingPolicy, PolicyMode, PolicySettings
-from jammkle_controller.core.transitions import PolicyState
+from jammkle_controller.core.raised import PUT_DOWN_S
+from jammkle_controller.core.transitions import PolicyState, Trigger
 from jammkle_controller.core.watch import ImuTrouble
 
 if TYPE_CHECKING:
@@ -30,6 +32,17 @@ FALLING = 0.5
 """Load on the IMU, in units of gravity, below which it falls: efforts that hold a leg up then look like a load."""
 LEANING_RAD = 0.035
 """Roll of the ankle from which on it tells the side that yields, rad: 2 deg, beyond its play."""
+HELD_REST_S = PUT_DOWN_S
+"""At rest for so long, and with nothing that shows it hanging, the ankle is held, s: no hand is as still."""
+DEFLECTED_RAD = 0.05
+"""Angle of a soft ankle at rest beyond which the ground must be bending it, rad: 2 deg of play and 0.9 deg of a joint's
+zero. The foot's own weight, 0.03 N m, bends ours by 0.015 rad at 2 N m/rad."""
+_CONTACT_OF = {
+    ContactKind.IMPACT: Contact.CONTACT,
+    ContactKind.SLIP: Contact.CONTACT,
+    ContactKind.LIFTOFF: Contact.NO_CONTACT,
+    ContactKind.SWING: Contact.NO_CONTACT,
+}
 
 
 @dataclass(frozen=True)
@@ -64,6 +77,42 @@ class AnkleController:
         self._rhythm = Rhythm()
         self._stance_held = False
         self._believed_before = False
+        self._felt, self._felt_by = Contact.UNKNOWN, ""
+        self._by_hand: bool | None = None
+        self._report = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
+
+    @property
+    def contact(self) -> ContactReport:
+        """What was known of contact at the latest sample or input."""
+        return self._report
+
+    def set_contact(self, *, stands: bool) -> str:
+        """Take from a person that the foot stands, or that it does not, until something else is felt.
+
+        Returns:
+            Why it is refused: a sensor of contact says otherwise; empty: it is taken.
+
+        """
+        now_ns = self._detector.gate.last_ns or 0
+        sensor = self.inputs.contact_sensor(now_ns)
+        if sensor is not None and self.inputs.measured_contact(now_ns) is not stands:
+            return f"{sensor.value} shows that the foot {'does not stand' if stands else 'stands'}"
+        self._by_hand, self._stance_held = stands, False
+        if stands:
+            self._detector.correct(lifted=False, time_ns=now_ns)
+            self._policy.take_up(Trigger.SHOWN)
+        else:
+            self._policy.let_go()
+        self._detector.jolt(now_ns)
+        self._note_contact(now_ns)
+        return ""
+
+    def forget_hand(self) -> None:
+        """Go by what is felt again, and not by what a person said of contact."""
+        if self._by_hand is not None:
+            self._felt, self._felt_by = (Contact.CONTACT if self._by_hand else Contact.UNKNOWN), "said by ~/set_contact"
+            self._by_hand = None
+            self._note_contact(self._detector.gate.last_ns or 0)
 
     def inherit_stance(self) -> None:
         """Note that the ankle was held by a controller before this one: hold it too, once the body is seen at rest.
@@ -87,6 +136,7 @@ class AnkleController:
         events = self._detector.update(sample)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
+            self._forget_contact()
         if gate.last_ns != stamp_before_ns:
             self._policy.advance(sample.time_ns)
         self._look_at_imu(sample.time_ns)
@@ -96,7 +146,8 @@ class AnkleController:
         if self._stance_held and (told or self._detector.phase is Phase.PLANTED):
             self._stance_held = False
             if not told:
-                self._policy.take_up()
+                self._policy.take_up(Trigger.INHERITED)
+        self._take_up_what_stands(sample.time_ns)
         self._foresee(sample.time_ns)
         return self._reaction(told, wish_before, sample.time_ns)
 
@@ -162,7 +213,54 @@ class AnkleController:
             return Reaction((), wish_changed=False)
         self._detector.correct(lifted=lifted, time_ns=time_ns)
         self._react(event)
+        self._note_contact(time_ns)
         return self._reaction((event,), wish_before, time_ns)
+
+    def _take_up_what_stands(self, time_ns: int) -> None:
+        """Hold a stance whose beginning was not felt, and what rests unless something shows that it hangs."""
+        self._note_contact(time_ns)
+        report = self._report
+        if self._policy.state is not PolicyState.SWING or not report.bears:
+            return
+        shown = report.contact is Contact.CONTACT
+        if shown and self._felt is not Contact.CONTACT:
+            self._felt, self._felt_by = report.contact, report.shown_by
+        self._detector.correct(lifted=False, time_ns=time_ns)
+        self._policy.take_up(Trigger.SHOWN if shown else Trigger.RESTED)
+
+    def _note_contact(self, time_ns: int) -> None:
+        at_rest = self._detector.rested_s >= HELD_REST_S
+        contact, shown_by = self._known_contact(time_ns, at_rest=at_rest)
+        before = self._report
+        since_ns = before.since_ns if before.contact is contact and before.since_ns <= time_ns else time_ns
+        self._report = ContactReport(contact, shown_by, at_rest=at_rest, since_ns=since_ns)
+
+    def _known_contact(self, time_ns: int, *, at_rest: bool) -> tuple[Contact, str]:
+        """Return whether the foot stands and what shows it, the surest first."""
+        sensor = self.inputs.contact_sensor(time_ns)
+        if sensor is not None:
+            stands = self.inputs.measured_contact(time_ns)
+            return (Contact.CONTACT if stands else Contact.NO_CONTACT), sensor.value
+        if self._by_hand is not None:
+            return (Contact.CONTACT if self._by_hand else Contact.NO_CONTACT), "said by ~/set_contact"
+        return self._shown_at_rest(time_ns) if at_rest else (self._felt, self._felt_by)
+
+    def _shown_at_rest(self, time_ns: int) -> tuple[Contact, str]:
+        """Return what shows whether what rests stands or hangs; a plan and an angle say nothing of what moves."""
+        hangs = self.inputs.hangs(time_ns)
+        if hangs is not None:
+            return (Contact.NO_CONTACT if hangs else Contact.CONTACT), "the load cell's sign at rest"
+        planned = self.inputs.planned_contact(time_ns)
+        if planned is not None:
+            return (Contact.CONTACT if planned else Contact.NO_CONTACT), "the gait's plan, at rest"
+        if self._felt is Contact.CONTACT:
+            return self._felt, self._felt_by
+        if not any(self._policy.wish.values()) and self.inputs.deflection_rad(time_ns) > DEFLECTED_RAD:
+            return Contact.CONTACT, "the angle of the soft ankle, at rest"
+        return Contact.UNKNOWN, ""
+
+    def _forget_contact(self) -> None:
+        self._felt, self._felt_by = Contact.UNKNOWN, ""
 
     def _reaction(self, events: tuple[ContactEvent, ...], wish_before: Mapping[str, float], time_ns: int) -> Reaction:
         changed = self._policy.wish != wish_before
@@ -194,6 +292,11 @@ class AnkleController:
         if event.kind is ContactKind.SLIP and self.inputs.roll_rad is not None:
             event = self._leaning(event, self.inputs.roll_rad)
         self._policy.react(event)
+        contact = _CONTACT_OF.get(event.kind)
+        if contact is not None:
+            self._by_hand = None
+            self._felt = contact if event.is_felt else Contact.UNKNOWN
+            self._felt_by = f"{event.kind.value}, {event.source.value}" if event.is_felt else ""
         if event.kind is ContactKind.LIFTOFF:
             self._rhythm.lift(event.time_ns)
         elif event.kind is ContactKind.IMPACT:
@@ -228,8 +331,9 @@ class AnkleController:
             self._rhythm.forget()
             if self._stance_held:  # nobody can see any more that it stands: it was held, and is held on
                 self._stance_held = False
-                self._policy.take_up()
+                self._policy.take_up(Trigger.INHERITED)
             self._policy.lose()
+            self._forget_contact()
 
     def feels(self, detection: Detection) -> bool:
         """Whether the IMU, where it is mounted, is used to detect it."""

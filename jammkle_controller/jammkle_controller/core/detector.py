@@ -95,6 +95,11 @@ class ContactDetector:
             return self.foot.swing.probability
         return _FREE_FALL_PROBABILITY if self.phase in (Phase.FLIGHT, Phase.SWING) else 1.0 - _FREE_FALL_PROBABILITY
 
+    @property
+    def rested_s(self) -> float:
+        """How long the IMU has been at rest, s; 0: it moves, or it is not believed."""
+        return self._raise.rested_s if self.available else 0.0
+
     def jolt(self, time_ns: int) -> None:
         """Note that the ankle is jammed or vented now, which shakes the IMU."""
         self._jolted_until_ns = time_ns + round(JOLT_S * NANOSECONDS_PER_SECOND)

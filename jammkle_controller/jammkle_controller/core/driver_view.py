@@ -5,6 +5,8 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from jammkle_graph.names import CLEAR_FAULT, WAY_BACK
+
 
 class Hold(enum.Enum):
     """Why channels are, or were, jammed."""
@@ -27,6 +29,7 @@ class DriverView:
         by_hand: Channels that somebody has vented by a service; they follow the next change of wish.
         stopped: Whether an emergency stop holds.
         hold: Whether jam_command holds, or held until it fell silent.
+        faulty: Channels in FAULT, which follow nothing before `~/clear_fault`.
 
     """
 
@@ -37,6 +40,20 @@ class DriverView:
     by_hand: tuple[str, ...] = ()
     stopped: bool = False
     hold: Hold = Hold.NOBODY
+    faulty: tuple[str, ...] = ()
+
+    @property
+    def soft(self) -> tuple[str, ...]:
+        """Channels that are not asked to jam, whoever decided so."""
+        return (*(channel for channel, _ in self.unfollowed), *self.by_hand)
+
+    @property
+    def first_clear(self) -> str:
+        """What must be done before channels can follow at all; empty: nothing."""
+        if not self.stopped and not self.faulty:
+            return ""
+        why = "an emergency stop holds" if self.stopped else f"in fault: {', '.join(self.faulty)}"
+        return f"but {why}: call {CLEAR_FAULT.path} first, then this again"
 
     def objection(self, name: str, vacuum_pa: float) -> str:
         """Return why the driver would not take a set point, Pa; empty if it would, or if its limits are not known."""
@@ -54,8 +71,8 @@ class DriverView:
         if self.refused:
             return f"the driver does not follow: {self.refused}"
         if self.stopped:
-            return "the driver does not follow: an emergency stop holds"
+            return f"the driver does not follow: an emergency stop holds; release it, driver/clear_fault, {WAY_BACK}"
         if self.unfollowed:
             channel, reason = self.unfollowed[0]
-            return f"the driver does not follow: {channel}: {reason or 'not asked to jam'}"
+            return f"the driver does not follow: {channel}: {reason or 'not asked to jam'}; {WAY_BACK}"
         return ""

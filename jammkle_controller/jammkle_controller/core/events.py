@@ -50,6 +50,8 @@ class ContactEvent:
         detection_delay_s: From the first sample that carries the event to the one that decided, s.
         probability: That it is one, 0 to 1: a posterior on a foot or shank that steps, otherwise assumed.
         source: What it was felt on.
+        is_felt: Whether something happened that only this explains; False: a touch-down that stillness alone suggests,
+            which a foot that is held still in the air shows as well.
         direction: Unit vector of the sliding or of the blow in the IMU's frame, or in the body's where
             the odometry told it; zeros: not known.
 
@@ -63,3 +65,4 @@ class ContactEvent:
     probability: float = 1.0
     source: Source = Source.IMU
     direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    is_felt: bool = True

@@ -71,6 +71,9 @@ class ContactInputs:
         self.settings = settings
         self.gait = GaitPhase()
         self.roll_rad: float | None = None
+        self._pitch_rad = 0.0
+        self._pull_n: float | None = None
+        self._pull_ns = 0
         self._heard_ns: dict[Input, int] = {}
         self._in_contact: dict[Input, bool] = {}
         self._usual_load_n = 0.0
@@ -87,9 +90,21 @@ class ContactInputs:
 
     def measured_contact(self, time_ns: int) -> bool | None:
         """Whether a sensor of contact says that the foot stands; None: there is none."""
+        shown_by = self.contact_sensor(time_ns)
+        return None if shown_by is None else self._in_contact[shown_by]
+
+    def contact_sensor(self, time_ns: int) -> Input | None:
+        """Which sensor of contact is believed now; None: there is none."""
         here = self.heard(time_ns)
         for each in (Input.CONTACT_SWITCH, Input.LOAD, Input.EFFORTS):
             if each in here and each in self._in_contact:
+                return each
+        return None
+
+    def planned_contact(self, time_ns: int) -> bool | None:
+        """Whether the gait plans contact now; None: no gait is heard."""
+        for each in (Input.PLANNED_CONTACT, Input.GAIT_PHASE):
+            if self._is_heard(each, time_ns):
                 return self._in_contact[each]
         return None
 
@@ -150,6 +165,29 @@ class ContactInputs:
             self._heard_ns[Input.JOINTS] = time_ns
             self.roll_rad = roll_rad
 
+    def hear_pitch(self, pitch_rad: float) -> None:
+        """Take the ankle's pitch, rad, that comes with its roll."""
+        if math.isfinite(pitch_rad):
+            self._pitch_rad = pitch_rad
+
+    def deflection_rad(self, time_ns: int) -> float:
+        """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not heard."""
+        if self.roll_rad is None or not self._is_heard(Input.JOINTS, time_ns):
+            return 0.0
+        return math.hypot(self.roll_rad, self._pitch_rad)
+
+    def hear_pull(self, pull_n: float, time_ns: int) -> None:
+        """Take the tension of a load cell that the leg hangs on in a rig, N; what presses is negative."""
+        if math.isfinite(pull_n):
+            self._pull_n, self._pull_ns = pull_n, time_ns
+
+    def hangs(self, time_ns: int) -> bool | None:
+        """Whether, at rest, the leg hangs on its load cell or presses on the ground; None: there is none that says."""
+        lately = abs(time_ns - self._pull_ns) < SILENT_S * NANOSECONDS_PER_SECOND
+        if self.settings.use_load or self._pull_n is None or not lately or abs(self._pull_n) < LEAST_LOAD_N:
+            return None
+        return self._pull_n > 0.0
+
     def hear_leg(self, reading: LegReading, time_ns: int, *, falls: bool = False) -> ContactEvent | None:
         """Take angles, rates and efforts of hip and knee; of a body that falls: nothing carries it."""
         load_n = None if self._leg_load is None else self._leg_load.update(reading, time_ns)
@@ -157,7 +195,8 @@ class ContactInputs:
             return None
         self._heard_ns[Input.EFFORTS] = time_ns
         change = self._leg_contact.update(0.0 if falls else load_n, time_ns)
-        self._in_contact[Input.EFFORTS] = self._leg_contact.stands
+        if self._leg_contact.stands is not None:
+            self._in_contact[Input.EFFORTS] = self._leg_contact.stands
         if change is None:
             return None
         kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF

@@ -144,9 +144,18 @@ class JammingPolicy:
         if self.state is not PolicyState.PREPARING or touchdown_ns is None:
             self._touchdown_ns = touchdown_ns
 
-    def take_up(self) -> None:
-        """Hold, because somebody before has held this stance."""
-        self._take(Trigger.INHERITED)
+    def take_up(self, why: Trigger) -> None:
+        """Hold without a touch-down: INHERITED, SHOWN or RESTED. In a fault what is kept becomes a stance's vacuum."""
+        if self.state is PolicyState.FAULT:
+            self._kept = dict.fromkeys(CHANNELS, self.settings.hold_vacuum_pa)
+        self._take(why)
+
+    def let_go(self) -> None:
+        """Vent without a lift-off that was felt, in a fault, too."""
+        if self.state is PolicyState.FAULT:
+            self._kept = dict.fromkeys(CHANNELS, 0.0)
+        self._touchdown_ns = None
+        self._take(Trigger.LIFTOFF)
 
     def react(self, event: ContactEvent) -> None:
         """Take one contact event."""

@@ -155,6 +155,13 @@ class RaiseDetector:
             return None
         return ContactEvent(ContactKind.LIFTOFF, time_ns, height_m, METRE, since_s, _PROBABILITY)
 
+    @property
+    def rested_s(self) -> float:
+        """How long the IMU has read gravity and nothing else, s; 0: it does not."""
+        if self._smooth is None or abs(math.hypot(*self._smooth) - STANDARD_GRAVITY_M_S2) > 2.0 * BIAS_M_S2:
+            return 0.0
+        return self._kept_s
+
     def raise_it(self) -> None:
         """Take that it has been raised: its height is kept while it rests in the air."""
         self.is_raised = True
@@ -164,7 +171,9 @@ class RaiseDetector:
         came_back = self._height_m is not None and self._height_m < DOWN_SHARE * self.settings.height_m
         if self._kept_s < (REST_S if came_back else PUT_DOWN_S):
             return None
-        return ContactEvent(ContactKind.IMPACT, time_ns, force_m_s2, M_S2, self._kept_s, _PROBABILITY)
+        return ContactEvent(
+            ContactKind.IMPACT, time_ns, force_m_s2, M_S2, self._kept_s, _PROBABILITY, is_felt=came_back
+        )
 
 
 def _towards(a: Vector, b: Vector, share: float) -> Vector:

@@ -93,7 +93,7 @@ class SteppingFoot:
         swing = self.swing.probability
         if swing >= self.settings.swing.stance_probability:
             return None
-        return ContactEvent(ContactKind.IMPACT, time_ns, motion.sharp_m_s2, M_S2, 0.0, 1.0 - swing)
+        return ContactEvent(ContactKind.IMPACT, time_ns, motion.sharp_m_s2, M_S2, 0.0, 1.0 - swing, is_felt=False)
 
     def swinging(self, time_ns: int, motion: Motion) -> ContactEvent | None:
         """Return once per swing that the foot swings freely."""

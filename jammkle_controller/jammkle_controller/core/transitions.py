@@ -33,6 +33,8 @@ class Trigger(enum.Enum):
     STOPPED = "no slip for slip_hold_s"
     RECOVERED = "no slip for recover_s"
     INHERITED = "at rest, and held by a controller before"
+    SHOWN = "contact is shown without a touch-down: by switch, load, efforts, gait at rest, or ~/set_contact"
+    RESTED = "at rest for 1 s, and nothing shows that it hangs"
     LOST = "nothing shows contact"
     REGAINED_JAMMED = "contact is known again, jammed"
     REGAINED_SOFT = "contact is known again, soft"
@@ -60,10 +62,10 @@ WISHES: Mapping[PolicyState, Wish] = {
 }
 
 MEANINGS: Mapping[PolicyState, str] = {
-    S.SWING: "the foot is in the air, or nothing is known yet: ready for a landing",
+    S.SWING: "the foot is in the air, or nothing is known and it moves: ready for a landing",
     S.PREPARING: "touch-down is so near that fibres which are evacuated from now on grip only after the shock",
     S.LANDING: "the foot has hit, and the shock passes",
-    S.STANCE: "the foot stands",
+    S.STANCE: "the foot stands, or rests and nothing shows that it hangs",
     S.SLIPPING: "the foot slides",
     S.RECOVERING: "the foot slid a moment ago",
     S.FAULT: "no input that shows contact is believed: a robot that stands goes on standing as it did",
@@ -74,6 +76,8 @@ TRANSITIONS: Mapping[tuple[PolicyState, Trigger], PolicyState] = {
     (S.SWING, T.TOUCHDOWN): S.LANDING,
     (S.SWING, T.SLIP): S.SLIPPING,
     (S.SWING, T.INHERITED): S.STANCE,
+    (S.SWING, T.SHOWN): S.STANCE,
+    (S.SWING, T.RESTED): S.STANCE,
     (S.SWING, T.LOST): S.FAULT,
     (S.PREPARING, T.TOUCHDOWN): S.STANCE,
     (S.PREPARING, T.MISSED): S.SWING,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.requests import RequestError
+from jammkle_graph.names import WAY_BACK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +32,7 @@ def check_ready(*, active: bool, stop_reason: str, board_waits: bool) -> None:
         msg = f"{INACTIVE}: cannot jam; activate it first (lifecycle transition 'activate')"
         raise RequestError(msg)
     if stop_reason:
-        msg = f"emergency stop ({stop_reason}): cannot jam; release it, then call ~/clear_fault"
+        msg = f"emergency stop ({stop_reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
         raise RequestError(msg)
     if board_waits:
         msg = "the board has let go and has not yet taken the release: cannot jam; ask again"

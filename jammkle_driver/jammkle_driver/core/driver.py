@@ -23,6 +23,7 @@ from jammkle_driver.core.sensors import SensorWatch
 from jammkle_driver.core.status import DriverStatus, worst_trouble
 from jammkle_driver.core.stream import WishStream
 from jammkle_driver.core.watchdog import Instant, Watchdog
+from jammkle_graph.names import WAY_BACK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -176,12 +177,13 @@ class Driver:
             self._take(Wish(name, 0.0), f"asked by {asked_by}")
             self._stream.release(name)
         self._ankle.regulate(0.0)
-        return f"unjamming {', '.join(names)}"
+        return f"unjamming {', '.join(names)}; {WAY_BACK}"
 
-    def follow(self, wishes: Sequence[Wish], now: Instant, asked_by: str) -> None:
+    def follow(self, wishes: Sequence[Wish], now: Instant, asked_by: str, *, anew: bool = False) -> None:
         """Take one message of a stream of wishes; only changes count, repeating keeps them alive.
 
         A channel in FAULT or stopped does not follow, and the change is spent: it does not jam by itself later.
+        With `anew` everything counts as a change: that is the way back after a service, a fault or a stop.
         A message that jams with a new vacuum takes the jammed channels that it names along to it.
 
         Raises:
@@ -200,7 +202,7 @@ class Driver:
             if self._ankle.channels[wish.channel].vacuum_pa is not None and not self._board_waits
         ]
         able = [wish for wish in heard if self._can_follow(wish.channel)]
-        new = self._stream.changes(able)
+        new = tuple(able) if anew else self._stream.changes(able)
         jams = any(wish.vacuum_pa > 0.0 for wish in new)
         taken = [wish for wish in able if wish in new or (jams and self._holds_another(wish))]
         check_shared_vacuum(taken, self._ankle.set_points_pa)
@@ -237,7 +239,7 @@ class Driver:
         self._stop_reason = ""
         self._stop_silence.feed(now)
         self._link_guard.clear()
-        return f"cleared: {', '.join(cleared)}" if cleared else "nothing to clear"
+        return f"cleared: {', '.join(cleared)}; vented until asked anew: {WAY_BACK}" if cleared else "nothing to clear"
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
         """Take a pressure sample. One that is not a finite number is ignored."""

@@ -1,0 +1,170 @@
+"""Whether the foot stands where no touch-down was felt: shown by something, said by a person, or unknown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from controller_bench import LANDED_AT_S
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_srvs.srv import SetBool
+
+from jammkle_controller.core.contact import Contact
+from jammkle_controller.core.controller import AnkleController
+from jammkle_controller.health import contact_health
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import controller_settings
+from jammkle_graph.health import Level
+from jammkle_graph.names import CHANNELS, CONTACT_STATE, SET_AUTO, SET_CONTACT, UNJAM
+from jammkle_graph.parameters import ParameterError
+from jammkle_graph.qos import subscriber_qos
+from jammkle_msgs.msg import ChannelJamState, ContactState, JamState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from conftest import Streams
+    from controller_bench import Bench
+
+    from jammkle_controller.core.imu import ImuSample
+
+MOUNTS = ("foot", "shank", "body")
+HELD = dict.fromkeys(CHANNELS, 40e3)
+SOFT = dict.fromkeys(CHANNELS, 0.0)
+
+
+def at_rest(streams: Streams, duration_s: float = 1.6) -> list[ImuSample]:
+    return streams.sense(streams.rest(duration_s), 500)
+
+
+def new_controller(mount: str = "body", **parameters: object) -> AnkleController:
+    return AnkleController(controller_settings(ControllerParameters(imu_mount=mount, **parameters)))
+
+
+def feel(
+    controller: AnkleController, samples: list[ImuSample], hear: Callable[[AnkleController, int], object] | None = None
+) -> AnkleController:
+    """Let a controller feel samples, and hear something before each tenth of them."""
+    for number, sample in enumerate(samples):
+        if hear is not None and number % 10 == 0:
+            hear(controller, sample.time_ns)
+        controller.update(sample)
+    return controller
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_what_rests_unexplained_is_unknown_held_and_a_warning(streams: Streams, mount: str) -> None:
+    """An IMU at rest tells no stance from hanging on any mount: held after 1 s, unknown all the same, and told so."""
+    controller = feel(new_controller(mount), at_rest(streams, 0.9))
+    assert (controller.contact.contact, controller.wish) == (Contact.UNKNOWN, SOFT)
+    controller = feel(new_controller(mount), at_rest(streams, 2.5))
+    assert controller.contact.contact is Contact.UNKNOWN
+    assert controller.contact.at_rest
+    assert controller.wish == HELD
+    health = contact_health(controller, (), is_soft_in_stance=False)
+    assert health.level is Level.WARN
+    assert SET_CONTACT.path in health.message
+
+
+@pytest.mark.parametrize(
+    ("hear", "contact"),
+    [
+        (lambda c, ns: c.inputs.hear_pull(3.4, ns), Contact.NO_CONTACT),
+        (lambda c, ns: c.inputs.hear_pull(-14.0, ns), Contact.CONTACT),
+        (lambda c, ns: c.inputs.hear_pull(0.5, ns), Contact.UNKNOWN),
+        (lambda c, ns: c.hear_switch(closed=False, time_ns=ns), Contact.NO_CONTACT),
+        (lambda c, ns: c.hear_switch(closed=True, time_ns=ns), Contact.CONTACT),
+        (lambda c, ns: c.hear_plan(contact=False, time_ns=ns), Contact.NO_CONTACT),
+        (lambda c, ns: c.hear_plan(contact=True, time_ns=ns), Contact.CONTACT),
+        (lambda c, ns: (c.inputs.hear_joints(0.0, ns), c.inputs.hear_pitch(-0.065)), Contact.CONTACT),
+        (lambda c, ns: (c.inputs.hear_joints(0.0, ns), c.inputs.hear_pitch(0.014)), Contact.UNKNOWN),
+    ],
+    ids=["hangs on cell", "presses", "cell unsure", "open", "closed", "air planned", "stance planned", "bent", "level"],
+)
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_what_else_is_known_decides_for_what_rests(
+    streams: Streams, mount: str, hear: Callable[[AnkleController, int], object], contact: Contact
+) -> None:
+    """A load cell's sign, a switch, a gait and the soft ankle's angle show stance or hanging; only hanging is soft."""
+    controller = feel(new_controller(mount), at_rest(streams), hear)
+    assert controller.contact.contact is contact
+    assert controller.wish == (SOFT if contact is Contact.NO_CONTACT else HELD)
+
+
+def test_a_person_says_that_it_stands_or_hangs_until_something_is_felt(streams: Streams) -> None:
+    """`set_contact` holds or frees at once and while it rests; a landing ends it; a switch is believed more."""
+    fall, _ = streams.drop(150.0, 0.5)
+    controller = feel(new_controller(), at_rest(streams, 0.5))
+    assert controller.set_contact(stands=True) == ""
+    assert (controller.contact.contact, controller.wish) == (Contact.CONTACT, HELD)
+    controller = feel(new_controller(), at_rest(streams, 0.5))
+    assert controller.set_contact(stands=False) == ""
+    held_up = [sample._replace(time_ns=sample.time_ns + 500_000_000) for sample in at_rest(streams, 2.0)]
+    feel(controller, held_up)
+    assert (controller.contact.contact, controller.wish) == (Contact.NO_CONTACT, SOFT)
+    feel(controller, [s._replace(time_ns=s.time_ns + 2_500_000_000) for s in streams.sense(fall, 500)])
+    assert (controller.contact.contact, controller.wish) == (Contact.CONTACT, HELD)
+    feel(controller, [], None)
+    controller.hear_switch(closed=False, time_ns=controller.gate.last_ns or 0)
+    assert "contact switch" in controller.set_contact(stands=True)
+
+
+def test_what_a_person_said_is_forgotten_on_the_way_back(streams: Streams) -> None:
+    """After `forget_hand` what rests is held again, whatever was said of it."""
+    controller = feel(new_controller(), at_rest(streams))
+    controller.set_contact(stands=False)
+    controller.forget_hand()
+    later = [sample._replace(time_ns=sample.time_ns + 1_600_000_000) for sample in at_rest(streams)]
+    assert feel(controller, later).wish == HELD
+
+
+def test_an_imu_that_is_not_believed_makes_contact_unknown(streams: Streams) -> None:
+    """What was felt on it counts no longer; what is held stays held, and a person may say so of what was soft."""
+    fall, _ = streams.drop(150.0, 0.5)
+    samples = streams.sense(fall, 500)
+    controller = feel(new_controller(), samples)
+    assert controller.contact.contact is Contact.CONTACT
+    last_ns = samples[-1].time_ns
+    feel(controller, [samples[-1]._replace(time_ns=last_ns + n * 2_000_000) for n in range(1, 300)])
+    assert (controller.contact.contact, controller.wish) == (Contact.UNKNOWN, HELD)
+    controller.set_contact(stands=False)
+    assert controller.wish == SOFT
+    controller.set_contact(stands=True)
+    assert controller.wish == HELD
+
+
+def test_contact_is_told_and_a_soft_stance_with_the_way_back(make_bench: Callable[..., Bench]) -> None:
+    """A channel vented by service in a stance: soft_in_stance and a WARN that names the way back, which sends anew."""
+    bench = make_bench()
+    told: list[ContactState] = []
+    bench.node.create_subscription(ContactState, CONTACT_STATE.name, told.append, subscriber_qos(CONTACT_STATE))
+    bench.wait_until_up()
+    bench.spin_until(lambda: told[-1:] != [] and told[-1].contact == ContactState.UNKNOWN, "unknown at first")
+    bench.driver_says(JamState(channels=[ChannelJamState(channel=channel) for channel in CHANNELS]))
+    bench.land()
+    bench.stand(LANDED_AT_S + 0.002, LANDED_AT_S + 0.1)
+    bench.spin_until(lambda: told[-1].contact == ContactState.CONTACT, "the landing is contact")
+    assert "impact" in told[-1].shown_by
+    by_hand = [ChannelJamState(channel=channel, reason=f"asked by {UNJAM.name}") for channel in CHANNELS]
+    bench.driver_says(JamState(channels=by_hand))
+    bench.spin_until(lambda: told[-1].soft_in_stance, "the soft stance is flagged")
+    assert SET_AUTO.path in told[-1].text
+    bench.spin_until(lambda: bench.health["contact"].level == DiagnosticStatus.WARN, "and is a warning")
+    assert SET_AUTO.path in bench.health["contact"].message
+    bench.commands.clear()
+    assert bench.set_auto(on=True).success
+    bench.spin_until(lambda: any(command.anew for command in bench.commands), "the wish is sent anew")
+    bench.commands.clear()
+    answer = bench.call(SetBool, SET_CONTACT.path, SetBool.Request(data=False))
+    assert answer.success
+    bench.spin_until(lambda: any(c.anew for c in bench.commands) and bench.wishes() == SOFT, "and vents on set_contact")
+    bench.spin_until(lambda: told[-1].contact == ContactState.NO_CONTACT and not told[-1].soft_in_stance, "it hangs")
+    bench.driver_says(JamState(channels=by_hand, emergency_stopped=True))
+    bench.spin_until(lambda: "driver/clear_fault" in bench.set_auto(on=True).message, "what comes first is named")
+
+
+def test_a_stance_is_not_held_with_more_than_a_slip_finds() -> None:
+    """`hold_vacuum_pa` above `full_vacuum_pa` is refused with both values; as much is taken."""
+    with pytest.raises(ParameterError, match=r"45000.*40000"):
+        ControllerParameters(hold_vacuum_pa=45e3, full_vacuum_pa=40e3)
+    ControllerParameters(hold_vacuum_pa=45e3, full_vacuum_pa=45e3)
