@@ -96,8 +96,7 @@ def replay(stream: Iterable[Heard], parameters: ControllerParameters) -> Replay:
         if reaction.wish_changed or controller.state is not state:
             state = controller.state
             decisions.append(Decision(heard.time_ns, state.value, dict(controller.wish)))
-        trouble = controller.watch.trouble
-        reason = "" if trouble is None else trouble.value
+        reason = controller.watch.reason
         if reason != told:
             troubles.append((heard.time_ns, reason))
             told = reason

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jammkle_controller.core.controller import AnkleController
     from jammkle_controller.core.freshness import Freshness
     from jammkle_controller.core.imu import StreamCounts
+    from jammkle_controller.core.watch import ImuWatch
 
 REMEMBERED_S = 5.0
 """How long trouble in the stream is shown after it ended, s."""
@@ -83,15 +84,15 @@ def imu_health(controller: AnkleController, freshness: Freshness, topic: str, *,
         return Health("imu", Level.ERROR, f"{silent}{reason}; {SAFE_MODE}", values)
     if not counts.usable:
         return Health("imu", Level.OK, f"waiting for the first sample on {topic}", values)
-    return _believed_health(controller.watch.trouble, seen if trouble else "", values)
+    return _believed_health(controller.watch, seen if trouble else "", values)
 
 
-def _believed_health(why: ImuTrouble | None, irregular: str, values: Mapping[str, str]) -> Health:
+def _believed_health(watch: ImuWatch, irregular: str, values: Mapping[str, str]) -> Health:
     """Tell whether samples that come in are believed, and what is irregular about them."""
-    if why is ImuTrouble.CHECKING:
+    if watch.trouble is ImuTrouble.CHECKING:
         return Health("imu", Level.OK, "samples come in, and are looked at first", values)
-    if why is not None:
-        return Health("imu", Level.ERROR, f"detection is unavailable: {why.value}; {SAFE_MODE}", values)
+    if watch.trouble is not None:
+        return Health("imu", Level.ERROR, f"detection is unavailable: {watch.reason}; {SAFE_MODE}", values)
     if irregular:
         return Health("imu", Level.WARN, f"irregular samples: {irregular}", values)
     return Health("imu", Level.OK, "samples come in", values)

@@ -19,6 +19,8 @@ from jammkle_graph.names import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from conftest import Streams
+
     from jammkle_controller.core.imu import ImuSample
 
 HELD = dict.fromkeys(CHANNELS, ControllerParameters().hold_vacuum_pa)
@@ -255,3 +257,20 @@ def test_a_load_that_goes_vents_and_jams_again_as_it_comes(streams: Any) -> None
     assert wishes[840] == SOFT
     assert wishes[1198] == SOFT
     assert wishes[1270] == HELD
+
+
+def test_a_rate_that_is_not_the_configured_one_is_named_with_both_numbers(streams: Streams) -> None:
+    """An IMU that is published at its configured rate and repeats readings is believed; others name both rates."""
+    fresh = streams.sense(streams.rest(3.0), 500)
+    repeated = [sample._replace(time_ns=sample.time_ns + 2_000_000) for sample in fresh[::4]]  # 125 readings a second
+    published = [
+        reading._replace(time_ns=reading.time_ns + copy * 2_000_000) for reading in repeated for copy in range(4)
+    ]
+    for rate_hz, believed in ((500.0, True), (125.0, True), (0.0, True), (2000.0, False), (40.0, False)):
+        controller = AnkleController(controller_settings(ControllerParameters(imu_rate_hz=rate_hz)))
+        streams.events_of(published, controller)
+        assert (controller.watch.trouble is None) is believed, rate_hz
+        if not believed:
+            assert f"{rate_hz:g} Hz" in controller.watch.reason
+            assert "125 Hz" in controller.watch.reason
+            assert "500 Hz" in controller.watch.reason

@@ -136,7 +136,7 @@ class ContactDetector:
         admission = self.gate.admit(sample)
         if admission is Admission.RESTARTED or (admission is Admission.AFTER_GAP and self.gate.interval_s > LONG_GAP_S):
             self.watch.begin_anew()
-        believed = self.watch.observe(sample, admission, self.gate.rate_hz)
+        believed = self.watch.observe(sample, admission, self.gate.rate_hz, self.gate.published_hz)
         if admission in IGNORED:
             return _NOTHING
         if admission is Admission.USABLE:

@@ -96,7 +96,7 @@ class ImuGate:
         """
         self.max_gap_s = max_gap_s
         self.interval_s = 0.0
-        self._mean_interval_s = 0.0
+        self._mean_interval_s = self._mean_stamps_s = 0.0
         self.last_ns: int | None = None
         self._used_ns = 0
         self._last_values: tuple[float, ...] = ()
@@ -123,13 +123,16 @@ class ImuGate:
         since_last_ns = time_ns - self.last_ns
         if since_last_ns <= 0:
             return self._judge_backward(sample, since_last_ns / NANOSECONDS_PER_SECOND)
+        since_last_s = since_last_ns / NANOSECONDS_PER_SECOND
+        if since_last_s <= self.max_gap_s:
+            self._mean_stamps_s = _mean(self._mean_stamps_s, since_last_s)
         if sample[1:] == self._last_values:
             self.last_ns = time_ns
             return Admission.HELD
         self.interval_s = interval_s = (time_ns - self._used_ns) / NANOSECONDS_PER_SECOND
         if interval_s > self.max_gap_s:
             return self._use(sample, Admission.AFTER_GAP)
-        self._mean_interval_s += (interval_s - self._mean_interval_s) * _RATE_FORGETTING
+        self._mean_interval_s = _mean(self._mean_interval_s, interval_s)
         return self._use(sample, Admission.USABLE)
 
     def _use(self, sample: ImuSample, admission: Admission) -> Admission:
@@ -154,6 +157,11 @@ class ImuGate:
         return 1.0 / self._mean_interval_s if self._mean_interval_s > 0.0 else 0.0
 
     @property
+    def published_hz(self) -> float:
+        """Recent rate of new stamps, held readings among them, Hz; 0 before there are two."""
+        return 1.0 / self._mean_stamps_s if self._mean_stamps_s > 0.0 else 0.0
+
+    @property
     def counts(self) -> StreamCounts:
         """What has come in so far."""
         counts = self._counts
@@ -167,6 +175,11 @@ class ImuGate:
             gaps=max(0, counts[Admission.AFTER_GAP] - 1),
             restarts=counts[Admission.RESTARTED],
         )
+
+
+def _mean(before_s: float, interval_s: float) -> float:
+    """Return the mean with one interval more; the first is the mean itself, or a rate would begin much too high."""
+    return interval_s if before_s == 0.0 else before_s + (interval_s - before_s) * _RATE_FORGETTING
 
 
 def _is_possible(sample: ImuSample) -> bool:

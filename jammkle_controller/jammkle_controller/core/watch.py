@@ -107,6 +107,7 @@ class ImuWatch:
         self._peak_repeats = [0, 0, 0]
         self._fresh_ns = 0
         self._before_ns = 0
+        self._rates_hz = (0.0, 0.0)
         self._forget_turning()
 
     @property
@@ -125,8 +126,34 @@ class ImuWatch:
         self._believed_once = False
         self._forget_turning()
 
-    def observe(self, sample: ImuSample, admission: Admission, rate_hz: float) -> bool:
-        """Take the next sample and what the gate said of it; return whether it may be used to detect anything."""
+    @property
+    def reason(self) -> str:
+        """Why it is not believed, with numbers where there are any; empty: it is."""
+        if self.trouble is not ImuTrouble.RATE:
+            return "" if self.trouble is None else self.trouble.value
+        measured_hz, wanted_hz = self._rates_hz[0], self.settings.rate_hz
+        if measured_hz < LEAST_RATE_HZ:
+            return (
+                f"its rate is {measured_hz:.0f} Hz: below {LEAST_RATE_HZ:.0f} Hz an impact passes between two samples"
+            )
+        published = f", published at {self._rates_hz[1]:.0f} Hz" if self._rates_hz[1] > RATE_RATIO * measured_hz else ""
+        return (
+            f"its rate is {measured_hz:.0f} Hz{published}, and imu_rate_hz {wanted_hz:g} Hz: set what it is, or 0 "
+            f"for any from {LEAST_RATE_HZ:.0f} Hz"
+        )
+
+    def observe(self, sample: ImuSample, admission: Admission, rate_hz: float, published_hz: float = 0.0) -> bool:
+        """Take the next sample and what the gate said of it; return whether it may be used to detect anything.
+
+        Args:
+            sample: The sample.
+            admission: What the gate said.
+            rate_hz: Of readings that differ, Hz; 0: not known.
+            published_hz: Of stamps, with readings that are repeated, Hz; 0: as `rate_hz`.
+
+        """
+        if self.trouble is not ImuTrouble.RATE:
+            self._rates_hz = (rate_hz, published_hz)
         time_ns = sample.time_ns
         if admission in BAD:
             self._bad_share += (1.0 - self._bad_share) * 0.05
@@ -140,7 +167,11 @@ class ImuWatch:
         interval_s = min(0.1, (time_ns - self._before_ns) / NANOSECONDS_PER_SECOND)
         self._before_ns = time_ns
         self._bad_share -= self._bad_share * interval_s / (interval_s + BAD_TIME_S)
-        seen = self._frozen(sample) if admission is Admission.HELD else self._fresh(sample, interval_s, rate_hz)
+        seen = (
+            self._frozen(sample)
+            if admission is Admission.HELD
+            else self._fresh(sample, interval_s, rate_hz, published_hz)
+        )
         if seen is None and (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < CHECK_S:
             seen = ImuTrouble.CHECKING
         if seen is not None:
@@ -169,7 +200,7 @@ class ImuWatch:
         """Hold on to what was wrong while a reading is merely repeated: it says nothing new."""
         return None if self._seen is ImuTrouble.CHECKING else self._seen
 
-    def _fresh(self, sample: ImuSample, interval_s: float, rate_hz: float) -> ImuTrouble | None:
+    def _fresh(self, sample: ImuSample, interval_s: float, rate_hz: float, published_hz: float) -> ImuTrouble | None:
         self._fresh_ns = sample.time_ns
         x, y, z = sample.force_x, sample.force_y, sample.force_z
         if x == y == z == 0.0:
@@ -190,17 +221,17 @@ class ImuWatch:
             return ImuTrouble.TOO_LARGE
         if self._is_clipped((x, y, z), interval_s):
             return ImuTrouble.CLIPPED
-        if rate_hz > 0.0 and self._is_off(rate_hz, sample.time_ns):
+        if rate_hz > 0.0 and self._is_off(rate_hz, published_hz, sample.time_ns):
             return ImuTrouble.RATE
         return self._turning(sample, force, interval_s)
 
-    def _is_off(self, rate_hz: float, time_ns: int) -> bool:
+    def _is_off(self, rate_hz: float, published_hz: float, time_ns: int) -> bool:
+        """Whether readings are too few, or neither they nor what is published come at the configured rate."""
         if self._begin_ns is None or (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < LEVEL_TIME_S:
             return False
         wanted_hz = self.settings.rate_hz
-        return rate_hz < LEAST_RATE_HZ or (
-            wanted_hz > 0.0 and not wanted_hz / RATE_RATIO <= rate_hz <= wanted_hz * RATE_RATIO
-        )
+        fits = any(wanted_hz / RATE_RATIO <= each <= wanted_hz * RATE_RATIO for each in (rate_hz, published_hz))
+        return rate_hz < LEAST_RATE_HZ or (wanted_hz > 0.0 and not fits)
 
     def _is_clipped(self, force: tuple[float, float, float], interval_s: float) -> bool:
         """Learn the range as the largest value that comes again and again exactly, and count what reads it."""
