@@ -10,7 +10,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import SetBool
 
 from jammkle_controller.core.contact import Contact
+from jammkle_controller.core.contact_load import LoadContact
 from jammkle_controller.core.controller import AnkleController
+from jammkle_controller.core.events import ContactKind
 from jammkle_controller.health import contact_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
@@ -168,3 +170,29 @@ def test_a_stance_is_not_held_with_more_than_a_slip_finds() -> None:
     with pytest.raises(ParameterError, match=r"45000.*40000"):
         ControllerParameters(hold_vacuum_pa=45e3, full_vacuum_pa=40e3)
     ControllerParameters(hold_vacuum_pa=45e3, full_vacuum_pa=45e3)
+
+
+@pytest.mark.parametrize("mount", ["foot", "shank"])
+def test_a_touch_down_that_stillness_alone_suggests_is_no_evidence(streams: Streams, mount: str) -> None:
+    """A foot that swings by its gait's plan and then is still: reported and held as before, and contact is unknown."""
+    samples = at_rest(streams, 0.8)
+    controller = feel(new_controller(mount), samples[:100])
+    controller.hear_plan(contact=True, time_ns=samples[99].time_ns)
+    controller.hear_plan(contact=False, time_ns=samples[99].time_ns)
+    assert controller.contact.contact is Contact.NO_CONTACT
+    events = [event for sample in samples[100:] for event in controller.update(sample).events]
+    assert [event.kind for event in events][:1] == [ContactKind.IMPACT]
+    assert (controller.contact.contact, controller.wish) == (Contact.UNKNOWN, HELD)
+
+
+def test_a_load_that_says_nothing_shows_no_stance() -> None:
+    """Efforts presume nothing: neither stance nor swing before a load is clearly one of them."""
+    load = LoadContact()
+    for number in range(10):
+        assert load.update(4.5, number * 10_000_000) is None
+    assert load.stands is None
+    assert load.update(20.0, 100_000_000) is None
+    assert load.stands is True
+    change = load.update(0.0, 110_000_000)
+    assert change is not None
+    assert not change.stands
