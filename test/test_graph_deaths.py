@@ -123,7 +123,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     witness.until("standing, jammed", time.monotonic(), witness.jammed)
 
     # Set points and the atmosphere: refused at the source, or outweighed.
-    refused = witness.set_parameter("controller", "hold_vacuum_pa", 75e3)
+    refused = witness.set_parameter("controller", "full_vacuum_pa", 75e3)
     assert not refused.successful
     assert "70000" in refused.reason
     assert witness.set_parameter("driver", "ambient_pressure_pa", 80e3).successful

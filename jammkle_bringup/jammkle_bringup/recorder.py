@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
-import inspect
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -27,6 +26,7 @@ from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS
 from jammkle_graph.namespace import resolved
 from jammkle_graph.overhearing import belongs, misses, strongest
+from jammkle_graph.publication import MessageInfo, with_info
 from jammkle_graph.qos import answer_qos, publisher_qos
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ class Recorder(Node):
             self.destroy_subscription(old)
         take = functools.partial(self._take_clock if name == CLOCK.name else self._take, name, _begins_with_time(kind))
         self._requested[name] = profile
-        self._recorded[name] = self.create_subscription(kind, name, _with_info(take), profile, raw=True)
+        self._recorded[name] = self.create_subscription(kind, name, with_info(take), profile, raw=True)
 
     def _refuse(self, name: str, why: str) -> None:
         self._refused.add(name)
@@ -179,9 +179,9 @@ class Recorder(Node):
         except OSError:  # the bag knows which
             self._failed = True
 
-    def _take(self, name: str, is_stamped: bool, data: bytes, source_ns: int) -> None:  # noqa: FBT001 - bound once
+    def _take(self, name: str, is_stamped: bool, data: bytes, info: MessageInfo) -> None:  # noqa: FBT001 - bound
         # a latched message from before belongs to the begin: nobody was there when it was published
-        source_ns = max(source_ns, self._begun_ns)
+        source_ns = max(info.sent_ns, self._begun_ns)
         # of health, since that comes from nodes that live in neither time
         stamp_ns = _stamp_ns(data) if is_stamped and name != DIAGNOSTICS.name else 0
         message = Received(name, data, source_ns, stamp_ns, self._is_of_clock_maker(name))
@@ -236,7 +236,7 @@ class Recorder(Node):
         with self._keeping_failure():
             self._log.flush()
 
-    def _take_clock(self, name: str, _is_stamped: bool, data: bytes, source_ns: int) -> None:  # noqa: FBT001
+    def _take_clock(self, name: str, _is_stamped: bool, data: bytes, info: MessageInfo) -> None:  # noqa: FBT001
         tick_ns = _stamp_ns(data)
         self._count += 1
         with self._keeping_failure():
@@ -248,7 +248,7 @@ class Recorder(Node):
                     self.get_logger().info(f"log times are simulated time, by {name}")
                 self._may_switch = False
                 self._kept.clear()
-            self._times.tick(Received(name, data, source_ns, tick_ns))
+            self._times.tick(Received(name, data, info.sent_ns, tick_ns))
         if self._done.get_subscription_count() > 0:
             self._done.publish(self._answer.write(tick_ns))
 
@@ -274,21 +274,6 @@ def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
 def _text(data: bytes) -> str:
     message: Any = deserialize_message(data, String)
     return str(message.data)
-
-
-def _with_info(take: Callable[[bytes, int], None]) -> Callable[..., None]:
-    """Return a callback that asks for the middleware's information on a message, and hands on its source timestamp.
-
-    rclpy sees by a callback's signature that it takes two arguments. Its EventsExecutor (7.1.6) passes both as one.
-    """
-
-    def callback(*received: Any) -> None:
-        data, info = received if len(received) > 1 else received[0]
-        take(data, info["source_timestamp"] or info["received_timestamp"] or time.time_ns())
-
-    both = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
-    callback.__signature__ = inspect.Signature(both)  # type: ignore[attr-defined]
-    return callback
 
 
 def _begins_with_time(kind: Any) -> bool:

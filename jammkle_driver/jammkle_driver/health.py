@@ -11,6 +11,8 @@ from jammkle_driver.core.link import link_numbers
 from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from jammkle_driver.core.ankle import Ankle
     from jammkle_driver.core.atmosphere import AtmosphereStatus
     from jammkle_driver.core.bank import Estimate
@@ -28,6 +30,7 @@ def health_lines(
     lifecycle_state: str,
     refused_command: str,
     link: LinkStatus | None = None,
+    commanders: Sequence[str] = (),
 ) -> tuple[Health, ...]:
     """Return one line for the driver, one each for link, jam_command and manifold, and one per channel.
 
@@ -36,12 +39,13 @@ def health_lines(
         lifecycle_state: Label of the node's lifecycle state.
         refused_command: Why the last jam_command was refused; empty if it was taken, or none came.
         link: What is known of the hardware's other end; None where the driver is not configured.
+        commanders: Names of the nodes that publish jam_command.
 
     """
     return (
         _driver_line(status, lifecycle_state),
         *(() if link is None else (_link_line(link, status),)),
-        Health("jam_command", Level.WARN, refused_command) if refused_command else Health("jam_command", Level.OK, ""),
+        _command_line(status, refused_command, commanders),
         _manifold_line(status),
         *(_channel_line(channel) for channel in status.channels),
     )
@@ -124,12 +128,26 @@ def _pace_line(driver: Driver) -> Health:
 
 
 def _driver_line(status: DriverStatus, lifecycle_state: str) -> Health:
+    values = {
+        "publishers of emergency_stop": str(status.stop_publishers),
+        "of these say true": str(status.stop_asked_by),
+    }
     if status.stop_reason:
         held = "; solenoids kept, pump off" if status.held else ""
-        return Health(
-            "driver", Level.ERROR, f"emergency stop: {status.stop_reason}; release it, then ~/clear_fault{held}"
+        text = f"emergency stop: {status.stop_reason}; release it, then ~/clear_fault{held}"
+        return Health("driver", Level.ERROR, text, values)
+    return Health("driver", Level.OK if status.active else Level.WARN, lifecycle_state, values)
+
+
+def _command_line(status: DriverStatus, refused_command: str, commanders: Sequence[str]) -> Health:
+    values = {"publishers": ", ".join(commanders) or "none"}
+    if status.commanders > 1:
+        text = (
+            f"{status.commanders} publishers at once ({values['publishers']}): each channel follows the one that "
+            "changed last; to command alone stop the others, the controller by controller/set_auto with false"
         )
-    return Health("driver", Level.OK if status.active else Level.WARN, lifecycle_state)
+        return Health("jam_command", Level.WARN, f"{refused_command}; {text}" if refused_command else text, values)
+    return Health("jam_command", Level.WARN if refused_command else Level.OK, refused_command, values)
 
 
 def _link_line(link: LinkStatus, status: DriverStatus) -> Health:

@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 from jammkle_driver.conversions import seconds, wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.publishers import Publication
 from jammkle_driver.core.releases import check_carried_out
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watchdog import Instant
@@ -37,7 +38,7 @@ from jammkle_graph.names import (
     UNJAM,
     UNJAM_ALL,
 )
-from jammkle_graph.qos import live_qos, subscriber_qos
+from jammkle_graph.publication import MessageInfo, subscribe_to_any
 from jammkle_graph.roll_call import RollCall
 from jammkle_msgs.msg import JamCommand
 from jammkle_msgs.srv import Jam, Unjam
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 
     from jammkle_driver.core.hardware import Hardware, PressureSample
     from jammkle_graph.health import Health
-    from jammkle_graph.names import Service
+    from jammkle_graph.names import Service, Topic
 
 STATE_PERIOD_S = 1.0
 """jam_state is repeated this often, s."""
@@ -154,13 +155,12 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._outputs = None
 
     def _create_subscriptions(self) -> None:
-        for kind, topic, callback, qos in (
-            (JamCommand, JAM_COMMAND, self._on_jam_command, subscriber_qos(JAM_COMMAND)),
-            (Bool, EMERGENCY_STOP, self._on_emergency_stop, subscriber_qos(EMERGENCY_STOP)),
-            (Bool, EMERGENCY_STOP, self._on_emergency_stop, live_qos()),
+        for kind, topic, callback in (
+            (JamCommand, JAM_COMMAND, self._on_jam_command),
+            (Bool, EMERGENCY_STOP, self._on_emergency_stop),
         ):
-            subscription = self.create_subscription(kind, topic.name, callback, qos)
-            self._closers.append(partial(self.destroy_subscription, subscription))
+            for subscription in subscribe_to_any(self, kind, topic, callback):
+                self._closers.append(partial(self.destroy_subscription, subscription))
 
     def _create_services(self) -> None:
         answers: list[tuple[type, Service, Callable[[Any], str]]] = [
@@ -204,10 +204,10 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._driver.measure(sample, now)
         self._settle(now)
 
-    def _on_jam_command(self, message: JamCommand) -> None:
-        now = self._now()
+    def _on_jam_command(self, message: JamCommand, info: MessageInfo) -> None:
+        now, publication = self._now(), self._publication(JAM_COMMAND, info)
         try:
-            self._driver.follow(wishes(message), now, JAM_COMMAND.name, anew=message.anew)
+            self._driver.follow(wishes(message), now, JAM_COMMAND.name, anew=message.anew, publication=publication)
             refused = ""
         except RequestError as error:
             refused = f"refused: {error}"
@@ -218,10 +218,13 @@ class DriverNode(LockstepNode, LifecycleNode):
             self._diagnostics.check()
         self._settle(now)
 
-    def _on_emergency_stop(self, message: Bool) -> None:
+    def _on_emergency_stop(self, message: Bool, info: MessageInfo) -> None:
         now = self._now()
-        self._driver.emergency_stop(stop=message.data, now=now)
+        self._driver.emergency_stop(stop=message.data, now=now, publication=self._publication(EMERGENCY_STOP, info))
         self._settle(now)
+
+    def _publication(self, topic: Topic, info: MessageInfo) -> Publication:
+        return Publication(info.number, info.sent_ns, self.count_publishers(topic.name))
 
     def _clear_fault(self) -> str:
         cleared = self._driver.clear_fault(self._now())
@@ -235,7 +238,7 @@ class DriverNode(LockstepNode, LifecycleNode):
 
     def _on_tick(self) -> None:
         now = self._now()
-        self._driver.tick(now)
+        self._driver.tick(now, self.count_publishers(EMERGENCY_STOP.name))
         if self._hardware is not None:
             self._look_at_link(self._hardware, now)
             self._driver.watch_link(self._hardware.link, now)
@@ -286,7 +289,8 @@ class DriverNode(LockstepNode, LifecycleNode):
     def _health(self) -> tuple[Health, ...]:
         _identifier, label = self._state_machine.current_state
         link = None if self._hardware is None else self._hardware.link
-        lines = health_lines(self._driver.status, label, self._refused_command, link)
+        names = sorted(each.node_name for each in self.get_publishers_info_by_topic(JAM_COMMAND.name))
+        lines = health_lines(self._driver.status, label, self._refused_command, link, names)
         return (*lines, *ankle_lines(self._driver), self._roll_call.health())
 
     def _now(self) -> Instant:

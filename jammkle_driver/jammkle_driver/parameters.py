@@ -96,7 +96,7 @@ class DriverParameters:
     )
     pressure_timeout_s: float = parameter(0.5, "Silence of a pressure topic before FAULT", "s", 0.05, 60.0)
     emergency_stop_timeout_s: float = parameter(
-        0.0, "Silence of emergency_stop that counts as a stop; 0: silence is no stop", "s", 0.0, 60.0
+        0.0, "Silence of any publisher of emergency_stop that is a stop; 0: silence is none", "s", 0.0, 60.0
     )
     regulator_gain_per_pa: float = parameter(2.5e-4, "Pump duty per Pa of missing vacuum", "1/Pa", 1e-6, 1e-2)
     regulator_integral_time_s: float = parameter(

@@ -18,7 +18,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
@@ -27,6 +27,7 @@ from driver_graph import FakeAnkle, Graph
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.node import DriverNode
 from jammkle_graph import names
+from jammkle_graph.health import Level
 from jammkle_graph.parameters import ParameterError
 from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_graph.testing import own_domain
@@ -134,9 +135,16 @@ def test_a_transition_that_is_not_allowed_is_refused(graph: Graph) -> None:
     graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
 
 
-@pytest.mark.parametrize("qos", [publisher_qos(names.EMERGENCY_STOP), QoSProfile(depth=10)], ids=["latched", "plain"])
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@pytest.mark.parametrize(
+    "qos",
+    [publisher_qos(names.EMERGENCY_STOP), QoSProfile(depth=10), BEST_EFFORT],
+    ids=["latched", "plain", "best effort"],
+)
 def test_emergency_stop_from_any_publisher(graph: Graph, qos: QoSProfile) -> None:
-    """A latched and a plain publisher both stop; only clear_fault after a false frees again."""
+    """Whatever a publisher offers, it stops; only clear_fault after a false frees again, not one of somebody else."""
     graph.jammable_driver()
     graph.call(Trigger, names.JAM_ALL.path)
     graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
@@ -146,7 +154,19 @@ def test_emergency_stop_from_any_publisher(graph: Graph, qos: QoSProfile) -> Non
     graph.spin_until(lambda: graph.ankle.states[-1].emergency_stopped and graph.ankle.released())
     assert not graph.call(Trigger, names.JAM_ALL.path).success
     assert not graph.call(Trigger, names.CLEAR_FAULT.path).success
-    publisher.publish(Bool(data=False))
+    other = graph.node.create_publisher(Bool, names.EMERGENCY_STOP.name, QoSProfile(depth=10))
+    graph.spin_until(lambda: other.get_subscription_count() > 1)
+    other.publish(Bool(data=False))
+    refused = []
+
+    def names_both() -> bool:
+        refused.append(graph.call(Trigger, names.CLEAR_FAULT.path))
+        return "1 of 2 publishers" in refused[-1].message
+
+    graph.spin_until(names_both)
+    assert not any(answer.success for answer in refused)
+    for each in (publisher, other):
+        each.publish(Bool(data=False))
     graph.spin_until(lambda: graph.call(Trigger, names.CLEAR_FAULT.path).success)
     assert graph.call(Trigger, names.JAM_ALL.path).success
     graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
@@ -176,6 +196,27 @@ def test_a_clock_that_stands_keeps_no_real_ankle_jammed(graph: Graph) -> None:
     # Nor does it blind the diagnosis, whose readings are of the steady clock, too.
     driver._hardware.board.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
     graph.spin_until(lambda: graph.ankle.state_of("achilles").fault == Fault.SENSOR_OUT_OF_RANGE)
+
+
+def test_two_that_command_at_once_are_reported(graph: Graph) -> None:
+    """They contradict one another, one by best effort: the channel stays as the latest change has it."""
+    driver = graph.jammable_driver()
+    first = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
+    second = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, BEST_EFFORT)
+    graph.spin_until(lambda: second.get_subscription_count() > 0)
+
+    def publish() -> None:
+        for publisher, vacuum_pa in ((first, 0.0), (second, 40e3)):
+            publisher.publish(JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=vacuum_pa)]))
+
+    graph.node.create_timer(0.05, publish)
+    graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.JAMMED)
+    since = len(graph.ankle.states)
+    graph.spin_until(lambda: len(graph.ankle.states) > since)
+    assert graph.ankle.state_of("achilles").commanded_vacuum_pa == 40e3
+    line = next(line for line in driver._health() if line.about == "jam_command")
+    assert line.level is Level.WARN
+    assert "2 publishers at once" in line.message
 
 
 def test_jam_commands_are_followed_until_they_go_stale(graph: Graph) -> None:

@@ -13,7 +13,9 @@ stamps on any machine, at any speed.
 
 from __future__ import annotations
 
+import inspect
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.clock import Clock as RosClock
@@ -25,7 +27,7 @@ from std_msgs.msg import Header
 
 from jammkle_graph import wire
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import CLOCK, DIAGNOSTICS, LOCKSTEP, TOPICS, TopicKind
+from jammkle_graph.names import CLOCK, DIAGNOSTICS, EMERGENCY_STOP, LOCKSTEP, TOPICS, TopicKind
 from jammkle_graph.qos import answer_qos
 
 if TYPE_CHECKING:
@@ -37,6 +39,8 @@ if TYPE_CHECKING:
 
 _FROM_NODES = frozenset(topic.name for topic in TOPICS if topic.kind is not TopicKind.SENSOR) - {DIAGNOSTICS.name}
 """Topics on which nodes tell each other something; sensors are the simulation's. Reports of health decide nothing."""
+_AT_ONCE = frozenset((DIAGNOSTICS.name, EMERGENCY_STOP.name))
+"""Topics that wait for no tick."""
 
 
 class _Waiting(NamedTuple):
@@ -44,8 +48,7 @@ class _Waiting(NamedTuple):
 
     topic: str
     stamp_ns: int
-    callback: Callable[[Any], Any]
-    message: Any
+    deliver: Callable[[], Any]
 
 
 class _Regular:
@@ -146,7 +149,7 @@ class LockstepNode(Node):
         if topic == CLOCK.name and not raw:
             take = self._on_clock(callback)
             return super().create_subscription(msg_type, topic, take, qos_profile, **options, raw=True)
-        if topic != DIAGNOSTICS.name:
+        if topic not in _AT_ONCE:
             callback = self._at_the_tick(topic, callback)
         return super().create_subscription(msg_type, topic, callback, qos_profile, **options, raw=raw)
 
@@ -164,16 +167,19 @@ class LockstepNode(Node):
 
         return take
 
-    def _at_the_tick(self, topic: str, callback: Callable[[Any], Any]) -> Callable[[Any], None]:
+    def _at_the_tick(self, topic: str, callback: Callable[..., Any]) -> Callable[..., None]:
         from_nodes = topic in _FROM_NODES
 
-        def take(message: Any) -> None:
+        def take(*received: Any) -> None:
             if self._in_step:
+                # the EventsExecutor of rclpy 7.1.6 passes a message and what is said of it as one
+                message = received[0][0] if isinstance(received[0], tuple) else received[0]
                 stamp_ns = _stamp_ns(message) if from_nodes else -1
-                self._waiting.append(_Waiting(topic if from_nodes else "", stamp_ns, callback, message))
+                self._waiting.append(_Waiting(topic if from_nodes else "", stamp_ns, partial(callback, *received)))
             else:
-                callback(message)
+                callback(*received)
 
+        take.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined] - rclpy counts the arguments
         return take
 
     def _take_tick(self, time_ns: int) -> None:
@@ -196,7 +202,7 @@ class LockstepNode(Node):
         early = [each for each in waiting if each.topic and each.stamp_ns != time_ns]
         early.sort(key=lambda each: (each.stamp_ns, each.topic))
         for each in (*early, *(each for each in waiting if not each.topic)):
-            each.callback(each.message)
+            each.deliver()
         self._waiting[:0] = [each for each in waiting if each.topic and each.stamp_ns == time_ns]
 
 

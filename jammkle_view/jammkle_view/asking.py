@@ -56,6 +56,8 @@ class _Waiting:
     request: Any
     said: str
     until_s: float
+    persistent: bool = False
+    """Whether it is sent again while it is refused: what it needs was published just before."""
 
 
 class Asking:
@@ -81,7 +83,7 @@ class Asking:
         for each in waiting:
             if each.client.service_is_ready():
                 each.client.call_async(each.request).add_done_callback(
-                    lambda future, said=each.said: self._take(future.result(), said)
+                    lambda future, each=each: self._take(future.result(), each)
                 )
             elif time.monotonic() < each.until_s:
                 self._waiting.append(each)
@@ -108,24 +110,29 @@ class Asking:
             case Ask(action=action):
                 if action is Action.CLEAR_FAULT and wish.ankle in self._stops:
                     self._stop(wish.ankle, stop=False)
-                self._call(wish.ankle, *_REQUESTS[action])
+                self._call(wish.ankle, *_REQUESTS[action], persistent=action is Action.CLEAR_FAULT)
 
-    def _call(self, ankle: str, path: str, kind: Any, request: Any, said: str = "") -> None:
+    def _call(
+        self, ankle: str, path: str, kind: Any, request: Any, said: str = "", *, persistent: bool = False
+    ) -> None:
         name = f"{ankle}/{path}" if ankle else path
         if name not in self._clients:
             self._clients[name] = self._node.create_client(kind, name)
         until_s = time.monotonic() + _PATIENCE_S
-        self._waiting.append(_Waiting(path, self._clients[name], request, said, until_s))
+        self._waiting.append(_Waiting(path, self._clients[name], request, said, until_s, persistent))
 
-    def _take(self, response: Any, said: str) -> None:
+    def _take(self, response: Any, asked: _Waiting) -> None:
         if response is None:
+            return
+        if asked.persistent and not response.success and time.monotonic() < asked.until_s:
+            self._waiting.append(asked)
             return
         if isinstance(response, GetParameters.Response):
             for value in response.values:
                 self._take_speed(float(value.double_value))
             return
         for each in getattr(response, "results", ()):  # of set_parameters: one for each, the first says it all
-            self._answer(said if each.successful else each.reason, bool(each.successful))
+            self._answer(asked.said if each.successful else each.reason, bool(each.successful))
             return
         self._answer(response.message, bool(response.success))
 

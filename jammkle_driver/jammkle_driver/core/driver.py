@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.admission import INACTIVE, check_able, check_ready
 from jammkle_driver.core.ankle import Ankle, SafeState
+from jammkle_driver.core.emergency_stop import EmergencyStop
 from jammkle_driver.core.faults import Finding, Reason
 from jammkle_driver.core.hardware import ActuatorCommand, PressureSample, released
 from jammkle_driver.core.link import LinkGuard, NoiseMeter, RestartWatch
 from jammkle_driver.core.overload import OverloadStatus, OverloadWatch
+from jammkle_driver.core.publishers import ONLY_PUBLISHER, Publication
 from jammkle_driver.core.requests import (
     RequestError,
     Wish,
@@ -21,8 +23,7 @@ from jammkle_driver.core.requests import (
 )
 from jammkle_driver.core.sensors import SensorWatch
 from jammkle_driver.core.status import DriverStatus, worst_trouble
-from jammkle_driver.core.stream import WishStream
-from jammkle_driver.core.watchdog import Instant, Watchdog
+from jammkle_driver.core.stream import WishStreams
 from jammkle_graph.names import WAY_BACK
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.core.requests import VacuumLimits
     from jammkle_driver.core.settings import DriverSettings
+    from jammkle_driver.core.watchdog import Instant
 
 
 class Driver:
@@ -47,9 +49,9 @@ class Driver:
         self._settings = settings
         self._limits = settings.limits
         self._ankle = Ankle(self._names, settings.ankle)
-        self._stream = WishStream(settings.command_timeout_s)
+        self._streams = WishStreams(settings.command_timeout_s)
         self._sensors = SensorWatch(self._names, settings.pressure_timeout_s)
-        self._stop_silence = Watchdog(settings.emergency_stop_timeout_s or math.inf)
+        self._emergency_stop = EmergencyStop(settings.emergency_stop_timeout_s)
         self._overload = OverloadWatch(settings.tick_period_s)
         self._link_guard = LinkGuard()
         self._noise = NoiseMeter()
@@ -57,8 +59,7 @@ class Driver:
         self._steady_s = 0.0
         self._ticked_s: float | None = None
         self._active = False
-        self._stop_asked = False
-        self._stop_reason = ""
+        self._stopped = False
         self._board_waits = False
         self._plant_restarts = 0
         self._line_noise: Finding | None = None
@@ -78,7 +79,7 @@ class Driver:
         """What the actuators shall do now."""
         if not self._active:
             return released(self._names)
-        if self._stop_reason and not self._ankle.held:
+        if self._emergency_stop.reason and not self._ankle.held:
             return released(self._names)
         return self._ankle.command
 
@@ -88,7 +89,7 @@ class Driver:
         ankle = self._ankle
         return DriverStatus(
             active=self._active,
-            stop_reason=self._stop_reason,
+            stop_reason=self._emergency_stop.reason,
             manifold_vacuum_pa=ankle.manifold_vacuum_pa,
             channels=tuple(channel.status for channel in ankle.channels.values()),
             trouble=worst_trouble(ankle, self._sensors, self._line_noise, self.own_pace),
@@ -97,6 +98,9 @@ class Driver:
             held=ankle.held,
             line_noise=self._line_noise,
             restarted=self._restarted,
+            stop_publishers=self._emergency_stop.publishers,
+            stop_asked_by=self._emergency_stop.asked_by,
+            commanders=self._streams.speaking,
         )
 
     @property
@@ -104,7 +108,14 @@ class Driver:
         """All of the status but what was measured: what everybody is to know at once when it changes."""
         channels = [(each.state, each.set_point_pa, each.reason) for each in self._ankle.channels.values()]
         trouble = worst_trouble(self._ankle, self._sensors, self._line_noise, self.own_pace)
-        return (self._active, self._stop_reason, trouble.reason, self._limits, *channels)
+        return (
+            self._active,
+            self._emergency_stop.reason,
+            self._streams.speaking,
+            trouble.reason,
+            self._limits,
+            *channels,
+        )
 
     @property
     def ankle(self) -> Ankle:
@@ -119,8 +130,8 @@ class Driver:
     def activate(self, now: Instant) -> None:
         """Start to follow requests; nothing is wanted yet. An emergency stop and faults stay until cleared."""
         self._active = True
-        self._stream.forget()
-        self._stop_silence.feed(now)
+        self._streams.forget()
+        self._emergency_stop.begin(now)
         for channel in self._ankle.channels.values():
             channel.enable()
         self._ankle.regulate(0.0)
@@ -128,7 +139,7 @@ class Driver:
     def deactivate(self) -> None:
         """Release everything and refuse requests; faults stay until cleared."""
         self._active = False
-        self._stream.forget()
+        self._streams.forget()
         self._ankle.release()
         for channel in self._ankle.channels.values():
             channel.disable(INACTIVE)
@@ -151,13 +162,13 @@ class Driver:
         """
         names = checked_channels(channels, self._names)
         vacuum_pa = checked_vacuum(vacuum_pa, self.limits)
-        check_ready(active=self._active, stop_reason=self._stop_reason, board_waits=self._board_waits)
+        check_ready(active=self._active, stop_reason=self._emergency_stop.reason, board_waits=self._board_waits)
         check_able(self._ankle, names)
         wishes = [Wish(name, vacuum_pa) for name in names]
         check_shared_vacuum(wishes, self._ankle.set_points_pa)
         for wish in wishes:
             self._take(wish, f"asked by {asked_by}")
-            self._stream.release(wish.channel)
+            self._streams.release(wish.channel)
         self._ankle.regulate(0.0)
         return f"jamming {', '.join(names)} at {vacuum_pa:g} Pa below ambient"
 
@@ -175,16 +186,25 @@ class Driver:
         self._ankle.release()
         for name in names:
             self._take(Wish(name, 0.0), f"asked by {asked_by}")
-            self._stream.release(name)
+            self._streams.release(name)
         self._ankle.regulate(0.0)
         return f"unjamming {', '.join(names)}; {WAY_BACK}"
 
-    def follow(self, wishes: Sequence[Wish], now: Instant, asked_by: str, *, anew: bool = False) -> None:
+    def follow(
+        self,
+        wishes: Sequence[Wish],
+        now: Instant,
+        asked_by: str,
+        *,
+        anew: bool = False,
+        publication: Publication = ONLY_PUBLISHER,
+    ) -> None:
         """Take one message of a stream of wishes; only changes count, repeating keeps them alive.
 
         A channel in FAULT or stopped does not follow, and the change is spent: it does not jam by itself later.
         With `anew` everything counts as a change: that is the way back after a service, a fault or a stop.
         A message that jams with a new vacuum takes the jammed channels that it names along to it.
+        Changes are those of each publisher, so that two that contradict one another do not take turns.
 
         Raises:
             RequestError: one of the wishes is bad, a channel that is not named is jammed to another vacuum, or the
@@ -194,6 +214,9 @@ class Driver:
         if not self._active:
             msg = f"{INACTIVE}: activate it first"
             raise RequestError(msg)
+        stream = self._streams.of(wishes, publication, now)
+        if stream is None:
+            return
         checked = checked_wishes(wishes, self._names, self.limits)
         # Before its first measurement a channel cannot follow; the wish counts as soon as it can.
         heard = [
@@ -202,22 +225,23 @@ class Driver:
             if self._ankle.channels[wish.channel].vacuum_pa is not None and not self._board_waits
         ]
         able = [wish for wish in heard if self._can_follow(wish.channel)]
-        new = tuple(able) if anew else self._stream.changes(able)
+        new = tuple(able) if anew else stream.changes(able)
         jams = any(wish.vacuum_pa > 0.0 for wish in new)
         taken = [wish for wish in able if wish in new or (jams and self._holds_another(wish))]
         check_shared_vacuum(taken, self._ankle.set_points_pa)
-        self._stream.hear(heard, now)
+        stream.hear(heard, now)
         for wish in taken:
             self._take(wish, f"asked by {asked_by}")
-            self._stream.lead(wish.channel)
+            self._streams.lead(stream, wish.channel)
         self._ankle.regulate(0.0)
 
-    def emergency_stop(self, *, stop: bool, now: Instant) -> None:
-        """Take the latest word on the emergency stop: True releases everything, False only permits `clear_fault`."""
-        self._stop_silence.feed(now)
-        self._stop_asked = stop
-        if stop:
-            self._stop("emergency_stop is true")
+    def emergency_stop(self, *, stop: bool, now: Instant, publication: Publication = ONLY_PUBLISHER) -> None:
+        """Take a message of an emergency stop: True releases everything, False only permits `clear_fault`.
+
+        There may be several publishers: one that says True suffices, and only itself, or its end, takes that back.
+        """
+        self._emergency_stop.take(publication, now, stop=stop)
+        self._obey_stop()
 
     def clear_fault(self, now: Instant) -> str:
         """Leave every fault and the emergency stop; all channels stay vented until asked anew.
@@ -226,18 +250,18 @@ class Driver:
             RequestError: the emergency stop is still asked for. Nothing has changed.
 
         """
-        if self._stop_asked:
-            msg = "emergency_stop is still true; publish false on it first, then call ~/clear_fault again"
-            raise RequestError(msg)
+        was_stopped = bool(self._emergency_stop.reason)
+        refusal = self._emergency_stop.clear(now)
+        if refusal:
+            raise RequestError(refusal)
         faulty = self._ankle.faulty
-        cleared = (["emergency stop"] if self._stop_reason else []) + [channel.name for channel in faulty]
+        cleared = (["emergency stop"] if was_stopped else []) + [channel.name for channel in faulty]
         for channel in faulty:
             if self._sensors.silent(channel.name, now):
                 channel.forget_pressure()
         if cleared:
-            self._ankle.clear(tuple(self._ankle.channels.values()) if self._stop_reason else faulty)
-        self._stop_reason = ""
-        self._stop_silence.feed(now)
+            self._ankle.clear(tuple(self._ankle.channels.values()) if was_stopped else faulty)
+        self._stopped = False
         self._link_guard.clear()
         return f"cleared: {', '.join(cleared)}; vented until asked anew: {WAY_BACK}" if cleared else "nothing to clear"
 
@@ -275,7 +299,7 @@ class Driver:
             self._ankle.fail(self._names, verdict.fault)
         if verdict.let_go is not None:
             self._ankle.vent(verdict.let_go)
-            self._stream.forget()
+            self._streams.forget()
             self._ankle.regulate(0.0)
         return verdict.acknowledge
 
@@ -284,8 +308,14 @@ class Driver:
         self._line_noise = self._noise.look(link, now.steady_s)
         self._restarted = self._restarts.look(link, now.steady_s)
 
-    def tick(self, now: Instant) -> None:
-        """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second."""
+    def tick(self, now: Instant, stop_publishers: int | None = None) -> None:
+        """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second.
+
+        Args:
+            now: The time.
+            stop_publishers: How many publishers emergency_stop has in the graph; None where that is not known.
+
+        """
         late_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s - 2.0 * self._settings.tick_period_s
         self._steady_s, self._ticked_s = now.steady_s, now.graph_s
         # A silent sensor ends in a fault: only silence counts that somebody was there to notice, by two periods a tick.
@@ -293,20 +323,21 @@ class Driver:
         stood_s = self._overload.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has heard nothing, and nobody is to blame for that.
-            self._stop_silence.excuse(stood_s)
-            self._stream.excuse(stood_s)
+            self._emergency_stop.excuse(stood_s)
+            self._streams.excuse(stood_s)
             self._ankle.stood_still()
         self._sensors.look(self._ankle, now, active=self._active)
-        for name in self._stream.fall_silent(now):
+        for name in self._streams.fall_silent(now):
             verb = "unjammed" if self._settings.ankle.safe_state is SafeState.VENT else "held"
-            text = f"{verb}: no accepted jam_command for {self._stream.timeout_s:g} s (command_timeout_s)"
-            self._ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self._stream.values))
-        if self._active and not self._stop_reason and self._stop_silence.expired(now):
-            self._stop(f"no emergency_stop for {self._stop_silence.timeout_s:g} s (emergency_stop_timeout_s)")
+            text = f"{verb}: no accepted jam_command for {self._streams.timeout_s:g} s (command_timeout_s)"
+            self._ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self._streams.values))
+        if self._active:
+            self._emergency_stop.tick(stop_publishers, now)
+            self._obey_stop()
         self._ankle.regulate(0.0)
 
     def _can_follow(self, channel: str) -> bool:
-        return not self._stop_reason and self._ankle.able(channel)
+        return not self._emergency_stop.reason and self._ankle.able(channel)
 
     def _holds_another(self, wish: Wish) -> bool:
         return wish.vacuum_pa > 0.0 and self._ankle.channels[wish.channel].set_point_pa not in (0.0, wish.vacuum_pa)
@@ -314,13 +345,14 @@ class Driver:
     def _take(self, wish: Wish, reason: str) -> None:
         self._ankle.ask(wish.channel, wish.vacuum_pa, reason)
 
-    def _stop(self, reason: str) -> None:
-        if self._stop_reason:
+    def _obey_stop(self) -> None:
+        reason = self._emergency_stop.reason
+        if not reason or self._stopped:
             return
-        self._stop_reason = reason
+        self._stopped = True
         self._ankle.let_go(self._names, Finding(Reason.NONE, "ankle", f"emergency stop: {reason}"))
         for name in self._names:
             if not self._ankle.held:
                 self._ankle.channels[name].ask(0.0, f"emergency stop: {reason}")
-            self._stream.release(name)
+            self._streams.release(name)
         self._ankle.regulate(0.0)

@@ -53,6 +53,9 @@ class DriverStatus:
         held: Whether solenoids are kept as they were, the pump off.
         line_noise: What is wrong with the line to the board; None where nothing is.
         restarted: That the board has started anew a while ago; None where it has not.
+        stop_publishers: How many publishers of emergency_stop there are that have said anything.
+        stop_asked_by: How many of them said true last.
+        commanders: How many publish jam_command now.
 
     """
 
@@ -66,6 +69,9 @@ class DriverStatus:
     held: bool = False
     line_noise: Finding | None = None
     restarted: Finding | None = None
+    stop_publishers: int = 0
+    stop_asked_by: int = 0
+    commanders: int = 0
 
 
 def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadStatus) -> Trouble:
