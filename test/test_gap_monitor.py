@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from jammkle_graph.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, SIMULATOR_GAP, UNJAM_ALL
+from jammkle_graph.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, RESET, SIMULATOR_GAP, UNJAM_ALL
 from jammkle_msgs.msg import ChannelJamState, SubsystemGap
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def jammed(probe: Probe) -> None:
 def test_nothing_is_warned_of_without_an_effect(
     start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
 ) -> None:
-    """While channels are jammed, vented and jammed again, no subsystem ever leaves its simulator."""
+    """While channels are jammed, vented, jammed again and reset, no subsystem ever leaves its simulator."""
     start("up", "--monitor", *left_alone)
     probe = make_probe()
     jammed(probe)
@@ -56,8 +56,10 @@ def test_nothing_is_warned_of_without_an_effect(
     probe.wait_for_channels(ChannelJamState.UNJAMMED)
     assert probe.call(JAM_ALL).success
     probe.wait_until_jammed()
+    assert probe.call(RESET).success
+    probe.wait_until_jammed()
     since = len(probe.heard[SIMULATOR_GAP.name])
-    probe.spin_until(lambda: len(probe.heard[SIMULATOR_GAP.name]) > since + REPORTS, "all of it was followed")
+    probe.spin_until(lambda: len(probe.heard[SIMULATOR_GAP.name]) > since + 4 * REPORTS, "all of it was followed")
     said = [each for message in probe.heard[SIMULATOR_GAP.name] for each in message.subsystems]
     assert SubsystemGap.WIDE not in {each.state for each in said}
     # On a busy machine not every report has everything to compare.

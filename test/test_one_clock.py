@@ -11,14 +11,20 @@ import rclpy
 
 from graph import Probe, Up, environment
 from jammkle_bringup.core.namespace_lock import ClockLock
-from jammkle_graph.names import CLOCK, DRIVER_NODE
+from jammkle_graph.health import LOCKSTEP_LINE
+from jammkle_graph.names import ACTUATOR_STATES, CLOCK, DIAGNOSTICS, DRIVER_NODE, JAM_ALL, JAM_STATE, SET_PAUSED
 from jammkle_graph.runner import EXIT_BAD_INPUT
+from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from processes import Processes
+
 PATIENCE_S = 60.0
+PAUSE_S = 1.5
+"""Longer than any time-out of driver and board, s of simulated time."""
 
 
 def test_of_two_simulations_started_together_one_gives_way(domain_id: int, make_probe: Callable[..., Probe]) -> None:
@@ -76,3 +82,37 @@ def test_one_lock_is_for_one_clock(tmp_path: Path) -> None:
         assert other.take()
     with ClockLock("5", tmp_path) as again:
         assert again.take()
+
+
+def test_a_pause_beside_anothers_clock_is_no_fault(processes: Processes, make_probe: Callable[..., Probe]) -> None:
+    """The clock goes on, the ankle stands still: no sensor is silent, no board lets go, the jam goes on."""
+    processes.start("clock", module="jammkle_sim", namespace="/first")
+    processes.start("sim", "publish_clock:=false", "use_sim_time:=true", namespace="/second")
+    processes.start("driver", "use_sim_time:=true", namespace="/second")
+    probe = make_probe("/second")
+    probe.listen(JAM_STATE, ACTUATOR_STATES, CLOCK, DIAGNOSTICS)
+    probe.spin_until(lambda: {"/second/sim", "/second/driver"} <= in_step(probe), "all are in step")
+    probe.wait_for_channels(ChannelJamState.UNJAMMED)
+    assert probe.call(JAM_ALL).success
+    probe.wait_for_channels(ChannelJamState.JAMMED)
+    for paused in (True, False, True, False):
+        assert probe.call(SET_PAUSED, data=paused).success
+        probe.spin_until(lambda paused=paused: probe.last(ACTUATOR_STATES).plant_paused is paused, "it is known")
+        begun_s = ticked_s(probe)
+        probe.spin_until(lambda begun_s=begun_s: ticked_s(probe) > begun_s + PAUSE_S, "the clock has gone on")
+        state = probe.last(JAM_STATE)
+        assert not state.fault.text
+        assert {channel.state for channel in state.channels} == {ChannelJamState.JAMMED}
+        assert not probe.last(ACTUATOR_STATES).host_silent
+
+
+def in_step(probe: Probe) -> set[str]:
+    """Return the nodes that a simulation is waiting for, or has been."""
+    statuses = (status for array in probe.heard[DIAGNOSTICS.name] for status in array.status)
+    return {value.key for status in statuses if status.name.endswith(LOCKSTEP_LINE) for value in status.values}
+
+
+def ticked_s(probe: Probe) -> float:
+    """Return what the clock shows, s."""
+    clock = probe.last(CLOCK).clock
+    return float(clock.sec) + clock.nanosec * 1e-9

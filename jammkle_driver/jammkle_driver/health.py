@@ -157,6 +157,8 @@ def _link_line(link: LinkStatus, status: DriverStatus) -> Health:
     elif link.latched:
         level = Level.ERROR
         message = f"safe state latched: {', '.join(sorted(cause.value for cause in link.latched))}"
+    elif link.paused:
+        level, message = Level.WARN, "the simulation is paused or runs a rig; what is asked for happens when it goes on"
     elif warning := status.line_noise or status.restarted:
         level, message = Level.WARN, f"{warning.reason.name}: {warning.text}"
     elif link.faults:

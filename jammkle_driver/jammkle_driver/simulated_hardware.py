@@ -61,8 +61,11 @@ class SimulatedHardware:
         driven = ActuatorCommand(dict(zip(message.channels, message.energised, strict=False)), message.pump_duty)
         self._context.driven(driven, stamp_seconds(message.header.stamp))
         latched = frozenset({SafeCause.HOST_SILENT} if message.host_silent else ())
-        if (latched, message.plant_restarts) != (self._link.latched, self._link.plant_restarts):
-            self._link = dataclasses.replace(_CONNECTED, latched=latched, plant_restarts=message.plant_restarts)
+        link = dataclasses.replace(
+            _CONNECTED, latched=latched, plant_restarts=message.plant_restarts, paused=message.plant_paused
+        )
+        if link != self._link:
+            self._link = link
 
     def close(self) -> None:
         """Unsubscribe."""

@@ -90,6 +90,11 @@ class Ankles:
         for each in self._all:
             each.commands.acknowledge(time_ns)
 
+    def set_paused(self, time_ns: int, *, paused: bool) -> None:
+        """Say whether the ankles stand still although the clock may go on; simulated time of now, ns."""
+        for each in self._all:
+            each.commands.set_paused(time_ns, paused=paused)
+
     def look_for_silence(self) -> None:
         """Let go of ankles whose driver has been silent for too long; to be called before each step."""
         for each in self._all:

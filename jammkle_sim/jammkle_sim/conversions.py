@@ -181,7 +181,7 @@ def time_message(time_ns: int) -> Time:
 
 
 def actuator_states(
-    time_ns: int, duty: float, energised: Mapping[str, bool], restarts: int, *, host_silent: bool
+    time_ns: int, duty: float, energised: Mapping[str, bool], restarts: int, *, host_silent: bool, paused: bool
 ) -> ActuatorStates:
     """Return what pump, 0 to 1, and solenoids, by channel, are told from a simulated time, ns, on.
 
@@ -191,11 +191,13 @@ def actuator_states(
         energised: Per channel.
         restarts: How often the simulated plant was put back to its start.
         host_silent: Whether the simulated board has let go, as it had not heard the driver.
+        paused: Whether the plant stands still although the clock may go on.
 
     """
     message = ActuatorStates(pump_duty=duty, channels=list(energised), energised=list(energised.values()))
     message.host_silent = host_silent
     message.plant_restarts = restarts
+    message.plant_paused = paused
     message.header.stamp = time_message(time_ns)
     return message
 

@@ -64,6 +64,7 @@ class Commands:
         self._energised = dict.fromkeys(names.CHANNELS, False)
         self._is_new = True
         self._restarts = 0
+        self._paused = False
         self._told_lately = False
         self._received_s = time_s()
         self._let_go = False
@@ -100,6 +101,17 @@ class Commands:
         for channel, energised in self._energised.items():
             self._simulation.set_solenoid(channel, energised)
 
+    def set_paused(self, time_ns: int, *, paused: bool) -> None:
+        """Say whether the ankle stands still although the clock may go on; simulated time of now, ns.
+
+        Its board's watchdog stands still, too.
+        """
+        if paused == self._paused:
+            return
+        self._paused = paused
+        self._received_s = self._time_s()
+        self._tell(time_ns)
+
     def look_for_silence(self) -> None:
         """Let go if the driver has been silent for too long; to be called before each step."""
         now_s = self._time_s()
@@ -121,7 +133,9 @@ class Commands:
         self._told_lately = False
 
     def _tell(self, time_ns: int) -> None:
-        states = actuator_states(time_ns, self._duty, self._energised, self._restarts, host_silent=self._let_go)
+        states = actuator_states(
+            time_ns, self._duty, self._energised, self._restarts, host_silent=self._let_go, paused=self._paused
+        )
         self._acknowledged.publish(states)
         self._is_new = False
         self._told_lately = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -137,6 +138,9 @@ class SimNode(Node):
         if limit_ns is not None:
             self._engine.go_as_far_as(limit_ns)
         own = not self._rigs.place  # a rig follows no driver
+        stands = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
+        left_out = stands and not self._built.publish_clock  # of a time that somebody else makes
+        self._ankles.set_paused(self._engine.time_ns, paused=left_out or not own)
         if own:
             self._ankles.look_for_silence()
             self._ankles.acknowledge(self._engine.time_ns)
@@ -156,7 +160,7 @@ class SimNode(Node):
             self._fail(str(error))
         self._rigs.go_on()
         self._ankles.tell_breaks()
-        self._participants.arrived(self._engine.time_ns, self._engine.next_output_ns() - self._engine.time_ns)
+        self._participants.arrived(math.inf if stands else self._engine.next_output_ns())
         return self._engine.wait_s()
 
     def _time_s(self) -> float:

@@ -101,16 +101,15 @@ class Participants:
         """Return whether the latest tick is to be published again, as an answer is missing."""
         return self._waits and self._account.to_repeat()
 
-    def arrived(self, time_ns: int, period_ns: int) -> None:
+    def arrived(self, next_output_ns: float) -> None:
         """Answer the simulation that makes /clock, once this one is as far as it may go and all of its own are done.
 
         Args:
-            time_ns: How far it is, ns.
-            period_ns: Time to its next output, ns.
+            next_output_ns: Simulated time of its next output, ns; infinite where it stands still and waits for nobody.
 
         """
         tick_ns = self._other_tick_ns
-        if tick_ns is None or tick_ns == self._answered_ns or time_ns + period_ns <= tick_ns or not self.ready():
+        if tick_ns is None or tick_ns == self._answered_ns or next_output_ns <= tick_ns or not self.ready():
             return
         if self._other is None:
             makers = self._node.get_publishers_info_by_topic(CLOCK.name)

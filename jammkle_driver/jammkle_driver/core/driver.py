@@ -62,6 +62,7 @@ class Driver:
         self._stopped = False
         self._board_waits = False
         self._plant_restarts = 0
+        self._plant_paused = False
         self._line_noise: Finding | None = None
         self._restarted: Finding | None = None
 
@@ -266,8 +267,8 @@ class Driver:
         return f"cleared: {', '.join(cleared)}; vented until asked anew: {WAY_BACK}" if cleared else "nothing to clear"
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
-        """Take a pressure sample. One that is not a finite number is ignored."""
-        if not math.isfinite(sample.pressure_pa):
+        """Take a pressure sample. One that is not a finite number, or of a plant that is paused, is ignored."""
+        if not math.isfinite(sample.pressure_pa) or self._plant_paused:
             return
         self._sensors.hear(sample.place, now)
         self._ankle.measure(sample, now, driven=self._active)
@@ -291,6 +292,9 @@ class Driver:
         if link.plant_restarts != self._plant_restarts:
             self._plant_restarts = link.plant_restarts
             self._ankle.begin_anew(now)
+        if link.paused != self._plant_paused:
+            self._plant_paused = link.paused
+            self._ankle.judge_from_now_on(now)
         verdict = self._link_guard.look(link, jammed=self._ankle.jammed)
         self._board_waits = verdict.wait
         if verdict.fault is not None or verdict.wait:  # it did something else than it was told
@@ -316,7 +320,8 @@ class Driver:
             stop_publishers: How many publishers emergency_stop has in the graph; None where that is not known.
 
         """
-        late_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s - 2.0 * self._settings.tick_period_s
+        passed_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s
+        late_s = passed_s if self._plant_paused else passed_s - 2.0 * self._settings.tick_period_s
         self._steady_s, self._ticked_s = now.steady_s, now.graph_s
         # A silent sensor ends in a fault: only silence counts that somebody was there to notice, by two periods a tick.
         self._sensors.excuse(max(late_s, 0.0))

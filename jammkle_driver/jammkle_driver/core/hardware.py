@@ -108,6 +108,7 @@ class LinkStatus:
         refusals: Requests that the board refused.
         rate_hz: Rate at which outputs and all sensors are exchanged; None where it is not known.
         plant_restarts: How often what is behind the outputs was put back to its start, as a simulation is.
+        paused: Whether what is behind the outputs stands still although the clock may go on, as a simulation may.
         simulated: Whether the other end lives in the graph's time, which may stand still or run fast.
 
     """
@@ -126,6 +127,7 @@ class LinkStatus:
     refusals: int = 0
     rate_hz: float | None = None
     plant_restarts: int = 0
+    paused: bool = False
     simulated: bool = False
 
 

@@ -66,12 +66,13 @@ class GapMonitorNode(Node):
         self._values = declare(self, GapMonitorParameters)
         self._monitor: GapMonitor | None = None
         self._commands: dict[str, tuple[float, Any]] = {}
-        self._acknowledged = False
-        """Whether the hardware says when it took its commands; what the driver asks for then does not count."""
+        self._acknowledged: ActuatorStates | None = None
+        """What the hardware has last said that it drives; what the driver asks for then does not count."""
         self._newest_s = 0.0
-        """Stamp of the measurement heard last, s."""
+        """Stamp of the measurement received last, s."""
         told = self._values.rig != FROM_THE_GRAPH
         self._wanted: tuple[str, dict[str, Any]] | None = (self._values.rig, {}) if told else None
+        self._described: tuple[str, dict[str, Any]] | None = None
         self._trouble = f"no {names.SIM_PARAMETERS.name}: name what the robot stands in with the parameter rig"
         self._gap = self.create_publisher(SimulatorGap, names.SIMULATOR_GAP.name, publisher_qos(names.SIMULATOR_GAP))
         self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
@@ -115,8 +116,8 @@ class GapMonitorNode(Node):
     def _advance(self) -> bool:
         """Do the next portion of work, if there is one."""
         if self._wanted is not None:
-            self._build(*self._wanted)
-            self._wanted = None
+            self._described, self._wanted = self._wanted, None
+            self._build(*self._described)
         return self._monitor is not None and self._monitor.advance(time.monotonic())
 
     def _build(self, rig: str, options: dict[str, Any]) -> None:
@@ -129,6 +130,8 @@ class GapMonitorNode(Node):
         # A driver that speaks up on changes alone has said long ago what still holds.
         for topic, (time_s, message) in self._commands.items():
             self._hear(topic, time_s, message)
+        if self._acknowledged is not None:
+            self._take_acknowledgement(self._acknowledged)
 
     def _listen(self, topic: Topic, take: Callable[[Any], None], qos: QoSProfile) -> None:
         package, folder, name = topic.message_type.split("/")
@@ -138,15 +141,17 @@ class GapMonitorNode(Node):
     def _take_command(self, topic: str, message: Any) -> None:
         # Messages come in the order in which they were sent. The time at which a callback is served is later by all
         # that is done meanwhile, and would take several commands for one.
-        if self._acknowledged:
+        if self._acknowledged is not None:
             return
         time_s = self._newest_s
         self._commands[topic] = (time_s, message)
         self._hear(topic, time_s, message)
 
     def _take_acknowledgement(self, message: ActuatorStates) -> None:
-        self._acknowledged = True
+        last, self._acknowledged = self._acknowledged or message, message
         self._commands.clear()
+        if (last.plant_restarts, last.plant_paused) != (message.plant_restarts, message.plant_paused):
+            self._wanted = self._wanted or self._described  # a simulated robot has jumped, or was left out of time
         if self._monitor is not None:
             commands = TAKERS[names.ACTUATOR_STATES.name](message)
             self._monitor.hear_acknowledged(stamp_s(message), commands, time.monotonic())
