@@ -93,11 +93,14 @@ def _other_clock(info: BagInfo) -> str:
 def recovery_text(done: Recovered) -> str:
     """Return the lines of `jammkle recover`."""
     holds = f"{done.bag}: {done.messages} messages in {done.duration_s:.3f} s"
+    lost = f"; of it {', '.join(done.missing)} {'is' if len(done.missing) == 1 else 'are'} lost" if done.missing else ""
     if done.was_whole:
-        return f"{holds}; it is whole, nothing was to be done"
+        return f"{holds}; {'' if lost else 'it is whole, '}nothing was to be done{lost}"
+    is_whole = "it is whole now" if not (lost or done.lacking) else "what is left of it can be read now"
     torn = f"; {done.torn_bytes} bytes at the end were torn and are cut off" if done.torn_bytes else ""
-    lost = f"; {done.given_up} messages at the end were given up for room" if done.given_up else ""
-    return f"{holds}; it is whole now{torn}{lost}"
+    given_up = f"; {done.given_up} messages at the end were given up for room" if done.given_up else ""
+    lacking = f"; {done.lacking} messages that its metadata counted are not there" if done.lacking else ""
+    return f"{holds}; {is_whole}{torn}{given_up}{lost}{lacking}"
 
 
 def summary_table(summary: RunSummary) -> Table:

@@ -142,7 +142,7 @@ def test_what_cannot_be_recovered_is_refused(torn: Path, tmp_path: Path, capsys:
     log = BagLog(tmp_path / "running", MessageDefinitions(share_folders()))
     refused = {
         "none": "does not exist",
-        "empty": "no *.mcap",
+        "empty": "no file *.mcap",
         "text.mcap": "no MCAP file",
         "running": "being recorded",
         "dead": f"damaged at byte {begin}",

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from rosbags.interfaces import ConnectionExtRosbag2
-
 from jammkle_graph.bags.reading import messages, opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
@@ -15,9 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from rosbags.highlevel import AnyReader
-    from rosbags.interfaces import Connection, Qos
-
+    from jammkle_graph.bags.reading import Connection
 
 _PROGRESS_MESSAGES = 10_000
 
@@ -113,21 +109,19 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
         return BagInfo(
             bag=str(path),
             start_s=0.0 if empty else reader.start_time / NANOSECONDS_PER_SECOND,
-            duration_s=0.0 if empty else reader.duration / NANOSECONDS_PER_SECOND,
+            duration_s=0.0 if empty else (reader.end_time - reader.start_time) / NANOSECONDS_PER_SECOND,
             data_duration_s=whole.duration_s,
             messages=reader.message_count,
             topics=tuple(
                 _topic(connection, spans[connection.topic], times)
                 for connection in sorted(reader.connections, key=lambda connection: connection.topic)
             ),
-            custom_data=_custom_data(reader),
+            custom_data=reader.custom_data,
         )
 
 
 def _topic(connection: Connection, span: _Span, times: BagTimes) -> TopicInfo:
-    profiles: list[Qos] = []
-    if isinstance(connection.ext, ConnectionExtRosbag2):
-        profiles = connection.ext.offered_qos_profiles
+    profiles = connection.profiles()
     return TopicInfo(
         name=connection.topic,
         message_type=connection.msgtype,
@@ -137,11 +131,3 @@ def _topic(connection: Connection, span: _Span, times: BagTimes) -> TopicInfo:
         reliability=", ".join(sorted({profile.reliability.name.lower() for profile in profiles})),
         durability=", ".join(sorted({profile.durability.name.lower() for profile in profiles})),
     )
-
-
-def _custom_data(reader: AnyReader) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for part in reader.readers:
-        metadata = getattr(getattr(part, "storage", None), "metadata", None)  # a single file of a bag has none
-        found.update(getattr(metadata, "custom", None) or {})
-    return found

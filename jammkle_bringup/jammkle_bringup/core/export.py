@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    from rosbags.highlevel import AnyReader
-    from rosbags.interfaces import Connection
+    from jammkle_graph.bags.reading import BagReader, Connection
 
 TIME = "time_s"
 RUN = "run"
@@ -103,7 +102,7 @@ class _HeadIsWrittenError(Exception):
 class _Export:
     """One passage through a bag."""
 
-    def __init__(self, request: ExportRequest, reader: AnyReader, known: Mapping[str, list[str]]) -> None:
+    def __init__(self, request: ExportRequest, reader: BagReader, known: Mapping[str, list[str]]) -> None:
         self._request, self._reader, self._known = request, reader, known
         self._times = BagTimes(reader)
         self._makers = {

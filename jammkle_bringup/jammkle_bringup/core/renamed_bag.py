@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-from rosbags.interfaces import ConnectionExtRosbag2
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-from rosbags.typesys import TypesysError
+from mcap.writer import CompressionType, Writer
 
 from jammkle_graph.bags import metadata
+from jammkle_graph.bags.contents import SUFFIX
 from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.storage import open_file
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.names import JOINT_STATES
@@ -21,9 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from rosbags.highlevel import AnyReader
-    from rosbags.interfaces import Connection
-
+    from jammkle_graph.bags.reading import BagReader, Connection
     from jammkle_graph.renaming import JointRenaming
 
 _EVERY = 1000
@@ -93,19 +92,21 @@ def rename(
     """
     with opened(request.bag) as reader:
         _check(reader, request)
-        kept = {key: text for key, text in metadata.custom_data_of(request.bag).items() if key != metadata.UNFINISHED}
         try:
-            with Writer(request.target, version=metadata.VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
-                for key, text in kept.items():
-                    writer.set_custom_data(key, text)
-                changed = _write(reader, writer, request, on_progress, asked_to_stop)
-        except (WriterError, TypesysError) as error:
-            msg = f"bag {request.target} cannot be made: {error}"
+            request.target.mkdir(parents=True)
+        except OSError as error:
+            msg = f"bag {request.target} cannot be made: {error.strerror}"
             raise InputError(msg) from error
+        path = request.target / f"{request.target.name}{SUFFIX}"
+        with path.open("wb") as stream:
+            changed = _write(reader, stream, request, on_progress, asked_to_stop)
         if request.joints.new and not changed:
             msg = f"bag {request.bag} has no joint {' or '.join(request.joints.new)} in its joint states"
             raise InputError(msg)
-        return RenamedBag(request.target, reader.message_count, changed, dict(request.topics))
+        with contextlib.closing(open_file(path)) as file:
+            metadata.write(request.target, metadata.made_anew({path.name: file}, reader.custom_data, ""))
+        count = sum(each.msgcount for each in reader.every)
+        return RenamedBag(request.target, count, changed, dict(request.topics))
 
 
 def topics_of(pairs: list[str]) -> dict[str, str]:
@@ -128,8 +129,8 @@ def topics_of(pairs: list[str]) -> dict[str, str]:
     return found
 
 
-def _check(reader: AnyReader, request: RenamingRequest) -> None:
-    known = {connection.topic for connection in reader.connections}
+def _check(reader: BagReader, request: RenamingRequest) -> None:
+    known = {connection.topic for connection in reader.every}
     for old, new in request.topics.items():
         if old not in known:
             msg = f"bag {request.bag} has no topic {old}: it has {', '.join(sorted(known)) or 'none'}"
@@ -140,43 +141,41 @@ def _check(reader: AnyReader, request: RenamingRequest) -> None:
 
 
 def _write(
-    reader: AnyReader,
-    writer: Writer,
+    reader: BagReader,
+    stream: BinaryIO,
     request: RenamingRequest,
     on_progress: Callable[[float], None],
     asked_to_stop: Callable[[], bool],
 ) -> int:
-    targets = {connection.id: _added(writer, connection, request) for connection in reader.connections}
-    changed = 0
-    for count, (connection, time_ns, data) in enumerate(messages(reader, request.bag)):
+    """Write all messages, those that cannot be decoded as they are; return how many have other joints."""
+    writer = Writer(stream, compression=CompressionType.ZSTD)
+    writer.start(profile="ros2", library="jammkle")
+    targets = {each.id: _added(writer, each, request) for each in reader.every}
+    changed, total = 0, max(sum(each.msgcount for each in reader.every), 1)
+    for count, (connection, time_ns, data) in enumerate(messages(reader, request.bag, reader.every)):
         if count % _EVERY == 0:
             if asked_to_stop():
                 raise Interrupted
-            on_progress(count / max(reader.message_count, 1))
+            on_progress(count / total)
         new = _renamed(reader, request.joints, connection, data)
         changed += new is not None
-        writer.write(targets[connection.id], time_ns, data if new is None else new)
+        writer.add_message(targets[connection.id], time_ns, data if new is None else new, time_ns)
+    writer.finish()  # type: ignore[no-untyped-call]  # of the library
     return changed
 
 
-def _added(writer: Writer, connection: Connection, request: RenamingRequest) -> Connection:
-    kept = connection.ext
-    if not isinstance(kept, ConnectionExtRosbag2):
-        msg = f"bag {request.bag} is of ROS 1: make one of ROS 2 of it first, with rosbags-convert"
-        raise InputError(msg)
-    return writer.add_connection(
-        request.topics.get(connection.topic, connection.topic),
-        connection.msgtype,
-        msgdef=connection.msgdef.data,
-        rihs01=connection.digest,
-        serialization_format=kept.serialization_format,
-        offered_qos_profiles=kept.offered_qos_profiles,
-    )
+def _added(writer: Writer, connection: Connection, request: RenamingRequest) -> int:
+    language = connection.language or ("ros2msg" if connection.definition else "")
+    schema = writer.register_schema(connection.msgtype, language, connection.definition) if connection.msgtype else 0
+    hints = {"offered_qos_profiles": connection.offered, "topic_type_hash": connection.digest}
+    kept = {key: text for key, text in hints.items() if text}
+    topic = request.topics.get(connection.topic, connection.topic)
+    return writer.register_channel(topic, connection.encoding, schema, kept)
 
 
-def _renamed(reader: AnyReader, joints: JointRenaming, connection: Connection, data: bytes) -> bytes | None:
+def _renamed(reader: BagReader, joints: JointRenaming, connection: Connection, data: bytes) -> bytes | None:
     """Return a message of joint states under new names; None: it stays as it is."""
-    if not joints.new or connection.msgtype != JOINT_STATES.message_type:
+    if not joints.new or connection.why_left_out or connection.msgtype != JOINT_STATES.message_type:
         return None
     message: Any = reader.deserialize(data, connection.msgtype)
     found = joints.renamed(message)
@@ -184,4 +183,4 @@ def _renamed(reader: AnyReader, joints: JointRenaming, connection: Connection, d
         return None
     make = reader.typestore.types[connection.msgtype]
     values = (np.array(each, dtype=np.float64) for each in (found.position, found.velocity, found.effort))
-    return bytes(reader.typestore.serialize_cdr(make(message.header, list(found.name), *values), connection.msgtype))
+    return reader.serialize(make(message.header, list(found.name), *values), connection.msgtype)

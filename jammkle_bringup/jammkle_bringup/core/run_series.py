@@ -109,7 +109,7 @@ def read_run(path: Path, namespace: str | None = None) -> RunSeries:
             )
             raise InputError(msg)
         collector = _Collector(namespace, reader.start_time)
-        wanted = [connection for connection in reader.connections if connection.topic in collector.takers]
+        wanted = reader.on(collector.takers)
         for connection, log_time_ns, data in messages(reader, path, wanted):
             message: Any = reader.deserialize(data, connection.msgtype)
             collector.takers[connection.topic](message, log_time_ns)

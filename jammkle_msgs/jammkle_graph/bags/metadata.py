@@ -6,52 +6,63 @@ What is recorded to its end gets it from the bag library.
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from jammkle_graph.bags.data_section import DataSection
-
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
+
+    from rosbags.interfaces import Qos
+
+    from jammkle_graph.bags.storage import BagFile, StoredChannel
 
 FILE_NAME = "metadata.yaml"
 VERSION: Literal[9] = 9
 UNFINISHED = "jammkle_unfinished"
 """Key in the custom data of a bag whose recorder has not completed it."""
+LOST = "jammkle_lost"
+"""Key in the custom data of a bag that was recovered without some of its files; their names."""
 
 _NO_TIME_NS = 2**63 - 1
 _TOP = "rosbag2_bagfile_information"
 
 
-@dataclass(frozen=True)
-class BagFile:
-    """One file of a bag: its name inside the folder, and what it holds."""
-
-    name: str
-    section: DataSection
-
-
 def begun(file_name: str, custom_data: Mapping[str, str]) -> str:
     """Return the metadata of a bag that is being recorded: which file, and that it is not finished."""
-    return _text([BagFile(file_name, DataSection())], {**custom_data, UNFINISHED: "its recorder has not completed it"})
+    return _text({file_name: None}, {**custom_data, UNFINISHED: "its recorder has not completed it"}, "")
 
 
-def recovered(files: Sequence[BagFile], custom_data: Mapping[str, str]) -> str:
-    """Return the metadata of a bag from what its files hold."""
-    return _text(files, {key: value for key, value in custom_data.items() if key != UNFINISHED})
+def made_anew(files: Mapping[str, BagFile], custom_data: Mapping[str, str], compression: str) -> str:
+    """Return the metadata of a bag from its files.
+
+    Args:
+        files: By name, open.
+        custom_data: What its recorder added.
+        compression: `FILE` or `MESSAGE` where each of them is compressed by itself (Zstandard), else empty.
+
+    """
+    return _text(files, custom_data, compression)
 
 
-def custom_data_of(folder: Path) -> dict[str, str]:
-    """Return the custom data of a bag; nothing where there is no metadata, or none that can be read."""
-    with contextlib.suppress(OSError, yaml.YAMLError, KeyError, TypeError, AttributeError):
-        top = yaml.safe_load((folder / FILE_NAME).read_text(encoding="utf-8"))[_TOP]
-        return {str(key): str(value) for key, value in (top["custom_data"] or {}).items()}
-    return {}
+def read(folder: Path) -> dict[str, Any]:
+    """Return what the metadata of a bag say.
+
+    Raises:
+        OSError: they are not there, or cannot be read.
+        ValueError: they are no text, or not of a bag.
+        yaml.YAMLError: they are broken.
+
+    """
+    found = yaml.safe_load((folder / FILE_NAME).read_text(encoding="utf-8"))
+    said = found.get(_TOP) if isinstance(found, dict) else None
+    if not isinstance(said, dict):
+        msg = f"it holds no {_TOP}"
+        raise ValueError(msg)  # noqa: TRY004 - of the file, as of one that is no YAML
+    return said
 
 
 def write(folder: Path, text: str) -> None:
@@ -71,28 +82,44 @@ def write(folder: Path, text: str) -> None:
         raise
 
 
-def _text(files: Sequence[BagFile], custom_data: Mapping[str, str]) -> str:
-    filled = [each.section.span_ns() for each in files if each.section.counts()]
-    first_ns = min((span[0] for span in filled), default=_NO_TIME_NS)
-    last_ns = max((span[1] for span in filled), default=_NO_TIME_NS)
-    topics = _topics(files)
+def _text(files: Mapping[str, BagFile | None], custom_data: Mapping[str, str], compression: str) -> str:
+    there = {name: file for name, file in files.items() if file is not None}
+    filled = [each for each in there.values() if _count(each)]
+    first_ns = min((each.first_ns for each in filled), default=_NO_TIME_NS)
+    last_ns = max((each.last_ns for each in filled), default=_NO_TIME_NS)
     content = {
         "version": VERSION,
-        "storage_identifier": "mcap",
-        "relative_file_paths": [each.name for each in files],
+        "storage_identifier": "sqlite3" if any(".db3" in name for name in files) else "mcap",
+        "relative_file_paths": list(files),
         **_span(first_ns, last_ns),
-        "message_count": sum(topic["message_count"] for topic in topics),
-        "topics_with_message_count": topics,
-        "compression_format": "",
-        "compression_mode": "",
+        "message_count": sum(_count(each) for each in filled),
+        "topics_with_message_count": _topics(there.values()),
+        "compression_format": "zstd" if compression else "",
+        "compression_mode": compression,
         "files": [
-            {"path": each.name, **_span(*each.section.span_ns()), "message_count": each.section.counts().total()}
-            for each in files
+            {
+                "path": name,
+                **(_span(0, 0) if file is None else _span(file.first_ns, file.last_ns)),
+                "message_count": 0 if file is None else _count(file),
+            }
+            for name, file in files.items()
         ],
         "custom_data": dict(custom_data) or None,
         "ros_distro": "rosbags",
     }
     return yaml.safe_dump({_TOP: content}, sort_keys=False, allow_unicode=True)
+
+
+def profiles(text: str) -> list[Qos]:
+    """Return QoS profiles that stand in a bag as YAML; none where they cannot be read, as they are a hint."""
+    try:
+        return parse_qos(text)
+    except Exception:  # noqa: BLE001 - the library lets errors of several kinds through
+        return []
+
+
+def _count(file: BagFile) -> int:
+    return sum(channel.message_count for channel in file.channels)
 
 
 def _span(first_ns: int, last_ns: int) -> dict[str, Any]:
@@ -102,35 +129,30 @@ def _span(first_ns: int, last_ns: int) -> dict[str, Any]:
     }
 
 
-def _topics(files: Sequence[BagFile]) -> list[dict[str, Any]]:
+def _topics(files: Iterable[BagFile]) -> list[dict[str, Any]]:
     found: dict[tuple[str, str, str], dict[str, Any]] = {}
-    for section in (each.section for each in files):
-        counts = section.counts()
-        for channel in section.channels.values():
-            schema = section.schemas.get(channel.schema_id)
-            kind = "" if schema is None else schema.name
-            offered = channel.metadata.get("offered_qos_profiles", "")
-            topic = found.setdefault(
-                (channel.topic, kind, offered),
-                {
-                    "topic_metadata": {
-                        "name": channel.topic,
-                        "type": kind,
-                        "serialization_format": channel.message_encoding,
-                        "offered_qos_profiles": dump_qos_v9(parse_qos(offered)),
-                        "type_description_hash": "" if schema is None else _type_hash(kind, schema.data.decode()),
-                    },
-                    "message_count": 0,
+    for channel in (each for file in files for each in file.channels):
+        topic = found.setdefault(
+            (channel.topic, channel.message_type, channel.qos),
+            {
+                "topic_metadata": {
+                    "name": channel.topic,
+                    "type": channel.message_type,
+                    "serialization_format": channel.encoding,
+                    "offered_qos_profiles": dump_qos_v9(profiles(channel.qos)),
+                    "type_description_hash": channel.type_hash or _type_hash(channel),
                 },
-            )
-            topic["message_count"] += counts[channel.id]
+                "message_count": 0,
+            },
+        )
+        topic["message_count"] += channel.message_count
     return list(found.values())
 
 
-def _type_hash(message_type: str, definition: str) -> str:
+def _type_hash(channel: StoredChannel) -> str:
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(get_types_from_msg(definition, message_type))
-        return store.hash_rihs01(message_type)
+        store.register(get_types_from_msg(channel.definition.decode(), channel.message_type))
+        return store.hash_rihs01(channel.message_type)
     except Exception:  # noqa: BLE001 - a definition of another language, or a broken one: the hash may be empty
         return ""

@@ -16,8 +16,7 @@ from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import CLOCK
 
 if TYPE_CHECKING:
-    from rosbags.highlevel import AnyReader
-    from rosbags.interfaces import Connection
+    from jammkle_graph.bags.reading import BagReader, Connection
 
 _BEGINS_WITH_TIME = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
@@ -40,7 +39,7 @@ class TimeOf(enum.Enum):
 class BagTimes:
     """Tells the time of each message of a bag that is read in the order of its log."""
 
-    def __init__(self, reader: AnyReader) -> None:
+    def __init__(self, reader: BagReader) -> None:
         """Look at the types of an open bag."""
         self._stamped = {
             name: _begins_with_time(reader.typestore.fielddefs, name)
@@ -70,7 +69,7 @@ class BagTimes:
         return log_ns - (self._ahead_ns or 0) if self._tick_ns is None else self._tick_ns
 
 
-def _first_tick_ns(reader: AnyReader) -> int | None:
+def _first_tick_ns(reader: BagReader) -> int | None:
     """Return the time that holds until the second tick of /clock; None without /clock."""
     clocks = [each for each in reader.connections if each.topic == CLOCK.name and each.msgcount]
     return next((_stamp_ns(data) for _, _, data in reader.messages(clocks)), None) if clocks else None

@@ -11,7 +11,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
 
 from jammkle_graph.bags import metadata
-from jammkle_graph.bags.recovery import lock, recover
+from jammkle_graph.bags.contents import lock
+from jammkle_graph.bags.recovery import recover
 from jammkle_graph.command.errors import GraphError, InputError
 
 if TYPE_CHECKING:

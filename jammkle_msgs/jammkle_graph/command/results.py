@@ -37,6 +37,16 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
         raise InputError(msg) from error
 
 
+_said: set[str] = set()
+
+
+def note(line: str) -> None:
+    """Say one line on stderr that is no error; what was said before is not said again."""
+    if line not in _said:
+        _said.add(line)
+        sys.stderr.write(f"jammkle: note: {' '.join(line.split())}\n")
+
+
 def check_writable(path: Path | None, option: str = "--json") -> None:
     """Refuse a results file that could not be written, before the work is done; `option` is what asked for it.
 

@@ -1,0 +1,387 @@
+"""Bags as other people's recorders and tools leave them: one way to read them, for every verb."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pytest
+import yaml
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.typesys import Stores, get_typestore
+
+from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.storage import zstd
+from jammkle_graph.command.main import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+START_NS = 1_700_000_000 * 10**9
+IMU, PRESSURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
+QOS = "- history: 1\n  depth: 10\n  reliability: {}\n  durability: 2\n"
+
+
+class Row(NamedTuple):
+    """A message of a bag, and the definition of its type."""
+
+    topic: str
+    kind: str
+    log_ns: int
+    data: bytes
+    encoding: str = "cdr"
+    language: str = "ros2msg"
+    definition: bytes | None = None
+
+    @property
+    def text(self) -> bytes:
+        return (
+            STORE.generate_msgdef(self.kind, ros_version=2)[0].encode() if self.definition is None else self.definition
+        )
+
+
+def header(time_ns: int) -> Any:
+    stamp = STORE.types["builtin_interfaces/msg/Time"](*divmod(time_ns, 10**9))
+    return STORE.types["std_msgs/msg/Header"](stamp, "foot")
+
+
+def imu(time_ns: int, stamp_ns: int | None = None, topic: str = "/imu/data", lift_m_s2: float = 0.0) -> Row:
+    vector, quaternion = (STORE.types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion"))
+    still = np.zeros(9)
+    stamp = header(time_ns if stamp_ns is None else stamp_ns)
+    message = STORE.types[IMU](
+        stamp, quaternion(0.0, 0.0, 0.0, 1.0), still, vector(0.0, 0.0, 0.0), still,
+        vector(0.0, 0.0, 9.81 + lift_m_s2), still,
+    )  # fmt: skip
+    return Row(topic, IMU, time_ns, bytes(STORE.serialize_cdr(message, IMU)))
+
+
+def pressure(time_ns: int, stamp_ns: int | None = None) -> Row:
+    message = STORE.types[PRESSURE](header(time_ns if stamp_ns is None else stamp_ns), 101_325.0, 0.0)
+    return Row("/achilles/pressure", PRESSURE, time_ns, bytes(STORE.serialize_cdr(message, PRESSURE)))
+
+
+def duty(time_ns: int) -> Row:
+    kind = "std_msgs/msg/Float32"
+    return Row("/pump/duty", kind, time_ns, bytes(STORE.serialize_cdr(STORE.types[kind](0.5), kind)))
+
+
+ROWS = [
+    make(START_NS + step * 10**7 + place * 10**5)
+    for step in range(30)
+    for place, make in enumerate((imu, pressure, duty))
+]
+"""0.3 s of an ankle."""
+
+
+def write_mcap(path: Path, rows: Sequence[Row], packed: Callable[[bytes], bytes] = bytes, **options: Any) -> None:
+    path.parent.mkdir(exist_ok=True)
+    with path.open("wb") as stream:
+        writer = Writer(stream, **{"chunk_size": 2000, **options})
+        writer.start(profile="", library="other")
+        schemas: dict[tuple[str, bytes], int] = {}
+        channels: dict[tuple[str, int], int] = {}
+        for row in rows:
+            kind = (row.kind, row.text)
+            if kind not in schemas:
+                schemas[kind] = writer.register_schema(row.kind, row.language, row.text)
+            key = (row.topic, schemas[kind])
+            if key not in channels:
+                hints = {"offered_qos_profiles": QOS.format(1)}
+                channels[key] = writer.register_channel(row.topic, row.encoding, schemas[kind], hints)
+            writer.add_message(channels[key], row.log_ns, packed(row.data), row.log_ns)
+        writer.finish()
+
+
+def write_sqlite(path: Path, rows: Sequence[Row], packed: Callable[[bytes], bytes] = bytes, *, old: bool) -> None:
+    path.parent.mkdir(exist_ok=True)
+    base = sqlite3.connect(path)
+    base.executescript("""
+        CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT,
+            offered_qos_profiles TEXT);
+        CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+    """)
+    if not old:
+        base.execute(
+            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT,"
+            " encoded_message_definition TEXT, type_description_hash TEXT)"
+        )
+    topics = {row.topic: row for row in rows}
+    for number, (topic, row) in enumerate(topics.items()):
+        base.execute("INSERT INTO topics VALUES(?,?,?,?,?)", (number, topic, row.kind, "cdr", ""))
+        if not old:
+            base.execute(
+                "INSERT INTO message_definitions VALUES(?,?,?,?,?)",
+                (number, row.kind, "ros2msg", row.text.decode(), ""),
+            )
+    for row in rows:
+        message = (list(topics).index(row.topic), row.log_ns, packed(row.data))
+        base.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(?,?,?)", message)
+    base.commit()
+    base.close()
+
+
+def write_metadata(folder: Path, files: Sequence[str], rows: Sequence[Row], mode: str = "", qos: Any = "") -> None:
+    """Write metadata as of Humble: without hashes of the types, and QoS as text."""
+    topics = [
+        {
+            "topic_metadata": {
+                "name": topic, "type": kind, "serialization_format": "cdr", "offered_qos_profiles": qos,
+            },
+            "message_count": sum(row.topic == topic for row in rows),
+        }
+        for topic, kind in {row.topic: row.kind for row in rows}.items()
+    ]  # fmt: skip
+    start_ns = min((row.log_ns for row in rows), default=0)
+    span = {
+        "starting_time": {"nanoseconds_since_epoch": start_ns},
+        "duration": {"nanoseconds": max((row.log_ns for row in rows), default=0) - start_ns},
+    }
+    content = {
+        "version": 5,
+        "storage_identifier": "sqlite3" if ".db3" in files[0] else "mcap",
+        **span,
+        "message_count": len(rows),
+        "topics_with_message_count": topics,
+        "compression_format": "zstd" if mode else "",
+        "compression_mode": mode,
+        "relative_file_paths": list(files),
+        "files": [{"path": name, **span, "message_count": 0} for name in files],
+    }
+    folder.mkdir(exist_ok=True)
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": content}))
+
+
+def zipped(path: Path) -> None:
+    path.with_name(f"{path.name}.zstd").write_bytes(zstd.compress(path.read_bytes()))
+    path.unlink()
+
+
+def split(bag: Path, rows: Sequence[Row] = tuple(ROWS)) -> list[str]:
+    """Write a bag in three files, and its metadata."""
+    thirds = [rows[place * len(rows) // 3 : (place + 1) * len(rows) // 3] for place in range(3)]
+    names = [f"bag_{number}.mcap" for number in (0, 2, 10)]
+    for name, part in zip(names, thirds, strict=True):
+        write_mcap(bag / name, part)
+    write_metadata(bag, names, rows)
+    return names
+
+
+def _humble(bag: Path) -> Path:
+    write_mcap(bag / "bag_0.mcap", ROWS)
+    write_metadata(bag, ["bag_0.mcap"], ROWS, qos=QOS.format(1))
+    return bag
+
+
+def _bare(bag: Path) -> Path:
+    write_mcap(bag.with_suffix(".mcap"), ROWS)
+    return bag.with_suffix(".mcap")
+
+
+def _without_chunks(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS, use_chunking=False)
+    return bag
+
+
+def _without_index(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS, index_types=IndexType.NONE, use_statistics=False)
+    return bag
+
+
+def _without_message_index(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS, index_types=IndexType.CHUNK, compression=CompressionType.LZ4)
+    return bag
+
+
+def _file_compressed(bag: Path) -> Path:
+    names = split(bag)
+    for name in names:
+        zipped(bag / name)
+    write_metadata(bag, [f"{name}.zstd" for name in names], ROWS, "FILE")
+    return bag
+
+
+def _message_compressed(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS, zstd.compress)
+    write_metadata(bag, ["a.mcap"], ROWS, "MESSAGE")
+    return bag
+
+
+def _message_compressed_without_metadata(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS, zstd.compress)
+    return bag
+
+
+def _sqlite(bag: Path) -> Path:
+    write_sqlite(bag / "a.db3", ROWS, old=False)
+    write_metadata(bag, ["a.db3"], ROWS)
+    return bag
+
+
+def _old_sqlite_compressed(bag: Path) -> Path:
+    write_sqlite(bag / "a.db3", ROWS, zstd.compress, old=True)
+    return bag
+
+
+def _split_without_metadata(bag: Path) -> Path:
+    split(bag)
+    (bag / "metadata.yaml").unlink()
+    return bag
+
+
+def _file_of_another_name(bag: Path) -> Path:
+    write_mcap(bag / "mine.mcap", ROWS)
+    write_metadata(bag, ["rosbag2_2026_0.mcap"], ROWS)
+    return bag
+
+
+def _other_qos(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS)
+    write_metadata(bag, ["a.mcap"], ROWS, qos=QOS.format(2))
+    return bag
+
+
+def _broken_qos(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS)
+    write_metadata(bag, ["a.mcap"], ROWS, qos=[{"reliability": "whatever"}])
+    return bag
+
+
+def _broken_metadata(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS)
+    (bag / "metadata.yaml").write_bytes(b"{{: \xff")
+    return bag
+
+
+def _ros1(bag: Path) -> Path:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    path = bag.with_suffix(".bag")
+    with Ros1Writer(path) as writer:
+        kinds = {row.topic: row.kind for row in ROWS}
+        connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
+        for row in ROWS:
+            message: Any = STORE.deserialize_cdr(row.data, row.kind)
+            if hasattr(message, "header"):
+                stamp = store.types["builtin_interfaces/msg/Time"](*divmod(row.log_ns, 10**9))
+                message.header = store.types["std_msgs/msg/Header"](7, stamp, "foot")
+            writer.write(connections[row.topic], row.log_ns, store.serialize_ros1(message, row.kind))
+    return path
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        _humble, _bare, _without_chunks, _without_index, _without_message_index, _file_compressed, _message_compressed,
+        _message_compressed_without_metadata, _sqlite, _old_sqlite_compressed, _split_without_metadata,
+        _file_of_another_name, _other_qos, _broken_qos, _broken_metadata, _ros1,
+    ],
+)  # fmt: skip
+def test_whoever_recorded_a_bag_its_messages_are_the_same(make: Callable[[Path], Path], tmp_path: Path) -> None:
+    """They are read, counted in their own time, and written under another name."""
+    bag = make(tmp_path / "bag")
+    with opened(bag) as reader:
+        assert [(each.topic, log_ns, bytes(data)) for each, log_ns, data in messages(reader, bag)] == [
+            (row.topic, row.log_ns, row.data) for row in ROWS
+        ]
+    assert main(["info", str(bag), "--json", str(tmp_path / "info.json")]) == 0
+    said = json.loads((tmp_path / "info.json").read_text())
+    assert [topic["count"] for topic in said["topics"]] == [30, 30, 30]
+    assert said["data_duration_s"] == pytest.approx(0.29, abs=1e-3)
+    assert main(["rename", str(bag), "-o", str(tmp_path / "new"), "--topic", "/imu/data=/foot/imu"]) == 0
+    with opened(tmp_path / "new") as reader:
+        assert [(each.topic, data) for each, _, data in messages(reader, tmp_path / "new")] == [
+            (row.topic.replace("/imu/data", "/foot/imu"), row.data) for row in ROWS
+        ]
+
+
+def _middle_missing(bag: Path) -> None:
+    (bag / split(bag)[1]).unlink()
+
+
+def _middle_empty(bag: Path) -> None:
+    (bag / split(bag)[1]).write_bytes(bytes(1000))
+
+
+def _middle_torn(bag: Path) -> None:
+    path = bag / split(bag)[1]
+    path.write_bytes(path.read_bytes()[:800])
+
+
+def _fewer_than_counted(bag: Path) -> None:
+    write_mcap(bag / "a.mcap", ROWS[:60])
+    write_metadata(bag, ["a.mcap"], ROWS)
+
+
+@pytest.mark.parametrize("make", [_middle_missing, _middle_empty, _middle_torn, _fewer_than_counted])
+def test_a_bag_that_lacks_messages_is_never_called_whole(
+    make: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every verb refuses it and names the way out; what is left is a bag after that, which knows what it lacks."""
+    bag = tmp_path / "bag"
+    make(bag)
+    for verb in (["info"], ["export", "-o", str(tmp_path / "out")], ["plot", "-o", str(tmp_path / "out")]):
+        assert main([verb[0], str(bag), *verb[1:]]) == 2
+        assert f"`jammkle recover {bag}`" in capsys.readouterr().err
+    assert main(["recover", str(bag), "--json", str(tmp_path / "done.json")]) == 0
+    assert "whole" not in capsys.readouterr().out
+    done = json.loads((tmp_path / "done.json").read_text())
+    assert done["messages"] + done["lacking"] == len(ROWS)
+    assert done["lacking"] >= 20
+    assert main(["info", str(bag)]) == 0
+    if done["missing"]:
+        assert main(["recover", str(bag)]) == 0
+        assert "bag_2.mcap is lost" in capsys.readouterr().out
+
+
+def test_what_nobody_can_recover_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All files missing, a torn archive, a torn database."""
+    write_metadata(tmp_path / "gone", ["a.mcap"], ROWS)
+    write_mcap(tmp_path / "zip" / "a.mcap", ROWS)
+    zipped(tmp_path / "zip" / "a.mcap")
+    write_sqlite(tmp_path / "base" / "a.db3", ROWS, old=True)
+    for name in ("zip/a.mcap.zstd", "base/a.db3"):
+        data = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(data[: len(data) // 2])
+    for name in ("gone", "zip", "base"):
+        for verb in ("info", "recover"):
+            assert main([verb, str(tmp_path / name)]) == 2
+            (line,) = capsys.readouterr().err.splitlines()
+            assert line.startswith("jammkle: ")
+
+
+def _foreign(kind: str, definition: bytes, data: bytes = bytes(8), encoding: str = "cdr", language: str = "") -> Row:
+    return Row("/other", kind, START_NS, data, encoding, language or "ros2msg", definition)
+
+
+DEEP = b"lab_msgs/One x\n" + b"=" * 80 + b"\nMSG: lab_msgs/One\nlab_msgs/Zero y"
+FOREIGN = {
+    "no definition": _foreign("lab_msgs/msg/Secret", b""),
+    "a part is missing": _foreign("lab_msgs/msg/Two", b"lab_msgs/One x"),
+    "a part of a part is missing": _foreign("lab_msgs/msg/Two", DEEP),
+    "no text": _foreign("lab_msgs/msg/Odd", b"int32 % $ \xff"),
+    "JSON": _foreign("foxglove.Log", b"{}", b'{"a": 1}', "json", "jsonschema"),
+    "our type, otherwise": _foreign(IMU, b"float64 x", bytes(12)),
+}
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+@pytest.mark.parametrize("place", [0, len(ROWS)])
+def test_one_topic_that_nobody_can_decode_spoils_no_bag(
+    kind: str, place: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is left out and named; `rename` keeps it as it is."""
+    bag = tmp_path / "bag"
+    write_mcap(bag / "a.mcap", [*ROWS[:place], FOREIGN[kind], *ROWS[place:]])
+    out = tmp_path / "out"
+    assert main(["export", str(bag), "-o", str(out)]) == 0
+    assert "/other is left out: " in capsys.readouterr().err
+    assert {path.name for path in out.iterdir()} >= {"imu_data.csv", "achilles_pressure.csv", "pump_duty.csv"}
+    assert main(["rename", str(bag), "-o", str(tmp_path / "new"), "--topic", "/pump/duty=/duty"]) == 0
+    with opened(tmp_path / "new", quietly=True) as reader:
+        assert [each.topic for each in reader.left_out] == ["/other"]
+        assert reader.message_count == len(ROWS)
