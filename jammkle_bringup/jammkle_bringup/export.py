@@ -11,7 +11,7 @@ from rich.table import Table
 from jammkle_graph.command import results
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import Interrupted, StopRequest
+from jammkle_graph.command.signals import StopRequest
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,8 +56,6 @@ def export(
     finally:
         if done is None:
             shutil.rmtree(folder, ignore_errors=True)
-    if done is None:
-        raise Interrupted
     results.console().print(_table(done, folder))
     results.write_json(json, done.as_json())
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import sqlite3
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,9 +14,12 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
+from jammkle_bringup.core.export import ExportRequest, export
+from jammkle_bringup.core.table_files import TableFormat
 from jammkle_graph.bags.reading import messages, opened
 from jammkle_graph.bags.storage import zstd
 from jammkle_graph.command.main import main
+from jammkle_graph.command.signals import Interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -52,11 +56,11 @@ def header(time_ns: int) -> Any:
 
 def imu(time_ns: int, stamp_ns: int | None = None, topic: str = "/imu/data", lift_m_s2: float = 0.0) -> Row:
     vector, quaternion = (STORE.types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion"))
-    still = np.zeros(9)
+    still, shaken_m_s2 = np.zeros(9), 0.001 * (time_ns // 10**7 % 7)
     stamp = header(time_ns if stamp_ns is None else stamp_ns)
     message = STORE.types[IMU](
         stamp, quaternion(0.0, 0.0, 0.0, 1.0), still, vector(0.0, 0.0, 0.0), still,
-        vector(0.0, 0.0, 9.81 + lift_m_s2), still,
+        vector(shaken_m_s2, 0.0, 9.81 + lift_m_s2), still,
     )  # fmt: skip
     return Row(topic, IMU, time_ns, bytes(STORE.serialize_cdr(message, IMU)))
 
@@ -385,3 +389,117 @@ def test_one_topic_that_nobody_can_decode_spoils_no_bag(
     with opened(tmp_path / "new", quietly=True) as reader:
         assert [each.topic for each in reader.left_out] == ["/other"]
         assert reader.message_count == len(ROWS)
+
+
+YEAR_NS = 365 * 86_400 * 10**9
+
+
+def _stamped(change: Callable[[int, int], int]) -> list[Row]:
+    """Give the IMU of a bag other stamps, by the number of the row and its log time, ns."""
+    return [imu(row.log_ns, change(place, row.log_ns)) if row.kind == IMU else row for place, row in enumerate(ROWS)]
+
+
+ODD_TIMES = {
+    "zero stamps": (_stamped(lambda _, log_ns: 0 * log_ns), "/imu/data are zero"),
+    "stamps that stand still": (_stamped(lambda _, log_ns: START_NS + 0 * log_ns), "/imu/data stand still"),
+    "a clock since boot": (_stamped(lambda _, log_ns: log_ns - START_NS + 10**9), "shifted onto it"),
+    "a clock of the future": (_stamped(lambda _, log_ns: log_ns + 12 * YEAR_NS), "shifted onto it"),
+    "one stamp of the future": (_stamped(lambda place, log_ns: log_ns + (place == 42) * YEAR_NS), "1 of /imu/data"),
+    "one stamp of the past": (_stamped(lambda place, log_ns: log_ns - (place == 42) * YEAR_NS), "1 of /imu/data"),
+    "log times of zero at the start": (
+        [row._replace(log_ns=0) if place < 4 else row for place, row in enumerate(ROWS)],
+        "log times at its start",
+    ),
+    "the log on another clock": ([row._replace(log_ns=row.log_ns + YEAR_NS) for row in ROWS], ""),
+    "a log four times as slow": (
+        [row._replace(log_ns=YEAR_NS + START_NS + (row.log_ns - START_NS) * 4) for row in ROWS],
+        "",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ODD_TIMES)
+def test_a_topic_or_a_stamp_that_lies_apart_is_named_and_bounded(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All verbs see the 0.29 s that were recorded, with all samples of the IMU in their places."""
+    rows, said = ODD_TIMES[kind]
+    bag = tmp_path / "bag"
+    write_mcap(bag / "a.mcap", rows)
+    assert main(["export", str(bag), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 0
+    assert said in capsys.readouterr().err
+    with (tmp_path / "out" / "run.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert 29 <= len(table) <= 31
+    assert sum(bool(row["imu_data_linear_acceleration_z_m_s2"]) for row in table) >= 28
+    assert sum(bool(row["pump_duty"]) for row in table) >= 28
+    assert main(["info", str(bag), "--json", str(tmp_path / "info.json")]) == 0
+    assert json.loads((tmp_path / "info.json").read_text())["data_duration_s"] == pytest.approx(0.29, abs=0.011)
+    assert main(["detect", str(bag), "-o", str(tmp_path), "--json", str(tmp_path / "events.json")]) == 0
+    assert json.loads((tmp_path / "events.json").read_text())["samples"]["usable"] >= 28
+
+
+def test_a_clock_that_was_set_makes_no_rows_of_years(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The hole is named; the rows before and after it are there."""
+    rows = [*ROWS, *(make(row.log_ns + 3 * YEAR_NS) for row in ROWS for make in (imu, pressure))]
+    write_mcap(tmp_path / "bag" / "a.mcap", rows)
+    assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 0
+    said = capsys.readouterr().err
+    assert "step of 1095.0 days" in said
+    assert "there are no rows of it" in said
+    with (tmp_path / "out" / "run.csv").open(newline="") as file:
+        times_s = [float(row["time_s"]) for row in csv.DictReader(file)]
+    assert len(times_s) == pytest.approx(60, abs=3)
+    assert times_s[-1] == pytest.approx(3 * YEAR_NS * 1e-9 + 0.29, abs=0.02)
+
+
+def test_two_runs_of_the_same_times_are_not_put_into_one_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A recording that was played twice, and recorded again."""
+    twice = [imu(START_NS + 10**7 * place, START_NS + 10**7 * (place % 300)) for place in range(600)]
+    write_mcap(tmp_path / "bag" / "a.mcap", twice)
+    assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 2
+    assert "goes back by 2.990 s" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out")]) == 0
+
+
+def test_an_export_ends_when_it_is_asked_to(tmp_path: Path) -> None:
+    """Also where a single message makes many rows."""
+    write_mcap(tmp_path / "bag" / "a.mcap", [imu(START_NS), imu(START_NS + 500 * 10**9)])
+    asked = iter([False])
+    (tmp_path / "out").mkdir()
+    with pytest.raises(Interrupted):
+        export(
+            ExportRequest(tmp_path / "bag", tmp_path / "out", TableFormat.CSV, 10_000.0),
+            lambda _: None,
+            lambda: next(asked, True),
+        )
+
+
+@pytest.mark.parametrize("rate", [(), ("--rate-hz", "100")])
+def test_topics_of_one_name_in_a_table_keep_apart(rate: tuple[str, ...], tmp_path: Path) -> None:
+    """`/imu/data` and `/imu_data`; a field of one topic, and a topic below it."""
+    rows = [*ROWS, *(imu(row.log_ns + 1, topic="/imu_data", lift_m_s2=1000.0) for row in ROWS)]
+    kind = "geometry_msgs/msg/Point"
+    point = bytes(STORE.serialize_cdr(STORE.types[kind](5.0, 5.0, 5.0), kind))
+    rows += [Row("/imu_data/linear_acceleration", kind, row.log_ns, point) for row in ROWS]
+    write_mcap(tmp_path / "bag" / "a.mcap", rows)
+    assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out"), *rate]) == 0
+    found: dict[str, set[float]] = {}
+    for path in (tmp_path / "out").glob("*.csv"):
+        with path.open(newline="") as file:
+            for row in csv.DictReader(file):
+                for column, text in row.items():
+                    if "acceleration_z" in column or column == "z":
+                        found.setdefault(f"{path.stem}/{column}", set()).update([float(text)] if text else [])
+    assert sorted(values for each in found.values() for values in each) == [5.0, 9.81, 1009.81]
+
+
+def test_a_message_that_is_cut_is_left_out_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A topic that nobody asked for does not spoil the tables of the others."""
+    cut = [Row("/other", PRESSURE, row.log_ns, row.data[:9]) for row in ROWS[:5]]
+    write_mcap(tmp_path / "bag" / "a.mcap", [*ROWS, *cut])
+    assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out")]) == 0
+    assert "5 messages of /other cannot be decoded" in capsys.readouterr().err

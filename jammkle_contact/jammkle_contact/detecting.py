@@ -20,6 +20,8 @@ from jammkle_graph.parameters import ParameterError, from_mapping, rows
 if TYPE_CHECKING:
     from pathlib import Path
 
+_LEAST_USED = 0.1
+"""Share of the samples that must be usable. Assumed: a topic that repeats every row nine times is still an IMU."""
 _TABLES = (".csv", ".txt", ".tsv")
 
 
@@ -61,6 +63,7 @@ def detect(request: DetectRequest) -> int:
         msg = f"{request.recording} holds no sample of an IMU"
         raise InputError(msg)
     made = replay(recording.heard, parameters)
+    _check_used(request.recording, made)
     content = as_dict(recording, made, parameters)
     events, picture = request.output / "events.json", request.output / "detect.png"
     try:
@@ -73,6 +76,24 @@ def detect(request: DetectRequest) -> int:
     write_json(request.json, content)
     _show(recording, made, events, picture)
     return 0
+
+
+def _check_used(path: Path, made: Replay) -> None:
+    """Refuse a recording most of whose samples say nothing.
+
+    Raises:
+        InputError: as said.
+
+    """
+    counts = made.counts
+    every = counts.usable + counts.held + counts.ignored
+    if counts.usable < _LEAST_USED * every:
+        msg = (
+            f"{path} holds {every} samples of the IMU, of which {counts.usable} can be used: {counts.late} do not come"
+        )
+        msg += f" later than the one before, {counts.repeated} repeat its values, {counts.not_finite} are no numbers"
+        msg += f", {counts.out_of_range} out of range"
+        raise InputError(msg)
 
 
 def parameters_from(settings: tuple[str, ...]) -> ControllerParameters:

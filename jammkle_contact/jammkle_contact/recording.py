@@ -20,7 +20,8 @@ from jammkle_controller.core.reading import (
     nanoseconds,
 )
 from jammkle_graph import names
-from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.reading import opened
+from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_graph.namespace import resolved
@@ -123,15 +124,16 @@ def read_bag(path: Path, topic: str = "", namespace: str = "/", leg: Joints | No
         others[resolved(namespace, names.JOINT_STATES.name)] = names.JOINT_STATES
         if leg is not None and leg.odometry:
             others[resolved(namespace, leg.odometry)] = names.ODOMETRY
-        wanted = [each for each in reader.connections if each.topic == imu or each.topic in others]
+        others.pop(imu, None)
+        wanted = [each for each in reader.connections if each.topic == imu and each.msgtype == _IMU_TYPE]
         heard = []
-        for connection, log_ns, data in messages(reader, path, wanted):
+        for connection, time_ns, _, data in BagTimes(reader).messages([*wanted, *reader.on(others)]):
             message: Any = reader.deserialize(data, connection.msgtype)
             if connection.topic == imu:
                 sample = imu_sample(message)
                 heard.append(Heard(sample.time_ns, sample))
             elif connection.msgtype == others[connection.topic].message_type:
-                heard += _other(others[connection.topic], message, log_ns, leg)
+                heard += _other(others[connection.topic], message, time_ns, leg)
     return Recording(path.name, heard, imu)
 
 
@@ -145,13 +147,13 @@ def _only_imu(path: Path, imus: list[str], usual: str) -> str:
     raise InputError(msg)
 
 
-def _other(topic: names.Topic, message: Any, log_ns: int, leg: Joints | None) -> list[Heard]:
+def _other(topic: names.Topic, message: Any, time_ns: int, leg: Joints | None) -> list[Heard]:
     if topic is names.FOOT_CONTACT:
-        return [Heard(log_ns, Input.CONTACT_SWITCH, float(message.data))]
+        return [Heard(time_ns, Input.CONTACT_SWITCH, float(message.data))]
     if topic is names.PLANNED_CONTACT:
-        return [Heard(log_ns, Input.PLANNED_CONTACT, float(message.data))]
+        return [Heard(time_ns, Input.PLANNED_CONTACT, float(message.data))]
     if topic is names.GAIT_PHASE:
-        return [Heard(log_ns, Input.GAIT_PHASE, float(message.data))]
+        return [Heard(time_ns, Input.GAIT_PHASE, float(message.data))]
     at_ns = nanoseconds(message.header.stamp)
     if topic is names.LOAD_CELL:
         return [Heard(at_ns, Input.LOAD, load_n(message))]

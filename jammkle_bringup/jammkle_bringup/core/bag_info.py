@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.reading import opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
@@ -100,10 +100,9 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
         empty = reader.message_count == 0
         times, whole = BagTimes(reader), _Span()
         spans = {connection.topic: _Span() for connection in reader.connections}
-        for number, (connection, log_ns, data) in enumerate(messages(reader, path)):
-            time_ns = times.time_ns(connection, log_ns, data)
-            spans[connection.topic].take(time_ns)
-            whole.take(time_ns)
+        for number, message in enumerate(times.messages(reader.connections)):
+            spans[message.connection.topic].take(message.time_ns)
+            whole.take(message.time_ns)
             if number % _PROGRESS_MESSAGES == 0:
                 on_progress(number / reader.message_count)
         return BagInfo(

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+from collections import Counter
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_bringup.core.columns import RowMaker
 from jammkle_bringup.core.table_files import NewColumnError, TableFile, TableFormat
 from jammkle_bringup.core.time_grid import TimeGrid
-from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.reading import opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.results import note
+from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS, TopicKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from jammkle_graph.bags.reading import BagReader, Connection
@@ -26,6 +30,7 @@ RUN = "run"
 
 _PROGRESS_MESSAGES = 5_000
 _MEASURED = tuple(topic.name for topic in TOPICS if topic.kind is TopicKind.SENSOR and "actuator" not in topic.name)
+_OURS = tuple(topic.name for topic in TOPICS)
 _APART = (DIAGNOSTICS.name, SIM_PARAMETERS.name, *(topic.name for topic in TOPICS if topic.kind is TopicKind.EVENT))
 
 
@@ -62,7 +67,7 @@ class Exported:
         return asdict(self)
 
 
-def export(request: ExportRequest, on_progress: Callable[[float], None], stop: Callable[[], bool]) -> Exported | None:
+def export(request: ExportRequest, on_progress: Callable[[float], None], stop: Callable[[], bool]) -> Exported:
     """Write the tables of a bag.
 
     Args:
@@ -71,10 +76,11 @@ def export(request: ExportRequest, on_progress: Callable[[float], None], stop: C
         stop: Asked now and then; True ends it.
 
     Returns:
-        What was written; None if it was stopped.
+        What was written.
 
     Raises:
         InputError: the bag cannot be read, or the folder not be made.
+        Interrupted: it was stopped.
         OSError: a table cannot be written.
 
     """
@@ -84,9 +90,9 @@ def export(request: ExportRequest, on_progress: Callable[[float], None], stop: C
             msg = f"bag {request.bag} holds no messages"
             raise InputError(msg)
         while True:
-            export_once = _Export(request, reader, known)
+            export_once = _Export(request, reader, known, stop)
             try:
-                return export_once.run(on_progress, stop)
+                return export_once.run(on_progress)
             except _HeadIsWrittenError as late:  # a column that came up late: the table begins anew with it
                 known[late.table] = late.columns
 
@@ -102,27 +108,30 @@ class _HeadIsWrittenError(Exception):
 class _Export:
     """One passage through a bag."""
 
-    def __init__(self, request: ExportRequest, reader: BagReader, known: Mapping[str, list[str]]) -> None:
-        self._request, self._reader, self._known = request, reader, known
+    def __init__(
+        self, request: ExportRequest, reader: BagReader, known: Mapping[str, list[str]], stop: Callable[[], bool]
+    ) -> None:
+        self._request, self._reader, self._known, self._stop = request, reader, known, stop
         self._times = BagTimes(reader)
+        self._wanted = [each for each in reader.connections if each.topic != CLOCK.name]
+        self._names = table_names(self._wanted)
         self._makers = {
-            each.topic: RowMaker(each.topic, each.msgtype, reader.typestore.fielddefs) for each in reader.connections
+            each.id: RowMaker(each.topic, each.msgtype, reader.typestore.fielddefs) for each in self._wanted
         }
+        self._columns: dict[tuple[int, str], str] = {}
         self._grid = None if request.rate_hz is None else TimeGrid(request.rate_hz)
         self._tables: dict[str, TableFile] = {}
         self._topics: dict[str, list[str]] = {}
+        self._broken: Counter[str] = Counter()
         self._start_ns: int | None = None
 
-    def run(self, on_progress: Callable[[float], None], stop: Callable[[], bool]) -> Exported | None:
+    def run(self, on_progress: Callable[[float], None]) -> Exported:
         try:
-            for number, (connection, log_ns, data) in enumerate(messages(self._reader, self._request.bag)):
-                time_ns = self._times.time_ns(connection, log_ns, data)
-                if connection.topic != CLOCK.name:
-                    self._take(connection, time_ns, data)
+            for number, (connection, time_ns, _, data) in enumerate(self._times.messages(self._wanted)):
+                self._take(connection, time_ns, data)
                 if number % _PROGRESS_MESSAGES == 0:
                     on_progress(number / self._reader.message_count)
-                    if stop():
-                        return None
+                    self._end_if_asked_to()
             if self._grid is not None:
                 self._write_run(self._grid.rest())
             for table in self._tables.values():
@@ -130,32 +139,60 @@ class _Export:
         finally:
             for table in self._tables.values():
                 table.abandon()
+        self._say_what_is_not_in_them()
         return self._exported()
+
+    def _end_if_asked_to(self) -> None:
+        if self._stop():
+            raise Interrupted
 
     def _take(self, connection: Connection, time_ns: int, data: bytes) -> None:
         if self._start_ns is None:
             self._start_ns = time_ns
         since_ns = time_ns - self._start_ns
         topic = connection.topic
-        name = table_name(topic)
-        for row in self._makers[topic].rows(self._reader.deserialize(data, connection.msgtype)):
+        try:
+            message = self._reader.deserialize(data, connection.msgtype)
+        except InputError:
+            self._broken[topic] += 1
+            return
+        if self._grid is not None and self._times.rewound:
+            msg = f"bag {self._request.bag} cannot be put on one time base: {self._times.rewound}; leave --rate-hz out"
+            raise InputError(msg)
+        for row in self._makers[connection.id].rows(message):
             if self._grid is None or topic.endswith(_APART):
-                self._write(name, topic, {TIME: since_ns / NANOSECONDS_PER_SECOND, **row})
+                self._write(self._names[connection.id], topic, {TIME: since_ns / NANOSECONDS_PER_SECOND, **row})
                 continue
             is_measured = topic.endswith(_MEASURED)
             self._topics.setdefault(RUN, [])
             if topic not in self._topics[RUN]:
                 self._topics[RUN].append(topic)
             for column, value in row.items():
-                self._grid.add(
-                    since_ns, _joined(name, column), value, is_measured=is_measured and isinstance(value, float)
-                )
+                name = self._column(connection, column)
+                self._grid.add(since_ns, name, value, is_measured=is_measured and isinstance(value, float))
         if self._grid is not None:
             self._write_run(self._grid.ready())
 
+    def _column(self, connection: Connection, column: str) -> str:
+        """Return the name of a column in the table of all signals, which no other has."""
+        key = (connection.id, column)
+        if key not in self._columns:
+            plain = _joined(self._names[connection.id], column)
+            self._columns[key] = _not_taken(plain, {TIME, *self._columns.values()})
+        return self._columns[key]
+
+    def _say_what_is_not_in_them(self) -> None:
+        for topic, count in self._broken.items():
+            note(f"bag {self._request.bag}: {count} messages of {topic} cannot be decoded and are left out")
+        for begin_ns, end_ns in () if self._grid is None else self._grid.holes:
+            begin_s, end_s = begin_ns / NANOSECONDS_PER_SECOND, end_ns / NANOSECONDS_PER_SECOND
+            note(f"bag {self._request.bag} holds nothing from {begin_s:.3f} to {end_s:.3f} s: there are no rows of it")
+
     def _write_run(self, rows: Iterator[dict[str, Any]]) -> None:
-        for row in rows:
+        for number, row in enumerate(rows, 1):
             self._write(RUN, "", row)
+            if number % _PROGRESS_MESSAGES == 0:
+                self._end_if_asked_to()
 
     def _write(self, name: str, topic: str, row: dict[str, Any]) -> None:
         table = self._tables.get(name)
@@ -180,9 +217,18 @@ class _Export:
         )
 
 
-def table_name(topic: str) -> str:
-    """Return the name of a topic's table: `imu_data` of `/imu/data`."""
-    return topic.strip("/").replace("/", "_")
+def table_names(connections: Sequence[Connection]) -> dict[int, str]:
+    """Return the name of each topic's table: `imu_data` of `/imu/data`, and `imu_data_2` of `/imu_data` beside it."""
+    names: dict[int, str] = {}
+    for each in sorted(connections, key=lambda each: (not each.topic.endswith(_OURS), each.topic, each.id)):
+        names[each.id] = _not_taken(each.topic.strip("/").replace("/", "_"), {RUN, *names.values()})
+    return names
+
+
+def _not_taken(name: str, taken: set[str]) -> str:
+    return next(
+        each for each in itertools.chain([name], (f"{name}_{n}" for n in itertools.count(2))) if each not in taken
+    )
 
 
 def _joined(table: str, column: str) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_bringup.core.panels import COLOURS, Bar, Curve, Mark, Panel, RunPicture
 from jammkle_bringup.core.run_samples import MANIFOLD, MOST_CHANGES, RunSamples
 from jammkle_graph.bags.namespaces import namespaces_in
-from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.reading import opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
@@ -56,11 +56,10 @@ def run_picture(
         namespace = chosen_namespace(path, set(reader.topics), namespace)
         times = BagTimes(reader)
         taken = {topic: samples.takers.get(relative(namespace, topic) or "") for topic in reader.topics}
-        wanted = [each for each in reader.connections if each.topic == CLOCK.name or taken[each.topic] is not None]
+        wanted = reader.on([topic for topic, take in taken.items() if topic == CLOCK.name or take is not None])
         total = sum(each.msgcount for each in wanted)
         start_ns = end_ns = None
-        for number, (connection, log_ns, data) in enumerate(messages(reader, path, wanted)):
-            time_ns = times.time_ns(connection, log_ns, data)
+        for number, (connection, time_ns, _, data) in enumerate(times.messages(wanted)):
             start_ns = time_ns if start_ns is None else start_ns
             end_ns = time_ns if end_ns is None else max(end_ns, time_ns)
             take = taken[connection.topic]

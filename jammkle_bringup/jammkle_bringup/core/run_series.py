@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jammkle_graph.bags.namespaces import namespaces_in
-from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.reading import opened
+from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import (
@@ -108,12 +109,13 @@ def read_run(path: Path, namespace: str | None = None) -> RunSeries:
                 f"bag {path} holds no topic of an ankle in namespace {namespace}; it has: {', '.join(found) or 'none'}"
             )
             raise InputError(msg)
-        collector = _Collector(namespace, reader.start_time)
-        wanted = reader.on(collector.takers)
-        for connection, log_time_ns, data in messages(reader, path, wanted):
+        times = BagTimes(reader)
+        collector, end_ns = _Collector(namespace, times.start_ns), times.start_ns
+        for connection, time_ns, _, data in times.messages(reader.on(collector.takers)):
             message: Any = reader.deserialize(data, connection.msgtype)
-            collector.takers[connection.topic](message, log_time_ns)
-        return collector.run((reader.end_time - reader.start_time) / NANOSECONDS_PER_SECOND)
+            collector.takers[connection.topic](message, time_ns)
+            end_ns = max(end_ns, time_ns)
+        return collector.run((end_ns - times.start_ns) / NANOSECONDS_PER_SECOND)
 
 
 class _Collector:
@@ -175,43 +177,38 @@ class _Collector:
     def _add(self, key: str, time_s: float, value: float) -> None:
         self._samples.setdefault(key, []).append((time_s, value))
 
-    def _log_s(self, log_time_ns: int) -> float:
-        return (log_time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
+    def _time_s(self, time_ns: int) -> float:
+        return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
 
-    def _stamp_s(self, header: Any, log_time_ns: int) -> float:
-        """Return the measurement's time; the log's where nothing was stamped."""
-        stamp_ns = int(header.stamp.sec) * NANOSECONDS_PER_SECOND + int(header.stamp.nanosec)
-        return self._log_s(stamp_ns or log_time_ns)
+    def _take_imu(self, message: Any, time_ns: int) -> None:
+        self._add("imu", self._time_s(time_ns), message.linear_acceleration.z)
 
-    def _take_imu(self, message: Any, log_time_ns: int) -> None:
-        self._add("imu", self._stamp_s(message.header, log_time_ns), message.linear_acceleration.z)
+    def _take_load_cell(self, message: Any, time_ns: int) -> None:
+        self._add("load cell", self._time_s(time_ns), message.wrench.force.z)
 
-    def _take_load_cell(self, message: Any, log_time_ns: int) -> None:
-        self._add("load cell", self._stamp_s(message.header, log_time_ns), message.wrench.force.z)
-
-    def _take_joints(self, message: Any, log_time_ns: int) -> None:
+    def _take_joints(self, message: Any, time_ns: int) -> None:
         names = list(message.name)
         if CARRIAGE_JOINT in names and len(message.position) == len(names):
             position = message.position[names.index(CARRIAGE_JOINT)]
-            self._add("carriage", self._stamp_s(message.header, log_time_ns), float(position))
+            self._add("carriage", self._time_s(time_ns), float(position))
 
-    def _take_tendons(self, message: Any, log_time_ns: int) -> None:
+    def _take_tendons(self, message: Any, time_ns: int) -> None:
         for tendon in message.tendons:
-            self._add(f"tension {tendon.name}", self._stamp_s(message.header, log_time_ns), tendon.tension_n)
+            self._add(f"tension {tendon.name}", self._time_s(time_ns), tendon.tension_n)
 
-    def _take_jam_state(self, message: Any, log_time_ns: int) -> None:
+    def _take_jam_state(self, message: Any, time_ns: int) -> None:
         for channel in message.channels:
-            time_s = self._stamp_s(message.header, log_time_ns)
+            time_s = self._time_s(time_ns)
             self._add(f"state {channel.channel}", time_s, channel.commanded_vacuum_pa)
 
-    def _take_jam_command(self, message: Any, log_time_ns: int) -> None:
+    def _take_jam_command(self, message: Any, time_ns: int) -> None:
         for channel in message.channels:
-            self._add(f"command {channel.channel}", self._stamp_s(message.header, log_time_ns), channel.vacuum_pa)
+            self._add(f"command {channel.channel}", self._time_s(time_ns), channel.vacuum_pa)
 
-    def _take_event(self, message: Any, log_time_ns: int) -> None:
+    def _take_event(self, message: Any, time_ns: int) -> None:
         self._events.append(
             Event(
-                self._stamp_s(message.header, log_time_ns),
+                self._time_s(time_ns),
                 _constant_name(message, int(message.type)) or f"event {message.type}",
                 float(message.magnitude),
                 str(message.unit),
@@ -220,14 +217,14 @@ class _Collector:
         )
 
     def _pressure_taker(self, key: str) -> Callable[[Any, int], None]:
-        def take(message: Any, log_time_ns: int) -> None:
-            self._add(key, self._stamp_s(message.header, log_time_ns), message.fluid_pressure)
+        def take(message: Any, time_ns: int) -> None:
+            self._add(key, self._time_s(time_ns), message.fluid_pressure)
 
         return take
 
     def _data_taker(self, key: str) -> Callable[[Any, int], None]:
-        def take(message: Any, log_time_ns: int) -> None:
-            self._add(key, self._log_s(log_time_ns), float(message.data))
+        def take(message: Any, time_ns: int) -> None:
+            self._add(key, self._time_s(time_ns), float(message.data))
 
         return take
 

@@ -5,6 +5,7 @@ What is no measurement (states, commands, words, switches) keeps its last value 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,10 @@ LATENESS_NS = 2 * NANOSECONDS_PER_SECOND
 HOLE_NS = NANOSECONDS_PER_SECOND
 """Time without samples from which on a measurement is empty instead of a straight line. Assumed: well above the period
 of what is measured here, 10 ms at most."""
+
+EMPTY_NS = 600 * NANOSECONDS_PER_SECOND
+"""Time without samples of any kind from which on there are no rows. Assumed: no sensor of a robot that runs is silent
+for as long; a clock that was set makes years."""
 
 
 @dataclass
@@ -54,6 +59,9 @@ class TimeGrid:
         self._next = 0
         self._now_ns = -1
         self._signals: dict[str, _Signal] = {}
+        self.holes: list[tuple[int, int]] = []
+        """Begin and end of the times without rows, ns."""
+        self._passed = 0
 
     def add(self, time_ns: int, name: str, value: Any, *, is_measured: bool) -> None:
         """Take a sample; one that is older than its predecessor is put where it belongs."""
@@ -63,6 +71,8 @@ class TimeGrid:
             later.append(samples.pop())
         samples.append((time_ns, value))
         samples.extend(reversed(later))
+        if self._now_ns >= 0 and time_ns - self._now_ns > EMPTY_NS:
+            self.holes.append((self._now_ns, time_ns))
         self._now_ns = max(self._now_ns, time_ns)
 
     def ready(self) -> Iterator[dict[str, Any]]:
@@ -75,6 +85,11 @@ class TimeGrid:
 
     def _until(self, end_ns: int) -> Iterator[dict[str, Any]]:
         while (time_ns := round(self._next * NANOSECONDS_PER_SECOND / self._rate_hz)) <= end_ns:
+            if self._passed < len(self.holes) and time_ns > self.holes[self._passed][0]:
+                end_ns = self.holes[self._passed][1]
+                self._next = max(self._next, math.ceil(end_ns * self._rate_hz / NANOSECONDS_PER_SECOND))
+                self._passed += 1
+                continue
             self._next += 1
             row = {"time_s": time_ns / NANOSECONDS_PER_SECOND}
             for name, signal in self._signals.items():

@@ -11,6 +11,7 @@ from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 from jammkle_graph.bags.namespaces import namespaces_in
 from jammkle_graph.bags.reading import opened
+from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
@@ -107,8 +108,12 @@ def _tables(path: Path, namespace: str | None) -> tuple[dict[str, _Table], list[
         tables: dict[str, _Table] = {}
         texts: list[str] = []
         parameters = f"{chosen.rstrip('/')}/{names.SIM_PARAMETERS.name}"
-        wanted = [each for each in reader.connections if each.topic in takers or each.topic == parameters]
-        for connection, log_ns, data in reader.messages(wanted):
+        times = BagTimes(reader)
+        for topic in times.doubts.keys() & takers.keys():
+            why = times.doubts[topic].partition(":")[0]
+            msg = f"clocks disagree in bag {path}: {why}; record with one clock, and header.stamp set"
+            raise BadRecordingError(msg)
+        for connection, _, log_ns, data in times.messages(reader.on([*takers, parameters])):
             message: Any = reader.deserialize(data, connection.msgtype)
             if connection.topic == parameters:
                 texts.append(str(message.data))

@@ -127,9 +127,9 @@ class BagReader:
                 note(f"bag {self.path}: {each.topic} is left out: it is of type {each.msgtype}, not {ours}")
         return found
 
-    def messages(self, connections: Collection[Connection] = ()) -> Iterator[tuple[Connection, int, bytes]]:
-        """Read connection, log time, ns, and data of messages, by log time; of nothing stands for all that decode."""
-        chosen = {each.id: each for each in connections or self.connections}
+    def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
+        """Read connection, log time, ns, and data of messages of some connections, by log time."""
+        chosen = {each.id: each for each in connections}
         keys = [{key for key, number in place.items() if number in chosen} for place in self._places]
         for time_ns, place, key, data in merged(self._files, keys):
             yield chosen[self._places[place][key]], time_ns, plain_data(data)
@@ -237,7 +237,7 @@ def open_files(contents: Contents, stack: contextlib.ExitStack) -> list[BagFile]
 
 
 def messages(
-    reader: BagReader, path: Path, connections: Collection[Connection] = ()
+    reader: BagReader, path: Path, connections: Collection[Connection] | None = None
 ) -> Iterator[tuple[Connection, int, bytes]]:
     """Read connection, log time, ns, and data (CDR) of every message, by log time.
 
@@ -247,7 +247,7 @@ def messages(
     Args:
         reader: The bag, open.
         path: Its name, for the error.
-        connections: What is read; nothing stands for all that can be decoded.
+        connections: What is read; None stands for all that can be decoded.
 
     Raises:
         InputError: the bag is damaged.
@@ -255,15 +255,16 @@ def messages(
     """
     count = 0
     try:
-        for message in reader.messages(connections):
+        for message in reader.messages(reader.connections if connections is None else connections):
             count += 1
             yield message
     # As in `opened`: what comes out depends on what is broken. An error of who takes the messages does not come here.
     except Exception as error:
         msg = f"bag {path} is damaged after {count} messages: {_why(error)}"
         raise InputError(msg) from error
-    if not connections and count != reader.message_count:
-        msg = f"bag {path} is damaged: it holds {count} messages where its index says {reader.message_count}"
+    expected = sum(each.msgcount for each in (reader.connections if connections is None else connections))
+    if count != expected:
+        msg = f"bag {path} is damaged: it holds {count} messages where its index says {expected}"
         raise InputError(msg)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_graph import names
-from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.reading import opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
@@ -44,12 +44,8 @@ def commands_of(path: Path, namespaces: Mapping[str, str]) -> list[Told]:
         topics[f"{inside}/{names.PUMP_DUTY.name}"] = (ankle, "")
         topics[f"{inside}/{names.ACTUATOR_STATES.name}"] = (ankle, names.ACTUATOR_STATES.name)
     with opened(path) as reader:
-        times = BagTimes(reader)
-        wanted = [each for each in reader.connections if each.topic in topics or each.topic == names.CLOCK.name]
-        for connection, log_ns, data in messages(reader, path, wanted) if wanted else ():
-            time_s = times.time_ns(connection, log_ns, data) / NANOSECONDS_PER_SECOND  # it has to hear /clock, too
-            if connection.topic not in topics:
-                continue
+        for connection, time_ns, _, data in BagTimes(reader).messages(reader.on(topics)):
+            time_s = time_ns / NANOSECONDS_PER_SECOND
             ankle, what = topics[connection.topic]
             message: Any = reader.deserialize(data, connection.msgtype)
             if what == names.ACTUATOR_STATES.name:

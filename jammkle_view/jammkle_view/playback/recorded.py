@@ -14,7 +14,8 @@ import numpy as np
 
 from jammkle_graph import names
 from jammkle_graph.bags.namespaces import namespaces_in
-from jammkle_graph.bags.reading import messages, opened
+from jammkle_graph.bags.reading import opened
+from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 from jammkle_view.conversions import TAKERS
 from jammkle_view.core.samples import Base, Description, Event, Imu, JamReport, Joints, Pressure, Tendons
@@ -116,9 +117,9 @@ def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[floa
         found = namespaces_in(reader.topics)
         chosen = _chosen(path, found, namespace)
         takers = _takers(heard, chosen, found, set(reader.topics))
-        wanted = [each for each in reader.connections if each.topic in takers]
+        wanted = reader.on(takers)
         total = max(sum(each.msgcount for each in wanted), 1)
-        for count, (connection, _, data) in enumerate(messages(reader, path, wanted) if wanted else ()):
+        for count, (connection, _, _, data) in enumerate(BagTimes(reader).messages(wanted)):
             takers[connection.topic](reader.deserialize(data, connection.msgtype))
             if count % 1000 == 0:
                 on_progress(count / total)
