@@ -65,6 +65,21 @@ def test_two_calls_make_a_biped_stand_on_ankles_that_jam() -> None:
     assert simulation.data.ctrl[robot.model.actuator("left_motor").id] == 0.1
 
 
+@pytest.mark.parametrize("compiler", ['settotalmass="30"', 'settotalmass="30" fusestatic="true"', 'boundmass="0.5"'])
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass'")
+def test_foot_and_robot_weigh_what_they_do_whatever_the_compiler_is_told(compiler: str) -> None:
+    """A total mass is the robot's without its ankles; a joint of its own has no fused body."""
+    text = BIPED.replace("<compiler ", f"<compiler {compiler} ", 1)
+    assert text != BIPED
+    bare_kg = mujoco.MjSpec.from_string(text).compile().body_mass.sum()
+    spec = mujoco.MjSpec.from_string(text)
+    ankles = [attach_ankle(spec, f"{side}_shank", f"{side}_ankle") for side in ("left", "right")]
+    model = robot_of(spec, ankles).model
+    for ankle in ankles:
+        assert model.body(ankle.foot).mass[0] == pytest.approx(ankle.parameters.foot_mass_kg)
+    assert model.body_mass.sum() == pytest.approx(bare_kg + 2 * ANKLE_KG)
+
+
 @pytest.mark.parametrize("place", list(ImuPlace))
 def test_the_imu_is_where_it_was_asked_for(place: ImuPlace) -> None:
     """The site of the IMU moves with foot, shank or body."""

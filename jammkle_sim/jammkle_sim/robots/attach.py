@@ -10,6 +10,7 @@ Everything that is added carries the ankle's name and a slash: `left_ankle/foot`
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -107,8 +108,9 @@ def attach_ankle(
 ) -> AttachedAnkle:
     """Attach an ankle to a body of a robot, with tendons, IMU and the sensor of its contacts.
 
-    The ankle weighs what it does in the paper: what does not turn with the foot goes to the body as a part of its own,
-    spread along the tendons. Only the four corners of the foot touch anything.
+    The ankle weighs what it does in the paper, and the robot what it did, also one whose compiler has `settotalmass`.
+    What does not turn with the foot goes to the body as a part of its own, spread along the tendons. Only the four
+    corners of the foot touch anything.
 
     Args:
         spec: The mujoco.MjSpec of the robot, changed in place.
@@ -123,7 +125,7 @@ def attach_ankle(
         What a simulation needs to know of it.
 
     Raises:
-        ParameterError: no such body, or the name is taken.
+        ParameterError: no such body, the name is taken, or a robot with `settotalmass` does not compile by itself.
 
     """
     fitting = fitting or AnkleFitting()
@@ -132,6 +134,8 @@ def attach_ankle(
     if spec.body(ankle.foot) is not None:
         msg = f"ankle '{name}' is attached already: give this one another name"
         raise ParameterError(msg)
+    _fix_masses(spec)
+    spec.compiler.fusestatic = False  # the mount does not move on its body, and is looked for by its name
     frame = shank.add_frame(pos=position_m, quat=(math.cos(pitch_rad / 2.0), 0.0, math.sin(pitch_rad / 2.0), 0.0))
     frame.attach_body(_ankle_alone(fitting.parameters, fitting.friction), f"{name}/", "")
     places = {ImuPlace.FOOT: ankle.foot, ImuPlace.SHANK: ankle.mount, ImuPlace.BODY: fitting.imu_body}
@@ -164,6 +168,28 @@ def _body(spec: Any, name: str) -> Any:
         msg = f"the robot has no body '{name}'; its bodies are: {known}"
         raise ParameterError(msg)
     return found
+
+
+def _fix_masses(spec: Any) -> None:
+    """Scale the robot to its `settotalmass` now, so that what is attached is not scaled with it."""
+    if spec.compiler.settotalmass <= 0.0:
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that settotalmass is on its way out
+        try:
+            scaled_kg = float(spec.compile().body_mass.sum())
+            spec.compiler.settotalmass = -1.0
+            scale = scaled_kg / float(spec.compile().body_mass.sum())
+        except ValueError as error:
+            msg = f"the robot has a settotalmass, and does not compile without its ankle: {error}"
+            raise ParameterError(msg) from error
+    for geom in spec.geoms:
+        geom.density *= scale
+        geom.mass *= scale  # NaN where the density counts
+    for body in spec.bodies:
+        body.mass *= scale
+        body.inertia = scale * body.inertia
+        body.fullinertia = scale * body.fullinertia
 
 
 def _ankle_alone(parameters: AnkleParameters, friction: float) -> Any:
