@@ -6,6 +6,7 @@ import contextlib
 import importlib
 import os
 import signal
+import threading
 import warnings
 from typing import TYPE_CHECKING, Any
 
@@ -40,11 +41,28 @@ def backend(jobs: int | None, scheduler: str | None) -> Iterator[int | None]:
     # Whoever stops on the way knows that not everything was done.
     warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed", UserWarning)
     if scheduler is None:
-        with joblib.parallel_config("loky", initializer=_start_worker, initargs=(os.getpid(),)):
+        config = joblib.parallel_config("loky", initializer=_start_worker, initargs=(os.getpid(),))
+        with _without_complaints(), config:
             yield jobs
         return
     with _client(scheduler), joblib.parallel_config("dask"):
         yield _ALL if jobs is None else jobs
+
+
+@contextlib.contextmanager
+def _without_complaints() -> Iterator[None]:
+    """Have joblib's thread that hands out runs say nothing as it dies of a stop: it looks for runs that are gone."""
+    before = threading.excepthook
+
+    def tell(died: threading.ExceptHookArgs) -> None:
+        if died.thread is None or died.thread.name != "ExecutorManagerThread":
+            before(died)
+
+    threading.excepthook = tell
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 def _client(scheduler: str) -> Any:

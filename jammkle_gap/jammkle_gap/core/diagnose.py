@@ -21,7 +21,7 @@ from jammkle_gap.core.response import grid_features, grid_signatures
 from jammkle_gap.core.screen import screen
 from jammkle_gap.core.search import reweighed, search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
-from jammkle_gap.core.simulate import Runner, Task, UnrunnableError
+from jammkle_gap.core.simulate import Runner, StoppedError, Task, UnrunnableError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from jammkle_gap.core.compare import Difference, Residuals, Setting
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
+    from jammkle_gap.core.response import GridFeatures
     from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.core.screen import Screening
-    from jammkle_gap.core.search import Provisional
+    from jammkle_gap.core.search import Candidates, Provisional
     from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Progress, Stop
 
@@ -149,13 +150,11 @@ def evidence_of(
     noticed = candidates
     own: dict[tuple[str, ...], float] = {}
     if not complete and candidates.finished:
-        error = OwnError(settings, residuals, difference, constants)
-        weighed = error.beside(())
-        signatures = grid_signatures(grids, weighed)
-        screening = screen(problem, settings, signatures, weighed, machine, runner)
-        candidates = search(problem, settings, screening, weighed, machine, runner, constants)
-        both = (noticed, candidates)
-        candidates, own = reweighed(problem, settings, error, machine, both, runner, constants)
+        try:
+            error = OwnError(settings, residuals, difference, constants)
+            candidates, own = _beside_own_error(problem, settings, error, grids, machine, candidates, runner, constants)
+        except StoppedError:
+            candidates = replace(candidates, finished=False)
     return Evidence(
         problem,
         settings,
@@ -170,6 +169,28 @@ def evidence_of(
         classes,
         grids,
     )
+
+
+def _beside_own_error(
+    problem: Problem,
+    settings: Sequence[Setting],
+    error: OwnError,
+    grids: GridFeatures,
+    machine: Mapping[str, float],
+    noticed: Candidates,
+    runner: Runner,
+    constants: Constants,
+) -> tuple[Candidates, dict[tuple[str, ...], float]]:
+    """Search again beside the simulator's own error, and weigh what was found in both searches.
+
+    Raises:
+        StoppedError: asked to stop.
+
+    """
+    weighed = error.beside(())
+    screening = screen(problem, settings, grid_signatures(grids, weighed), weighed, machine, runner)
+    candidates = search(problem, settings, screening, weighed, machine, runner, constants)
+    return reweighed(problem, settings, error, machine, (noticed, candidates), runner, constants)
 
 
 def _better_machine(

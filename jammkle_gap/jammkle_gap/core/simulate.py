@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     Progress = Callable[[str, float], None]
     """Told what is being done, and the share of it that is done, 0 to 1."""
     Stop = Callable[[], bool]
-    """Asked after every run; True ends the work."""
+    """Asked after every run; True ends the work. One with `at_once` (`StopRequest`) ends a run in its middle, too."""
 
 
 T = TypeVar("T")
@@ -197,13 +198,19 @@ class Runner:
         return self._collected(parallel(delayed(function)(*each) for each in arguments), len(arguments), what)
 
     def _collected(self, found: Iterable[T], count: int, what: str) -> list[T]:
-        collected = []
-        for done, each in enumerate(found, 1):
-            collected.append(each)
-            if what:
-                self._progress(what, done / count)
-            if done < count and self._stop():
-                raise StoppedError(collected)
+        collected: list[T] = []
+        # A run may take long: who can, ends it in its middle.
+        at_once = getattr(self._stop, "at_once", contextlib.nullcontext)
+        try:
+            with at_once(StoppedError):
+                for done, each in enumerate(found, 1):
+                    collected.append(each)
+                    if what:
+                        self._progress(what, done / count)
+                    if done < count and self._stop():
+                        raise StoppedError  # noqa: TRY301 - as it comes from a run
+        except StoppedError as error:
+            raise StoppedError(collected) from error
         return collected
 
 

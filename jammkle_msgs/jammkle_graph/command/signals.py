@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -21,6 +23,7 @@ class StopRequest:
     def __init__(self) -> None:
         """Make an unset request and listen for signals."""
         self._asked = False
+        self._raised: type[Exception] | None = None
         for number in _SIGNALS:
             signal.signal(number, self._ask)
 
@@ -28,5 +31,19 @@ class StopRequest:
         """Return True once the process was asked to stop."""
         return self._asked
 
+    @contextlib.contextmanager
+    def at_once(self, raised: type[Exception]) -> Iterator[None]:
+        """Raise something in the block where it is when the process is asked to stop, and if it was before."""
+        self._raised = raised
+        try:
+            if self._asked:
+                raise raised
+            yield
+        finally:
+            self._raised = None
+
     def _ask(self, _signal: int, _frame: FrameType | None) -> None:
         self._asked = True
+        raised, self._raised = self._raised, None
+        if raised is not None:
+            raise raised
