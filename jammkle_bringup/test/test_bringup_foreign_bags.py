@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import sqlite3
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -503,3 +504,17 @@ def test_a_message_that_is_cut_is_left_out_and_counted(tmp_path: Path, capsys: p
     write_mcap(tmp_path / "bag" / "a.mcap", [*ROWS, *cut])
     assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out")]) == 0
     assert "5 messages of /other cannot be decoded" in capsys.readouterr().err
+
+
+def test_a_folder_may_have_a_name_that_is_no_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Bytes that are none in UTF-8, as of an old disk: every verb reads such a bag and writes into such a folder."""
+    bag, out = (tmp_path / os.fsdecode(name) for name in (b"bag\xff", b"out\xfe"))
+    write_mcap(bag / "a.mcap", ROWS)
+    for verb in (["info"], ["recover"], ["export", "-o", f"{out}_export"], ["export", "-o", f"{out}_p", "--parquet"]):
+        assert main([verb[0], str(bag), *verb[1:]]) == 0
+    assert main(["detect", str(bag), "-o", f"{out}_detect"]) == 0
+    assert main(["plot", str(bag), "-o", f"{out}_plot", "--json", f"{out}.json"]) == 0
+    assert main(["rename", str(bag), "-o", f"{out}_new", "--topic", "/pump/duty=/duty"]) == 0
+    assert main(["info", f"{out}_new"]) == 0
+    assert main(["info", f"{out}_none"]) == 2
+    assert "Traceback" not in capsys.readouterr().err

@@ -20,7 +20,7 @@ from jammkle_controller.core.reading import (
     nanoseconds,
 )
 from jammkle_graph import names
-from jammkle_graph.bags.reading import opened
+from jammkle_graph.bags.reading import name_of, opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
@@ -134,7 +134,7 @@ def read_bag(path: Path, topic: str = "", namespace: str = "/", leg: Joints | No
                 heard.append(Heard(sample.time_ns, sample))
             elif connection.msgtype == others[connection.topic].message_type:
                 heard += _other(others[connection.topic], message, time_ns, leg)
-    return Recording(path.name, heard, imu)
+    return Recording(name_of(path), heard, imu)
 
 
 def _only_imu(path: Path, imus: list[str], usual: str) -> str:
@@ -218,7 +218,7 @@ def _table(
     if not heard:
         msg = f"{path} holds no rows"
         raise InputError(msg)
-    return Recording(path.name, heard, reference=reference)
+    return Recording(name_of(path), heard, reference=reference)
 
 
 def _scale(units: dict[str, float], unit: str, option: str) -> float:

@@ -82,8 +82,8 @@ def diagnose(request: DiagnoseRequest) -> int:
         diagnosis = diagnosis_of(recordings, references, problem, jobs, stop)
     asked = _asked(request, recordings, references, problem)
     corrected = corrected_file(diagnosis, problem, request.library)
-    (request.folder / CORRECTED_NAME).write_text(corrected, encoding="utf-8")
-    (request.folder / PAGE_NAME).write_text(page(diagnosis, asked), encoding="utf-8")
+    (request.folder / CORRECTED_NAME).write_text(corrected, encoding="utf-8", errors="backslashreplace")
+    (request.folder / PAGE_NAME).write_text(page(diagnosis, asked), encoding="utf-8", errors="backslashreplace")
     results.write_json(request.json, _content(diagnosis, asked, request))
     show(diagnosis, asked, request.folder / PAGE_NAME)
     return 0

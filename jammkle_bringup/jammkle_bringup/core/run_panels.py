@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_bringup.core.panels import COLOURS, Bar, Curve, Mark, Panel, RunPicture
 from jammkle_bringup.core.run_samples import MANIFOLD, MOST_CHANGES, RunSamples
 from jammkle_graph.bags.namespaces import namespaces_in
-from jammkle_graph.bags.reading import opened
+from jammkle_graph.bags.reading import name_of, opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
@@ -73,7 +73,7 @@ def run_picture(
                 if stop():
                     return None
     duration_s = ((end_ns or 0) - (start_ns or 0)) / NANOSECONDS_PER_SECOND
-    title = f"{path.name}, {namespace}: {duration_s:.1f} s"
+    title = f"{name_of(path)}, {namespace}: {duration_s:.1f} s"
     panels, marks = tuple(_panels(samples, duration_s)), tuple(_marks(samples))
     return RunPicture(title, duration_s, panels, marks, _cut_note(samples))
 

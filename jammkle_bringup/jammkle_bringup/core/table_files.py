@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 import pyarrow as pa  # type: ignore[import-untyped]  # carries no types
 import pyarrow.csv  # type: ignore[import-untyped]  # carries no types
@@ -58,6 +59,7 @@ class TableFile:
         self._held: list[dict[str, Any]] = []
         self._schema: Any = None
         self._writer: _Writer | None = None
+        self._file: BinaryIO | None = None
 
     @property
     def columns(self) -> list[str]:
@@ -89,14 +91,19 @@ class TableFile:
         """
         if self._held or self._writer is None:
             self._write()
-        if self._writer is not None:
-            self._writer.close()
+        self._end()
 
     def abandon(self) -> None:
         """End the file as it is."""
         self._held.clear()
-        if self._writer is not None:
-            self._writer.close()
+        self._end()
+
+    def _end(self) -> None:
+        with contextlib.ExitStack() as stack:
+            if self._file is not None:
+                stack.callback(self._file.close)
+            if self._writer is not None:
+                self._writer.close()
 
     def _write(self) -> None:
         if self._schema is None:
@@ -118,10 +125,11 @@ class TableFile:
         self._held.clear()
 
     def _opened(self) -> _Writer:
+        self._file = self.path.open("wb")  # Arrow takes no name whose bytes are none in UTF-8
         if self._form is TableFormat.PARQUET:
-            writer: _Writer = pyarrow.parquet.ParquetWriter(self.path, self._schema, compression="zstd")
+            writer: _Writer = pyarrow.parquet.ParquetWriter(self._file, self._schema, compression="zstd")
             return writer
         written: _Writer = pyarrow.csv.CSVWriter(
-            self.path, self._schema, write_options=pyarrow.csv.WriteOptions(quoting_style="needed")
+            self._file, self._schema, write_options=pyarrow.csv.WriteOptions(quoting_style="needed")
         )
         return written

@@ -10,7 +10,7 @@ import numpy as np
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_graph import names
 from jammkle_graph.bags.namespaces import namespaces_in
-from jammkle_graph.bags.reading import opened
+from jammkle_graph.bags.reading import name_of, opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 
@@ -84,7 +84,7 @@ def read_bag(path: Path, namespace: str | None = None) -> Bag:
         raise BadRecordingError(str(error)) from error
     clock = tables.pop(names.CLOCK.name, None)
     return Bag(
-        name=path.name,
+        name=name_of(path),
         topics={name: table.samples() for name, table in tables.items()},
         description=texts[-1] if texts else None,
         clock=None if clock is None else clock.samples(),

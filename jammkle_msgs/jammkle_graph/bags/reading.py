@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -175,6 +176,11 @@ def _connection(number: int, channel: StoredChannel, types: KnownTypes) -> Conne
 
 def _more(known: Connection, channel: StoredChannel) -> Connection:
     return replace(known, msgcount=known.msgcount + channel.message_count, offered=known.offered or channel.qos)
+
+
+def name_of(bag: Path) -> str:
+    """Return the name of a bag as text that can be written anywhere, also where its bytes are none in UTF-8."""
+    return os.fsencode(bag.name).decode(errors="backslashreplace")
 
 
 @contextlib.contextmanager

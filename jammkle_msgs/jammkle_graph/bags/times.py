@@ -57,7 +57,7 @@ class TimeOf(enum.Enum):
 
 
 class TimedMessage(NamedTuple):
-    """A message, and when it was made, ns. Its stamp is that time, where its type has one."""
+    """A message, when it was made and logged, ns. Its stamp is when it was made, where its type has one."""
 
     connection: Connection
     time_ns: int
@@ -158,7 +158,9 @@ class BagTimes:
             before_ns = max(log_ns, before_ns)
             self._watch_for_rewinding(connection, time_ns)
             if connection.id in chosen:
-                yield TimedMessage(connection, time_ns, log_ns, self._stamped_with(time_ns, connection, data))
+                yield TimedMessage(
+                    connection, time_ns, max(log_ns, self._begin_ns), self._stamped_with(time_ns, connection, data)
+                )
         odd = {each.topic: self._stamps[each.id].odd for each in connections if each.id in self._stamps}
         if any(odd.values()):
             which = ", ".join(topic for topic, count in odd.items() if count)

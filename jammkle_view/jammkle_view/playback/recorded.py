@@ -14,7 +14,7 @@ import numpy as np
 
 from jammkle_graph import names
 from jammkle_graph.bags.namespaces import namespaces_in
-from jammkle_graph.bags.reading import opened
+from jammkle_graph.bags.reading import name_of, opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
 from jammkle_view.conversions import TAKERS
@@ -123,7 +123,7 @@ def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[floa
             takers[connection.topic](reader.deserialize(data, connection.msgtype))
             if count % 1000 == 0:
                 on_progress(count / total)
-    return heard.recorded(path.name, chosen)
+    return heard.recorded(name_of(path), chosen)
 
 
 def _chosen(path: Path, found: Sequence[str], namespace: str | None) -> str:
