@@ -14,7 +14,7 @@ from jammkle_graph.command.options import JsonOption
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
-BagArgument = Annotated[Path, typer.Argument(help="The bag: its folder, or one MCAP file.", metavar="BAG")]
+BagArgument = Annotated[Path, typer.Argument(help="The bag: its folder, or one file of it.", metavar="BAG")]
 
 
 @app.command()
