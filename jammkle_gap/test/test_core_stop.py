@@ -45,7 +45,9 @@ def test_a_stop_ends_a_long_run_and_keeps_what_was_done(
     with backend(jobs, None), pytest.raises(StoppedError) as stopped:
         Runner(cast("Problem", _Sendable()), jobs, stop=stop).map(run, [(number, os.getpid()) for number in range(6)])
     assert time.monotonic() - began_s < LONG_S / 2.0
-    assert stopped.value.done == (0, 1)
+    done = stopped.value.done
+    assert done == (0, 1)[: len(done)]  # what another process has done may be on its way yet
+    assert jobs > 1 or len(done) == 2
     assert not capfd.readouterr().err
 
 
