@@ -28,9 +28,19 @@ PATIENT = """
 """A machine that draws without a graphics card is too busy to simulate in real time."""
 WEAKENED = "fibre_loss_achilles_left: {lost: 0.8}\n"
 """What is wrong with the ankle whose recording is shown, so that there is a gap to be seen."""
+LEAK = "line_leak_achilles: {conductance_dm3_s_bar: 0.003}\n"
+"""What is wrong with the ankle that is diagnosed."""
+DIAGNOSED_S = 600.0
+"""Until a diagnosis is done, on a busy machine too."""
 SLOW_S = 3.0
 """Until what was changed is drawn; nothing of the page tells."""
 COLOURS = 256
+
+
+def keep(browser: Browser, name: str) -> None:
+    """Keep what a browser shows as a picture of the pages."""
+    picture = Image.open(io.BytesIO(browser.picture())).convert("RGB").quantize(COLOURS)
+    picture.save(DOCS / "images" / f"{name}.png", optimize=True)
 
 
 def take(name: str, arguments: tuple[str, ...], prepare: Callable[[Browser], None], folder: Path) -> None:
@@ -48,10 +58,29 @@ def take(name: str, arguments: tuple[str, ...], prepare: Callable[[Browser], Non
                 )
                 prepare(browser)
                 time.sleep(SLOW_S)
-                picture = Image.open(io.BytesIO(browser.picture())).convert("RGB").quantize(COLOURS)
-                picture.save(DOCS / "images" / f"{name}.png", optimize=True)
+                keep(browser, name)
         finally:
             shown.stop()
+
+
+def first_screen_of_a_gap(folder: Path) -> None:
+    """Diagnose a leak, and keep what the page shows before anybody scrolls."""
+    (folder / "leak.yaml").write_text(LEAK)
+    references = [part for repeat in range(5) for part in ("--reference", f"healthy_{repeat}")]
+    calls = (
+        ("rig", "pressure", "--repeats", "5", "-o", "healthy"),
+        ("rig", "pressure", "--effects", "leak.yaml", "--seed", "3", "-o", "leaking"),
+        ("gap", "diagnose", "leaking", *references, "-o", "gap"),
+    )
+    with own_domain() as domain_id:
+        for call in calls:
+            if Up(domain_id, folder, *call).wait(DIAGNOSED_S) != 0:
+                msg = f"jammkle {' '.join(call)} failed"
+                raise RuntimeError(msg)
+    with Browser(folder / "browser", (1280, 640)) as browser:
+        browser.open((folder / "gap" / "gap.html").as_uri())
+        browser.wait_for_text("How far".upper())
+        keep(browser, "gap")
 
 
 def after_a_landing(browser: Browser) -> None:
@@ -68,7 +97,7 @@ def at_the_shock(browser: Browser) -> None:
 
 
 def main() -> int:
-    """Take both pictures."""
+    """Take all pictures."""
     if chromium() is None:
         sys.stderr.write(f"{NO_CHROMIUM}\n")
         return 1
@@ -80,6 +109,7 @@ def main() -> int:
             rig = ("rig", "landing", "--effects", "weakened.yaml", "-o", "landing")
             if Up(domain_id, folder, *rig).wait() != 0:
                 return 1
+        first_screen_of_a_gap(folder)
         take("view", ("up", "--view", "--params", "patient.yaml"), after_a_landing, folder)
         take("view_bag", ("view", "landing"), at_the_shock, folder)
     return 0

@@ -12,7 +12,7 @@ import typer
 
 from jammkle_gap.trial.command import blind_app
 from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.options import JsonOption
+from jammkle_graph.command.options import ON_THE_GAP, JsonOption
 
 gap_app = typer.Typer(
     help="Find out where simulation and robot disagree, and why.",
@@ -22,7 +22,7 @@ gap_app = typer.Typer(
 gap_app.add_typer(blind_app, name="blind")
 
 app = typer.Typer()
-app.add_typer(gap_app, name="gap")
+app.add_typer(gap_app, name="gap", rich_help_panel=ON_THE_GAP)
 
 LibraryOption = Annotated[
     Path | None, typer.Option(help="Effects of your own (YAML), beside the built-in ones.", metavar="FILE")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -80,10 +81,7 @@ def diagnose(request: DiagnoseRequest) -> int:
     problem = ankle_problem(library)
     with backend(request.jobs, request.scheduler) as jobs:
         diagnosis = diagnosis_of(recordings, references, problem, jobs, stop)
-    asked = _asked(request, recordings, references, problem)
-    corrected = corrected_file(diagnosis, problem, request.library)
-    (request.folder / CORRECTED_NAME).write_text(corrected, encoding="utf-8", errors="backslashreplace")
-    (request.folder / PAGE_NAME).write_text(page(diagnosis, asked), encoding="utf-8", errors="backslashreplace")
+    asked = write_page(diagnosis, recordings, references, problem, request.folder, request.library, request.sensors)
     results.write_json(request.json, _content(diagnosis, asked, request))
     show(diagnosis, asked, request.folder / PAGE_NAME)
     return 0
@@ -115,25 +113,51 @@ def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:
         raise InputError(str(error)) from error
 
 
-def _asked(
-    request: DiagnoseRequest, recordings: Sequence[Recording], references: Sequence[Recording], problem: Problem
+def write_page(
+    diagnosis: Diagnosis,
+    recordings: Sequence[Recording],
+    references: Sequence[Recording],
+    problem: Problem,
+    folder: Path,
+    library: Path | None = None,
+    sensors: SensorSet | None = None,
 ) -> Asked:
-    used = {(request.sensors or headline_set(each)).value for each in recordings}
-    return Asked(
+    """Write the page and the corrected simulator into a folder; return what the page says was asked.
+
+    Args:
+        diagnosis: What was found.
+        recordings: What was diagnosed.
+        references: Of the healthy machine.
+        problem: Simulator and effects on offer.
+        folder: Where `gap.html` and `corrected.yaml` go; it exists.
+        library: File of the user's own effects.
+        sensors: Those that were used; None: those of a robot, and the load cell where it was recorded.
+
+    """
+    used = {(sensors or headline_set(each)).value for each in recordings}
+    asked = Asked(
         bags=[each.name for each in recordings],
         references=[each.name for each in references],
         rigs=list(dict.fromkeys(each.inputs.rig for each in recordings)),
         sensors=", ".join(each.value for each in SensorSet if each.value in used),
-        library="" if request.library is None else str(request.library),
+        library="" if library is None else str(library),
         sentences={effect.name: effect.sentence for effect in problem.library},
-        corrected=str(request.folder / CORRECTED_NAME),
+        corrected=str(folder / CORRECTED_NAME),
+        origin=results.origin(),
         constants=problem.constants,
     )
+    (folder / CORRECTED_NAME).write_text(corrected_file(diagnosis, problem, library), encoding="utf-8", errors="backslashreplace")
+    (folder / PAGE_NAME).write_text(page(diagnosis, asked), encoding="utf-8", errors="backslashreplace")
+    return asked
 
 
 def _content(diagnosis: Diagnosis, asked: Asked, request: DiagnoseRequest) -> dict[str, Any]:
     return {
         **as_dict(diagnosis),
+        "made": dataclasses.asdict(asked.origin),
+        "answers": {
+            each.question.lower().replace(" ", "_"): f"{each.short}. {each.more}" for each in words.answers(diagnosis)
+        },
         "summary": words.headline(diagnosis),
         "check": list(words.checks(diagnosis, asked.sentences)),
         "bags": [str(bag) for bag in request.bags],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from jammkle_gap.ankle.sensor_sets import headline_set, selected
 from jammkle_gap.backend import backend
 from jammkle_gap.core.as_json import as_dict
 from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.diagnose_command import PAGE_NAME, write_page
 from jammkle_gap.diagnosing import diagnosis_of
 from jammkle_gap.landing_effects import Outcome, Secret, draw, outcome
 from jammkle_gap.report import words
@@ -31,13 +32,14 @@ from jammkle_sim.rigs.landing_run import LandingRunOptions
 from jammkle_sim.rigs.run import RigCancelledError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from rich.console import Console
 
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.core.simulate import Problem
 
 REFERENCES = 5
 """Landings of the healthy ankle that the recorded one is compared with."""
@@ -62,6 +64,14 @@ class Ending:
     diagnosis: Diagnosis
     outcome: Outcome
     truth: str
+    recordings: Sequence[Recording] = field(repr=False)
+    references: Sequence[Recording] = field(repr=False)
+    problem: Problem = field(repr=False)
+
+    def write_page(self, folder: Path) -> Path:
+        """Write the page of the gap and the corrected simulator into a folder that exists; return the page's file."""
+        write_page(self.diagnosis, self.recordings, self.references, self.problem, folder)
+        return folder / PAGE_NAME
 
     def as_json(self) -> dict[str, Any]:
         """Return it for a file."""
@@ -149,7 +159,8 @@ class Riddle:
         if asked_to_stop():
             raise Interrupted
         found = outcome(self.secret, diagnosis)
-        return Ending(diagnosis, found, self.secret.text(problem.library))
+        text = self.secret.text(problem.library)
+        return Ending(diagnosis, found, text, [recorded], references, problem)
 
 
 def until_vented(recording: Recording) -> Recording:

@@ -107,6 +107,9 @@ def test_equivalent_effects_are_named_as_one() -> None:
     first = found.candidates[0]
     assert {*first.names, *first.equivalents} == {"load", "twin"}
     assert found.posterior["load",] == pytest.approx(found.posterior["twin",], rel=0.05)
+    assert first.probability == pytest.approx(found.posterior["load",] + found.posterior["twin",])
+    assert as_dict(found)["set"][0]["probability"] == pytest.approx(first.probability)
+    assert f"probability {first.probability:.2f} with all of its equivalence class" in found.reasons[1]
 
 
 def test_an_effect_that_moves_nothing_is_silent() -> None:

@@ -39,6 +39,7 @@ KEYS = {
     "verdict", "reasons", "effects", "set", "posterior", "conformal", "gap_probability", "p_value", "false_alarm_rate",
     "where", "subsystems", "gap", "classes", "silent", "calibration", "references_left", "next_experiment", "notes",
     "finished", "runtime", "summary", "check", "bags", "references", "rigs", "sensors", "library", "page", "corrected",
+    "made", "answers",
 }  # fmt: skip
 FEW = (
     "line_leak_achilles", "line_leak_manifold", "pump_wear", "valve_dead_time", "trapped_volume", "command_delay",

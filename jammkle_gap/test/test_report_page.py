@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 import importlib.resources
 import math
@@ -36,13 +37,15 @@ from jammkle_gap.corrected_file import corrected_file
 from jammkle_gap.report import screen, words
 from jammkle_gap.report.asked import Asked
 from jammkle_gap.report.page import page
-from jammkle_gap.report.quantities import percent, percents, probability, quantity, span
+from jammkle_gap.report.quantities import percent, percents, probability, quantities, quantity, span
 from jammkle_gap.report.sections.posterior import MOST_BARS, bars_of
 from jammkle_gap.report.sections.traces import MOST_TRACES
 from jammkle_gap.report.sections.where import heat_map
+from jammkle_graph.command.results import Origin
 
 LIMIT_BYTES = 5e6
 PREFIX = {"k": 1e3, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
+PLACES = {"holding": 0.28, "evacuating": 0.22, "venting": 0.2}
 LEVER = Nuisance("lever.length_m", "m", 0.04, 0.002, "drawing, 5 %")
 SECTIONS = {
     "verdict", "posterior", "traces", "detectable", "where", "closing", "identifiability", "calibration", "notes",
@@ -69,6 +72,7 @@ ASKED = Asked(
     "",
     {each.name: each.sentence for each in (LEAK, WEAR, FRICTION)},
     "out/corrected.yaml",
+    Origin("1.2.3", "2026-01-02 03:04:05+00:00", "jammkle gap diagnose one two --reference healthy -o out"),
     (LEVER,),
 )
 
@@ -169,8 +173,9 @@ def test_every_verdict_has_a_page_that_needs_no_network(verdict: Verdict) -> Non
     assert not re.search(r"https?://(?!www\.w3\.org)", text)
     assert read.ids >= SECTIONS
     assert verdict.value.replace("_", " ") in read.words
-    said = words.headline(diagnosis), *words.checks(diagnosis, ASKED.sentences), *words.explanation(diagnosis)
-    for sentence in said:
+    said = [words.headline(diagnosis), *words.checks(diagnosis, ASKED.sentences), *words.explanation(diagnosis)]
+    said += [text for each in words.answers(diagnosis) for text in (each.short, each.more)]
+    for sentence in (*said, ASKED.origin.version, ASKED.origin.date, ASKED.origin.command):
         assert sentence in read.words
     assert ("set" in read.ids) == bool(diagnosis.candidates)
     assert "unfinished" not in read.ids
@@ -204,6 +209,41 @@ def test_a_name_is_only_given_where_something_is_named() -> None:
     assert not words.checks(made_up(Verdict.NO_GAP), {})
 
 
+def picture_texts(text: str, name: str) -> str:
+    """Return the text of a picture of the page as SVG."""
+    found = re.search(rf'<img[^>]*id="{name}"[^>]*src="data:image/svg\+xml;base64,([^"]+)"', text)
+    assert found
+    return base64.b64decode(found[1]).decode()
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_the_first_picture_shows_the_gap_that_shrinks(verdict: Verdict) -> None:
+    """Measured and nominal stand in the first picture; the corrected simulator where an effect is named; one unit."""
+    text = page(made_up(verdict), ASKED)
+    drawn = picture_texts(text, "overview")
+    assert all(f">{each}<" in drawn for each in ("measured", "nominal simulator", "[kPa]", "difference [kPa]"))
+    assert (">corrected simulator<" in drawn) == (verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS})
+    assert text.index('id="verdict"') < text.index('id="answers"') < text.index('id="overview"')
+    assert text.index('id="overview"') < text.index("<h2")
+
+
+def test_the_page_has_one_answer_to_where_and_one_unit_of_pressure() -> None:
+    """The place is that of the largest share, in the headline too, and no pressure is given in Pa."""
+    found = made_up(Verdict.UNKNOWN)
+    worst = dataclasses.replace(found.signals[1], nominal=99.0)  # a larger residual, yet a small share
+    found = dataclasses.replace(found, signals=(found.signals[0], worst))
+    one = Place("channel_1/pressure", "still", 0.3, (0.2, 0.4), 30.0)  # the largest cell, of the smaller signal
+    others = [Place("channel_0/pressure", phase, share, (0.1, 0.5), 20.0) for phase, share in PLACES.items()]
+    found = dataclasses.replace(found, where=(one, *others))
+    assert words.main_place(found.where) == (others[0], pytest.approx(0.7))
+    assert words.answers(found)[0].short == "channel_0/pressure while the vacuum is held"
+    assert "channel_0/pressure" in words.headline(found)
+    assert "channel_1/pressure" not in words.headline(found) + " ".join(words.explanation(found))
+    text = page(found, ASKED)
+    # The sentence of the next experiment is given by the diagnosis.
+    assert not re.search(r"\d Pa\b|\[Pa\]", Reader(text).words + picture_texts(text, "overview"))
+
+
 def test_an_effect_that_is_kept_beside_none_of_them_says_so() -> None:
     """With UNKNOWN what else is in the credible set is called that, with its probability, and is no finding."""
     (said,) = [text for text in words.checks(made_up(Verdict.UNKNOWN), {}) if "pump wear" in text]
@@ -223,6 +263,8 @@ def test_an_equivalence_class_is_named_as_one() -> None:
     assert "line leak achilles, one of a class with line leak manifold (these sensors cannot tell them apart)" in said
     sentences = {**ASKED.sentences, "line_leak_manifold": "The manifold leaks: tighten it."}
     assert "line leak manifold (equivalent): Tighten it." in words.checks(found, sentences)
+    which = words.answers(found)[1]
+    assert (which.short, "Probability 0.97" in which.more) == ("line leak achilles = line leak manifold", True)
     bars = bars_of(found)
     assert [each.label for each in bars] == ["line leak achilles = line leak manifold", words.NONE_OF_THEM]
     assert bars[0].probability == pytest.approx(0.97)
@@ -286,7 +328,7 @@ def test_pages_stay_small_however_much_was_recorded() -> None:
     """Twenty settings of forty signals at length stay below 5 MB, and the page says what was not drawn."""
     text = page(made_up(Verdict.EFFECTS, signals=40, samples=20_000, settings=20), ASKED)
     assert len(text.encode()) < LIMIT_BYTES
-    assert text.count("<img") == MOST_TRACES + 1
+    assert text.count("<img") == MOST_TRACES + 2  # and the overview and the bars
     assert f"{40 * 20 - MOST_TRACES} more, with the smallest shares, are not drawn" in text
 
 
@@ -314,6 +356,13 @@ def test_quantities_are_what_they_were(size: float, sign: float, unit: str) -> N
     factor = PREFIX[name[0]] if unit not in {"1", name} else 1.0
     assert float(number) * factor == pytest.approx(sign * size, rel=1e-2)
     assert name.endswith(unit) or unit == "1"
+
+
+def test_numbers_side_by_side_have_one_unit() -> None:
+    """The largest chooses the unit; pressures are in kPa whatever their size."""
+    assert quantities((0.0003, 0.02), "m") == ["0.300 mm", "20.0 mm"]
+    assert quantities((0.9, 250.0), "Pa") == ["9.00e-04 kPa", "0.250 kPa"]
+    assert quantities((math.nan, 1.0), "s") == ["-", "1.00 s"]
 
 
 def test_what_is_not_known_is_a_dash() -> None:

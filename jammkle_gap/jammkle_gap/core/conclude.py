@@ -10,11 +10,11 @@ import numpy as np
 from jammkle_gap.core.conformal import p_values
 from jammkle_gap.core.design import next_experiment
 from jammkle_gap.core.detect import detect
-from jammkle_gap.core.equivalence import class_names
+from jammkle_gap.core.equivalence import class_names, class_of
 from jammkle_gap.core.fitted import candidate_of, explained_by, freedom_of, left_by
 from jammkle_gap.core.held_out import held_out
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
-from jammkle_gap.core.posterior import NONE_OF_THEM, posterior_of
+from jammkle_gap.core.posterior import NONE_OF_THEM, by_class, posterior_of
 from jammkle_gap.core.reference_notes import reference_notes
 from jammkle_gap.core.result import (
     Diagnosis,
@@ -53,6 +53,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     detection = detect(difference, evidence.noticed.singles, constants)
     # Settings without references have a likelihood of their own.
     referenced = np.repeat([bool(setting.references) for setting in evidence.settings], difference.sizes)
+    classes = class_names(evidence.classes)
     posterior = posterior_of(
         _squared(difference.whitened, referenced),
         int(referenced.sum()),
@@ -60,11 +61,18 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         freedom_of(evidence, constants),
         [replace(fit, left=_squared(fit.whitened - fit.signature, referenced)) for fit in fits.values()],
         evidence.own,
-        class_names(evidence.classes),
+        classes,
         constants,
     )
     verdict = _verdict(detection, posterior)
-    credible = posterior.credible if verdict is not Verdict.NO_GAP else ()
+    # What no data can tell apart is one answer, with the probability of all its members.
+    shared = by_class(posterior.probabilities, classes)
+    likely = {names: shared[class_of(names, classes)] for names in posterior.credible}
+    # None of the effects comes first where it is the verdict.
+    first = NONE_OF_THEM if verdict is Verdict.UNKNOWN else None
+    credible = sorted(likely, key=lambda names: (names != first, -likely[names]))
+    if verdict is Verdict.NO_GAP:
+        credible = []
     named = [names for names in credible if names != NONE_OF_THEM]
     best = fits[named[0]] if named else None
     following = None
@@ -79,8 +87,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         verdict=verdict,
         reasons=_reasons(verdict, detection, posterior, evidence),
         candidates=tuple(
-            candidate_of(evidence, fits.get(names), names, posterior.probabilities[names], constants)
-            for names in credible
+            candidate_of(evidence, fits.get(names), names, likely[names], constants) for names in credible
         ),
         posterior=posterior.probabilities,
         conformal=p_values(difference, candidates.singles, known, constants),
@@ -124,7 +131,10 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
         return (first, "no effect on offer moves these signals")
     fit = next(f for f in (*evidence.candidates.singles, *evidence.candidates.pairs) if f.names == best)
     share = 100.0 * explained_by(evidence, fit)
-    second = f"{' + '.join(best)} explains {share:.0f} % of its square; probability {posterior.probabilities[best]:.2f}"
+    classes = class_names(evidence.classes)
+    probability = by_class(posterior.probabilities, classes)[class_of(best, classes)]
+    whole = " with all of its equivalence class" if set(best) & set(classes) else ""
+    second = f"{' + '.join(best)} explains {share:.0f} % of its square; probability {probability:.2f}{whole}"
     unknown = posterior.probabilities.get(NONE_OF_THEM, 0.0)
     return first, second, f"none of the effects on offer: probability {unknown:.2f}"
 

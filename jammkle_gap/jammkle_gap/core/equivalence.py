@@ -65,6 +65,17 @@ def class_names(classes: Sequence[Sequence[str]]) -> dict[str, str]:
     return {name: members[0] for members in classes for name in members}
 
 
+def class_of(names: Sequence[str], classes: Mapping[str, str]) -> tuple[str, ...]:
+    """Return a candidate's effects by the names of their classes, sorted: the same for all that data cannot part.
+
+    Args:
+        names: Of its effects.
+        classes: Name of the class of each effect that is in one, as `class_names` returns them.
+
+    """
+    return tuple(sorted(classes.get(name, name) for name in names))
+
+
 def _typical(signatures: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the signature of the smallest grid point that makes a clear gap, or of the largest."""
     squared = np.square(signatures).sum(axis=1)

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.core.equivalence import class_of
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -102,14 +104,29 @@ def error_scale(length: float, noise: float, constants: Constants) -> float:
 
 def credible_set(ranked: Mapping[Names, float], classes: Mapping[str, str], share: float) -> tuple[Names, ...]:
     """Return the smallest set of candidates that holds a share of the probability, one for each class."""
-    found: dict[tuple[str, ...], Names] = {}
+    found: dict[Names, Names] = {}
     held = 0.0
     for names, probability in ranked.items():
         if held >= share:
             break
-        found.setdefault(tuple(sorted(classes.get(name, name) for name in names)), names)
+        found.setdefault(class_of(names, classes), names)
         held += probability
     return tuple(found.values())
+
+
+def by_class(ranked: Mapping[Names, float], classes: Mapping[str, str]) -> dict[Names, float]:
+    """Return the probability of each equivalence class, by its effects as `class_of` has them; largest first.
+
+    Args:
+        ranked: Probability of each candidate.
+        classes: Name of the class of each effect that is in one.
+
+    """
+    sums: dict[Names, float] = {}
+    for names, probability in ranked.items():
+        own = class_of(names, classes)
+        sums[own] = sums.get(own, 0.0) + probability
+    return dict(sorted(sums.items(), key=lambda item: -item[1]))
 
 
 def _score(left: float, scale: float, freedom: float) -> float:

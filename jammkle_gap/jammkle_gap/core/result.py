@@ -58,7 +58,7 @@ class Candidate:
     names: tuple[str, ...]
     """Empty: none of the effects on offer."""
     probability: float
-    """Given all that was said of the prior, and that there is a gap."""
+    """Of its whole equivalence class, given all that was said of the prior, and that there is a gap."""
     explained: float
     """Share of the squared whitened difference that it explains."""
     effects: tuple[FittedEffect, ...]

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_gap.core.effects import Nuisance
+    from jammkle_graph.command.results import Origin
 
 
 @dataclass(frozen=True)
@@ -26,5 +27,7 @@ class Asked:
     """Of every effect on offer: what it is and what to check."""
     corrected: str
     """File of the corrected simulator."""
+    origin: Origin
+    """Version, date and command that made the page."""
     constants: Sequence[Nuisance] = field(default=())
     """Of the machine, which references calibrate."""

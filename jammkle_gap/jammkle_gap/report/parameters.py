@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING
 
 from jammkle_gap.report.quantities import known, span
@@ -13,6 +14,12 @@ if TYPE_CHECKING:
     from jammkle_gap.core.result import FittedEffect
 
 
+def _without_unit(name: str, unit: str) -> str:
+    """Return a parameter's name without the unit at its end: `conductance` for `conductance_dm3_s_bar`."""
+    end = "_".join(re.findall(r"[a-z0-9]+", unit.lower()))
+    return name.removesuffix(f"_{end}")
+
+
 def parameter_lines(effects: Sequence[FittedEffect]) -> list[dict[str, str]]:
     """Return one line per parameter of each effect."""
     return [
@@ -21,6 +28,7 @@ def parameter_lines(effects: Sequence[FittedEffect]) -> list[dict[str, str]]:
             "subsystem": effect.subsystem,
             "sentence": effect.sentence,
             "parameter": each.name,
+            "quantity": _without_unit(each.name, each.unit),
             "value": known(each.value, each.interval, each.unit),
             "interval": span(each.value, each.interval, each.unit),
             "detectable": known(each.detectable, each.interval, each.unit)

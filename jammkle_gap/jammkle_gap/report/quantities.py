@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _DASH = "-"
 _PREFIXES = {3: "k", 0: "", -3: "m", -6: "µ", -9: "n"}
 _PREFIXED = ("Pa", "m", "s", "N", "rad", "V", "A")
 """Units that take a prefix; others are shown as they are."""
+_ALWAYS = {"Pa": 3}
+"""Powers of ten of units that are shown with one prefix throughout, so that no two numbers of a page differ by it."""
 _DIGITS = 3
 _LARGEST_PLAIN = 1e5
 _SMALLEST_PLAIN = 1e-3
@@ -15,12 +21,14 @@ _MANY_UNITS = 10.0
 _SURE, _NEVER = 0.99, 0.01
 
 
-def _prefix(value: float, unit: str) -> tuple[float, str]:
-    """Return what to divide by, and the unit with its prefix."""
+def scale(value: float, unit: str) -> tuple[float, str]:
+    """Return what to divide by, and the unit with its prefix, for a number of this size and those beside it."""
+    if unit in _ALWAYS:
+        return 10.0 ** _ALWAYS[unit], f"{_PREFIXES[_ALWAYS[unit]]}{unit}"
     if unit not in _PREFIXED or not math.isfinite(value) or value == 0.0:
         return 1.0, "" if unit == "1" else unit
     power = 3 * math.floor(math.log10(abs(value)) / 3)
-    # Millimetres and milliseconds are read more easily than 12.3e-6; half a kilopascal stays 500 Pa.
+    # Millimetres and milliseconds are read more easily than 12.3e-6.
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
     return 10.0**power, f"{_PREFIXES[power]}{unit}"
 
@@ -46,17 +54,20 @@ def times(gap: float) -> str:
 
 def quantity(value: float, unit: str) -> str:
     """Return a number with its unit, such as `12.3 kPa`."""
-    if not math.isfinite(value):
-        return _DASH
-    factor, name = _prefix(value, unit)
-    return f"{digits(value / factor)} {name}".rstrip()
+    return quantities([value], unit)[0]
+
+
+def quantities(values: Sequence[float], unit: str) -> list[str]:
+    """Return numbers that are read side by side, all in the unit that fits the largest."""
+    factor, name = scale(max((abs(each) for each in values if math.isfinite(each)), default=0.0), unit)
+    return [f"{digits(each / factor)} {name}".rstrip() if math.isfinite(each) else _DASH for each in values]
 
 
 def known(value: float, interval: tuple[float, float], unit: str) -> str:
     """Return a number with its unit and as many digits as its interval has."""
     if not all(map(math.isfinite, (value, *interval))):
         return quantity(value, unit)
-    factor, name = _prefix(value or max(interval, key=abs), unit)
+    factor, name = scale(value or max(interval, key=abs), unit)
     return f"{_to(value / factor, (interval[1] - interval[0]) / factor)} {name}".rstrip()
 
 
@@ -64,7 +75,7 @@ def span(value: float, interval: tuple[float, float], unit: str) -> str:
     """Return an interval in the unit that its value is shown in, such as `12.1 to 12.5 kPa`."""
     if not all(map(math.isfinite, interval)):
         return _DASH
-    factor, name = _prefix(value or max(interval, key=abs), unit)
+    factor, name = scale(value or max(interval, key=abs), unit)
     low, high = (_to(end / factor, (interval[1] - interval[0]) / factor) for end in interval)
     return f"{low} to {high} {name}".rstrip()
 

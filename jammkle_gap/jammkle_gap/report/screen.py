@@ -49,6 +49,8 @@ def show(diagnosis: Diagnosis, asked: Asked, page: Path) -> None:
     style = _STYLES[diagnosis.verdict]
     console.print(f"[{style}]{diagnosis.verdict.value.replace('_', ' ')}[/{style}]")
     say(words.headline(diagnosis))
+    for answer in words.answers(diagnosis):
+        say(f"{answer.question.lower()}: {answer.short}. {answer.more}", 2)
     for check in words.checks(diagnosis, asked.sentences):
         say(f"- {check}", 2)
     if diagnosis.candidates:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_gap.core.locate import EVENT_PHASE
 from jammkle_gap.core.result import Verdict
+from jammkle_gap.report.parameters import parameter_lines
 from jammkle_gap.report.quantities import percent, percents, probability, quantity, times
 
 if TYPE_CHECKING:
@@ -72,6 +74,79 @@ def place_label(place: Place) -> str:
     return f"{place.signal} {PHASE_WORDS.get(place.phase, f'while {place.phase}')}"
 
 
+@dataclass(frozen=True)
+class Answer:
+    """The answer to one of the three questions that a diagnosis is asked."""
+
+    question: str
+    short: str
+    """A few words, read first."""
+    more: str
+    """Numbers with their intervals."""
+
+
+def answers(diagnosis: Diagnosis) -> tuple[Answer, ...]:
+    """Return where the gap lies, which effect causes it, and how far it closes; the same wherever it is asked."""
+    return _where(diagnosis), _which(diagnosis), _how_far(diagnosis)
+
+
+def _where(diagnosis: Diagnosis) -> Answer:
+    if diagnosis.verdict is Verdict.NO_GAP:
+        worst = max(diagnosis.signals, key=lambda each: each.nominal)
+        size = f"{quantity(worst.nominal_physical, worst.unit)}, {times(worst.nominal)} times healthy scatter"
+        return Answer("Where", "Nowhere", f"The largest difference, in {worst.signal}, is {size} (root mean square).")
+    place, share = main_place(diagnosis.where)
+    more = f"{percent(share)} of the gap is in this signal, {percent(place.share)} ({percents(place.interval)}) then."
+    signal = next((each for each in diagnosis.signals if each.signal == place.signal), None)
+    if signal is not None:
+        size = quantity(signal.nominal_physical, signal.unit)
+        more += f" It differs by {size} over the whole run (root mean square)."
+    return Answer("Where", place_label(place), more)
+
+
+def main_place(where: Sequence[Place]) -> tuple[Place, float]:
+    """Return where most of the gap lies, and its signal's share: that of the largest share, in its largest phase."""
+    shares: dict[str, float] = {}
+    for place in where:
+        shares[place.signal] = shares.get(place.signal, 0.0) + place.share
+    signal = max(shares, key=lambda name: shares[name])
+    return max((each for each in where if each.signal == signal), key=lambda each: each.share), shares[signal]
+
+
+def _which(diagnosis: Diagnosis) -> Answer:
+    if diagnosis.verdict is Verdict.NO_GAP:
+        return Answer("Which", "No effect", "Nothing is named without a gap.")
+    if diagnosis.verdict is Verdict.UNKNOWN:
+        sure = _how_sure(diagnosis, ())
+        return Answer("Which", f"{NONE_OF_THEM[:1].upper()}{NONE_OF_THEM[1:]}", f"Most likely{sure}.")
+    best = diagnosis.candidates[0]
+    short = " = ".join((names_label(best.names), *map(label, best.equivalents)))
+    lines = parameter_lines(diagnosis.effects)
+    sizes = "; ".join(f"{label(line['quantity'])} {line['value']} ({line['interval']})" for line in lines)
+    said = [f"Probability {probability(best.probability)}", f"{sizes[:1].upper()}{sizes[1:]}"]
+    if best.equivalents:
+        said.append("Joined by =: these sensors cannot tell them apart")
+    others = len(diagnosis.candidates) - 1
+    if others:
+        said.append(f"{others} more cannot be excluded: see below")
+    return Answer("Which", short, "".join(f"{each}. " for each in said if each).rstrip())
+
+
+def _how_far(diagnosis: Diagnosis) -> Answer:
+    gap = diagnosis.gap
+    if not diagnosis.effects or diagnosis.verdict in {Verdict.NO_GAP, Verdict.UNKNOWN}:
+        short = f"{times(gap.nominal)} times healthy scatter"
+        return Answer("How far", short, "Nothing is corrected: no effect is named as the cause.")
+    closed = f"{percent(gap.closed)} closed" if math.isfinite(gap.closed) else "Nothing to close"
+    text = f"From {times(gap.nominal)} to {times(gap.corrected)} times healthy scatter"
+    text += f" ({percents(gap.interval)})" if math.isfinite(gap.closed) else ""
+    held = [each for each in diagnosis.held_out if math.isfinite(each.closing.closed)]
+    if held:
+        least = min(held, key=lambda each: each.closing.closed)
+        text += f"; in settings that it was not fitted to at least {percent(least.closing.closed)} ({least.setting})"
+    return Answer("How far", closed, f"{text}.")
+
+
 def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
     named = [each for each in diagnosis.candidates if each.names]
@@ -100,8 +175,8 @@ def _how_sure(diagnosis: Diagnosis, names: tuple[str, ...]) -> str:
 
 
 def _largest(diagnosis: Diagnosis) -> str:
-    worst = max(diagnosis.signals, key=lambda each: each.nominal)
-    return f"the largest residual, in {worst.signal}, is {times(worst.nominal)} times healthy scatter"
+    place, share = main_place(diagnosis.where)
+    return f"{percent(share)} of it is in {place.signal}"
 
 
 def _one_of(diagnosis: Diagnosis) -> str:
@@ -137,9 +212,6 @@ def checks(diagnosis: Diagnosis, sentences: Mapping[str, str]) -> tuple[str, ...
         return ()
     texts = []
     if diagnosis.verdict is Verdict.UNKNOWN:
-        worst = diagnosis.where[0]
-        share = f"{percent(worst.share)} ({percents(worst.interval)})"
-        texts.append(f"The largest share of the gap is in {place_label(worst)}: {share}.")
         texts += [_kept(each) for each in diagnosis.candidates if each.names]
         return tuple(texts)
     for candidate in diagnosis.candidates:
@@ -161,21 +233,9 @@ def _kept(candidate: Candidate) -> str:
 
 
 def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return what the verdict stands on, one sentence each."""
-    worst = max(diagnosis.signals, key=lambda each: each.nominal)
-    physical = quantity(worst.nominal_physical, worst.unit)
-    residual = f"{physical} (root mean square), {times(worst.nominal)} times healthy scatter"
+    """Return how sure the verdict is, and what to record next; where, which and how far are in `answers`."""
     chance = f"{diagnosis.p_value:.1g}; the detection threshold is {diagnosis.false_alarm_rate:g}"
-    texts = [
-        f"The largest residual is in {worst.signal}: {residual}.",
-        f"A healthy machine shows a difference like this one with a probability of {chance}.",
-    ]
-    if diagnosis.verdict is Verdict.NO_GAP:
-        return tuple(texts)
-    place = diagnosis.where[0]
-    texts.append(f"{percent(place.share)} of the gap ({percents(place.interval)}) is in {place_label(place)}.")
-    if diagnosis.effects:
-        texts.append(closed_sentence(diagnosis))
+    texts = [f"A healthy machine shows a difference like this one with a probability of {chance}."]
     if diagnosis.next_experiment is not None:
         texts.append(f"To split the set, record '{diagnosis.next_experiment.name}': there, {next_sentence(diagnosis)}.")
     return tuple(texts)
@@ -188,21 +248,6 @@ def next_sentence(diagnosis: Diagnosis) -> str:
     for name in sorted(names, key=len, reverse=True):
         text = text.replace(name, label(name))
     return text
-
-
-def closed_sentence(diagnosis: Diagnosis) -> str:
-    """Return how far the gap closes with the best candidate, and in settings that it was not fitted to."""
-    names = " + ".join(label(effect.name) for effect in diagnosis.effects)
-    gap = diagnosis.gap
-    text = f"With {names} in the simulator the gap goes from {times(gap.nominal)} to {times(gap.corrected)} times "
-    text += "healthy scatter"
-    if math.isfinite(gap.closed):
-        text += f": {percent(gap.closed)} closed ({percents(gap.interval)})"
-    held = [each for each in diagnosis.held_out if math.isfinite(each.closing.closed)]
-    if held:
-        told = "; ".join(f"{each.setting} {percent(each.closing.closed)}" for each in held)
-        text += f". In settings that it was not fitted to: {told}"
-    return f"{text}."
 
 
 def effects_title(diagnosis: Diagnosis) -> str:

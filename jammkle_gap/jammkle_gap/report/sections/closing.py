@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from jammkle_gap.report import words
-from jammkle_gap.report.quantities import percent, percents, quantity, times
+from jammkle_gap.report.quantities import percent, percents, quantities, times
 from jammkle_gap.report.rendering import rendered
 
 if TYPE_CHECKING:
@@ -20,12 +20,14 @@ _CLEAR = 1.5
 
 def signal_lines(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """Return the gap of every signal before and after, largest first."""
+    physical = {
+        each.signal: quantities((each.scatter_physical, each.nominal_physical, each.corrected_physical), each.unit)
+        for each in diagnosis.signals
+    }
     return [
         {
             "signal": each.signal,
-            "scatter": quantity(each.scatter_physical, each.unit),
-            "nominal_physical": quantity(each.nominal_physical, each.unit),
-            "corrected_physical": quantity(each.corrected_physical, each.unit),
+            **dict(zip(("scatter", "nominal_physical", "corrected_physical"), physical[each.signal], strict=True)),
             "nominal": times(each.nominal),
             "corrected": times(each.corrected),
             "tone": "" if each.nominal > _CLEAR else "quiet",

@@ -22,6 +22,7 @@ def section(diagnosis: Diagnosis, asked: Asked) -> Markup:
         notes=diagnosis.notes,
         reasons=diagnosis.reasons,
         rate=f"{100.0 * diagnosis.false_alarm_rate:g} %",
+        origin=asked.origin,
         offered=len(asked.sentences),
         wall=f"{spent.wall_s:.0f}",
         runs=spent.runs,

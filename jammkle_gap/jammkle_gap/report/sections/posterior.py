@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from jammkle_gap.core.equivalence import class_names, class_of
+from jammkle_gap.core.posterior import by_class
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
 from jammkle_gap.report.parameters import parameter_lines
@@ -45,19 +47,17 @@ class Bar:
 
 def bars_of(diagnosis: Diagnosis) -> list[Bar]:
     """Return the bars, most probable first, one for each equivalence class; none of them always has one."""
-    first = {name: members[0] for members in diagnosis.classes for name in members}
-    kept = {_class_of(each.names, first) for each in diagnosis.candidates}
-    sums: dict[tuple[str, ...], float] = {}
+    classes = class_names(diagnosis.classes)
+    kept = {class_of(each.names, classes) for each in diagnosis.candidates}
     members: dict[tuple[str, ...], list[str]] = {}
     single: dict[tuple[str, ...], float | None] = {}
-    for names, value in diagnosis.posterior.items():
-        key = _class_of(names, first)
-        sums[key] = sums.get(key, 0.0) + value
+    for names in diagnosis.posterior:
+        key = class_of(names, classes)
         members.setdefault(key, []).append(words.names_label(names))
         single.setdefault(key, diagnosis.conformal.get(names[0]) if len(names) == 1 else None)
     found: list[Bar] = []
     rest, left = 0.0, 0
-    for key, value in sorted(sums.items(), key=lambda item: -item[1]):
+    for key, value in by_class(diagnosis.posterior, classes).items():
         if key and (len(found) >= MOST_BARS or value < _WORTH):
             rest, left = rest + value, left + 1
             continue
@@ -78,10 +78,6 @@ def section(diagnosis: Diagnosis, asked: Asked) -> Markup:
         has_conformal=bool(diagnosis.conformal),
         candidates=[_line(diagnosis, each) for each in diagnosis.candidates],
     )
-
-
-def _class_of(names: tuple[str, ...], first: dict[str, str]) -> tuple[str, ...]:
-    return tuple(sorted(first.get(name, name) for name in names))
 
 
 def _line(diagnosis: Diagnosis, candidate: Any) -> dict[str, str]:

@@ -8,8 +8,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
-from jammkle_gap.report.quantities import times
+from jammkle_gap.report.quantities import scale, times
 from jammkle_gap.report.rendering import TEXT, embedded, rendered
 from jammkle_graph.command.figures import STYLE
 
@@ -26,10 +27,11 @@ MOST_TRACES = 36
 """Traces that are drawn at most: the page stays below 5 MB."""
 _BYTES = 2.6e6
 """What all curves together may take, before they are written as base64."""
-_BYTES_PER_STRETCH = 260.0
+_BYTES_PER_STRETCH = 400.0
 """Of the curves of one trace. Measured."""
 _FEWEST_STRETCHES, _MOST_STRETCHES = 60, 300
-_MEASURED, _SIMULATED, _SIGNATURE = "#333333", "#d9741a", "#1f5fa8"
+_MEASURED, _SIMULATED, _CORRECTED = "#333333", "#d9741a", "#1f5fa8"
+_OVERVIEW_STRETCHES = 400
 
 
 def gap_of(trace: Trace) -> float:
@@ -77,29 +79,75 @@ def section(diagnosis: Diagnosis, asked: Asked) -> Markup:
     )
 
 
+def overview(diagnosis: Diagnosis) -> tuple[str, Markup] | None:
+    """Return signal and picture of the gap that shrinks, where most of it lies; None without a signal over time.
+
+    Above: what was measured, and what the simulator says without and with the effect. Below: what is left of the
+    difference, in the band of healthy scatter. No corrected curve is drawn where no effect is named as the cause.
+    """
+    ordered = most_telling(diagnosis)
+    if not ordered:
+        return None
+    trace = ordered[0]
+    named = bool(diagnosis.effects) and diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}
+    factor, unit = _scale_of(trace)
+    x, stretches = trace.time_s, _OVERVIEW_STRETCHES
+    with mpl.rc_context({**STYLE, **TEXT}):
+        figure = Figure(figsize=(10.0, 3.3))
+        figure.subplots_adjust(left=0.075, right=0.995, bottom=0.13, top=0.93, hspace=0.12)
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+        _draw(above, x, trace.measured / factor, stretches, color=_MEASURED, label="measured", alpha=0.5, linewidth=3.0)
+        nominal = "nominal simulator"
+        _draw(above, x, trace.simulated / factor, stretches, color=_SIMULATED, label=nominal, linewidth=1.3)
+        _fill(below, trace, factor, stretches)
+        difference = trace.difference / factor
+        _draw(below, x, difference, stretches, color=_SIMULATED, linewidth=1.3, label="left with the nominal simulator")
+        if named:
+            corrected = (trace.simulated + trace.signature) / factor
+            label = "corrected simulator"
+            _draw(above, x, corrected, stretches, color=_CORRECTED, label=label, linewidth=1.3, linestyle=(0, (4, 2)))
+            left = (trace.difference - trace.signature) / factor
+            _draw(below, x, left, stretches, color=_CORRECTED, linewidth=1.3, label="left with the corrected one")
+        below.axhline(0.0, color="#999999", linewidth=0.6, zorder=0)
+        above.set_ylabel(f"[{unit}]")
+        below.set_ylabel(f"difference [{unit}]")
+        below.set_xlabel("time [s]")
+        above.legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=3, borderaxespad=0.1)
+        below.legend(loc="best", ncols=3)
+        figure.align_ylabels()
+        setting = f" ({trace.setting})" if len({each.setting for each in diagnosis.traces}) > 1 else ""
+        return f"{trace.signal}{setting}", embedded(figure)
+
+
+def _scale_of(trace: Trace) -> tuple[float, str]:
+    return scale(float(np.abs([trace.measured, trace.simulated]).max()), trace.unit)
+
+
+def _fill(axes: Axes, trace: Trace, factor: float, stretches: int) -> None:
+    time_s, band = _thinned(trace.time_s, 2.0 * trace.scatter / factor, stretches)
+    axes.fill_between(time_s, band, -band, color="#888888", alpha=0.22, linewidth=0, label="healthy scatter, ±2")
+
+
 def _picture(trace: Trace, best: str, stretches: int) -> Markup:
+    factor, unit = _scale_of(trace)
     with mpl.rc_context({**STYLE, **TEXT}):
         figure = Figure(figsize=(10.0, 2.7))
         figure.subplots_adjust(left=0.09, right=0.995, bottom=0.17, top=0.86, wspace=0.17)
         left, right = figure.subplots(1, 2, sharex=True, width_ratios=[1.0, 1.25])
-        _draw(
-            left, trace.time_s, trace.measured, stretches, color=_MEASURED, label="measured", alpha=0.6, linewidth=1.8
-        )
-        _draw(
-            left, trace.time_s, trace.simulated, stretches, color=_SIMULATED, label="nominal, calibrated", linewidth=1.0
-        )
-        band = 2.0 * trace.scatter
-        right.fill_between(
-            *_thinned(trace.time_s, band, stretches), -_thinned(trace.time_s, band, stretches)[1],
-            color="#888888", alpha=0.22, linewidth=0, label="healthy scatter, ±2",
-        )  # fmt: skip
-        _draw(right, trace.time_s, trace.difference, stretches, color=_MEASURED, label="difference", linewidth=1.3)
+        x = trace.time_s
+        _draw(left, x, trace.measured / factor, stretches, color=_MEASURED, label="measured", alpha=0.5, linewidth=2.4)
+        _draw(left, x, trace.simulated / factor, stretches, color=_SIMULATED, label="nominal", linewidth=1.0)
+        _fill(right, trace, factor, stretches)
+        difference, signature = trace.difference / factor, trace.signature / factor
+        _draw(right, x, difference, stretches, color=_MEASURED, label="difference", linewidth=1.3)
         if best:
-            _draw(right, trace.time_s, trace.signature, stretches, color=_SIGNATURE, label="signature")
+            corrected = trace.simulated / factor + signature
+            _draw(left, x, corrected, stretches, color=_CORRECTED, label="with effect", linestyle=(0, (4, 2)))
+            _draw(right, x, signature, stretches, color=_CORRECTED, label="signature")
         for axes in (left, right):
             axes.set_xlabel("time [s]")
             axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.1)
-        left.set_ylabel(f"[{trace.unit}]")
+        left.set_ylabel(f"[{unit}]")
         right.axhline(0.0, color="#999999", linewidth=0.6, zorder=0)
         return embedded(figure)
 

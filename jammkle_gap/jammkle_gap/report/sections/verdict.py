@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
 from jammkle_gap.report.rendering import rendered
+from jammkle_gap.report.sections.traces import overview
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -19,12 +20,16 @@ _TONES = {Verdict.NO_GAP: "good", Verdict.EFFECTS: "found", Verdict.AMBIGUOUS: "
 
 def section(diagnosis: Diagnosis, asked: Asked) -> Markup:
     """Return the section as HTML."""
+    picture = overview(diagnosis)
     return rendered(
         __package__,
         "verdict.html.j2",
         verdict=diagnosis.verdict.value.replace("_", " "),
         tone=_TONES[diagnosis.verdict],
         finished=diagnosis.finished,
+        answers=words.answers(diagnosis),
+        signal=picture[0] if picture else "",
+        picture=picture[1] if picture else "",
         headline=words.headline(diagnosis),
         is_unknown=diagnosis.verdict is Verdict.UNKNOWN,
         checks=words.checks(diagnosis, asked.sentences),
