@@ -10,16 +10,19 @@ from typing import Annotated
 import typer
 
 from jammkle_graph.command.main import EXIT_FAILED, failed
-from jammkle_graph.command.options import JsonOption
+from jammkle_graph.command.options import ON_BAGS, JsonOption
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
 BagArgument = Annotated[Path, typer.Argument(help="The bag: its folder, or one file of it.", metavar="BAG")]
 
 
-@app.command()
+@app.command(rich_help_panel=ON_BAGS)
 def info(
     bag: BagArgument,
+    verbose: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--verbose", help="Show all that the recorder added, such as the nodes' parameters.")
+    ] = False,
     json: JsonOption = None,
 ) -> int:
     """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
@@ -32,15 +35,16 @@ def info(
     with progress_bar(f"reading {bag}") as show:
         found = bag_info(bag, lambda share: show(share, ""))
     console = results.console()
+    console.print(report.info_line(found), markup=False)
     for table in report.info_tables(found):
         console.print(table)
-    for key, value in found.custom_data.items():
-        console.print(f"{key}:\n{value.rstrip()}", markup=False)
+    for line in report.custom_lines(found, verbose=verbose):
+        console.print(line, markup=False)
     results.write_json(json, found.as_json())
     return 0
 
 
-@app.command()
+@app.command(rich_help_panel=ON_BAGS)
 def recover(
     bag: BagArgument,
     output: Annotated[
@@ -72,7 +76,7 @@ def recover(
     return 0
 
 
-@app.command()
+@app.command(rich_help_panel=ON_BAGS)
 def export(
     bag: BagArgument,
     output: Annotated[
@@ -95,11 +99,12 @@ def export(
     return write_tables(bag, output, wants_csv=csv, wants_parquet=parquet, rate_hz=rate_hz, json=json)
 
 
-@app.command()
+@app.command(rich_help_panel=ON_BAGS)
 def plot(
     bag: BagArgument,
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of the pictures, run.html and run.png.", metavar="DIR")
+        Path,
+        typer.Option("-o", "--output", help="Folder of new pictures, run.html and run.png.", metavar="DIR"),
     ] = Path("runs/plot"),
     namespace: Annotated[str | None, typer.Option(help="Namespace of the ankle, if the bag holds several.")] = None,
     json: JsonOption = None,
@@ -110,7 +115,7 @@ def plot(
     return draw(bag, output, namespace, json)
 
 
-@app.command()
+@app.command(rich_help_panel=ON_BAGS)
 def rename(
     bag: BagArgument,
     output: Annotated[

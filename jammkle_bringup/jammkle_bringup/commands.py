@@ -11,7 +11,7 @@ import typer
 
 from jammkle_bringup.core.node_table import SIM_HARDWARE, Robot
 from jammkle_graph.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
-from jammkle_graph.command.options import JsonOption, NamespaceOption
+from jammkle_graph.command.options import ON_THE_GRAPH, JsonOption, NamespaceOption
 from jammkle_graph.command.signals import Interrupted, StopRequest
 from jammkle_graph.namespace import normalised
 
@@ -22,7 +22,7 @@ ChannelsArgument = Annotated[
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=ON_THE_GRAPH)
 def up(  # noqa: PLR0913, PLR0917 - as many as it has options
     robot: Annotated[
         Robot, typer.Option(help="What to bring up: one ankle, a leg on one, or a quadruped on four.")
@@ -112,7 +112,7 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
         return 0
 
 
-@app.command()
+@app.command(rich_help_panel=ON_THE_GRAPH)
 def jam(
     channels: ChannelsArgument = None,
     vacuum_kpa: Annotated[float, typer.Option(help="Vacuum to hold, kPa below ambient.")] = 50.0,
@@ -128,7 +128,7 @@ def jam(
     return _answered(*channel_commands.together(answers), json)
 
 
-@app.command()
+@app.command(rich_help_panel=ON_THE_GRAPH)
 def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", json: JsonOption = None) -> int:
     """Unjam channels: vent their tendons to the atmosphere."""
     from jammkle_bringup import channel_commands
@@ -139,15 +139,15 @@ def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", j
     return _answered(*channel_commands.together(answers), json)
 
 
-@app.command()
+@app.command(rich_help_panel=ON_THE_GRAPH)
 def status(
     namespace: NamespaceOption = "/",
     verbose: Annotated[  # noqa: FBT002 - a switch of the command line
-        bool, typer.Option("--verbose", help="Show every value that the nodes report.")
+        bool, typer.Option("--verbose", help="Show every line of every node, with all values.")
     ] = False,
     json: JsonOption = None,
 ) -> int:
-    """Show the state of every channel and the health of every node."""
+    """Show the state of every channel, and of the nodes' health what is not OK."""
     import dataclasses
 
     from jammkle_bringup import channel_commands, report
@@ -156,6 +156,7 @@ def status(
     results.check_writable(json)
     ankles, health = channel_commands.status(normalised(namespace), StopRequest())
     console = results.console()
+    console.print(report.status_line(ankles, health, verbose=verbose), markup=False)
     for ankle, jam_status in ankles.items():
         if jam_status.emergency_stopped:
             driver = f"{ankle}/driver" if ankle else "driver"
@@ -168,7 +169,7 @@ def status(
     return 0
 
 
-@app.command()
+@app.command(rich_help_panel=ON_THE_GRAPH)
 def record(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the new bag.", metavar="DIR")],
     namespace: NamespaceOption = "/",
@@ -187,7 +188,7 @@ def record(
     return 0
 
 
-@app.command()
+@app.command(rich_help_panel=ON_THE_GRAPH)
 def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.", metavar="DIR")

@@ -21,12 +21,16 @@ def plot(bag: Path, folder: Path, namespace: str | None, json: Path | None) -> i
     """Draw a bag and return the exit code.
 
     Raises:
-        InputError: the bag cannot be read, or the folder not be made.
+        InputError: the bag cannot be read, the folder not be made, or a picture is there already.
         GraphError: a picture cannot be written.
         Interrupted: asked to stop.
 
     """
     results.check_writable(json)
+    there = [name for name in (PAGE_NAME, PNG_NAME) if (folder / name).exists()]
+    if there:
+        msg = f"--output {folder} holds {' and '.join(there)}: nothing is overwritten; choose another or move them away"
+        raise InputError(msg)
     stop = StopRequest()
     with progress_bar(f"reading {bag}") as show:
         picture = run_picture(

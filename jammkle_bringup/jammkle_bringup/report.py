@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
 from rich.table import Table
+
+from jammkle_graph.command.figures import STATE_COLOURS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,22 +20,38 @@ if TYPE_CHECKING:
 
 _PA_PER_KPA = 1e3
 _ALIKE = 0.02
-_REAL_TIME_FACTOR = "achieved real-time factor"
-_STATE_STYLES = {"JAMMED": "green", "JAMMING": "yellow", "VENTING": "yellow", "FAULT": "bold red", "UNKNOWN": "dim"}
+_OK = "OK"
+_PACE = "achieved real-time factor"
 _LEVEL_STYLES = {"OK": "green", "WARN": "yellow", "ERROR": "bold red", "STALE": "dim"}
 
 
 def status_tables(ankles: Mapping[str, JamStatus], health: Sequence[HealthStatus], *, verbose: bool) -> list[Table]:
     """Return the tables of `jammkle status`, one for each ankle; `verbose` shows every value that nodes report."""
     tables = [_channels(ankle, status) for ankle, status in ankles.items()]
-    lines = Table(title="Health", title_justify="left")
+    lines = Table(title="Health" if verbose else "Health: what is not OK", title_justify="left")
     for heading in ("node: what", "level", "message"):
         lines.add_column(heading, overflow="fold")
-    for line in health:
-        values = _shown_values(line, verbose=verbose)
-        text = "\n".join([line.message, *(f"{key}: {value}" for key, value in values.items())])
+    shown = [line for line in health if verbose or line.level != _OK]
+    for line in shown:
+        text = "\n".join([line.message, *(f"{key}: {value}" for key, value in line.values.items())])
         lines.add_row(escape(line.name), _styled(line.level, _LEVEL_STYLES), escape(text))
-    return [*tables, lines] if health else tables
+    return [*tables, lines] if shown else tables
+
+
+def status_line(ankles: Mapping[str, JamStatus], health: Sequence[HealthStatus], *, verbose: bool) -> str:
+    """Return all of `jammkle status` in one line: ankles, states of their channels, nodes, what is not OK, the pace."""
+    states = Counter(channel.state for status in ankles.values() for channel in status.channels)
+    channels = ", ".join(f"{count} {state}" for state, count in states.most_common())
+    nodes = len({line.name.partition(":")[0] for line in health})
+    bad = Counter(line.level for line in health if line.level != _OK)
+    levels = ", ".join(f"{count} {level}" for level, count in bad.most_common()) or "all OK"
+    parts = [_count(len(ankles), "ankle"), f"channels {channels}", f"{_count(nodes, 'node')}, {levels}"]
+    parts += [f"real-time factor {line.values[_PACE]}" for line in health if _PACE in line.values]
+    return "; ".join(parts) + ("" if verbose else " (--verbose shows every line)")
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _channels(ankle: str, status: JamStatus) -> Table:
@@ -45,7 +64,7 @@ def _channels(ankle: str, status: JamStatus) -> Table:
     for channel in status.channels:
         channels.add_row(
             channel.channel,
-            _styled(channel.state, _STATE_STYLES),
+            _styled(channel.state, STATE_COLOURS),
             f"{channel.commanded_vacuum_kpa:.1f}",
             _kpa(channel.measured_vacuum_kpa),
             escape(channel.reason),
@@ -54,20 +73,30 @@ def _channels(ankle: str, status: JamStatus) -> Table:
     return channels
 
 
-def _shown_values(line: HealthStatus, *, verbose: bool) -> dict[str, str]:
-    """Return what to show of a line's values: all where something is wrong, else the pace of the simulation."""
-    if verbose or line.level != "OK":
-        return line.values
-    return {key: value for key, value in line.values.items() if key == _REAL_TIME_FACTOR}
+def info_line(info: BagInfo) -> str:
+    """Return all of a bag in one line: what it holds, over which time, and by whose clock."""
+    return (
+        f"{info.bag}: {info.messages} messages on {_count(len(info.topics), 'topic')} in {info.duration_s:.3f} s from "
+        f"ROS time {info.start_s:.3f} s{_other_clock(info)}"
+    )
+
+
+def custom_lines(info: BagInfo, *, verbose: bool) -> list[str]:
+    """Return what the recorder added, whole if `verbose`; else what fits in a line each, and how much more there is."""
+    lines = []
+    for key, value in info.custom_data.items():
+        text = value.rstrip()
+        count = text.count("\n") + 1
+        if count == 1:
+            lines.append(f"{key}: {text}")
+        else:
+            lines.append(f"{key}:\n{text}" if verbose else f"{key}: {count} lines (--verbose shows them)")
+    return lines
 
 
 def info_tables(info: BagInfo) -> list[Table]:
     """Return the table of `jammkle info`."""
-    title = (
-        f"{escape(info.bag)}: {info.messages} messages in {info.duration_s:.3f} s from ROS time {info.start_s:.3f} s"
-        f"{_other_clock(info)}"
-    )
-    topics = Table(title=title, title_justify="left")
+    topics = Table()
     # names break where a person would break them; the type stands below its topic, so that both fit in 80 columns
     topics.add_column("topic, type", no_wrap=True)
     for heading in ("count", "rate, Hz"):

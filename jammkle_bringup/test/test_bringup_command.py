@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 from jammkle_bringup.core.namespace_lock import NamespaceLock
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.main import main
+from jammkle_graph.command.options import ON_BAGS, ON_THE_BOARD, ON_THE_GAP, ON_THE_GRAPH, WITHOUT_A_ROBOT
 from jammkle_graph.namespace import normalised, relative, resolved
 
 if TYPE_CHECKING:
@@ -50,6 +51,15 @@ def _own_signals() -> Any:
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+def test_every_verb_stands_in_a_group_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    """None is left over under `Commands`, which is where a verb without a group goes."""
+    assert main(["--help"]) == 0
+    said = capsys.readouterr().out
+    for group in (ON_THE_GRAPH, ON_BAGS, ON_THE_BOARD, WITHOUT_A_ROBOT, ON_THE_GAP):
+        assert f" {group} " in said
+    assert " Commands " not in said
 
 
 @pytest.mark.parametrize("arguments", [["--help"], [], *([*name.split(), "--help"] for name in COMMANDS)])

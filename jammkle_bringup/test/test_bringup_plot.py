@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jammkle_bringup.core.envelope import STRETCHES, Envelope
+from jammkle_bringup.core.panels_png import figure_of
 from jammkle_bringup.core.run_panels import run_picture
 from jammkle_graph.command.main import main
 
@@ -50,6 +52,8 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
         time_s = 5.0 + step * 0.01
         vacuum_pa = 0.0 if step < 30 else 5e4
         maker.write("/achilles/solenoid", time_s, maker.make("std_msgs/msg/Bool", step >= 30))
+        if step in {30, 80}:
+            maker.write("/pump/duty", time_s, maker.make("std_msgs/msg/Float32", 1.0 if step == 30 else 0.0))
         pressure = maker.make("sensor_msgs/msg/FluidPressure", maker.header(time_s), 101_000.0 - vacuum_pa, 0.0)
         maker.write("/achilles/pressure", time_s, pressure)
         if step % 25 == 0:
@@ -84,7 +88,7 @@ def test_the_picture_tells_what_happened(bag: Path) -> None:
     """Vacuum from the sensor's own zero, states from when to when, the event at its stamp, the loop and its work."""
     picture = run_picture(bag, None, lambda _: None, lambda: False)
     assert picture is not None
-    vacuum, state, tension, loop = picture.panels
+    vacuum, state, _, tension, loop = picture.panels
     curves = {curve.name: {round(x, 6): y for x, y in zip(curve.x, curve.y, strict=True)} for curve in vacuum.curves}
     assert curves["achilles"][0.2] == pytest.approx(0.0)
     assert curves["achilles"][0.9] == pytest.approx(50.0)
@@ -99,6 +103,48 @@ def test_the_picture_tells_what_happened(bag: Path) -> None:
     (curve,) = loop.curves
     assert curve.name == "achilles_left: -0.2 J taken up"
     assert list(zip(curve.x, curve.y, strict=True)) == [(0, 0), (10, 0), (10, 20), (0, 20), (0, 0)]
+
+
+def test_the_time_axis_is_in_the_picture(bag: Path) -> None:
+    """The lowest panel over time has numbers and a name below it, though the loop below it has an axis of its own."""
+    picture = run_picture(bag, None, lambda _: None, lambda: False)
+    assert picture is not None
+    drawn = figure_of(picture).axes
+    labelled = [any(label.get_visible() for label in axes.get_xticklabels()) for axes in drawn]
+    assert labelled == [False] * (len(drawn) - 2) + [True, True]
+    assert [axes.get_xlabel() for axes in drawn[-2:]] == [picture.panels[0].x_label, "extension [mm]"]
+
+
+def test_duty_holds_until_the_next_message(bag: Path) -> None:
+    """A duty that comes on change is drawn as steps, and goes on to the end of the run."""
+    picture = run_picture(bag, None, lambda _: None, lambda: False)
+    assert picture is not None
+    (duty,) = next(panel for panel in picture.panels if panel.y_label == "pump duty").curves
+    assert duty.steps
+    assert [(round(x, 6), y) for x, y in zip(duty.x, duty.y, strict=True)] == [(0.3, 1.0), (0.8, 0.0), (1.0, 0.0)]
+
+
+def test_no_curve_hides_another(bag: Path) -> None:
+    """Of curves that may be equal the one that is drawn later is thinner, so that the earlier is seen around it."""
+    picture = run_picture(bag, None, lambda _: None, lambda: False)
+    assert picture is not None
+    for panel in picture.panels:
+        for dotted in (False, True):
+            widths = [curve.width for curve in panel.curves if curve.dotted == dotted]
+            assert all(later < earlier for earlier, later in itertools.pairwise(widths))
+
+
+def test_pictures_are_not_overwritten(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As `export`: what is there stays, and the line says so; other files of the folder are no hindrance."""
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("mine", encoding="utf-8")
+    call = ["plot", str(bag), "-o", str(tmp_path / "out")]
+    assert main(call) == 0
+    before = (tmp_path / "out" / "run.html").stat().st_mtime_ns
+    capsys.readouterr()
+    assert main(call) == 2
+    assert "holds run.html and run.png: nothing is overwritten" in capsys.readouterr().err
+    assert (tmp_path / "out" / "run.html").stat().st_mtime_ns == before
 
 
 def test_page_and_png_are_written_and_need_no_network(bag: Path, tmp_path: Path) -> None:

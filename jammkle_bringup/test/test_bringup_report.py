@@ -11,7 +11,9 @@ from jammkle_bringup import report
 from jammkle_bringup.conversions import ChannelStatus, HealthStatus, JamStatus
 from jammkle_bringup.core.bag_info import BagInfo, TopicInfo
 from jammkle_bringup.core.run_summary import ChannelSummary, RunSummary
+from jammkle_graph.command.figures import STATE_COLOURS
 from jammkle_graph.names import TOPICS
+from jammkle_view.core.tints import STATE_TINTS, css
 
 STATUS = JamStatus(1.0, False, 50.0, (ChannelStatus("achilles", "JAMMED", 50.0, 49.0, ""),))  # noqa: FBT003 - the message's order
 HEALTH = (
@@ -42,12 +44,34 @@ def test_info_breaks_no_name_in_80_columns() -> None:
 
 
 def test_status_shows_values_where_something_is_wrong() -> None:
-    """Of lines that are OK only the pace is shown; all values with verbose."""
+    """One line says it all; what is OK is counted and not shown, but with verbose."""
+    line = report.status_line({"": STATUS}, HEALTH, verbose=False)
+    assert line.startswith("1 ankle; channels 1 JAMMED; 2 nodes, 1 WARN; real-time factor 0.998")
+    assert "--verbose" in line
+    assert "all OK" in report.status_line({"": STATUS}, HEALTH[:1], verbose=True)
     brief = shown(*report.status_tables({"": STATUS}, HEALTH, verbose=False))
-    assert "achieved real-time factor: 0.998" in brief
     assert "duty: 1.0" in brief
-    assert "late cycles" not in brief
+    assert "/sim: simulation" not in brief
+    assert "Health" not in shown(*report.status_tables({"": STATUS}, HEALTH[:1], verbose=False))
     assert "late cycles: 3" in shown(*report.status_tables({"": STATUS}, HEALTH, verbose=True))
+
+
+def test_info_is_short_unless_asked() -> None:
+    """First a line; of what the recorder added, what takes many lines is counted, and shown with verbose."""
+    info = BagInfo("bag", 5.0, 1.0, 1.0, 2, (), {"rig": "drop", "parameters": "a: 1\nb: 2\n"})
+    assert report.info_line(info) == "bag: 2 messages on 0 topics in 1.000 s from ROS time 5.000 s"
+    assert report.custom_lines(info, verbose=False) == ["rig: drop", "parameters: 2 lines (--verbose shows them)"]
+    assert report.custom_lines(info, verbose=True) == ["rig: drop", "parameters:\na: 1\nb: 2"]
+
+
+def test_a_state_has_one_colour_everywhere() -> None:
+    """Tables, pictures of a run and the page in the browser take it from one place."""
+    assert "[#196eeb]JAMMED[/#196eeb]" in str(
+        report.status_tables({"": STATUS}, (), verbose=False)[0].columns[1]._cells
+    )
+    assert {state.name: css(tint) for state, tint in STATE_TINTS.items()} == {
+        name: css(tuple(bytes.fromhex(colour[1:]))) for name, colour in STATE_COLOURS.items()
+    }
 
 
 @pytest.mark.parametrize(

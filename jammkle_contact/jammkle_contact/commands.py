@@ -9,14 +9,14 @@ from typing import Annotated
 
 import typer
 
-from jammkle_graph.command.options import JsonOption, NamespaceOption
+from jammkle_graph.command.options import ON_BAGS, WITHOUT_A_ROBOT, JsonOption, NamespaceOption
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
 _TABLE = "Tables (.csv, .txt, .tsv)"
 
 
-@app.command()
+@app.command(rich_help_panel=ON_BAGS)
 def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     recording: Annotated[Path, typer.Argument(help="A bag with an IMU, or a table.", metavar="RECORDING")],
     output: Annotated[
@@ -70,7 +70,7 @@ def _listed(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
-@app.command()
+@app.command(rich_help_panel=WITHOUT_A_ROBOT)
 def contact(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder of contact.html and contact.json.", metavar="DIR")

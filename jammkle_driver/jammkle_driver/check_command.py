@@ -11,7 +11,7 @@ import typer
 
 from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.command.main import EXIT_FAILED
-from jammkle_graph.command.options import JsonOption
+from jammkle_graph.command.options import ON_THE_BOARD, JsonOption
 
 if TYPE_CHECKING:
     from jammkle_driver.board.check import CheckRow
@@ -22,7 +22,7 @@ hardware_app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app = typer.Typer()
-app.add_typer(hardware_app, name="hardware")
+app.add_typer(hardware_app, name="hardware", rich_help_panel=ON_THE_BOARD)
 
 
 @hardware_app.callback()

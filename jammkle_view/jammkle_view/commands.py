@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.options import ON_BAGS
 from jammkle_graph.command.signals import StopRequest
 from jammkle_graph.namespace import normalised
 from jammkle_view.parameters import ANY_PORT, LOCAL_HOST, NOT_INSTALLED
@@ -18,7 +19,7 @@ from jammkle_view.parameters import ANY_PORT, LOCAL_HOST, NOT_INSTALLED
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
 
-@app.command()
+@app.command(rich_help_panel=ON_BAGS)
 def view(
     bag: Annotated[Path, typer.Argument(help="The bag.", metavar="BAG")],
     corrected: Annotated[

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#9467bd", "#7f7f7f", "#8c564b")
 """Of curves, one after the other."""
 
+LEAST_S = 1e-3
+"""Shortest time axis, s, of a bag that holds one moment."""
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -18,6 +21,8 @@ class Curve:
     colour: str
     dotted: bool = False
     steps: bool = False
+    width: float = 1.0
+    """Of the line, points."""
 
 
 @dataclass(frozen=True)

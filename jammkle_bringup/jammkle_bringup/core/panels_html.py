@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from plotly import graph_objects as go  # type: ignore[import-untyped]  # carries no types
 from plotly.subplots import make_subplots  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_bringup.core.panels import LEAST_S
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -50,7 +52,7 @@ def _over_time(picture: RunPicture) -> go.Figure:
     figure = make_subplots(rows=max(1, len(panels)), cols=1, shared_xaxes=True, vertical_spacing=0.02)
     for row, panel in enumerate(panels, start=1):
         for curve in panel.curves:
-            line = {"color": curve.colour, "width": 1, "dash": "dot" if curve.dotted else "solid"}
+            line = {"color": curve.colour, "width": curve.width, "dash": "dot" if curve.dotted else "solid"}
             line["shape"] = "hv" if curve.steps else "linear"
             figure.add_trace(
                 go.Scatter(x=curve.x, y=curve.y, name=curve.name, line=line, mode="lines", legend=_legend(row)),
@@ -65,6 +67,7 @@ def _over_time(picture: RunPicture) -> go.Figure:
             figure.update_yaxes(autorange="reversed", row=row, col=1)
     if panels:
         figure.update_xaxes(title_text=panels[-1].x_label, row=len(panels), col=1)
+        figure.update_xaxes(range=[0.0, max(picture.duration_s, LEAST_S)])
     tops = [figure.layout[f"yaxis{row if row > 1 else ''}"].domain[1] for row in range(1, len(panels) + 1)]
     legends = {_legend(row): {"y": top, "yanchor": "top", "x": 1.01} for row, top in enumerate(tops, start=1)}
     figure.update_layout(
@@ -119,7 +122,7 @@ def _add_marks(figure: go.Figure, picture: RunPicture, row: int) -> None:
 def _loop(panel: Panel) -> go.Figure:
     figure = go.Figure()
     for curve in panel.curves:
-        line = {"color": curve.colour, "width": 1}
+        line = {"color": curve.colour, "width": curve.width}
         figure.add_trace(go.Scatter(x=curve.x, y=curve.y, name=curve.name, line=line, mode="lines"))
     figure.update_layout(
         height=_LOOP_PX,

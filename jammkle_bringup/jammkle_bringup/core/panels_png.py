@@ -8,6 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from jammkle_bringup.core.panels import LEAST_S
 from jammkle_graph.command.figures import STYLE
 
 if TYPE_CHECKING:
@@ -34,18 +35,27 @@ def write_png(picture: RunPicture, path: Path) -> None:
         OSError: the file cannot be written.
 
     """
-    heights = [_HEIGHT_IN if panel.over_time else _LOOP_HEIGHT_IN for panel in picture.panels]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(_WIDTH_IN, 0.8 + sum(heights)), layout="constrained")
-        grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-        shared: Axes | None = None
-        for place, panel in enumerate(picture.panels):
-            axes = figure.add_subplot(grid[place], sharex=shared if panel.over_time else None)
-            _draw(axes, panel, picture)
-            if panel.over_time:
-                shared = axes
-        figure.suptitle(" · ".join(filter(None, (picture.title, picture.note))), fontsize="medium")
-        figure.savefig(path, dpi=_DOTS_PER_INCH)
+        figure_of(picture).savefig(path, dpi=_DOTS_PER_INCH)
+
+
+def figure_of(picture: RunPicture) -> Figure:
+    """Return the panels below each other; the lowest of those over time has the time axis of all."""
+    heights = [_HEIGHT_IN if panel.over_time else _LOOP_HEIGHT_IN for panel in picture.panels]
+    figure = Figure(figsize=(_WIDTH_IN, 0.8 + sum(heights)), layout="constrained")
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    shared: Axes | None = None
+    last = max((place for place, panel in enumerate(picture.panels) if panel.over_time), default=0)
+    for place, panel in enumerate(picture.panels):
+        axes = figure.add_subplot(grid[place], sharex=shared if panel.over_time else None)
+        _draw(axes, panel, picture)
+        if panel.over_time and place != last:
+            axes.tick_params(labelbottom=False)
+            axes.set_xlabel("")
+        if panel.over_time:
+            shared = axes
+    figure.suptitle(" · ".join(filter(None, (picture.title, picture.note))), fontsize="medium")
+    return figure
 
 
 def _draw(axes: Axes, panel: Panel, picture: RunPicture) -> None:
@@ -53,7 +63,7 @@ def _draw(axes: Axes, panel: Panel, picture: RunPicture) -> None:
     for curve in panel.curves:
         style: dict[str, Any] = {"color": curve.colour, "linestyle": ":" if curve.dotted else "-"}
         style["drawstyle"] = "steps-post" if curve.steps else "default"
-        axes.plot(curve.x, curve.y, label=curve.name, linewidth=0.8, **style)
+        axes.plot(curve.x, curve.y, label=curve.name, linewidth=0.8 * curve.width, **style)
     for bar in panel.bars:
         axes.barh(bar.row, bar.end_s - bar.begin_s, _ROW_HEIGHT, bar.begin_s, color=bar.colour, linewidth=0)
     if panel.bars:
@@ -67,9 +77,8 @@ def _draw(axes: Axes, panel: Panel, picture: RunPicture) -> None:
     if not panel.over_time:
         axes.set_xlabel(panel.x_label)
         return
-    axes.set_xlim(0.0, max(picture.duration_s, 1e-3))
+    axes.set_xlim(0.0, max(picture.duration_s, LEAST_S))
     axes.set_xlabel(panel.x_label)
-    axes.label_outer()
     if panel.with_marks:
         for mark in picture.marks:
             axes.axvline(mark.time_s, color=mark.colour, linewidth=0.8, alpha=0.7, zorder=1)

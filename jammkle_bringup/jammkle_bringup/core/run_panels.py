@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from jammkle_bringup.core.panels import COLOURS, Bar, Curve, Mark, Panel, RunPicture
@@ -10,6 +11,7 @@ from jammkle_graph.bags.namespaces import namespaces_in
 from jammkle_graph.bags.reading import name_of, opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.figures import STATE_COLOURS
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import CHANNELS, CLOCK
 from jammkle_graph.namespace import relative
@@ -24,14 +26,6 @@ if TYPE_CHECKING:
 _PA_PER_KPA = 1e3
 _MM_PER_M = 1e3
 _PROGRESS_MESSAGES = 5_000
-_STATE_COLOURS = {
-    "UNKNOWN": "#d9d9d9",
-    "UNJAMMED": "#c6dbef",
-    "JAMMING": "#fdae6b",
-    "JAMMED": "#31a354",
-    "VENTING": "#9ecae1",
-    "FAULT": "#de2d26",
-}
 _EVENT_COLOURS = {"IMPACT": "#c0392b", "SLIP": "#e67e22", "LIFTOFF": "#2980b9", "SETTLED": "#27ae60"}
 _ENERGISED = ("#ffffff", "#6baed6")
 
@@ -105,10 +99,13 @@ def _panels(samples: RunSamples, duration_s: float) -> Iterator[Panel]:
     if bars:
         yield Panel("state", bars=bars)
     if samples.duty:
-        yield Panel("pump duty", (_curve("pump", samples.duty, COLOURS[4]),))
+        yield Panel("pump duty", (_held("pump", samples.duty, duration_s, COLOURS[4]),))
     for name, signals in (("specific force\n[m/s²]", samples.force), ("angular velocity\n[rad/s]", samples.turning)):
         if signals:
-            curves = [_curve(axis, each, COLOURS[place]) for place, (axis, each) in enumerate(signals.items())]
+            curves = [
+                replace(_curve(axis, each, COLOURS[place]), width=_width(place, len(signals)))
+                for place, (axis, each) in enumerate(signals.items())
+            ]
             yield Panel(name, tuple(curves), with_marks=True)
     if samples.tendons:
         loops = dict(samples.tendons)
@@ -123,24 +120,25 @@ def _panels(samples: RunSamples, duration_s: float) -> Iterator[Panel]:
 
 
 def _vacuum(samples: RunSamples, duration_s: float) -> Iterator[Curve]:
-    for place, name in enumerate((*CHANNELS, MANIFOLD)):
-        pressure, colour = samples.pressures.get(name), COLOURS[place]
+    places = (*CHANNELS, MANIFOLD)
+    for place, name in enumerate(places):
+        pressure, colour, width = samples.pressures.get(name), COLOURS[place], _width(place, len(places))
         if pressure is not None and pressure.readings:
             points = pressure.readings.points()
             vacuum_kpa = tuple((pressure.ambient_pa - pressure_pa) / _PA_PER_KPA for _, pressure_pa in points)
-            yield Curve(name, tuple(time_s for time_s, _ in points), vacuum_kpa, colour)
+            yield Curve(name, tuple(time_s for time_s, _ in points), vacuum_kpa, colour, width=width)
         wanted = samples.set_points.get(name)
         if wanted is not None:
             times_s, values = _steps(wanted, duration_s)
             vacuum_kpa = tuple(value / _PA_PER_KPA for value in values)
-            yield Curve(f"{name}, set point", times_s, vacuum_kpa, colour, dotted=True, steps=True)
+            yield Curve(f"{name}, set point", times_s, vacuum_kpa, colour, dotted=True, steps=True, width=width)
 
 
 def _state_bars(samples: RunSamples, duration_s: float) -> Iterator[Bar]:
     for channel in CHANNELS:
         if channel in samples.states:
             for begin_s, end_s, state in _stretches(samples.states[channel], duration_s):
-                yield Bar(channel, begin_s, end_s, state, _STATE_COLOURS.get(state, _STATE_COLOURS["UNKNOWN"]))
+                yield Bar(channel, begin_s, end_s, state, STATE_COLOURS.get(state, STATE_COLOURS["UNKNOWN"]))
         elif channel in samples.solenoids:
             for begin_s, end_s, is_on in _stretches(samples.solenoids[channel], duration_s):
                 yield Bar(channel, begin_s, end_s, "energised" if is_on else "released", _ENERGISED[is_on])
@@ -162,9 +160,22 @@ def _curve(name: str, signal: Envelope, colour: str) -> Curve:
     return Curve(name, tuple(point[0] for point in points), tuple(point[1] for point in points), colour)
 
 
+def _held(name: str, signal: Envelope, end_s: float, colour: str) -> Curve:
+    """Return what is told when it changes, and holds until then."""
+    points = signal.points()
+    points = [*points, (max(end_s, points[-1][0]), points[-1][1])]
+    return Curve(name, tuple(point[0] for point in points), tuple(point[1] for point in points), colour, steps=True)
+
+
+def _width(place: int, curves: int) -> float:
+    """Return the width of a line, points: wider the earlier it is drawn, so that equal ones are all seen."""
+    return 1.0 + 1.4 * (curves - 1 - place)
+
+
 def _forces(loops: dict[str, Loop]) -> Iterator[Curve]:
     for place, (name, loop) in enumerate(loops.items()):
-        yield _curve(name, loop.force, COLOURS[place % len(COLOURS)])
+        curve = _curve(name, loop.force, COLOURS[place % len(COLOURS)])
+        yield replace(curve, width=_width(place, len(loops)))
 
 
 def _loops(loops: dict[str, Loop]) -> Iterator[Curve]:
@@ -172,7 +183,8 @@ def _loops(loops: dict[str, Loop]) -> Iterator[Curve]:
         points = loop.path.points()
         length_mm = tuple(_MM_PER_M * length_m for _, length_m, _ in points)
         force_n = tuple(force_n for _, _, force_n in points)
-        yield Curve(f"{name}: {loop.work_j:.3g} J taken up", length_mm, force_n, COLOURS[place % len(COLOURS)])
+        colour, width = COLOURS[place % len(COLOURS)], _width(place, len(loops))
+        yield Curve(f"{name}: {loop.work_j:.3g} J taken up", length_mm, force_n, colour, width=width)
 
 
 def _marks(samples: RunSamples) -> Iterator[Mark]:

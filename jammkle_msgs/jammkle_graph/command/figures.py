@@ -17,3 +17,13 @@ STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.1,
 }
 """For matplotlib; the salt makes the same picture the same bytes."""
+
+STATE_COLOURS = {
+    "UNKNOWN": "#969696",
+    "UNJAMMED": "#e8b478",
+    "JAMMING": "#f0a014",
+    "JAMMED": "#196eeb",
+    "VENTING": "#3cb9af",
+    "FAULT": "#d72828",
+}
+"""Of the states of a channel, in every picture, page and table, by the constants of ChannelJamState."""

@@ -65,6 +65,14 @@ def main(arguments: list[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a name of a file may be no text
+    stdout = sys.stdout
+    try:
+        return _run(arguments)
+    finally:
+        sys.stdout = stdout  # `--json -` has taken it
+
+
+def _run(arguments: list[str] | None) -> int:
     try:
         code: Any = app(arguments, standalone_mode=False)
     except InputError as error:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from jammkle_graph.command.options import JsonOption
+from jammkle_graph.command.options import WITHOUT_A_ROBOT, JsonOption
 from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
 from jammkle_graph.namespace import normalised
 from jammkle_sim.commands.robot_options import RobotRequest, robot_command
@@ -23,6 +23,7 @@ app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
 
 @app.command(
+    rich_help_panel=WITHOUT_A_ROBOT,
     # The options are the rig's: its own command line, made from its table of options, takes them all.
     context_settings={"help_option_names": [], "ignore_unknown_options": True, "allow_interspersed_args": False},
 )
@@ -41,10 +42,10 @@ def _run_robot(request: RobotRequest) -> int:
     return run(request)
 
 
-app.command("robot")(robot_command(_run_robot))
+app.command("robot", rich_help_panel=WITHOUT_A_ROBOT)(robot_command(_run_robot))
 
 
-@app.command()
+@app.command(rich_help_panel=WITHOUT_A_ROBOT)
 def urdf(
     robot: Annotated[str, typer.Argument(help=f"{', '.join((ANKLE, *ROBOTS))}.", metavar="ROBOT")],
     namespace: Annotated[str, typer.Option("--namespace", help="ROS namespace that the frames begin with.")] = "/",
@@ -57,7 +58,7 @@ def urdf(
     return write(robot, normalised(namespace), {"imu": imu, "payload_kg": payload_kg})
 
 
-@app.command()
+@app.command(rich_help_panel=WITHOUT_A_ROBOT)
 def paper(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.", metavar="DIR")

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from jammkle_graph import names
+from jammkle_graph.command.figures import STATE_COLOURS
 from jammkle_view.core.samples import ChannelState, EventKind
 
 Rgb = tuple[int, int, int]
 
-STATE_TINTS: dict[ChannelState, Rgb] = {
-    ChannelState.UNKNOWN: (150, 150, 150),
-    ChannelState.UNJAMMED: (232, 180, 120),
-    ChannelState.JAMMING: (240, 160, 20),
-    ChannelState.JAMMED: (25, 110, 235),
-    ChannelState.VENTING: (60, 185, 175),
-    ChannelState.FAULT: (215, 40, 40),
-}
+
+def _rgb(colour: str) -> Rgb:
+    """Return what `#rrggbb` means."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return red, green, blue
+
+
+STATE_TINTS: dict[ChannelState, Rgb] = {state: _rgb(STATE_COLOURS[state.name]) for state in ChannelState}
 """Hue of a tendon, and of its channel in the panel."""
 BROKEN_TINT: Rgb = (40, 40, 40)
 GHOST_TINT: Rgb = (165, 90, 215)
