@@ -15,19 +15,18 @@ from jammkle_graph.command.errors import GraphError, InputError
 from jammkle_graph.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM
 from jammkle_graph.namespace import relative, resolved
 from jammkle_graph.qos import subscriber_qos
-from jammkle_graph.roll_call import ROLL_CALL_LINE, SILENT_FOR
+from jammkle_graph.roll_call import MISSED_AFTER_S, ROLL_CALL_LINE, SILENT_FOR
 from jammkle_msgs.msg import JamState
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
 _MAX_VACUUM = "max_vacuum_pa"
 _PA_PER_KPA = 1e3
-_HEALTH_S = 1.3  # every node reports once a second
 _LATEST_S = 6.0
-"""How long a node is waited for that others have heard, s: some are discovered only with the next announcement, which
-the DDS of ROS 2 (Fast DDS) sends every 3 s."""
+"""How long reports are waited for, s: every node sends one a second, but some nodes are discovered only with the next
+announcement, which the DDS of ROS 2 (Fast DDS) sends every 3 s."""
 
 
 @dataclass(frozen=True)
@@ -143,14 +142,14 @@ def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[dict[str,
     states: dict[str, JamState] = {}
     health: dict[str, HealthStatus] = {}
     with GraphClient(namespace, asked_to_stop) as client:
+        # From the start, as it takes a second until all have reported, and some time to find the ankles too.
+        client.subscribe(
+            DiagnosticArray,
+            DIAGNOSTICS,
+            lambda array: health.update({line.name: line for line in health_status(array)}),
+            subscriber_qos(DIAGNOSTICS),
+        )
         ankles = client.ankles()
-        places = {"", *ankles}  # a robot's simulation is in the namespace above its ankles
-
-        def take_health(array: DiagnosticArray) -> None:
-            for line in health_status(array):
-                inside = relative(namespace, line.name.partition(":")[0])
-                if inside is not None and inside.rpartition("/")[0] in places:
-                    health[line.name] = line
 
         def taking(ankle: str) -> Callable[[JamState], None]:
             return lambda state: states.update({ankle: state})
@@ -158,13 +157,22 @@ def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[dict[str,
         for ankle in ankles:
             name = resolved(namespace, _path(ankle, JAM_STATE.name))
             client.node.create_subscription(JamState, name, taking(ankle), subscriber_qos(JAM_STATE))
-        client.subscribe(DiagnosticArray, DIAGNOSTICS, take_health, subscriber_qos(DIAGNOSTICS))
         if not client.wait_until(lambda: len(states) == len(ankles), ANSWER_TIMEOUT_S):
             silent = next(ankle for ankle in ankles if ankle not in states)
             raise GraphError(no_answer(_path(silent, JAM_STATE.name), namespace, ANSWER_TIMEOUT_S))
-        client.wait_until(lambda: False, _HEALTH_S)
-        client.wait_until(lambda: not _unheard(health.values()), _LATEST_S - _HEALTH_S)
-    return {ankle: jam_status(states[ankle]) for ankle in ankles}, tuple(health[name] for name in sorted(health))
+        drivers = {resolved(namespace, _path(ankle, DRIVER_NODE)) for ankle in ankles}
+        client.wait_until(lambda: all_reported(_inside(namespace, ankles, health), drivers), _LATEST_S)
+        shown = _inside(namespace, ankles, health)
+    return {ankle: jam_status(states[ankle]) for ankle in ankles}, tuple(shown[name] for name in sorted(shown))
+
+
+def _inside(namespace: str, ankles: Sequence[str], health: Mapping[str, HealthStatus]) -> dict[str, HealthStatus]:
+    """Return the lines of the nodes of these ankles, and of a robot's, which are in the namespace above."""
+    places = {"", *ankles}
+    nodes = {name: relative(namespace, name.partition(":")[0]) for name in health}
+    return {
+        name: health[name] for name, node in nodes.items() if node is not None and node.rpartition("/")[0] in places
+    }
 
 
 def _path(ankle: str, name: str) -> str:
@@ -172,14 +180,27 @@ def _path(ankle: str, name: str) -> str:
     return f"{ankle}/{name}" if ankle else name
 
 
-def _unheard(health: Iterable[HealthStatus]) -> set[str]:
-    """Return nodes that others have heard lately and we have not; each node tells in its line `nodes` whom it hears."""
-    lines = list(health)
-    heard = {line.name.partition(":")[0] for line in lines}
-    known: set[str] = set()
-    for line in lines:
-        if line.name.endswith(ROLL_CALL_LINE):
-            place = line.name.rpartition("/")[0]
-            names = [key.removesuffix(SILENT_FOR) for key in line.values if key.endswith(SILENT_FOR)]
-            known |= {name if name.startswith("/") else f"{place}/{name}" for name in names}
-    return known - heard
+def all_reported(health: Mapping[str, HealthStatus], drivers: Collection[str]) -> bool:
+    """Return whether there is a report of each driver, and of every node that another one receives reports of.
+
+    Each node lists those in its line `nodes`, with how long each has been silent. Who is missed there already is not
+    waited for: it is dead, and the line says so.
+
+    Args:
+        health: Lines so far, by name.
+        drivers: Full names of the drivers.
+
+    """
+    seen = {name.partition(":")[0] for name in health}
+    if not seen.issuperset(drivers):
+        return False
+    for name, line in health.items():
+        if not name.endswith(ROLL_CALL_LINE):
+            continue
+        place = name.rpartition("/")[0]
+        for key, silent_s in line.values.items():
+            node = key.removesuffix(SILENT_FOR)
+            full = node if node.startswith("/") else f"{place}/{node}"
+            if key.endswith(SILENT_FOR) and float(silent_s) <= MISSED_AFTER_S and full not in seen:
+                return False
+    return True
