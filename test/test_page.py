@@ -12,7 +12,9 @@ from page_client import PageClient
 from jammkle_graph.names import ACHILLES, CARRIAGE_JOINT, CLOCK, JAM_STATE, JOINT_STATES, PERONEAL_LEFT
 from jammkle_msgs.msg import ChannelJamState
 from jammkle_view.core.knobs import Knob
-from jammkle_view.core.wishes import Action, Ask, SetSim
+from jammkle_view.core.samples import Channel, ChannelState
+from jammkle_view.core.wishes import Action, Ask, Jam, SetSim, Unjam
+from jammkle_view.page.controls import AnkleControls
 from jammkle_view.page.server import address_of, serve
 from jammkle_view.page.sim_controls import SimControls
 
@@ -117,6 +119,39 @@ def test_every_simulation_is_asked() -> None:
             page.wait_until(lambda: asked <= set(wishes), "both are asked")
             controls.show("slope_deg", 3.0)
             page.wait_until(lambda: page.value("slope [deg]") == 3.0, "it shows what a simulation has")
+    finally:
+        server.stop()
+
+
+def test_controls_agree_with_what_is_held() -> None:
+    """The slider goes to what the controller holds, stays where it is moved, and a jam that undoes an unjam is told."""
+
+    def channels(state: ChannelState, vacuum_pa: float = 0.0) -> dict[str, Channel]:
+        return {ACHILLES: Channel(state, vacuum_pa, vacuum_pa, "asked by jam_command")}
+
+    wishes: list[Wish] = []
+    server = serve("localhost", 0, "an ankle")
+    try:
+        controls = AnkleControls(server.gui, "", wishes.append)
+        with PageClient(address_of(server)) as page:
+            assert controls.show(channels(ChannelState.JAMMED, 4e4)) == ""
+            page.wait_until(lambda: "vacuum [kPa]" in page.labels(), "the page is there")
+            page.wait_until(lambda: page.value("vacuum [kPa]") == 40.0, "the slider is where the controller is")
+            page.change("achilles", "Jam")
+            page.wait_until(lambda: Jam("", (ACHILLES,), 4e4) in wishes, "what is held is asked for")
+            page.change("vacuum [kPa]", 60.0)
+            controls.show(channels(ChannelState.JAMMED, 4e4))
+            page.change("achilles", "Jam")
+            page.wait_until(lambda: Jam("", (ACHILLES,), 6e4) in wishes, "what was chosen is asked for")
+
+            page.change("achilles", "Unjam")
+            page.wait_until(lambda: Unjam("", (ACHILLES,)) in wishes, "it is to be unjammed")
+            assert controls.show(channels(ChannelState.JAMMED, 4e4)) == ""  # it has not been yet
+            assert controls.show(channels(ChannelState.VENTING)) == ""
+            said = controls.show(channels(ChannelState.JAMMING, 4e4))
+            assert "achilles: asked by jam_command" in said
+            assert "Page alone" in said
+            assert controls.show(channels(ChannelState.JAMMED, 4e4)) == ""  # once is enough
     finally:
         server.stop()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -13,8 +14,9 @@ from jammkle_view import conversions
 from jammkle_view.core.ankle import Ankle
 from jammkle_view.core.pace import RealTimeFactor
 from jammkle_view.core.samples import Channel, ChannelState, EventKind, JamReport, Joints, Pressure
-from jammkle_view.core.tints import BROKEN_TINT, EVENT_TINTS, tendon_tint
+from jammkle_view.core.tints import BROKEN_TINT, EVENT_TINTS, LINE_TINTS, Rgb, tendon_tint
 from jammkle_view.core.trace import Trace, thinned
+from jammkle_view.page.plots import range_of
 
 
 def test_numbers_are_those_of_the_messages() -> None:
@@ -94,3 +96,35 @@ def test_pressures_are_plotted_without_a_sensor_of_the_manifold() -> None:
     assert list(time_s) == pytest.approx([0.0, 0.01])  # the third set is not known to be whole
     assert np.isnan(pressures_pa).sum(axis=1).tolist() == [1, 1]
     assert np.nanmax(pressures_pa) == 1e5 + 1
+
+
+@pytest.mark.parametrize("least", [2.0, 5.0])
+def test_noise_does_not_fill_a_plot(least: float) -> None:
+    """What moves less than it matters gets a scale of at least that height, which holds it; what moves more its own."""
+    for middle in (0.0, 55.3, -101.25):
+        still = middle + 1e-10 * np.sin(np.arange(200.0))[:, np.newaxis]
+        found = range_of(still, least)
+        assert found is not None
+        assert found[1] - found[0] >= least
+        assert found[0] < still.min()
+        assert still.max() < found[1]
+    moved = np.array([[0.0], [1.01 * least], [np.nan]])
+    assert range_of(moved, least) is None
+    assert range_of(0.98 * moved, least) is not None
+    assert range_of(np.full((3, 1), np.nan), least) is None
+
+
+def test_a_slow_drift_moves_the_scale_seldom() -> None:
+    """Over one least height it is moved three times at most, not with every sample: each time the plot is made anew."""
+    found = [range_of(np.array([[middle]]), 2.0) for middle in np.linspace(0.0, 2.0, 500)]
+    assert len(set(found)) <= 3
+
+
+def test_axes_and_events_share_a_plot_and_no_colour() -> None:
+    """No axis is as near to an event as the two events are that are nearest to each other."""
+
+    def apart(one: Rgb, other: Rgb) -> float:
+        return math.dist(one, other)
+
+    between = min(apart(a, b) for a, b in itertools.combinations(EVENT_TINTS.values(), 2))
+    assert min(apart(LINE_TINTS[axis], tint) for axis in "xyz" for tint in EVENT_TINTS.values()) >= between

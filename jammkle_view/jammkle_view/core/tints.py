@@ -37,11 +37,11 @@ LINE_TINTS: dict[str, Rgb] = {
     "achilles_left": (60, 150, 70),
     "achilles_right": (140, 190, 60),
     "manifold": (120, 120, 120),
-    "x": (200, 60, 60),
-    "y": (60, 150, 70),
-    "z": (40, 90, 200),
+    "x": (0, 140, 140),
+    "y": (150, 110, 60),
+    "z": (60, 60, 70),
 }
-"""Of lines in plots: channels, tendons, axes."""
+"""Of lines in plots: channels, tendons, axes; axes share their plots with events, and no colour."""
 
 FULL_TENSION_N = 30.0
 """Tension from which on a tendon has its full colour. Chosen for the eye: a landing pulls its Achilles tendons by some

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_graph.constants import HELD_VACUUM_PA
 from jammkle_graph.names import CHANNELS
+from jammkle_view.core.samples import ChannelState
 from jammkle_view.core.wishes import Action, Ask, Jam, Unjam
 from jammkle_view.page.words import channel_html
 
@@ -15,10 +16,11 @@ if TYPE_CHECKING:
     import viser
 
     from jammkle_view.core.samples import Channel
-    from jammkle_view.core.wishes import Wish
+from jammkle_view.core.wishes import Wish
 
 _PA_PER_KPA = 1000.0
 JAM, UNJAM = "Jam", "Unjam"
+_JAMMING = (ChannelState.JAMMING, ChannelState.JAMMED)
 AUTO, MANUAL = "Controller", "Page alone"
 
 
@@ -37,6 +39,9 @@ class AnkleControls:
         self._ankle, self._wish = ankle, wish
         self._states: dict[str, viser.GuiHtmlHandle] = {}
         self._shown: dict[str, str] = {}
+        self._held_pa = 0.0
+        self._unjammed: dict[str, bool] = {}
+        """Channels that were to be unjammed, and whether they have been since."""
         for channel in CHANNELS:
             self._add_pair(gui, channel.replace("_", " "), (channel,))
             self._states[channel] = gui.add_html(channel_html(None))
@@ -64,12 +69,39 @@ class AnkleControls:
         clear = gui.add_button("Clear fault", color="gray", hint="Ends an emergency stop or a fault; all stays vented")
         clear.on_click(lambda _: self._wish(Ask(ankle, Action.CLEAR_FAULT)))
 
-    def show(self, channels: Mapping[str, Channel]) -> None:
-        """Say what the channels are doing."""
+    def show(self, channels: Mapping[str, Channel]) -> str:
+        """Say what the channels are doing.
+
+        All channels share one manifold, and so one vacuum: where one is jammed, the slider goes to what it is held at,
+        and stays where somebody moves it until that changes.
+
+        Returns:
+            What to say where somebody else has jammed a channel that was unjammed on this page; empty otherwise.
+
+        """
+        held_pa = max((each.commanded_vacuum_pa for each in channels.values() if each.state in _JAMMING), default=0.0)
+        if held_pa > 0.0 and held_pa != self._held_pa:
+            self._vacuum_kpa.value = min(max(held_pa / _PA_PER_KPA, self._vacuum_kpa.min), self._vacuum_kpa.max)
+        self._held_pa = held_pa
+        undone = self._undone(channels)
         for channel, handle in self._states.items():
             text = channel_html(channels.get(channel))
             if self._shown.get(channel) != text:
                 self._shown[channel] = handle.content = text
+        return undone
+
+    def _undone(self, channels: Mapping[str, Channel]) -> str:
+        again = []
+        for name, each in channels.items():
+            jams = each.state in _JAMMING
+            if name in self._unjammed and not jams:
+                self._unjammed[name] = True
+            elif self._unjammed.get(name):
+                del self._unjammed[name]
+                again.append(f"{name.replace('_', ' ')}: {each.reason}")
+        if not again:
+            return ""
+        return f"jammed again ({'; '.join(again)}). Choose '{MANUAL}' first to keep it unjammed"
 
     def _add_pair(self, gui: viser.GuiApi, label: str, channels: tuple[str, ...]) -> None:
         pair = gui.add_button_group(label, (JAM, UNJAM))
@@ -77,6 +109,9 @@ class AnkleControls:
         @pair.on_click
         def _(_event: object) -> None:
             if pair.value == JAM:
+                for each in channels or CHANNELS:
+                    self._unjammed.pop(each, None)
                 self._wish(Jam(self._ankle, channels, self._vacuum_kpa.value * _PA_PER_KPA))
             else:
+                self._unjammed |= dict.fromkeys(channels or CHANNELS, False)
                 self._wish(Unjam(self._ankle, channels))

@@ -14,7 +14,7 @@ from jammkle_view.core.samples import EventKind
 from jammkle_view.core.tints import EVENT_TINTS, LINE_TINTS, tendon_tint
 from jammkle_view.page import words
 from jammkle_view.page.controls import AnkleControls
-from jammkle_view.page.plots import Line, Mark, Plot
+from jammkle_view.page.plots import LEAST, Line, Mark, Plot
 from jammkle_view.page.scene import RobotScene
 from jammkle_view.page.server import look_at
 from jammkle_view.page.sim_controls import SimControls
@@ -171,7 +171,9 @@ class LivePage:
 
     def _show_texts(self, ankles: Mapping[str, Ankle], factor: float) -> None:
         for name, ankle in ankles.items():
-            self._controls[name].show(ankle.channels)
+            undone = self._controls[name].show(ankle.channels)
+            if undone:
+                self.answer(undone, good=False)
         ankle = ankles[self.chosen]
         stopped = "STOPPED" if any(each.emergency_stopped for each in ankles.values()) else "no"
         self._status.content = words.status_html(
@@ -200,12 +202,9 @@ class _LivePlots:
     """Pressure, IMU and tension over the last seconds; the time axis ends now."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        axis_s = (-known.SPAN_S, 0.0)
-        self._pressure = Plot(gui, "Pressure, absolute [kPa]", lines_of(known.PRESSURE_LINES), axis_s)
+        self._pressure = _plot(gui, "Pressure, absolute [kPa]", known.PRESSURE_LINES)
         shown = gui.add_dropdown("IMU", (FORCE, RATE))
-        self._imu = {
-            title: Plot(gui, title, lines_of(known.IMU_LINES), axis_s, event_marks()) for title in (FORCE, RATE)
-        }
+        self._imu = {title: _plot(gui, title, known.IMU_LINES, event_marks()) for title in (FORCE, RATE)}
         self._imu[RATE].set_visible(visible=False)
 
         @shown.on_update
@@ -213,7 +212,7 @@ class _LivePlots:
             for title, plot in self._imu.items():
                 plot.set_visible(visible=title == shown.value)
 
-        self._pull = Plot(gui, "Tension [N]", lines_of(known.TENSION_LINES), axis_s)
+        self._pull = _plot(gui, "Tension [N]", known.TENSION_LINES)
 
     def show(self, ankle: Ankle) -> None:
         """Draw the last seconds of an ankle."""
@@ -238,6 +237,10 @@ class _LivePlots:
     ) -> None:
         time_s, values = trace.window(now_s - known.SPAN_S, now_s)
         plot.show(time_s - now_s, scale * values, marked_s)
+
+
+def _plot(gui: viser.GuiApi, title: str, lines: Sequence[str], marks: Sequence[Mark] = ()) -> Plot:
+    return Plot(gui, title, lines_of(lines), (-known.SPAN_S, 0.0), marks, least=LEAST[title])
 
 
 def lines_of(labels: Sequence[str]) -> tuple[Line, ...]:

@@ -18,6 +18,16 @@ if TYPE_CHECKING:
 
     from jammkle_view.core.tints import Rgb
 
+LEAST = {
+    "Pressure, absolute [kPa]": 5.0,
+    "Specific force [m/s²]": 2.0,
+    "Angular rate [rad/s]": 0.2,
+    "Tension [N]": 2.0,
+    "Pitch of the foot, toe down [deg]": 1.0,
+    "Carriage [mm]": 1.0,
+}
+"""Least height of the scale of each plot, by its title. Chosen: some ten times the noise of the sensor, and of what is
+simulated without noise as much as matters to an ankle."""
 BINS = 300
 """A plot is some 400 pixels wide: with twice as many points nothing that could be seen is lost."""
 _MARK_SCALE = "mark"
@@ -54,6 +64,7 @@ class Plot:
         time_range_s: tuple[float, float],
         marks: Sequence[Mark] = (),
         *,
+        least: float,
         height_px: int = 190,
     ) -> None:
         """Draw it empty.
@@ -64,10 +75,11 @@ class Plot:
             lines: What is drawn, in order.
             time_range_s: Ends of the time axis, s.
             marks: What may be marked.
+            least: Height of the scale at the least, in the unit of the plot: what moves less is drawn flat.
             height_px: Its height on the page.
 
         """
-        self._lines, self._marks = tuple(lines), tuple(marks)
+        self._lines, self._marks, self._least = tuple(lines), tuple(marks), least
         empty = np.array(time_range_s)
         series: list[dict[str, object]] = [{"label": "t [s]"}]
         for line in lines:
@@ -85,14 +97,15 @@ class Plot:
             }
             for mark in marks
         ]
-        scales: dict[str, dict[str, object]] = {"x": {"time": False, "range": time_range_s}}
+        self._scales: dict[str, dict[str, object]] = {"x": {"time": False, "range": time_range_s}}
         if marks:
-            scales[_MARK_SCALE] = {"range": (_MARK_FOOT, _MARK_HEIGHT), "auto": False}
+            self._scales[_MARK_SCALE] = {"range": (_MARK_FOOT, _MARK_HEIGHT), "auto": False}
+        self._range: tuple[float, float] | None = None
         self._handle = gui.add_uplot(
             tuple(np.full(2, np.nan) if place else empty for place in range(len(series))),
             tuple(series),  # type: ignore[arg-type]  # viser's own table types are plain mappings
             title=title,
-            scales=scales,  # type: ignore[arg-type]  # as above
+            scales=self._scales,  # type: ignore[arg-type]  # as above
             legend={"show": True, "live": False},
             height=height_px,
             padding=(2, 12, 0, 0),
@@ -115,6 +128,11 @@ class Plot:
         time_s, values = thinned(time_s, values, BINS)
         if not len(time_s):
             time_s, values = np.zeros(1), np.full((1, len(self._lines)), np.nan)
+        wanted = range_of(values, self._least)
+        if wanted != self._range:
+            self._range = wanted
+            scales = self._scales if wanted is None else {**self._scales, "y": {"range": wanted}}
+            self._handle.scales = scales  # type: ignore[assignment]  # viser's own table types are plain mappings
         marks = [_strokes(time_s, (marked_s or {}).get(mark.label, ())) for mark in self._marks]
         self._handle.data = (time_s, *(np.ascontiguousarray(column) for column in values.T), *marks)
 
@@ -130,6 +148,21 @@ class Plot:
     def remove(self) -> None:
         """Take it off the page."""
         self._handle.remove()
+
+
+def range_of(values: NDArray[np.float64], least: float) -> tuple[float, float] | None:
+    """Return the ends of a scale for values that differ by less than `least`; None: they choose it by themselves.
+
+    Ends are multiples of half of `least`, so that a signal that drifts slowly moves them seldom.
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return None
+    low, high = float(known.min()), float(known.max())
+    if high - low >= least:
+        return None
+    centre = round((low + high) / least) * least / 2.0
+    return centre - least, centre + least
 
 
 def _strokes(time_s: NDArray[np.float64], marked_s: Sequence[float]) -> NDArray[np.float64]:

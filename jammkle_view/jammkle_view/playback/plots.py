@@ -12,7 +12,7 @@ from jammkle_graph import names
 from jammkle_view.core.samples import EventKind
 from jammkle_view.core.tints import EVENT_TINTS, GHOST_TINT, LINE_TINTS
 from jammkle_view.core.trace import thinned
-from jammkle_view.page.plots import BINS, Line, Mark, Plot
+from jammkle_view.page.plots import BINS, LEAST, Line, Mark, Plot
 from jammkle_view.playback.recorded import NOTHING, Track
 
 if TYPE_CHECKING:
@@ -87,7 +87,15 @@ class PlaybackPlots:
         events = [Mark(kind.name.lower(), EVENT_TINTS[kind]) for kind in EventKind if self._times_of(kind)]
         with self._tab:
             self._plots = {
-                title: Plot(self._gui, title, _lines(curves), axis_s, (*events, _NOW), height_px=_HEIGHT_PX)
+                title: Plot(
+                    self._gui,
+                    title,
+                    _lines(curves),
+                    axis_s,
+                    (*events, _NOW),
+                    least=LEAST[title],
+                    height_px=_HEIGHT_PX,
+                )
                 for title, curves in self._curves.items()
             }
 
