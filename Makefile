@@ -7,10 +7,11 @@ BIN := .venv/bin
 FUZZ_SEEDS := 100 101 102 103 104 105 106 107 108 109
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help demo test slow bench live blind contact faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
+.PHONY: help extras demo test slow bench live blind contact faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
+	@echo "make extras set up, with all that the demo does not need: plot, export, Foxglove, studies, tests, lint"
 	@echo "make test   set up, run the tests"
 	@echo "make slow   set up, run the slow tests: whole trials, soaks, every example of the pages"
 	@echo "make bench  set up, measure speed; writes bench.json"
@@ -25,7 +26,7 @@ help:
 	@echo "make lint   set up, ruff and mypy"
 	@echo "make format set up, format the code with ruff"
 	@echo "make readme set up, write anew what is made from the code: tables of the documents, the firmware's registers"
-	@echo "make lock   write both requirements.lock anew from requirements.in"
+	@echo "make lock   pin what requirements.in and docs/requirements.in name anew"
 	@echo "make wheels build the wheels of this version into dist; make try-wheels uses them in clean environments"
 	@echo "make release VERSION=1.2.3  write version and changelog, commit, tag, build the wheels"
 	@echo "make clean  remove everything that the other targets made"
@@ -33,25 +34,28 @@ help:
 set-up:
 	@$(PYTHON) jammkle_bringup/scripts/set_up.py
 
+extras: set-up
+	@$(PYTHON) jammkle_bringup/scripts/set_up.py --extras
+
 demo: set-up
 	@$(BIN)/jammkle demo
 
-test: set-up
+test: extras
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup
 
-slow: set-up
+slow: extras
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup -m slow
 
-bench: set-up
+bench: extras
 	@PYTHONPATH=test $(BIN)/python test/bench/run.py --json bench.json
 
-live: set-up
+live: extras
 	@PYTHONPATH=test $(BIN)/python test/bench/live.py --json live.json
 
-faults: set-up
+faults: extras
 	@$(BIN)/python test/trial_of_faults.py --seed 4000 --hours 0.5 --page docs/faults.md
 
-soak: set-up
+soak: extras
 	@$(BIN)/python test/busy_soak.py --suite
 	@$(BIN)/python -m jammkle_driver.fake
 	@$(BIN)/python test/board_soak.py
@@ -60,14 +64,14 @@ soak: set-up
 	@$(BIN)/python -m pytest -q --hypothesis-profile soak \
 		jammkle_driver/test/test_driver_requests_fuzz.py jammkle_driver/test/test_driver_requests_on_graph.py
 
-blind: set-up
+blind: extras
 	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json \
 		$(addprefix --real ,$(wildcard ../shared/data))
 
-contact: set-up
+contact: extras
 	@$(BIN)/jammkle contact --steps 4000 --runs 20 -o runs/contact $(addprefix --real ,$(wildcard ../shared/data/foot_imu))
 
-firmware: set-up
+firmware: extras
 	@$(FIRMWARE) host
 	@missing="$$($(FIRMWARE) missing)"; if [ -n "$$missing" ]; then \
 		echo "firmware: built for this machine only; for the board install $$missing"; \
@@ -75,7 +79,7 @@ firmware: set-up
 		$(FIRMWARE) avr simavr && JAMMKLE_BOARD=avr $(BIN)/python -m pytest test/test_board_*.py; \
 	fi
 
-lint: set-up
+lint: extras
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
@@ -90,14 +94,14 @@ docs: .venv-docs/made
 		-r docs/requirements.lock
 	@touch $@
 
-readme: set-up
+readme: extras
 	@$(BIN)/python test/readme_tables.py
 	@$(BIN)/python jammkle_bringup/scripts/write_parameter_file.py
 
-pictures: set-up
+pictures: extras
 	@$(BIN)/python test/view_pictures.py
 
-format: set-up
+format: extras
 	@$(BIN)/ruff check --fix
 	@$(BIN)/ruff format
 
@@ -105,6 +109,8 @@ lock: set-up
 	@$(BIN)/python -m pip install --quiet uv
 	@$(BIN)/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-header \
 		requirements.in --output-file requirements.lock
+	@sed '/^# \[bags\]/,$$d' requirements.in | $(BIN)/uv pip compile --quiet --universal --python-version 3.10 \
+		--generate-hashes --no-header --no-annotate --constraint requirements.lock - --output-file requirements-demo.lock
 	@$(BIN)/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-header \
 		docs/requirements.in --output-file docs/requirements.lock
 

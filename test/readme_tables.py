@@ -189,7 +189,7 @@ def workspace_text() -> str:
     """Lines that build the packages in a sourced Jazzy, with what the distribution does not have."""
     text = (ROOT / "requirements.in").read_text()
     lines = []
-    for part in ("base", "view"):
+    for part in ("base", "view", "bags"):
         asked = re.search(rf"^# \[{part}\].*?$(.*?)(?=^# \[)", text, re.MULTILINE | re.DOTALL)
         lines += asked[1].splitlines() if asked else []
     needed = [line.split()[0] for line in lines if line and line.split()[0] not in OF_THE_DISTRIBUTION]

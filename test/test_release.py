@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import datetime as dt
 import os
+import re
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
@@ -117,6 +118,55 @@ def test_a_verb_that_needs_ros_says_so() -> None:
     assert done.returncode == 1
     assert "pip install 'jammkle[ros]'" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+WITHOUT = """
+import sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {blocked!r}:
+            raise ModuleNotFoundError(name + " is blocked", name=name)
+
+sys.meta_path.insert(0, Blocker())
+from jammkle_graph.command.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+EXTRA_MODULES = ("plotly", "pyarrow", "sklearn", "foxglove", "distributed", "dask", "psutil", "hypothesis", "cmake")
+"""Of what `make demo` does not install."""
+
+
+def run_as_in_the_demo(*arguments: str, at: Path) -> subprocess.CompletedProcess[str]:
+    """Run the command where no module can be imported that `make demo` does not install."""
+    command = [sys.executable, "-c", WITHOUT.format(blocked=EXTRA_MODULES), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=at)
+
+
+def test_what_the_demo_installs_is_enough_for_all_but_named_verbs(tmp_path: Path) -> None:
+    """Rigs, bags and detection work without the extras; plot and export say what they lack, and where it is."""
+    done = run_as_in_the_demo("rig", "pressure", "--cycles", "1", "-o", "bag", at=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert run_as_in_the_demo("info", "bag", at=tmp_path).returncode == 0
+    for verb, missing in (("plot", "plotly"), ("export", "pyarrow")):
+        refused = run_as_in_the_demo(verb, "bag", "-o", verb, at=tmp_path)
+        assert refused.returncode == 1
+        assert missing in refused.stderr
+        assert "jammkle[bags]" in refused.stderr
+        assert "`make extras`" in refused.stderr
+        assert not (tmp_path / verb).exists()
+
+
+def test_the_demo_has_the_versions_of_all_else() -> None:
+    """Its lock is a part of the whole one, with what runs the graph and without the extras."""
+
+    def pins(name: str) -> set[str]:
+        return set(re.findall(r"^([a-z0-9.-]+==\S+)", (ROOT / name).read_text(), re.MULTILINE))
+
+    demo, whole = pins("requirements-demo.lock"), pins("requirements.lock")
+    assert demo < whole
+    named = {pin.partition("==")[0] for pin in demo}
+    assert {"ros-jazzy-rclpy", "mujoco", "numba", "rosbags", "viser", "matplotlib"} <= named
+    assert not named & {"plotly", "pyarrow", "scikit-learn", "foxglove-sdk", "cmake", "mypy", "ruff", "hypothesis"}
 
 
 def test_a_release_is_one_commit_with_a_tag(tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """Set up `.venv`: locked requirements, the nine packages built into it, and the `jammkle` command.
 
-Standard library only, since it runs before anything is installed. What is done already is skipped:
-the requirements while the lock file is the same, the build while nothing that is built has changed.
+With `--extras` all requirements, else those of the demo. Standard library only, since it runs before anything is
+installed. What is done already is skipped: the requirements while the lock file is the same, the build while nothing
+that is built has changed.
 """
 
 import hashlib
@@ -16,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 VENV = ROOT / ".venv"
-LOCK = ROOT / "requirements.lock"
+LOCK, EXTRAS_LOCK = ROOT / "requirements-demo.lock", ROOT / "requirements.lock"
 PACKAGES = (
     "jammkle_msgs",
     "jammkle_driver",
@@ -111,11 +112,34 @@ def install_requirements():
     shutil.rmtree(str(VENV), ignore_errors=True)
     run([sys.executable, "-m", "venv", str(VENV)], ROOT / ".set_up.log", clean_environment())
     (ROOT / ".set_up.log").rename(VENV / "venv.log")
+    install(LOCK)
+    point_exports_here()
+
+
+def install(lock):
+    """Install a lock file into the environment."""
     pip = [str(VENV / "bin" / "python"), "-m", "pip", "--disable-pip-version-check", "install", "--no-input"]
     # The lock names all there is. Left to look for dependencies itself, pip takes a newer release of what has an extra,
-    # such as coverage[toml], than the lock has, and then refuses it for having no hash.
-    run([*pip, "--no-deps", "--require-hashes", "-r", str(LOCK)], VENV / "requirements.log", clean_environment())
-    point_exports_here()
+    # such as coverage[toml], than the lock has, and then refuses it for having no hash. Of all that is installed
+    # Python compiles a small part: what is imported.
+    pip += ["--no-compile", "--no-deps", "--require-hashes", "-r", str(lock)]
+    run(pip, VENV / "requirements.log", clean_environment())
+
+
+def install_build_tool():
+    """Install cmake as locked, which is needed while the interfaces are built, and large."""
+    text = EXTRAS_LOCK.read_text()
+    begin = text.index("\ncmake==") + 1
+    end = next(place for place in range(begin + 1, len(text)) if text[place - 1] == "\n" and not text[place].isspace())
+    alone = VENV / "cmake.lock"
+    alone.write_text(text[begin:end])
+    install(alone)
+
+
+def remove_build_tool():
+    """Remove cmake again."""
+    pip = [str(VENV / "bin" / "python"), "-m", "pip", "--disable-pip-version-check", "uninstall", "--yes", "cmake"]
+    run(pip, VENV / "requirements.log", clean_environment())
 
 
 def point_exports_here():
@@ -142,6 +166,9 @@ def point_exports_here():
 
 def build():
     """Build the nine packages with colcon into the environment itself, and link the command into its bin."""
+    had_cmake = (VENV / "bin" / "cmake").exists()
+    if not had_cmake:
+        install_build_tool()
     environment = clean_environment()
     environment["PATH"] = "%s%s%s" % (VENV / "bin", os.pathsep, environment["PATH"])
     environment["VIRTUAL_ENV"] = str(VENV)
@@ -153,6 +180,8 @@ def build():
     colcon += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF"]
     colcon += ["-DPython3_EXECUTABLE=%s" % python, "-DPython3_FIND_VIRTUALENV=ONLY", "-DPYTHON_EXECUTABLE=%s" % python]
     run(colcon, VENV / "build.log", environment)
+    if not had_cmake:
+        remove_build_tool()
     # colcon makes its linked packages importable by a setup script to be sourced; a .pth file does without one.
     site_packages = VENV / "lib" / ("python%d.%d" % sys.version_info[:2]) / "site-packages"
     linked = [str(VENV / "colcon" / "build" / name) for name in PACKAGES[1:]]
@@ -181,6 +210,8 @@ def main():
         check_machine()
         step("requirements", VENV / ".requirements", fingerprint([LOCK]), install_requirements)
         step("build", VENV / ".built", fingerprint(built_files()), build)
+        if "--extras" in sys.argv[1:]:
+            step("extras", VENV / ".extras", fingerprint([EXTRAS_LOCK]), lambda: install(EXTRAS_LOCK))
     except SetUpError as error:
         sys.stderr.write("\nset-up: %s\n" % error)
         return 1

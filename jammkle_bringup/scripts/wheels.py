@@ -30,7 +30,7 @@ INTERFACES, *NODES = PACKAGES
 SHARED = "jammkle_graph"
 COMMAND = "jammkle"
 BASE = "base"
-EXTRAS = ("ros", "trial", "view", "foxglove")
+EXTRAS = ("ros", "trial", "view", "bags", "foxglove")
 """Sections of requirements.in that are extras of the wheel, as far as they are there."""
 
 

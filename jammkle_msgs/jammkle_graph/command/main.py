@@ -16,8 +16,14 @@ from jammkle_graph.command.vocabulary import renamed
 from jammkle_graph.messages import ROS_MODULES
 from jammkle_graph.version import VERSION
 
-_VIEW_MODULES = ("viser", "trimesh")
-_NO_PAGE = "this opens a page in the browser, and so needs viser: pip install 'jammkle[view]'"
+_EXTRAS = {
+    "viser": "this opens a page in the browser, and so needs viser: pip install 'jammkle[view]'",
+    "plotly": "the page of a run needs plotly: pip install 'jammkle[bags]', or `make extras` in a checkout",
+    "pyarrow": "tables need pyarrow: pip install 'jammkle[bags]', or `make extras` in a checkout",
+    "sklearn": "studies need scikit-learn: pip install 'jammkle[trial]', or `make extras` in a checkout",
+}
+"""What to say where a module is missing that only some verbs need, by its name."""
+_EXTRAS["trimesh"] = _EXTRAS["viser"]
 _NO_ROS = "this works on the graph, and so needs ROS 2 Jazzy: pip install 'jammkle[ros]', or source an installation"
 
 EXIT_FAILED = 1
@@ -83,9 +89,9 @@ def _run(arguments: list[str] | None) -> int:
         return failed(str(error) or "interrupted", EXIT_INTERRUPTED)
     except ModuleNotFoundError as error:
         missing = str(error.name).partition(".")[0]
-        if missing not in (*ROS_MODULES, *_VIEW_MODULES):
+        if missing not in ROS_MODULES and missing not in _EXTRAS:
             raise
-        why = _NO_PAGE if missing in _VIEW_MODULES else _NO_ROS
+        why = _EXTRAS.get(missing, _NO_ROS)
         return failed(f"{why} (there is no {error.name})", EXIT_FAILED)
     except Exception as error:
         if not isinstance(error, _UsageProblem):

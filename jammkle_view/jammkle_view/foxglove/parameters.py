@@ -21,4 +21,7 @@ class FoxgloveParameters:
     port: int = parameter(USUAL_PORT, "TCP port of the WebSocket; 0 takes any free one", "", 0, 65535)
 
 
-NOT_INSTALLED = "--foxglove needs foxglove-sdk, which is not installed: pip install 'jammkle[foxglove]'"
+NOT_INSTALLED = (
+    "--foxglove needs foxglove-sdk, which is not installed: pip install 'jammkle[foxglove]', or "
+    "`make extras` in a checkout"
+)
