@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import importlib
+import json
 import re
+import runpy
 import shlex
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from command_tree import subcommands
 from shown import DOCUMENTS, blocks
 
 from command_reference import NAME, parse
-from readme_tables import ROOT, made
+from readme_tables import DOCS, ROOT, made
 
 SEPARATORS = {"&&", "||", ";", "&", "|", "(", ")"}
 REDIRECTIONS = {">", ">>", ">&", "<"}
@@ -129,3 +131,15 @@ def test_every_file_that_is_linked_exists() -> None:
 def test_the_readme_is_one_screen() -> None:
     """What it is, a picture, two commands, a first session, where to read on: the rest stands on the pages."""
     assert len((ROOT / "README.md").read_text().splitlines()) <= 60
+
+
+def test_the_search_has_excerpts_without_a_server(tmp_path: Path) -> None:
+    """The script of the search holds what each page says, without the navigation around it, and ends no script early."""
+    (tmp_path / "_static").mkdir()
+    (tmp_path / "start.html").write_text("<nav>menu</nav><main><p>vacuum</p></main>", encoding="utf-8")
+    runpy.run_path(str(DOCS / "conf.py"))["write_excerpts"](tmp_path, {"start"})
+    script = (tmp_path / "_static" / "excerpts.js").read_text(encoding="utf-8")
+    found = re.match(r"const PAGES = (.*);\n", script)
+    assert found
+    assert json.loads(found[1]) == {"start.html": "<main><p>vacuum</p></main>"}
+    assert "</" not in script

@@ -81,7 +81,8 @@ class AnkleControls:
         """
         held_pa = max((each.commanded_vacuum_pa for each in channels.values() if each.state in _JAMMING), default=0.0)
         if held_pa > 0.0 and held_pa != self._held_pa:
-            self._vacuum_kpa.value = min(max(held_pa / _PA_PER_KPA, self._vacuum_kpa.min), self._vacuum_kpa.max)
+            held_kpa = min(max(held_pa / _PA_PER_KPA, self._vacuum_kpa.min), self._vacuum_kpa.max)
+            self._vacuum_kpa.value = held_kpa  # type: ignore[misc]  # set by a way of viser's own
         self._held_pa = held_pa
         undone = self._undone(channels)
         for channel, handle in self._states.items():
