@@ -134,7 +134,7 @@ def test_the_readme_is_one_screen() -> None:
 
 
 def test_the_search_has_excerpts_without_a_server(tmp_path: Path) -> None:
-    """The script of the search holds what each page says, without the navigation around it, and ends no script early."""
+    """The script of the search holds what each page says, without the navigation around it."""
     (tmp_path / "_static").mkdir()
     (tmp_path / "start.html").write_text("<nav>menu</nav><main><p>vacuum</p></main>", encoding="utf-8")
     runpy.run_path(str(DOCS / "conf.py"))["write_excerpts"](tmp_path, {"start"})
