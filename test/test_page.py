@@ -140,6 +140,7 @@ def test_controls_agree_with_what_is_held() -> None:
             page.change("achilles", "Jam")
             page.wait_until(lambda: Jam("", (ACHILLES,), 4e4) in wishes, "what is held is asked for")
             page.change("vacuum [kPa]", 60.0)
+            page.wait_until(lambda: controls._vacuum_kpa.value == 60.0, "the slider was moved")
             controls.show(channels(ChannelState.JAMMED, 4e4))
             page.change("achilles", "Jam")
             page.wait_until(lambda: Jam("", (ACHILLES,), 6e4) in wishes, "what was chosen is asked for")

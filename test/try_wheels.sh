@@ -31,7 +31,7 @@ graph/bin/jammkle up --view --foxglove --foxglove-port 0 > up.log 2>&1 &
 up=$!
 until grep -q "jammkle: up" up.log; do kill -0 "$up" || { cat up.log; exit 1; }; sleep 1; done
 graph/bin/jammkle unjam
-graph/bin/jammkle jam achilles --vacuum-kpa 40
+graph/bin/jammkle jam --vacuum-kpa 40 # all, as the controller may hold some at another vacuum
 kill -INT "$up"
 wait "$up"
 echo "with the extra ros: the graph works"

@@ -56,6 +56,7 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
             maker.write("/pump/duty", time_s, maker.make("std_msgs/msg/Float32", 1.0 if step == 30 else 0.0))
         pressure = maker.make("sensor_msgs/msg/FluidPressure", maker.header(time_s), 101_000.0 - vacuum_pa, 0.0)
         maker.write("/achilles/pressure", time_s, pressure)
+        maker.write("/peroneal_left/pressure", time_s, pressure)
         if step % 25 == 0:
             tendon = maker.make(
                 "jammkle_msgs/msg/TendonState", "achilles_left", 1, loop[step // 25][0], 0.0, loop[step // 25][1]
@@ -128,6 +129,8 @@ def test_no_curve_hides_another(bag: Path) -> None:
     """Of curves that may be equal the one that is drawn later is thinner, so that the earlier is seen around it."""
     picture = run_picture(bag, None, lambda _: None, lambda: False)
     assert picture is not None
+    measured = {curve.name: curve.y for curve in picture.panels[0].curves if not curve.dotted}
+    assert list(measured) == ["peroneal_left", "achilles"]
     for panel in picture.panels:
         for dotted in (False, True):
             widths = [curve.width for curve in panel.curves if curve.dotted == dotted]
