@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import subprocess
 import sys
+from html import unescape
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import yaml
 
 from graph import Up
 from jammkle_graph.names import (
@@ -129,6 +132,18 @@ def test_the_demo_leaves_a_table_and_a_picture(landing: dict[str, Any]) -> None:
     (picture,) = landing["run"].glob("*.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 10_000
+
+
+def test_the_demo_leaves_the_page_of_its_gap(landing: dict[str, Any]) -> None:
+    """`gap.html` says what was printed and how to make it again, stands in the run's folder, and is named last."""
+    assert landing["text"].rstrip().endswith(f"page: {landing['page']}")
+    page = landing["run"] / "gap.html"
+    assert page.samefile(landing["page"])
+    said = " ".join(unescape(re.sub(r"<[^>]+>", " ", page.read_text(encoding="utf-8"))).split())
+    assert landing["diagnosis"]["verdict"].replace("_", " ") in said
+    assert f"jammkle demo --effect {EFFECT}" in said
+    corrected = yaml.safe_load((landing["run"] / "corrected.yaml").read_text(encoding="utf-8"))
+    assert (corrected is not None) == (landing["diagnosis"]["verdict"] in {"EFFECTS", "AMBIGUOUS"})
 
 
 def test_the_demo_finds_what_it_was_not_told(landing: dict[str, Any]) -> None:

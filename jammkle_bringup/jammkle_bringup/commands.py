@@ -230,7 +230,9 @@ def demo(
         console.print(f"not in the bag: {line}", markup=False)
     console.print(f"picture: {result.picture}", markup=False)
     result.ending.show(console)
-    results.write_json(json, {**result.summary.as_json(), "picture": str(result.picture), **result.ending.as_json()})
+    console.print(f"page: {result.page}", markup=False)
+    files = {"picture": str(result.picture), "page": str(result.page)}
+    results.write_json(json, {**result.summary.as_json(), **files, **result.ending.as_json()})
     return result.exit_code
 
 

@@ -50,6 +50,8 @@ class DemoResult:
 
     summary: RunSummary
     picture: Path
+    page: Path
+    """Of the gap, `gap.html`."""
     ending: Any
     """What was said of the ankle, what was true; see `Riddle`."""
     exit_code: int
@@ -109,7 +111,8 @@ def demo(
 
     draw(run, summary, picture)
     exit_code = say_verdict(summary)
-    return DemoResult(summary, picture, riddle.solved(bag, namespace, asked_to_stop), exit_code)
+    ending = riddle.solved(bag, namespace, asked_to_stop)
+    return DemoResult(summary, picture, ending.write_page(folder), ending, exit_code)
 
 
 def say_verdict(summary: RunSummary) -> int:

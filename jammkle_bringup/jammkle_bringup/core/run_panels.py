@@ -161,7 +161,7 @@ def _curve(name: str, signal: Envelope, colour: str) -> Curve:
 
 
 def _held(name: str, signal: Envelope, end_s: float, colour: str) -> Curve:
-    """Return what is told when it changes, and holds until then."""
+    """Return the curve of a topic that comes on change: each value holds until the next, the last until the end."""
     points = signal.points()
     points = [*points, (max(end_s, points[-1][0]), points[-1][1])]
     return Curve(name, tuple(point[0] for point in points), tuple(point[1] for point in points), colour, steps=True)

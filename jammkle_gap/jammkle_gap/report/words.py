@@ -137,9 +137,10 @@ def _how_far(diagnosis: Diagnosis) -> Answer:
     if not diagnosis.effects or diagnosis.verdict in {Verdict.NO_GAP, Verdict.UNKNOWN}:
         short = f"{times(gap.nominal)} times healthy scatter"
         return Answer("How far", short, "Nothing is corrected: no effect is named as the cause.")
-    closed = f"{percent(gap.closed)} closed" if math.isfinite(gap.closed) else "Nothing to close"
+    closed = "Nothing to close"
+    if math.isfinite(gap.closed):
+        closed = f"{percent(gap.closed)} closed ({percents(gap.interval)})"
     text = f"From {times(gap.nominal)} to {times(gap.corrected)} times healthy scatter"
-    text += f" ({percents(gap.interval)})" if math.isfinite(gap.closed) else ""
     held = [each for each in diagnosis.held_out if math.isfinite(each.closing.closed)]
     if held:
         least = min(held, key=lambda each: each.closing.closed)
@@ -193,7 +194,7 @@ def _one_of(diagnosis: Diagnosis) -> str:
         text = " + ".join(words) if brief else "; ".join(words)
         members = "".join(f" = {label(each)}" for each in candidate.equivalents)
         options.append(f"{text or nothing}{members} ({probability(candidate.probability)})")
-    found = f"{'; ' if brief else '; or '}".join(options)
+    found = f"{'; ' if brief else '; or '}".join(f"{text[:1].lower()}{text[1:]}" for text in options)
     if not shared:
         return f"One of {len(rest)} explanations, between which these recordings do not decide: {found}."
     first = _sentence_of([finding(effect) for effect in shared])

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import viser
 
     from jammkle_view.core.samples import Channel
-from jammkle_view.core.wishes import Wish
+    from jammkle_view.core.wishes import Wish
 
 _PA_PER_KPA = 1000.0
 JAM, UNJAM = "Jam", "Unjam"
