@@ -124,7 +124,7 @@ def test_every_simulation_is_asked() -> None:
 
 
 def test_controls_agree_with_what_is_held() -> None:
-    """The slider goes to what the controller holds, stays where it is moved, and a jam that undoes an unjam is told."""
+    """The slider goes to what the controller holds, stays where it is moved, and a jam that undoes an unjam is said."""
 
     def channels(state: ChannelState, vacuum_pa: float = 0.0) -> dict[str, Channel]:
         return {ACHILLES: Channel(state, vacuum_pa, vacuum_pa, "asked by jam_command")}
@@ -144,6 +144,13 @@ def test_controls_agree_with_what_is_held() -> None:
             controls.show(channels(ChannelState.JAMMED, 4e4))
             page.change("achilles", "Jam")
             page.wait_until(lambda: Jam("", (ACHILLES,), 6e4) in wishes, "what was chosen is asked for")
+            page.change("peroneal left", "Jam")
+            page.wait_until(lambda: Jam("", (PERONEAL_LEFT,), 4e4) in wishes, "with another jammed, its vacuum")
+            page.wait_until(lambda: page.value("vacuum [kPa]") == 40.0, "and the slider says so")
+            page.change("vacuum [kPa]", 60.0)
+            page.wait_until(lambda: controls._vacuum_kpa.value == 60.0, "the slider was moved again")
+            page.change("all channels", "Jam")
+            page.wait_until(lambda: Jam("", (), 6e4) in wishes, "all channels may change at once")
 
             page.change("achilles", "Unjam")
             page.wait_until(lambda: Unjam("", (ACHILLES,)) in wishes, "it is to be unjammed")

@@ -39,7 +39,8 @@ class AnkleControls:
         self._ankle, self._wish = ankle, wish
         self._states: dict[str, viser.GuiHtmlHandle] = {}
         self._shown: dict[str, str] = {}
-        self._held_pa = 0.0
+        self._held_pa: dict[str, float] = {}
+        """Vacuum of each channel that is jammed or being jammed."""
         self._unjammed: dict[str, bool] = {}
         """Channels that were to be unjammed, and whether they have been since."""
         for channel in CHANNELS:
@@ -53,7 +54,7 @@ class AnkleControls:
             75.0,
             1.0,
             HELD_VACUUM_PA / _PA_PER_KPA,
-            hint="Vacuum that the next Jam asks for, below ambient",
+            hint="Vacuum that the next Jam asks for, below ambient; all channels of an ankle share one",
         )
         decides = gui.add_button_group(
             "jams by itself", (AUTO, MANUAL), hint="Whether the controller jams, or only you"
@@ -79,10 +80,9 @@ class AnkleControls:
             What to say where somebody else has jammed a channel that was unjammed on this page; empty otherwise.
 
         """
-        held_pa = max((each.commanded_vacuum_pa for each in channels.values() if each.state in _JAMMING), default=0.0)
-        if held_pa > 0.0 and held_pa != self._held_pa:
-            held_kpa = min(max(held_pa / _PA_PER_KPA, self._vacuum_kpa.min), self._vacuum_kpa.max)
-            self._vacuum_kpa.value = held_kpa  # type: ignore[misc]  # set by a way of viser's own
+        held_pa = {name: each.commanded_vacuum_pa for name, each in channels.items() if each.state in _JAMMING}
+        if held_pa and set(held_pa.values()) != set(self._held_pa.values()):
+            self._show_vacuum(max(held_pa.values()))
         self._held_pa = held_pa
         undone = self._undone(channels)
         for channel, handle in self._states.items():
@@ -90,6 +90,21 @@ class AnkleControls:
             if self._shown.get(channel) != text:
                 self._shown[channel] = handle.content = text
         return undone
+
+    def _show_vacuum(self, vacuum_pa: float) -> None:
+        shown_kpa = min(max(vacuum_pa / _PA_PER_KPA, self._vacuum_kpa.min), self._vacuum_kpa.max)
+        self._vacuum_kpa.value = shown_kpa  # type: ignore[misc]  # set by a way of viser's own
+
+    def _vacuum_for(self, channels: tuple[str, ...]) -> float:
+        """Return what to ask for, Pa: the slider's, or what the channels that are not asked for are held at.
+
+        The driver refuses any other vacuum, since one manifold cannot hold two.
+        """
+        others_pa = [held_pa for name, held_pa in self._held_pa.items() if name not in (channels or CHANNELS)]
+        if not others_pa:
+            return float(self._vacuum_kpa.value) * _PA_PER_KPA
+        self._show_vacuum(max(others_pa))
+        return max(others_pa)
 
     def _undone(self, channels: Mapping[str, Channel]) -> str:
         again = []
@@ -112,7 +127,7 @@ class AnkleControls:
             if pair.value == JAM:
                 for each in channels or CHANNELS:
                     self._unjammed.pop(each, None)
-                self._wish(Jam(self._ankle, channels, self._vacuum_kpa.value * _PA_PER_KPA))
+                self._wish(Jam(self._ankle, channels, self._vacuum_for(channels)))
             else:
                 self._unjammed |= dict.fromkeys(channels or CHANNELS, False)
                 self._wish(Unjam(self._ankle, channels))
