@@ -143,7 +143,7 @@ def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", j
 def status(
     namespace: NamespaceOption = "/",
     verbose: Annotated[  # noqa: FBT002 - a switch of the command line
-        bool, typer.Option("--verbose", help="Show every line of every node, with all values.")
+        bool, typer.Option("--all", "--verbose", help="Show every line of every node, with all values.")
     ] = False,
     json: JsonOption = None,
 ) -> int:

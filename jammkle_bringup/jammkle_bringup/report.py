@@ -47,7 +47,7 @@ def status_line(ankles: Mapping[str, JamStatus], health: Sequence[HealthStatus],
     levels = ", ".join(f"{count} {level}" for level, count in bad.most_common()) or "all OK"
     parts = [_count(len(ankles), "ankle"), f"channels {channels}", f"{_count(nodes, 'node')}, {levels}"]
     parts += [f"real-time factor {line.values[_PACE]}" for line in health if _PACE in line.values]
-    return "; ".join(parts) + ("" if verbose else " (--verbose shows every line)")
+    return "; ".join(parts) + ("" if verbose else " (--all shows every line)")
 
 
 def _count(number: int, what: str) -> str:

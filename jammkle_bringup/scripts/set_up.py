@@ -29,6 +29,9 @@ PACKAGES = (
     "jammkle_view",
     "jammkle_bringup",
 )
+IMPORTED = ("jammkle_sim.node", "jammkle_driver.node", "jammkle_controller.node", "jammkle_bringup.recorder")
+IMPORTED += ("jammkle_bringup.demo", "jammkle_bringup.core.picture", "jammkle_gap", "jammkle_gap.landing")
+"""What the demo runs."""
 OLDEST_PYTHON = (3, 10)
 NEWEST_PYTHON = (3, 13)
 COMPILERS = ("c++", "g++", "clang++")
@@ -112,17 +115,17 @@ def install_requirements():
     shutil.rmtree(str(VENV), ignore_errors=True)
     run([sys.executable, "-m", "venv", str(VENV)], ROOT / ".set_up.log", clean_environment())
     (ROOT / ".set_up.log").rename(VENV / "venv.log")
-    install(LOCK)
+    # Of all that is installed the demo imports a small part: see write_bytecode.
+    install(LOCK, "--no-compile")
     point_exports_here()
 
 
-def install(lock):
+def install(lock, *options):
     """Install a lock file into the environment."""
     pip = [str(VENV / "bin" / "python"), "-m", "pip", "--disable-pip-version-check", "install", "--no-input"]
     # The lock names all there is. Left to look for dependencies itself, pip takes a newer release of what has an extra,
-    # such as coverage[toml], than the lock has, and then refuses it for having no hash. Of all that is installed
-    # Python compiles a small part: what is imported.
-    pip += ["--no-compile", "--no-deps", "--require-hashes", "-r", str(lock)]
+    # such as coverage[toml], than the lock has, and then refuses it for having no hash.
+    pip += ["--no-deps", "--require-hashes", *options, "-r", str(lock)]
     run(pip, VENV / "requirements.log", clean_environment())
 
 
@@ -133,7 +136,7 @@ def install_build_tool():
     end = next(place for place in range(begin + 1, len(text)) if text[place - 1] == "\n" and not text[place].isspace())
     alone = VENV / "cmake.lock"
     alone.write_text(text[begin:end])
-    install(alone)
+    install(alone, "--no-compile")
 
 
 def remove_build_tool():
@@ -190,6 +193,15 @@ def build():
     if command.is_symlink() or command.exists():
         command.unlink()
     command.symlink_to(Path("..") / "lib" / "jammkle_bringup" / "jammkle")
+    write_bytecode()
+
+
+def write_bytecode():
+    """Import what the demo runs: Python writes its bytecode, also where it is set to write none while it runs."""
+    environment = clean_environment()
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    python = str(VENV / "bin" / "python")
+    run([python, "-c", "import %s" % ", ".join(IMPORTED)], VENV / "bytecode.log", environment)
 
 
 def step(name, stamp, mark, action):

@@ -47,7 +47,7 @@ def test_status_shows_values_where_something_is_wrong() -> None:
     """One line says it all; what is OK is counted and not shown, but with verbose."""
     line = report.status_line({"": STATUS}, HEALTH, verbose=False)
     assert line.startswith("1 ankle; channels 1 JAMMED; 2 nodes, 1 WARN; real-time factor 0.998")
-    assert "--verbose" in line
+    assert "--all" in line
     assert "all OK" in report.status_line({"": STATUS}, HEALTH[:1], verbose=True)
     brief = shown(*report.status_tables({"": STATUS}, HEALTH, verbose=False))
     assert "duty: 1.0" in brief
