@@ -13,6 +13,8 @@ from jammkle_bringup.core.envelope import STRETCHES, Envelope
 from jammkle_bringup.core.panels_png import figure_of
 from jammkle_bringup.core.run_panels import run_picture
 from jammkle_graph.command.main import main
+from jammkle_view.core.samples import EventKind
+from jammkle_view.core.tints import EVENT_TINTS, LINE_TINTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -135,6 +137,16 @@ def test_no_curve_hides_another(bag: Path) -> None:
         for dotted in (False, True):
             widths = [curve.width for curve in panel.curves if curve.dotted == dotted]
             assert all(later < earlier for earlier, later in itertools.pairwise(widths))
+
+
+def test_a_channel_and_an_event_have_one_colour_everywhere(bag: Path) -> None:
+    """Curves and marks are coloured as on the page in the browser."""
+    picture = run_picture(bag, None, lambda _: None, lambda: False)
+    assert picture is not None
+    drawn = {curve.name: curve.colour for panel in picture.panels for curve in panel.curves}
+    for name in ("achilles", "peroneal_left", "achilles_left"):
+        assert bytes.fromhex(drawn[name][1:]) == bytes(LINE_TINTS[name])
+    assert [bytes.fromhex(mark.colour[1:]) for mark in picture.marks] == [bytes(EVENT_TINTS[EventKind.IMPACT])]
 
 
 def test_pictures_are_not_overwritten(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

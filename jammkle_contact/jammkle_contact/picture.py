@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jammkle_controller.core.events import ContactKind
-from jammkle_graph.command.figures import STYLE
+from jammkle_graph.command.figures import EVENT_COLOURS, LINE_COLOURS, STYLE
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
@@ -18,13 +18,6 @@ if TYPE_CHECKING:
     from jammkle_contact.recording import Recording
     from jammkle_contact.replay import Replay
 
-COLOURS = {
-    ContactKind.IMPACT: "#c1121f",
-    ContactKind.LIFTOFF: "#1f5fa8",
-    ContactKind.SWING: "#9ec5e8",
-    ContactKind.SLIP: "#d9741a",
-    ContactKind.SETTLED: "#4f772d",
-}
 _KPA = 1e3
 
 
@@ -45,7 +38,8 @@ def draw(recording: Recording, replay: Replay, path: Path) -> None:
         force.set_ylabel("|specific force|\n[m/s²]")
         rate.plot(time_s, np.linalg.norm(rows[:, 4:7], axis=1), color="#444444", linewidth=0.7)
         rate.set_ylabel("|angular velocity|\n[rad/s]")
-        for kind, colour in COLOURS.items():
+        for kind in ContactKind:
+            colour = EVENT_COLOURS[kind.name]
             times = [_seconds(event.time_ns, samples[0].time_ns) for event in replay.events if event.kind is kind]
             for axes in (force, rate):
                 for index, at_s in enumerate(times):
@@ -72,7 +66,7 @@ def draw(recording: Recording, replay: Replay, path: Path) -> None:
         for channel in changes[0].wish_pa if changes else ():
             times = [_seconds(each.time_ns, samples[0].time_ns) for each in changes] + [float(time_s[-1])]
             values = [each.wish_pa[channel] / _KPA for each in changes]
-            wish.step(times, [*values, values[-1]], where="post", label=channel)
+            wish.step(times, [*values, values[-1]], where="post", label=channel, color=LINE_COLOURS.get(channel))
         wish.set_ylabel("wanted vacuum\n[kPa]")
         wish.set_xlabel("time [s]")
         if changes:

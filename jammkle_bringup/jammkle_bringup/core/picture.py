@@ -11,6 +11,7 @@ from jammkle_bringup.core.run_summary import (
     REACHED_FRACTION,
     vacuum_pa,
 )
+from jammkle_graph.command.figures import EVENT_COLOURS, LINE_COLOURS
 from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ _LARGEST_RING = 13
 _RING_STEP = 4
 _DASHES = (4, 8)
 _DASH_OFFSET = 6
-_EVENT_COLOURS = {"touch-down": "#444444", "detected": "#c0392b"}
+_MARK_COLOURS = {"touch-down": "#444444", "detected": EVENT_COLOURS["IMPACT"]}
 
 
 def draw(run: RunSeries, summary: RunSummary, path: Path) -> None:
@@ -109,7 +110,7 @@ def _mark_events(axes: Axes, summary: RunSummary, factor: float = 1.0, origin_s:
     ):
         if time_s is not None:
             at = (time_s - origin_s) * factor
-            colour = _EVENT_COLOURS[name]
+            colour = _MARK_COLOURS[name]
             axes.axvline(at, low, high, color=colour, linewidth=0.8, alpha=0.8, zorder=1, label=name)
 
 
@@ -142,10 +143,10 @@ def _shock(axes: Axes, run: RunSeries) -> None:
 def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
     for index, channel in enumerate(summary.channels):
         vacuum = vacuum_pa(run, channel.channel)
-        colour = f"C{index}"
+        colour = LINE_COLOURS[channel.channel]
         if vacuum is not None:
             times_s = run.pressures[channel.channel].time_s
-            axes.plot(times_s, vacuum / _PA_PER_KPA, label=channel.channel, **_style(index))
+            axes.plot(times_s, vacuum / _PA_PER_KPA, label=channel.channel, **_style(index, channel.channel))
         commanded = run.commanded_vacuum.get(channel.channel)
         if commanded is not None:
             _steps(axes, commanded, run.duration_s, 1 / _PA_PER_KPA, colour)
@@ -164,7 +165,9 @@ def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
     if run.manifold_pressure is not None:
         ambient_pa = float(run.manifold_pressure.values[0]) if len(run.manifold_pressure) else STANDARD_ATMOSPHERE_PA
         vacuum_kpa = (ambient_pa - run.manifold_pressure.values) / _PA_PER_KPA
-        axes.plot(run.manifold_pressure.time_s, vacuum_kpa, color="#999999", linewidth=0.8, label="manifold")
+        axes.plot(
+            run.manifold_pressure.time_s, vacuum_kpa, color=LINE_COLOURS["manifold"], linewidth=0.8, label="manifold"
+        )
     axes.set_ylabel("vacuum [kPa]\n(dotted: set point,\nring: reached)")
     axes.legend(loc="lower right", fontsize="small", ncols=2)
 
@@ -181,14 +184,14 @@ def _solenoids(axes: Axes, run: RunSeries) -> None:
         values = [*series.values, series.values[-1]]
         low = [float(index)] * len(times)
         high = [index + 0.7 * value for value in values]
-        axes.fill_between(times, low, high, step="post", color=f"C{index}", linewidth=0, label=channel)
+        axes.fill_between(times, low, high, step="post", color=LINE_COLOURS[channel], linewidth=0, label=channel)
     axes.set_yticks([index + 0.35 for index in range(len(run.solenoids))], list(run.solenoids), fontsize="small")
     axes.set_ylabel("solenoid\nenergised")
 
 
-def _style(index: int) -> dict[str, Any]:
+def _style(index: int, name: str) -> dict[str, Any]:
     """Return a line that lets two equal ones be seen through its gaps: channels often are equal."""
-    style: dict[str, Any] = {"color": f"C{index}", "linewidth": 1.6}
+    style: dict[str, Any] = {"color": LINE_COLOURS[name], "linewidth": 1.6}
     if index % 3:
         # a third of the line each: the dashes of the second lie in the gaps of the third
         style["linestyle"] = (_DASH_OFFSET * (index % 3 - 1), _DASHES)
@@ -197,6 +200,6 @@ def _style(index: int) -> dict[str, Any]:
 
 def _tension(axes: Axes, run: RunSeries) -> None:
     for index, (tendon, series) in enumerate(run.tensions.items()):
-        axes.plot(series.time_s, series.values, label=tendon, **_style(index % 2) | {"color": f"C{index}"})
+        axes.plot(series.time_s, series.values, label=tendon, **_style(index % 2, tendon))
     axes.set_ylabel("tension [N]")
     axes.legend(loc="upper right", fontsize="small", ncols=2)

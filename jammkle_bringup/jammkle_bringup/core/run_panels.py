@@ -11,7 +11,7 @@ from jammkle_graph.bags.namespaces import namespaces_in
 from jammkle_graph.bags.reading import name_of, opened
 from jammkle_graph.bags.times import BagTimes
 from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.figures import STATE_COLOURS
+from jammkle_graph.command.figures import EVENT_COLOURS, LINE_COLOURS, STATE_COLOURS
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.names import CHANNELS, CLOCK
 from jammkle_graph.namespace import relative
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 _PA_PER_KPA = 1e3
 _MM_PER_M = 1e3
 _PROGRESS_MESSAGES = 5_000
-_EVENT_COLOURS = {"IMPACT": "#c0392b", "SLIP": "#e67e22", "LIFTOFF": "#2980b9", "SETTLED": "#27ae60"}
 _ENERGISED = ("#ffffff", "#6baed6")
 
 
@@ -103,7 +102,7 @@ def _panels(samples: RunSamples, duration_s: float) -> Iterator[Panel]:
     for name, signals in (("specific force\n[m/s²]", samples.force), ("angular velocity\n[rad/s]", samples.turning)):
         if signals:
             curves = [
-                replace(_curve(axis, each, COLOURS[place]), width=_width(place, len(signals)))
+                replace(_curve(axis, each, LINE_COLOURS[axis]), width=_width(place, len(signals)))
                 for place, (axis, each) in enumerate(signals.items())
             ]
             yield Panel(name, tuple(curves), with_marks=True)
@@ -122,7 +121,7 @@ def _panels(samples: RunSamples, duration_s: float) -> Iterator[Panel]:
 def _vacuum(samples: RunSamples, duration_s: float) -> Iterator[Curve]:
     places = (*CHANNELS, MANIFOLD)
     for place, name in enumerate(places):
-        pressure, colour, width = samples.pressures.get(name), COLOURS[place], _width(place, len(places))
+        pressure, colour, width = samples.pressures.get(name), LINE_COLOURS[name], _width(place, len(places))
         if pressure is not None and pressure.readings:
             points = pressure.readings.points()
             vacuum_kpa = tuple((pressure.ambient_pa - pressure_pa) / _PA_PER_KPA for _, pressure_pa in points)
@@ -172,9 +171,14 @@ def _width(place: int, curves: int) -> float:
     return 1.0 + 1.4 * (curves - 1 - place)
 
 
+def _colour(name: str, place: int) -> str:
+    """Return the colour of a tendon, or of a load cell, which has none of its own."""
+    return LINE_COLOURS.get(name, COLOURS[place % len(COLOURS)])
+
+
 def _forces(loops: dict[str, Loop]) -> Iterator[Curve]:
     for place, (name, loop) in enumerate(loops.items()):
-        curve = _curve(name, loop.force, COLOURS[place % len(COLOURS)])
+        curve = _curve(name, loop.force, _colour(name, place))
         yield replace(curve, width=_width(place, len(loops)))
 
 
@@ -183,13 +187,13 @@ def _loops(loops: dict[str, Loop]) -> Iterator[Curve]:
         points = loop.path.points()
         length_mm = tuple(_MM_PER_M * length_m for _, length_m, _ in points)
         force_n = tuple(force_n for _, _, force_n in points)
-        colour, width = COLOURS[place % len(COLOURS)], _width(place, len(loops))
+        colour, width = _colour(name, place), _width(place, len(loops))
         yield Curve(f"{name}: {loop.work_j:.3g} J taken up", length_mm, force_n, colour, width=width)
 
 
 def _marks(samples: RunSamples) -> Iterator[Mark]:
     for time_s, (name, _) in samples.events.kept:
-        yield Mark(time_s, name, _EVENT_COLOURS.get(name, "#444444"))
+        yield Mark(time_s, name, EVENT_COLOURS.get(name, EVENT_COLOURS["UNKNOWN"]))
 
 
 def _cut_note(samples: RunSamples) -> str:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from jammkle_graph import names
-from jammkle_graph.command.figures import STATE_COLOURS
+from jammkle_graph.command.figures import EVENT_COLOURS, LINE_COLOURS, STATE_COLOURS
 from jammkle_view.core.samples import ChannelState, EventKind
 
 Rgb = tuple[int, int, int]
@@ -21,27 +20,9 @@ BROKEN_TINT: Rgb = (40, 40, 40)
 GHOST_TINT: Rgb = (165, 90, 215)
 """Of the simulation that lies over a recording."""
 
-EVENT_TINTS: dict[EventKind, Rgb] = {
-    EventKind.IMPACT: (215, 40, 40),
-    EventKind.SLIP: (240, 140, 20),
-    EventKind.LIFTOFF: (30, 120, 220),
-    EventKind.SETTLED: (50, 150, 60),
-    EventKind.SWING: (130, 90, 200),
-    EventKind.UNKNOWN: (150, 150, 150),
-}
-
-LINE_TINTS: dict[str, Rgb] = {
-    names.PERONEAL_LEFT: (214, 96, 36),
-    names.PERONEAL_RIGHT: (30, 130, 190),
-    names.ACHILLES: (60, 150, 70),
-    "achilles_left": (60, 150, 70),
-    "achilles_right": (140, 190, 60),
-    "manifold": (120, 120, 120),
-    "x": (0, 140, 140),
-    "y": (150, 110, 60),
-    "z": (60, 60, 70),
-}
-"""Of lines in plots: channels, tendons, axes; axes share their plots with events, and no colour."""
+EVENT_TINTS: dict[EventKind, Rgb] = {kind: _rgb(EVENT_COLOURS[kind.name]) for kind in EventKind}
+LINE_TINTS: dict[str, Rgb] = {name: _rgb(colour) for name, colour in LINE_COLOURS.items()}
+"""Of lines in plots: channels, tendons, axes."""
 
 FULL_TENSION_N = 30.0
 """Tension from which on a tendon has its full colour. Chosen for the eye: a landing pulls its Achilles tendons by some
