@@ -31,7 +31,8 @@ PACKAGES = (
 )
 IMPORTED = ("jammkle_sim.node", "jammkle_driver.node", "jammkle_controller.node", "jammkle_bringup.recorder")
 IMPORTED += ("jammkle_bringup.demo", "jammkle_bringup.core.picture", "jammkle_gap", "jammkle_gap.landing")
-"""What the demo runs."""
+IMPORTED += ("jammkle_bringup.channel_commands", "jammkle_bringup.report", "jammkle_graph.command.main")
+"""What the demo, a first session and the command itself import."""
 OLDEST_PYTHON = (3, 10)
 NEWEST_PYTHON = (3, 13)
 COMPILERS = ("c++", "g++", "clang++")
@@ -201,7 +202,8 @@ def write_bytecode():
     environment = clean_environment()
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     python = str(VENV / "bin" / "python")
-    run([python, "-c", "import %s" % ", ".join(IMPORTED)], VENV / "bytecode.log", environment)
+    lines = "import %s; jammkle_graph.command.main.main(['--help'])" % ", ".join(IMPORTED)
+    run([python, "-c", lines], VENV / "bytecode.log", environment)
 
 
 def step(name, stamp, mark, action):
