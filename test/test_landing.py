@@ -136,7 +136,9 @@ def test_the_demo_leaves_a_table_and_a_picture(landing: dict[str, Any]) -> None:
 
 def test_the_demo_leaves_the_page_of_its_gap(landing: dict[str, Any]) -> None:
     """`gap.html` says what was printed and how to make it again, stands in the run's folder, and is named last."""
-    assert landing["text"].rstrip().endswith(f"page: {landing['page']}")
+    last = re.search(r"^in truth: .*\npage: (.*)$", landing["text"], re.MULTILINE)
+    assert last
+    assert last[1] == landing["page"]
     page = landing["run"] / "gap.html"
     assert page.samefile(landing["page"])
     said = " ".join(unescape(re.sub(r"<[^>]+>", " ", page.read_text(encoding="utf-8"))).split())
