@@ -146,7 +146,9 @@ def write_page(
         origin=results.origin(),
         constants=problem.constants,
     )
-    (folder / CORRECTED_NAME).write_text(corrected_file(diagnosis, problem, library), encoding="utf-8", errors="backslashreplace")
+    (folder / CORRECTED_NAME).write_text(
+        corrected_file(diagnosis, problem, library), encoding="utf-8", errors="backslashreplace"
+    )
     (folder / PAGE_NAME).write_text(page(diagnosis, asked), encoding="utf-8", errors="backslashreplace")
     return asked
 
