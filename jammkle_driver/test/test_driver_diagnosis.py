@@ -223,6 +223,22 @@ def test_a_sensor_that_repeats_itself_in_vacuum_is_stuck_though_nothing_moves() 
     assert bench.told() == (Reason.SENSOR_STUCK, "achilles")
 
 
+@pytest.mark.parametrize("flow_share", [0.65, 1.0])
+def test_a_valve_that_stays_closed_is_no_stuck_sensor(flow_share: float) -> None:
+    """A pump of less flow draws two channels as a declared one draws three; but the vented sensor is still noisy."""
+
+    def weaker(declared: AirSettings, _draw: random.Random, number: int) -> FakePlant:
+        air = replace(declared, pump_free_flow_m3_s=flow_share * declared.pump_free_flow_m3_s)
+        return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
+
+    bench = FaultBench(DriverParameters().settings(), 0, weaker)
+    run(bench, 1.0)
+    bench.plant.inject(FakeFault.STUCK_CLOSED, "achilles")
+    bench.driver.jam((), SET_POINT_PA, "test")
+    run(bench, 0.8)
+    assert bench.told() == (Reason.VALVE_STUCK_CLOSED, "achilles")
+
+
 @pytest.mark.parametrize(("step_pa", "noise_pa", "seed"), [(98.0, 10.0, 1), (98.0, 30.0, 1), (25.0, 3.0, 2)])
 def test_a_coarse_or_quiet_sensor_that_repeats_itself_is_healthy(step_pa: float, noise_pa: float, seed: int) -> None:
     """Converters of 10 and 12 bits whose step hides the noise: most readings equal the one before, and not a word."""

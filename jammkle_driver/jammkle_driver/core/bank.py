@@ -89,6 +89,11 @@ class FilterBank:
         """What each hypothesis has gained over the healthy ankle, nats."""
         return self._scores
 
+    @property
+    def changes_while_stuck(self) -> Array:
+        """How often the reading has changed that a hypothesis takes for stuck, since it last began."""
+        return self._changes_while_stuck
+
     def reset(self, ambient_pa: float) -> None:
         """Begin anew, vented at `ambient_pa`, Pa, or at what the first readings say."""
         models, size = self._tables.mean.shape
@@ -105,6 +110,7 @@ class FilterBank:
         self._run = np.zeros(volumes)
         self._longest_run = np.zeros(volumes)
         self._changes = np.zeros(volumes)
+        self._changes_while_stuck = np.zeros(models)
         self._bridging = False
         self._fresh = True
         self._grace_s = 0.0
@@ -193,6 +199,7 @@ class FilterBank:
         changed = heard & ~same
         self._longest_run = np.where(changed, np.maximum(self._longest_run, self._run), self._longest_run)
         self._changes += changed
+        self._changes_while_stuck += (self._tables.stuck & changed).any(axis=1)
         self._run = np.where(changed, 0.0, self._run + same)
         self._last_pa = np.where(heard, readings_pa, self._last_pa)
         news = (
@@ -235,6 +242,7 @@ class FilterBank:
         expected_pa = self._state[0, self._layout.pressures] + self._state[0, self._layout.offsets]
         self._held_pa[again] = np.where(self._run > 0, self._last_pa, expected_pa)  # what repeats may have jumped there
         self._held_variance[again] = self._spread.noise_pa**2
+        self._changes_while_stuck[again] = 0.0
 
     def _weigh(self, readings_pa: tuple[float, ...], late_pa: Array) -> Array:
         """Take the readings one after the other into every filter; return the log-likelihood of each."""

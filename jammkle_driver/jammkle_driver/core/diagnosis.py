@@ -46,6 +46,11 @@ PATIENCE_S = 1.0
 LEVEL_COST = 15.0
 """What a stuck sensor must gain more than other faults, nats: its level is fitted to the very readings."""
 
+CHANGES_COST = THRESHOLD
+"""What it must gain more at the most, nats, if its reading goes on changing, as that of a vented channel does: each
+change counts against it as each repeat counts for it, and all of them as much as any fault must gain. The air alone
+does not part it from a valve that stays closed: a weak pump draws two channels as a declared one draws three."""
+
 SWITCHING_S = 0.08
 """For how long after a command a valve may be moving or not, s: four dead times of a small solenoid."""
 
@@ -237,7 +242,10 @@ class Diagnosis:
 
     def _fair(self, model: int, score: float) -> float:
         """Return what a hypothesis counts for, nats."""
-        return score - LEVEL_COST if self._bank.hypotheses[model].reason is Reason.SENSOR_STUCK else score
+        if self._bank.hypotheses[model].reason is not Reason.SENSOR_STUCK:
+            return score
+        changes = float(self._bank.changes_while_stuck[model])
+        return score - LEVEL_COST - min(changes * self._bank.scoring.repeat_nats, CHANGES_COST)
 
     def _is_small_drift(self, model: int) -> bool:
         """Whether a sensor has moved, by this hypothesis, and is still as good as a healthy one."""
