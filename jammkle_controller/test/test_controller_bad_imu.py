@@ -98,6 +98,65 @@ def test_a_broken_imu_does_not_vent_a_robot_that_stands(
     assert controller.wish == HELD
 
 
+def without_gravity(sample: ImuSample) -> ImuSample:
+    return sample._replace(force_z=sample.force_z - 9.80665)
+
+
+@pytest.mark.parametrize("rate_hz", [100, 250, 1000])
+@pytest.mark.parametrize("change", [scaled(force=1.0 / 9.80665), without_gravity], ids=["in g", "without gravity"])
+def test_an_imu_that_loses_gravity_in_a_stance_is_refused_at_once(
+    streams: Any, change: Callable[[ImuSample], ImuSample], rate_hz: int
+) -> None:
+    """Within two samples, before it looks like a flight: nothing is vented; it is believed again after 0.5 s."""
+    controller, last_ns = standing(streams)
+    rest = later(streams.sense(streams.rest(1.0), rate_hz), last_ns)
+    streams.events_of(rest, controller)
+    broken = [change(sample) for sample in later(streams.sense(streams.rest(3.0), rate_hz), rest[-1].time_ns)]
+    assert streams.events_of(broken[:2], controller) == []
+    assert controller.watch.trouble is ImuTrouble.TOO_SMALL
+    assert streams.events_of(broken[2:], controller) == []
+    assert controller.watch.trouble is ImuTrouble.TOO_SMALL
+    assert (controller.state, controller.wish) == (PolicyState.FAULT, HELD)
+    whole = later(streams.sense(streams.rest(0.6), rate_hz), broken[-1].time_ns)
+    streams.events_of(whole, controller)
+    assert controller.watch.trouble is None
+    assert (controller.state, controller.wish) == (PolicyState.STANCE, HELD)
+
+
+@pytest.mark.parametrize("rate_hz", [100, 250, 1000])
+def test_a_standing_body_whose_ground_gives_way_is_vented_as_it_falls(streams: Any, rate_hz: int) -> None:
+    """It is let down over 20 ms, as no support vanishes between two samples: a flight, and no fault of the IMU."""
+    import numpy as np  # noqa: PLC0415
+
+    controller, last_ns = standing(streams)
+    force = streams.rest(1.0)
+    force[:, 2] *= np.interp(streams.time_s(force), [0.5, 0.52], [1.0, 0.0])
+    events = streams.events_of(later(streams.sense(force, rate_hz), last_ns), controller)
+    assert [event.kind for event in events] == [ContactKind.LIFTOFF]
+    assert controller.wish == SOFT
+
+
+@pytest.mark.parametrize(("bad_share", "believed"), [(0.3, True), (0.7, False)])
+@pytest.mark.parametrize("rate_hz", [100, 1000])
+def test_more_than_half_of_the_samples_must_be_bad(
+    streams: Any, rate_hz: int, bad_share: float, *, believed: bool
+) -> None:
+    """NaN at random: detection goes on with the rest, at any rate, as the page says."""
+    import random  # noqa: PLC0415
+
+    draw = random.Random(1)  # noqa: S311
+    controller, last_ns = standing(streams)
+    nothing = scaled(force=math.nan)
+    samples = later(streams.sense(streams.rest(5.0), rate_hz), last_ns)
+    streams.events_of(samples[: rate_hz // 2], controller)
+    doubted = set()
+    for sample in samples[rate_hz // 2 :]:
+        controller.update(nothing(sample) if draw.random() < bad_share else sample)
+        doubted.add(controller.watch.trouble)
+    assert (ImuTrouble.BAD_SAMPLES not in doubted) is believed
+    assert controller.wish == HELD
+
+
 @pytest.mark.parametrize("rate_hz", [250, 1000])
 def test_readings_in_g_are_refused_from_the_start(streams: Any, rate_hz: int) -> None:
     """An IMU in g looks like free fall; it is told after 0.1 s, a whole landing gives no event, and nothing moves."""
@@ -124,6 +183,19 @@ def test_degrees_per_second_are_told_by_the_turning_of_gravity(streams: Any) -> 
         controller = streams.new_controller()
         streams.events_of([scaled(rate=rate)(sample) for sample in turning(streams)], controller)
         assert controller.watch.trouble is trouble, rate
+
+
+@pytest.mark.parametrize("rate", [math.degrees(1.0), -1.0], ids=["deg/s", "frame"])
+def test_an_imu_that_was_in_degrees_is_believed_after_half_a_second_at_rest(streams: Any, rate: float) -> None:
+    """What it claimed while it was wrong is not held against it once it claims nothing, however much that was."""
+    controller = streams.new_controller()
+    wrong = [scaled(rate=rate)(sample) for sample in turning(streams)]
+    streams.events_of(wrong, controller)
+    assert controller.watch.trouble in {ImuTrouble.TURNING, ImuTrouble.FRAME}
+    streams.events_of(later(streams.sense(streams.rest(1.0), 500), wrong[-1].time_ns), controller)
+    assert controller.watch.trouble is None
+    streams.events_of(later(turning(streams), wrong[-1].time_ns + 1_000_000_000), controller)
+    assert controller.watch.trouble is None
 
 
 def test_a_sensor_at_the_end_of_its_range_is_told(streams: Any) -> None:

@@ -133,7 +133,7 @@ class AnkleController:
         gate, wish_before = self._detector.gate, self._policy.wish
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
         self._detector.bear(self.inputs.efforts_contact(sample.time_ns), sample.time_ns)
-        events = self._detector.update(sample)
+        events = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
             self._forget_contact()

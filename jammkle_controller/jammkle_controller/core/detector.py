@@ -131,12 +131,18 @@ class ContactDetector:
         elif borne and self.phase is Phase.SWING:
             self.correct(lifted=False, time_ns=time_ns)
 
-    def update(self, sample: ImuSample) -> tuple[ContactEvent, ...]:
-        """Take the next sample and return what it decided, oldest first; samples the gate ignores decide nothing."""
+    def update(self, sample: ImuSample, *, stands: bool = False) -> tuple[ContactEvent, ...]:
+        """Take the next sample and return what it decided, oldest first; samples the gate ignores decide nothing.
+
+        Args:
+            sample: The sample.
+            stands: Whether the foot is known to stand.
+
+        """
         admission = self.gate.admit(sample)
         if admission is Admission.RESTARTED or (admission is Admission.AFTER_GAP and self.gate.interval_s > LONG_GAP_S):
             self.watch.begin_anew()
-        believed = self.watch.observe(sample, admission, self.gate.rate_hz, self.gate.published_hz)
+        believed = self.watch.observe(sample, admission, self.gate.rate_hz, self.gate.published_hz, stands=stands)
         if admission in IGNORED:
             return _NOTHING
         if admission is Admission.USABLE:

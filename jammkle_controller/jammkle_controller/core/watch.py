@@ -27,14 +27,22 @@ LEAST_LEVEL_M_S2 = 0.5 * STANDARD_GRAVITY_M_S2
 """Least mean |specific force| of a body that stands or walks, m/s^2. In one that keeps its height the vertical
 specific force has the mean g, so the magnitude has at least that. Readings in g give 1."""
 
+STEPPED_SAMPLES = 2
+"""As many readings that a step has left below `LEAST_LEVEL_M_S2` are one, before the three that make a flight."""
+UNIT_M_S2 = 0.2
+"""How far readings may be from those before in units of g, m/s^2: the unrest of a body at rest, over 9.8, twice."""
+STILL_RAD_S = 0.5
+"""Rate below which a body does not turn, rad/s: a foot that leaves the ground turns by several."""
+
 LARGEST_LEVEL_M_S2 = 10.0 * STANDARD_GRAVITY_M_S2
 """Largest mean |specific force|, m/s^2; readings in cm/s^2 or mm/s^2 pass it. Assumed: feet that run reach 5 g."""
 
 DEAD_SAMPLES = 3
 """As many readings of exactly zero on three axes are a dead sensor: in free fall there is noise and bias."""
 
-BAD_TIME_S = 0.1
-"""Time constant of the share of bad samples, s."""
+BAD_MEMORY = 50
+"""Samples over which the share of bad ones is counted, good and bad alike: by chance the share of the last 50 is off by
+0.05, so that a stream with 30 % of them is never taken for one with half, at any rate."""
 LARGEST_BAD_SHARE = 0.5
 """More than this share of bad samples leaves gaps longer than an impact."""
 
@@ -51,6 +59,10 @@ TURN_TIME_S = 0.1
 TURN_FORGETTING_S = 2.0
 TURN_EVIDENCE_RAD2_S = 4.0
 """Integral of the squared rate that the gyro claims, from which on it can be judged: 2 rad/s for 1 s."""
+MOST_EVIDENCE = 2.0
+"""Evidence is remembered up to so many times what is needed: a wrong unit must not outlive itself by its size."""
+CLAIM_RAD_S = 0.1
+"""Mean rate below which the gyro claims no turning, and so nothing that gravity could contradict, rad/s. Assumed."""
 LEAST_TURN_RATIO = 0.15
 """Least share of the claimed turning that gravity must show; deg/s for rad/s shows 1/57."""
 LARGEST_OPPOSED_RATIO = -0.5
@@ -77,6 +89,9 @@ class ImuTrouble(enum.Enum):
     BAD_SAMPLES = "too many samples that are not finite, out of range, late or repeated"
     CLIPPED = "at the end of its range most of the time"
     RATE = "its rate is far from the one configured, or too low to see an impact"
+
+
+_OFF_LEVEL = (ImuTrouble.TOO_SMALL, ImuTrouble.TOO_LARGE)
 
 
 @dataclass(frozen=True)
@@ -108,6 +123,8 @@ class ImuWatch:
         self._fresh_ns = 0
         self._before_ns = 0
         self._rates_hz = (0.0, 0.0)
+        self._step: tuple[tuple[float, float, float], int] | None = None
+        self._last = (0.0, 0.0, 0.0)
         self._forget_turning()
 
     @property
@@ -142,7 +159,15 @@ class ImuWatch:
             f"for any from {LEAST_RATE_HZ:.0f} Hz"
         )
 
-    def observe(self, sample: ImuSample, admission: Admission, rate_hz: float, published_hz: float = 0.0) -> bool:
+    def observe(
+        self,
+        sample: ImuSample,
+        admission: Admission,
+        rate_hz: float,
+        published_hz: float = 0.0,
+        *,
+        stands: bool = False,
+    ) -> bool:
         """Take the next sample and what the gate said of it; return whether it may be used to detect anything.
 
         Args:
@@ -150,13 +175,14 @@ class ImuWatch:
             admission: What the gate said.
             rate_hz: Of readings that differ, Hz; 0: not known.
             published_hz: Of stamps, with readings that are repeated, Hz; 0: as `rate_hz`.
+            stands: Whether the foot is known to stand.
 
         """
         if self.trouble is not ImuTrouble.RATE:
             self._rates_hz = (rate_hz, published_hz)
         time_ns = sample.time_ns
         if admission in BAD:
-            self._bad_share += (1.0 - self._bad_share) * 0.05
+            self._bad_share += (1.0 - self._bad_share) / BAD_MEMORY
             if self._bad_share > LARGEST_BAD_SHARE:
                 self._note(ImuTrouble.BAD_SAMPLES, max(time_ns, self._before_ns))
             return False
@@ -166,27 +192,54 @@ class ImuWatch:
             self._before_ns = time_ns
         interval_s = min(0.1, (time_ns - self._before_ns) / NANOSECONDS_PER_SECOND)
         self._before_ns = time_ns
-        self._bad_share -= self._bad_share * interval_s / (interval_s + BAD_TIME_S)
-        seen = (
-            self._frozen(sample)
-            if admission is Admission.HELD
-            else self._fresh(sample, interval_s, rate_hz, published_hz)
-        )
+        self._bad_share -= self._bad_share / BAD_MEMORY
+        if admission is Admission.HELD:
+            seen = self._frozen(sample)
+        else:
+            self._look_for_step(sample, stands=stands)
+            seen = self._fresh(sample, interval_s, rate_hz, published_hz)
         if seen is None and (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < CHECK_S:
             seen = ImuTrouble.CHECKING
         if seen is not None:
             self._note(seen, time_ns)
         elif self._seen is not None:
-            # What was wrong a moment ago is believed again when it has been right for a while.
-            quarantine_s = self.settings.recover_s if self._believed_once else 0.0
-            if (time_ns - self._seen_ns) / NANOSECONDS_PER_SECOND >= quarantine_s:
-                self._seen = self.trouble = None
-                self._believed_once = True
+            self._believe_again(time_ns)
         return self.trouble is None and admission is not Admission.HELD
+
+    def _believe_again(self, time_ns: int) -> None:
+        """Believe what was wrong a moment ago once it has been right for a while."""
+        quarantine_s = self.settings.recover_s if self._believed_once else 0.0
+        if (time_ns - self._seen_ns) / NANOSECONDS_PER_SECOND >= quarantine_s:
+            if self.trouble in (ImuTrouble.TURNING, ImuTrouble.FRAME):
+                self._forget_turning()
+            self._seen = self.trouble = None
+            self._believed_once = True
 
     def _note(self, trouble: ImuTrouble, time_ns: int) -> None:
         self._seen = self.trouble = trouble
         self._seen_ns = time_ns
+
+    def _look_for_step(self, sample: ImuSample, *, stands: bool) -> None:
+        """Let the mean begin anew where readings at rest step to far below gravity, and no motion explains it.
+
+        Who leaves the ground pushes off, or turns, or is let down over some milliseconds. The foot of a robot that
+        stands does not fall from one sample to the next; and nothing that falls reads 1/9.8 of what it read before.
+        """
+        force = (sample.force_x, sample.force_y, sample.force_z)
+        last, self._last = self._last, force
+        if math.hypot(*force) >= LEAST_LEVEL_M_S2 or math.hypot(*sample[4:]) >= STILL_RAD_S:
+            self._step = None
+            return
+        if self._step is None:
+            rests = self._unrest_m_s2 < QUIET_M_S2
+            if rests and self._direction and abs(math.hypot(*last) - STANDARD_GRAVITY_M_S2) < QUIET_M_S2:
+                self._step = (last, 1)
+            return
+        before, samples = self._step
+        self._step = (before, samples + 1)
+        in_g = math.dist(force, [each / STANDARD_GRAVITY_M_S2 for each in before]) < UNIT_M_S2
+        if samples + 1 == STEPPED_SAMPLES and self._believed_once and (stands or in_g):
+            self._level_m_s2 = math.hypot(*force)
 
     def _frozen(self, sample: ImuSample) -> ImuTrouble | None:
         if sample.force_x == sample.force_y == sample.force_z == 0.0:
@@ -214,6 +267,8 @@ class ImuWatch:
         # has stood for a moment may fall.
         seen_s = (sample.time_ns - (self._begin_ns or 0)) / NANOSECONDS_PER_SECOND
         level_time_s = LEVEL_TIME_S if self._believed_once else min(LEVEL_TIME_S, max(CHECK_S, seen_s))
+        if self._seen in _OFF_LEVEL and abs(force - STANDARD_GRAVITY_M_S2) < QUIET_M_S2:
+            level_time_s = CHECK_S  # it reads gravity again: what it read before says nothing more
         self._level_m_s2 += (force - self._level_m_s2) * interval_s / (interval_s + level_time_s)
         if self._level_m_s2 < LEAST_LEVEL_M_S2:
             return ImuTrouble.TOO_SMALL
@@ -281,7 +336,11 @@ class ImuWatch:
             turns = ((n[0] - d[0]) / TURN_TIME_S, (n[1] - d[1]) / TURN_TIME_S, (n[2] - d[2]) / TURN_TIME_S)
             self._claimed_squared += interval_s * (c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
             self._shown += interval_s * (c[0] * turns[0] + c[1] * turns[1] + c[2] * turns[2])
-        if self._claimed_squared < TURN_EVIDENCE_RAD2_S:
+        most = TURN_EVIDENCE_RAD2_S * MOST_EVIDENCE
+        if self._claimed_squared > most:
+            self._shown *= most / self._claimed_squared
+            self._claimed_squared = most
+        if self._claimed_squared < TURN_EVIDENCE_RAD2_S or c[0] * c[0] + c[1] * c[1] + c[2] * c[2] < CLAIM_RAD_S**2:
             return None
         ratio = self._shown / self._claimed_squared
         if ratio < LARGEST_OPPOSED_RATIO:
