@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from jammkle_bringup.core import supervisor as supervisor_module
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 
 if TYPE_CHECKING:
@@ -99,6 +100,22 @@ def test_a_killed_process_is_named_with_its_signal() -> None:
         death = supervisor.first_death()
     assert death is not None
     assert "SIGKILL" in death.text()
+
+
+def test_a_death_does_not_quote_what_was_said_long_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error that was cleared an hour ago is not why a process was killed."""
+    lines, passed_s = Lines(), [0.0]
+    steady_s = time.monotonic
+    monkeypatch.setattr(supervisor_module.time, "monotonic", lambda: steady_s() + passed_s[0])
+    with Supervisor([spec("driver", OBEDIENT)], lines.take) as supervisor:
+        while not lines.ready("driver"):
+            time.sleep(0.01)
+        passed_s[0] = 3600.0
+        os.kill(supervisor.process_ids()["driver"], signal.SIGKILL)
+        death = None
+        while death is None:
+            death = supervisor.first_death()
+    assert death.text() == "driver died with signal SIGKILL"
 
 
 WAITING_FOR = """

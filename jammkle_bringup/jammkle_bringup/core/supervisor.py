@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 STOP_TIMEOUT_S = 5.0
 """How long a process may take to end after SIGTERM before it is killed. Assumed; nodes need about 0.2 s."""
 
+LAST_WORDS_S = 5.0
+"""What a process said longer than this before its end, s, is not about it: an error of an hour ago may be long cleared.
+Chosen: a traceback comes milliseconds before, and who hangs before it ends does so for a few seconds."""
+
 _KEPT_LINES = 5
 _READER_TIMEOUT_S = 1.0
 _TETHER = Path(tether.__file__)
@@ -48,14 +52,17 @@ class ChildSpec:
 
 @dataclass(frozen=True)
 class Death:
-    """A process that ended without being asked to, or badly when asked. `last_lines` is the end of its output."""
+    """A process that ended without being asked to, or badly when asked.
+
+    `last_lines` is the end of its output, as far as it said that within `LAST_WORDS_S` before its end.
+    """
 
     name: str
     exit_code: int
     last_lines: tuple[str, ...]
 
     def text(self) -> str:
-        """Return one line for people: who, how, and the last thing it said."""
+        """Return one line for people: who, how, and the last thing it said, where that was at its end."""
         said = f"; it said: {self.last_lines[-1]}" if self.last_lines else ""
         return f"{self.name} died with {exit_text(self.exit_code)}{said}"
 
@@ -82,7 +89,8 @@ class _Child:
     def __init__(self, spec: ChildSpec, on_line: Callable[[str, str], None], *, held: bool) -> None:
         self.spec = spec
         command = held_command(spec.command) if held else spec.command
-        self._lines: collections.deque[str] = collections.deque(maxlen=_KEPT_LINES)
+        self._lines: collections.deque[tuple[float, str]] = collections.deque(maxlen=_KEPT_LINES)
+        self._ended_s: float | None = None
         self._on_line = on_line
         self.process = subprocess.Popen(  # noqa: S603 - the command is the caller's own, and no shell reads it
             # -S and -E: the tether needs the standard library only, and starts in a few milliseconds that way
@@ -104,8 +112,9 @@ class _Child:
         for line in self.process.stdout:
             stripped = line.rstrip()
             if stripped:
-                self._lines.append(stripped)
+                self._lines.append((time.monotonic(), stripped))
                 self._on_line(self.spec.name, stripped)
+        self._ended_s = time.monotonic()
 
     def release(self) -> None:
         """Let a process start that was held; one that has died meanwhile is told of later."""
@@ -118,7 +127,9 @@ class _Child:
     def death(self) -> Death:
         """Return how the ended process ended, after all that it said was read."""
         self._read_to_the_end()
-        return Death(self.spec.name, self.process.returncode, tuple(self._lines))
+        ended_s = time.monotonic() if self._ended_s is None else self._ended_s
+        last = tuple(line for said_s, line in tuple(self._lines) if ended_s - said_s <= LAST_WORDS_S)
+        return Death(self.spec.name, self.process.returncode, last)
 
     def ask_to_end(self) -> None:
         """Send SIGTERM to what still runs."""
