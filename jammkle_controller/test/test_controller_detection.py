@@ -10,9 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.detector_settings import Mount, Phase
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.core.offered import OFFERS, Detection, not_felt
+from jammkle_controller.core.sole import SoleFilter
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.settings import controller_settings
 
 LANDING = [ContactKind.LIFTOFF, ContactKind.IMPACT, ContactKind.SETTLED]
 GRAVITY_M_S2 = 9.80665
@@ -208,6 +212,22 @@ def test_sliding_down_a_slope_is_one_slip(streams: Any, friction: float, turn: i
     assert events[0].magnitude > 0.025
     assert 0.0 < events[0].detection_delay_s <= after_s + 0.002
     assert events[0].unit == "m/s"
+
+
+@pytest.mark.parametrize(("upward", "slips"), [(0.98, False), (0.3, True), (-0.6, True)])
+def test_a_sole_that_goes_up_does_not_slide(
+    streams: Any, monkeypatch: pytest.MonkeyPatch, upward: float, *, slips: bool
+) -> None:
+    """Before a hind foot is lifted its sole comes up at 0.13 m/s, which looks like sliding; who slides goes along."""
+
+    def follow(sole: SoleFilter, *_: object) -> None:
+        sole.speed_m_s, sole.upward, sole.direction = 0.13, upward, (math.sqrt(1.0 - upward**2), 0.0, upward)
+
+    monkeypatch.setattr(SoleFilter, "follow", follow)
+    monkeypatch.setattr(SoleFilter, "update", lambda *_: 0.9)
+    controller = AnkleController(controller_settings(ControllerParameters(imu_mount="shank")))
+    kinds = [event.kind for event in streams.events_of(streams.sense(streams.rest(0.5), 500), controller)]
+    assert (ContactKind.SLIP in kinds) is slips
 
 
 def test_pushing_off_is_no_slip(streams: Any) -> None:

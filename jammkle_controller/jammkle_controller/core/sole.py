@@ -50,7 +50,7 @@ class SoleFilter:
         self._landed_ns = 0
         self.direction: Vector = (0.0, 0.0, 0.0)
         self.speed_m_s = 0.0
-        self._up = 0.0
+        self.upward = 0.0
 
     @property
     def probability(self) -> float:
@@ -83,7 +83,7 @@ class SoleFilter:
         scale = 1.0 / (speed + 1e-9)
         self.direction = (sx * scale, sy * scale, sz * scale)
         weight = math.sqrt(gx * gx + gy * gy + gz * gz) or 1.0
-        self._up = (self.direction[0] * gx + self.direction[1] * gy + self.direction[2] * gz) / weight
+        self.upward = (self.direction[0] * gx + self.direction[1] * gy + self.direction[2] * gz) / weight
 
     def features(self, time_ns: int, motion: Motion, swing: float) -> tuple[float, ...]:
         """Return what the probability is made of."""
@@ -95,7 +95,7 @@ class SoleFilter:
             load,
             long_unrest,
             math.log10(_SPEED_FLOOR_M_S + self.speed_m_s),
-            self._up,
+            self.upward,
             math.log(swing / (1.0 - swing)),
             min(_LONGEST_S, (time_ns - self._landed_ns) / NANOSECONDS_PER_SECOND),
         )
