@@ -6,11 +6,14 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.table import Table
 
 from jammkle_contact.picture import draw
 from jammkle_contact.recording import Joints, Recording, TableFormat, read_bag, read_table
 from jammkle_contact.replay import Replay, replay
+from jammkle_controller.core.detector_settings import Mount
+from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_graph.command.errors import InputError
 from jammkle_graph.command.results import check_writable, console, write_json
@@ -23,6 +26,12 @@ if TYPE_CHECKING:
 _LEAST_USED = 0.1
 """Share of the samples that must be usable. Assumed: a topic that repeats every row nine times is still an IMU."""
 _TABLES = (".csv", ".txt", ".tsv")
+SHAKEN_M_S2 = 1.0
+"""Root mean square of the specific force about its mean over `SHAKEN_WINDOW_S`, m/s^2, from which on a foot moves: one
+that stands is shaken by some tenths."""
+SHAKEN_WINDOW_S = 0.5
+LEAST_SHAKEN_S = 2.0
+"""A foot that moves for so long without a step is doubted, s: two strides or more."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +83,7 @@ def detect(request: DetectRequest) -> int:
         raise InputError(msg) from error
     write_json(events, content)
     write_json(request.json, content)
-    _show(recording, made, events, picture)
+    _show(recording, made, content["doubt"], events, picture)
     return 0
 
 
@@ -168,10 +177,37 @@ def as_dict(recording: Recording, made: Replay, parameters: ControllerParameters
         "unavailable": [
             {"time_s": (at_ns - begin_ns) / NANOSECONDS_PER_SECOND, "why": why} for at_ns, why in made.troubles
         ],
+        "doubt": doubt_of(recording, made, parameters),
     }
 
 
-def _show(recording: Recording, made: Replay, events: Path, picture: Path) -> None:
+def doubt_of(recording: Recording, made: Replay, parameters: ControllerParameters) -> str:
+    """Return why events may be missing that nothing else explains; empty: no reason is known.
+
+    Steps of a foot or shank are recognised by how it turns and jerks as it swings. One that is shaken for long without
+    a single step either does not step, or steps as none of those did that the detectors learned from.
+    """
+    steps = any(event.kind in (ContactKind.IMPACT, ContactKind.LIFTOFF) for event in made.events)
+    if steps or parameters.imu_mount == Mount.BODY.value:
+        return ""
+    table = np.array(recording.samples(), dtype=float)
+    window = np.floor((table[:, 0] - table[0, 0]) / (SHAKEN_WINDOW_S * NANOSECONDS_PER_SECOND)).astype(int)
+    force_m_s2 = np.linalg.norm(table[:, 1:4], axis=1)
+    count = np.maximum(np.bincount(window), 1)
+    mean = np.bincount(window, force_m_s2) / count
+    rms_m_s2 = np.sqrt(np.bincount(window, np.square(force_m_s2 - mean[window])) / count)
+    shaken_s = SHAKEN_WINDOW_S * int(np.sum(rms_m_s2 > SHAKEN_M_S2))
+    if shaken_s < LEAST_SHAKEN_S:
+        return ""
+    turning_rad_s = float(np.percentile(np.linalg.norm(table[:, 4:], axis=1), 95.0))
+    return (
+        f"the IMU was shaken for {shaken_s:g} s and no step was recognised; at 95 % of the samples it turned by less "
+        f"than {turning_rad_s:.2g} rad/s, and a {parameters.imu_mount} that hardly turns as it swings is not "
+        "recognised: its contact needs a switch, the load, efforts or the gait"
+    )
+
+
+def _show(recording: Recording, made: Replay, doubt: str, events: Path, picture: Path) -> None:
     screen = console()
     counts = Counter(event.kind.value for event in made.events)
     table = Table("event", "count", title=f"{recording.name}: {made.counts.usable} samples used")
@@ -181,4 +217,6 @@ def _show(recording: Recording, made: Replay, events: Path, picture: Path) -> No
     for _, why in made.troubles[-1:]:
         if why:
             screen.print(f"detection was unavailable at the end: {why}")
+    if doubt:
+        screen.print(f"doubt: {doubt}")
     screen.print(f"events: {events}\npicture: {picture}")

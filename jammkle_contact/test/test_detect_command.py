@@ -45,6 +45,40 @@ def test_a_table_in_g_is_read_and_its_fall_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("mount", "shaken_m_s2", "doubted"), [("foot", 2.0, True), ("foot", 0.1, False), ("body", 2.0, False)]
+)
+def test_a_foot_that_moves_without_a_step_is_doubted(
+    tmp_path: Path, mount: str, shaken_m_s2: float, *, doubted: bool
+) -> None:
+    """A foot that goes up and down and does not turn gives no event; it is said that steps may be missing, and why."""
+    time_s = np.arange(0.0, 5.0, 0.002)
+    rows = np.zeros((len(time_s), 6))
+    rows[:, 2] = 9.81 + shaken_m_s2 * np.sin(2.0 * np.pi * 2.0 * time_s) * (time_s > 1.0)
+    rows += np.random.default_rng(1).normal(0.0, 0.02, rows.shape)
+    np.savetxt(tmp_path / "foot.csv", rows, delimiter=",")
+    answer = detect(tmp_path / "foot.csv", "--rate-hz", 500, "--mount", mount, "-o", tmp_path / "out")
+    assert answer.returncode == 0, answer.stderr
+    found = json.loads((tmp_path / "out" / "events.json").read_text())
+    assert [event["kind"] for event in found["events"] if event["kind"] in {"impact", "lift-off"}] == []
+    assert bool(found["doubt"]) is doubted
+    assert ("doubt: " in answer.stdout + answer.stderr) is doubted
+
+
+@pytest.mark.parametrize(("rate_hz", "refused"), [(250, False), (2000, True)])
+def test_a_rate_that_is_refused_is_named_with_the_one_that_was_measured(
+    tmp_path: Path, rate_hz: int, *, refused: bool
+) -> None:
+    """Rows at 250 Hz that repeat each reading three times are 250 Hz as configured; else both rates are said."""
+    rows = np.repeat([[0.0, 0.0, 9.81, 0.0, 0.0, 0.0]] * 250, 3, axis=0)
+    rows += np.repeat(np.random.default_rng(1).normal(0.0, 0.02, (250, 6)), 3, axis=0)
+    np.savetxt(tmp_path / "foot.csv", rows, delimiter=",")
+    answer = detect(tmp_path / "foot.csv", "--rate-hz", 250, "--set", f"imu_rate_hz={rate_hz}", "-o", tmp_path / "out")
+    said = " ".join((answer.stdout + answer.stderr).split())
+    assert ("detection was unavailable" in said) is refused
+    assert all(f"{each} Hz" in said for each in (83, 250, 2000)) is refused
+
+
+@pytest.mark.parametrize(
     ("extra", "named"),
     [
         (("--rate-hz", 500, "--force-unit", "kg"), "m/s^2, g"),
