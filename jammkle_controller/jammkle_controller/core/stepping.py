@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from jammkle_controller.core.density_ratio import learned
 from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
-from jammkle_controller.core.slip import UPWARD
 from jammkle_controller.core.sole import SoleFilter
 from jammkle_controller.core.swing import SwingFilter
 from jammkle_controller.core.touchdown import TouchdownDetector
@@ -121,8 +120,7 @@ class SteppingFoot:
             self._slide_since_ns = time_ns
         # Outside of what it was learned from, such as at perfect rest, the posterior may say anything.
         creeps = sole.speed_m_s < self.settings.slip.speed_m_s
-        rises = sole.upward > UPWARD
-        if self._sliding or creeps or rises or probability < least:
+        if self._sliding or creeps or sole.is_lifted or probability < least:
             self._sliding &= probability > 1.0 - least
             return None
         self._sliding = True
