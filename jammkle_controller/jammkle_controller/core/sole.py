@@ -21,7 +21,7 @@ STRAIGHT_UP = 0.95
 LEAST_ALONG_M_S = 0.04
 """Speed along the ground below which a sole that goes up is being lifted, m/s: a slide of 0.1 s is then of 4 mm, less
 than which nobody need act on. With both, on 48 drawn walks that are in no trial, 62 of 120 slips were felt, without 63,
-and 157 false ones were told, without 184; of 34 in a default walk of 10 s of the hind feet two were left."""
+and 157 false ones reported, without 184; of 34 in a default walk of 10 s of the hind feet two were left."""
 _SPEED_FLOOR_M_S = 0.003
 """Added before the logarithm, m/s: what noise and bias of a common sensor make over a stance."""
 _LONGEST_S = 0.5

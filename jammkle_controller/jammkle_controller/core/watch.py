@@ -41,8 +41,8 @@ DEAD_SAMPLES = 3
 """As many readings of exactly zero on three axes are a dead sensor: in free fall there is noise and bias."""
 
 BAD_MEMORY = 50
-"""Samples over which the share of bad ones is counted, good and bad alike: by chance the share of the last 50 is off by
-0.05, so that a stream with 30 % of them is never taken for one with half, at any rate."""
+"""Samples over which the share of bad ones is counted, good ones and bad ones: by chance that is off by 0.05, so that a
+stream with 30 % of them is never taken for one with half, at any rate."""
 LARGEST_BAD_SHARE = 0.5
 """More than this share of bad samples leaves gaps longer than an impact."""
 
