@@ -12,7 +12,6 @@ setup(
     name=NAME,
     version=VERSION,
     packages=find_packages(exclude=["test"]),
-    package_data={f"{NAME}.paper": ["*.j2"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -27,7 +26,6 @@ setup(
     entry_points={
         "console_scripts": ["robot = jammkle_sim.robot.__main__:main", "sim = jammkle_sim.__main__:main"],
         "jammkle.commands": [
-            "paper = jammkle_sim.commands:app",
             "rig = jammkle_sim.commands:app",
             "robot = jammkle_sim.commands:app",
             "urdf = jammkle_sim.commands:app",

@@ -36,7 +36,7 @@ ELSEWHERE: dict[str, str] = {
     r"(\.venv/bin/)?jammkle demo": _LANDING,
     r"jammkle record -o runs/(my_bag|quadruped)$": "jammkle_bringup/test/test_bringup_recorder.py",
     r"jammkle recover": "jammkle_bringup/test/test_bringup_recovery.py",
-    r"jammkle paper": "jammkle_sim/test/test_paper_command.py",
+    r"python -m studies\.paper\.printed_constants": "studies/paper/test/test_printed_constants.py",
     r"jammkle contact ": _CONTACT,
     r"jammkle gap blind|python docs/examples/blind_external.py": _TRIAL,
     r"jammkle gap diagnose runs/leaking": _DIAGNOSIS,

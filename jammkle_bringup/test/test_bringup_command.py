@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 COMMANDS = (
-    "up", "jam", "unjam", "status", "record", "info", "recover", "export", "plot", "rig", "rig tensile", "paper",
+    "up", "jam", "unjam", "status", "record", "info", "recover", "export", "plot", "rig", "rig tensile",
     "demo", "gap", "gap diagnose", "gap effects", "gap blind", "gap blind make", "gap blind run",
     "gap blind score", "gap blind standard",
 )  # fmt: skip
@@ -156,10 +156,6 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
             ("--edge-friction is 0.8", "wedges", "--edge-friction of 0.31"),
         ),
         ("rig slip -o {folder}/bag --namespace 1st", ("1st", "lf_ankle")),
-        ("paper -o {folder}/page --repeats 1", ("--repeats", "1", "2 to 1000")),
-        ("paper -o {folder}/page --seed -1", ("--seed", "-1")),
-        ("paper -o {folder}/text.yaml", ("text.yaml",)),
-        ("paper -o {folder}/page --json {folder}/no/where.json", ("where.json", "no folder")),
         ("dance", ("dance",)),
         ("jam --fast", ("--fast",)),
     ],

@@ -17,7 +17,7 @@ from jammkle_reality.record import Plan
 from jammkle_reality.regulator import together
 from jammkle_reality.tendon import TendonState, tendon_history, tendon_law, tendon_state
 from jammkle_reality.tensile import tensile
-from jammkle_sim.paper_tables import TENSILE_ROWS, PaperRow
+from studies.paper.tables import TENSILE_ROWS, PaperRow
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

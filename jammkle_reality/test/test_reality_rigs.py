@@ -15,7 +15,7 @@ from jammkle_reality.machine import Machine
 from jammkle_reality.options import BadPlanError
 from jammkle_reality.record import Plan, RealRun
 from jammkle_reality.run import run
-from jammkle_sim.paper_tables import DROP_ROWS, SIGNIFICANT, PaperRow
+from studies.paper.tables import DROP_ROWS, SIGNIFICANT, PaperRow
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -10,8 +10,8 @@ import pytest
 
 from jammkle_graph import constants
 from jammkle_sim import physics
-from jammkle_sim.fit.unknowns import UNKNOWNS
-from jammkle_sim.paper_tables import ROWS
+from studies.paper.refit import UNKNOWNS
+from studies.paper.tables import ROWS
 
 FOLDER = Path(physics.__file__).parent
 UNIT_IN_NAME = re.compile(r"_(m|m2|m3|s|pa|n|kg|rad|deg|hz|n_m|n_m3|m_s|m_s2|n_m_s|n_s_m|rad_s|n_per_pa|j_kg|k|m3_s)$")

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jammkle_sim.paper_tables import is_reproduced
 from jammkle_sim.physics.constants import Fibre, tendon_parameters
 from jammkle_sim.physics.tendon import Tendon
+from studies.paper.tables import is_reproduced
 
 DT_S = 0.0005
 MULTI, A30, A85 = Fibre.MULTI_MATERIAL, Fibre.SHORE_A30, Fibre.SHORE_A85

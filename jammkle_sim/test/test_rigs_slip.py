@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from jammkle_graph.parameters import ParameterError, from_mapping, rows
-from jammkle_sim.paper_tables import SIGNIFICANT, are_similar
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs import slip
 from jammkle_sim.rigs.catalogue import run_rig, scattered
@@ -19,6 +18,7 @@ from jammkle_sim.rigs.run import run
 from jammkle_sim.rigs.simulation import OverloadError, Simulation, UnstableSimulationError
 from jammkle_sim.rigs.slip import SlipOptions
 from jammkle_sim.rigs.wedging import Footing
+from studies.paper.tables import SIGNIFICANT, are_similar
 
 if TYPE_CHECKING:
     from jammkle_sim.rigs.run import RigRun

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from jammkle_graph.parameters import ParameterError, from_mapping
-from jammkle_sim.paper_tables import is_reproduced
 from jammkle_sim.physics.constants import TENDON_SETS
 from jammkle_sim.physics.materials.elastic import force_table_n
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 from jammkle_sim.rigs.tensile import TensileOptions
+from studies.paper.tables import is_reproduced
 
 if TYPE_CHECKING:
     from jammkle_sim.rigs.run import RigRun

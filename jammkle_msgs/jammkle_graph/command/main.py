@@ -67,20 +67,31 @@ class _UsageProblem(Protocol):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command and return its exit code: 0 done, 1 failed, 2 bad input, 130 interrupted."""
+    """Run the `jammkle` command and return its exit code."""
+    return run(app, arguments)
+
+
+def run(command: typer.Typer, arguments: list[str] | None = None) -> int:
+    """Run a command line and return its exit code: 0 done, 1 failed, 2 bad input, 130 interrupted.
+
+    Args:
+        command: With its arguments and what they do.
+        arguments: Words after the program's name; None: those of this process.
+
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a name of a file may be no text
     stdout = sys.stdout
     try:
-        return _run(arguments)
+        return _run(command, arguments)
     finally:
         sys.stdout = stdout  # `--json -` has taken it
 
 
-def _run(arguments: list[str] | None) -> int:
+def _run(command: typer.Typer, arguments: list[str] | None) -> int:
     try:
-        code: Any = app(arguments, standalone_mode=False)
+        code: Any = command(arguments, standalone_mode=False)
     except InputError as error:
         return failed(str(error), EXIT_BAD_INPUT)
     except GraphError as error:

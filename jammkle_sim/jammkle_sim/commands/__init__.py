@@ -1,16 +1,14 @@
-"""Arguments of `jammkle rig`, `robot`, `urdf` and `paper`. What they do stands in modules of their own."""
+"""Arguments of `jammkle rig`, `robot` and `urdf`. What they do stands in modules of their own."""
 
 # ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for NumPy and Matplotlib
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from jammkle_graph.command.options import WITHOUT_A_ROBOT, JsonOption
-from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
+from jammkle_graph.command.options import WITHOUT_A_ROBOT
 from jammkle_graph.namespace import normalised
 from jammkle_sim.commands.robot_options import RobotRequest, robot_command
 from jammkle_sim.robots.options import ROBOTS, ImuPlace
@@ -56,22 +54,3 @@ def urdf(
     from jammkle_sim.commands.urdf_made import urdf as write
 
     return write(robot, normalised(namespace), {"imu": imu, "payload_kg": payload_kg})
-
-
-@app.command(rich_help_panel=WITHOUT_A_ROBOT)
-def paper(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.", metavar="DIR")
-    ] = Path("runs/paper"),
-    repeats: Annotated[int, typer.Option(help=f"Scattered repeats of each test, 2 to {MAX_REPEATS}.")] = 5,
-    seed: Annotated[int, typer.Option(help=f"Seed of scatter and noise, 0 to {MAX_SEED}.")] = 0,
-    refit: Annotated[  # noqa: FBT002 - a switch of the command line
-        bool, typer.Option("--refit", help="Fit the tendon's constants again first; exit 1 if others come out.")
-    ] = False,
-    json: JsonOption = None,
-) -> int:
-    """Run every test of the paper and write a page with its tables and figures beside the simulation."""
-    from jammkle_sim.commands.paper_run import PaperRequest
-    from jammkle_sim.commands.paper_run import paper as compare
-
-    return compare(PaperRequest(output, json, refit, repeats, seed))

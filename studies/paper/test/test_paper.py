@@ -1,4 +1,4 @@
-"""`jammkle paper`: numbers compared as stated, every row and figure on the page, results for machines."""
+"""`make paper`: numbers compared as stated, every row and figure on the page, results for machines."""
 
 from __future__ import annotations
 
@@ -18,14 +18,18 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_graph.command.main import main
+from jammkle_graph.command.main import run
 from jammkle_graph.command.signals import Interrupted
 from jammkle_graph.parameters import ParameterError
-from jammkle_sim.commands import paper_run as paper_command
-from jammkle_sim.fit.reasons import REASONS
-from jammkle_sim.paper.comparison import Outcomes, RowComparison, Statistic, compare_claims
-from jammkle_sim.paper.deformation import deformation
-from jammkle_sim.paper.experiments import (
+from jammkle_sim.physics.ankle import AnkleParameters
+from jammkle_sim.physics.constants import TENDON_SETS
+from jammkle_sim.rigs.slip import SlipOptions
+from jammkle_sim.rigs.wedging import Footing
+from studies.paper import __main__ as paper_command
+from studies.paper.comparison import Outcomes, RowComparison, Statistic, compare_claims
+from studies.paper.figures import deformation
+from studies.paper.reasons import REASONS
+from studies.paper.runs import (
     ENERGY,
     PARAMETER_SETS,
     ROW_EXPERIMENTS,
@@ -33,18 +37,18 @@ from jammkle_sim.paper.experiments import (
     SLIP_JAMMED,
     SLIP_RIGID,
     SLIP_UNJAMMED,
+    Curve,
+    Outcome,
+    Task,
+    run_all,
+    run_task,
 )
-from jammkle_sim.paper.runs import Curve, Outcome, Task, run_all, run_task
-from jammkle_sim.paper_tables import DROP_ROWS, ROWS, SLIP_CLAIMS, TENSILE_ROWS, paper_row
-from jammkle_sim.physics.ankle import AnkleParameters
-from jammkle_sim.physics.constants import TENDON_SETS
-from jammkle_sim.rigs.slip import SlipOptions
-from jammkle_sim.rigs.wedging import Footing
+from studies.paper.tables import DROP_ROWS, ROWS, SLIP_CLAIMS, TENSILE_ROWS, paper_row
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-TABLES = Path(__file__).parents[3] / "shared" / "paper" / "tables.yaml"
+TABLES = Path(__file__).parents[4] / "shared" / "paper" / "tables.yaml"
 """The paper's numbers as they were handed over, where they lie beside the checkout."""
 NO_CURVE = Curve(np.array([0.0, 20.0, 0.0]), np.array([0.0, 10.0, 0.0]))
 
@@ -83,7 +87,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, An
     folder = tmp_path_factory.mktemp("paper") / "new"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper_command, "run_all", made_up_all)
-        assert main(["paper", "-o", str(folder), "--repeats", "2", "--json", str(folder / "paper.json")]) == 0
+        assert run(paper_command.app, ["-o", str(folder), "--repeats", "2", "--json", str(folder / "paper.json")]) == 0
     content = json.loads((folder / "paper.json").read_text())
     return (folder / "paper.html").read_text(), content
 
@@ -288,3 +292,24 @@ def test_every_experiment_is_one_that_its_rig_accepts() -> None:
             assert experiment.options(parameter_set, 5).seed == 5
         with pytest.raises(ParameterError, match="parameter_set"):
             experiment.options("guessed", 5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("-o {folder}/page --repeats 1", ("--repeats", "1", "2 to 1000")),
+        ("-o {folder}/page --seed -1", ("--seed", "-1")),
+        ("-o {folder}/text.yaml", ("text.yaml",)),
+        ("-o {folder}/page --json {folder}/no/where.json", ("where.json", "no folder")),
+    ],
+)
+def test_bad_input_gets_one_line_and_two(
+    arguments: str, words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, one line that names the value and what would be right, and nothing is written."""
+    (tmp_path / "text.yaml").write_text("no: folder\n")
+    before = sorted(tmp_path.rglob("*"))
+    assert run(paper_command.app, [part.format(folder=tmp_path) for part in arguments.split()]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert all(word in line for word in words)
+    assert sorted(tmp_path.rglob("*")) == before

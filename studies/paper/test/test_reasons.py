@@ -6,9 +6,11 @@ import dataclasses
 
 import pytest
 
-from jammkle_sim.fit.reasons import REASONS, Miss, reason
-from jammkle_sim.fit.rows import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
-from jammkle_sim.paper_tables import (
+from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
+from jammkle_sim.rigs.catalogue import RIGS, run_rig
+from studies.paper.reasons import REASONS, Miss, reason
+from studies.paper.reference import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
+from studies.paper.tables import (
     DROP_ROWS,
     ROWS,
     SIGNIFICANT,
@@ -17,8 +19,6 @@ from jammkle_sim.paper_tables import (
     is_reproduced,
     paper_row,
 )
-from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
-from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
 FITTED, PRINTED = TENDON_SETS["fitted"], TENDON_SETS["as_printed"]
 FOOT_OF_ROW = {

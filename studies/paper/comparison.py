@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_sim.paper.experiments import (
+from studies.paper.runs import (
     ENERGY,
     PARAMETER_SETS,
     PEAK_OF_DESCENT,
@@ -18,7 +18,7 @@ from jammkle_sim.paper.experiments import (
     SLIP_RIGID,
     SLIP_UNJAMMED,
 )
-from jammkle_sim.paper_tables import (
+from studies.paper.tables import (
     ROWS,
     SIGNIFICANT,
     SIMILAR,
@@ -31,8 +31,8 @@ from jammkle_sim.paper_tables import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jammkle_sim.paper.runs import Curve, Outcome
-    from jammkle_sim.paper_tables import PaperClaim, PaperRow
+    from studies.paper.runs import Curve, Outcome
+    from studies.paper.tables import PaperClaim, PaperRow
 
 _FEWEST_FOR_SCATTER = 2
 

@@ -7,11 +7,19 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jammkle_sim.fit.reference import rate_ratio, static_force_n
-from jammkle_sim.fit.refit import TOLERANCE, FitResult, Objective, refit, row_results
-from jammkle_sim.fit.rows import NO_MEMBRANE_ROW, TENSILE_ROWS, peak_force_n
-from jammkle_sim.fit.unknowns import HELD_FIXED, UNKNOWNS, values_of, with_values
 from jammkle_sim.physics.constants import TENDON_SETS, Fibre
+from studies.paper.reference import NO_MEMBRANE_ROW, TENSILE_ROWS, peak_force_n, rate_ratio, static_force_n
+from studies.paper.refit import (
+    HELD_FIXED,
+    TOLERANCE,
+    UNKNOWNS,
+    FitResult,
+    Objective,
+    refit,
+    row_results,
+    values_of,
+    with_values,
+)
 
 FITTED = TENDON_SETS["fitted"]
 BREAK_M = FITTED.break_extension_m

@@ -1,45 +1,46 @@
-"""`jammkle paper`: run everything the paper did, compare, and write one page."""
+"""`make paper`: run everything the paper did, compare, and write one page."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.table import Table
 
 from jammkle_graph.command import results
 from jammkle_graph.command.errors import GraphError, InputError
+from jammkle_graph.command.main import run as run_command
+from jammkle_graph.command.options import JsonOption
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.signals import Interrupted, StopRequest
 from jammkle_graph.constants import HELD_VACUUM_PA, MAX_REPEATS, MAX_SEED
 from jammkle_graph.parameters import ParameterError
-from jammkle_sim.fit.reasons import REASONS
-from jammkle_sim.fit.refit import refit
-from jammkle_sim.paper.comparison import Outcomes, compare_claims, compare_rows, slip_statistics
-from jammkle_sim.paper.deformation import deformation
-from jammkle_sim.paper.drawing import SET_NAMES
-from jammkle_sim.paper.experiments import CURVE_EXPERIMENTS, PARAMETER_SETS, ROW_EXPERIMENTS, SLIP_EXPERIMENTS
-from jammkle_sim.paper.figures import pictures
-from jammkle_sim.paper.page import Findings, page
-from jammkle_sim.paper.runs import Task, run_all
-from jammkle_sim.paper_tables import ROWS
 from jammkle_sim.physics.constants import TENDON_SETS
 from jammkle_sim.rigs.simulation import UnstableSimulationError
+from studies.paper.comparison import Outcomes, compare_claims, compare_rows, slip_statistics
+from studies.paper.figures import SET_NAMES, deformation, pictures
+from studies.paper.page import Findings, page
+from studies.paper.reasons import REASONS
+from studies.paper.refit import refit as fit_again
+from studies.paper.runs import CURVE_EXPERIMENTS, PARAMETER_SETS, ROW_EXPERIMENTS, SLIP_EXPERIMENTS, Task, run_all
+from studies.paper.tables import ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
-    from jammkle_sim.fit.refit import FitResult
-    from jammkle_sim.paper.comparison import ClaimComparison, RowComparison
-    from jammkle_sim.paper.runs import Outcome
+    from studies.paper.comparison import ClaimComparison, RowComparison
+    from studies.paper.refit import FitResult
+    from studies.paper.runs import Outcome
 
 PAGE_NAME = "paper.html"
 
 
 @dataclass(frozen=True)
 class PaperRequest:
-    """One call of `jammkle paper`."""
+    """One call of the study."""
 
     folder: Path
     json: Path | None
@@ -48,7 +49,26 @@ class PaperRequest:
     seed: int
 
 
-def paper(request: PaperRequest) -> int:
+app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
+
+
+@app.command()
+def paper(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the page, paper.html.", metavar="DIR")
+    ] = Path("runs/paper"),
+    repeats: Annotated[int, typer.Option(help=f"Scattered repeats of each test, 2 to {MAX_REPEATS}.")] = 5,
+    seed: Annotated[int, typer.Option(help=f"Seed of scatter and noise, 0 to {MAX_SEED}.")] = 0,
+    refit: Annotated[  # noqa: FBT002 - a switch of the command line
+        bool, typer.Option("--refit", help="Fit the tendon's constants again first; exit 1 if others come out.")
+    ] = False,
+    json: JsonOption = None,
+) -> int:
+    """Run every test of the paper and write a page with its tables and figures beside the simulation."""
+    return compare(PaperRequest(output, json, refit, repeats, seed))
+
+
+def compare(request: PaperRequest) -> int:
     """Do everything and return the exit code: 1 if a fit that was asked for does not give the committed constants.
 
     Raises:
@@ -139,7 +159,7 @@ def _fit(stop: Callable[[], bool]) -> FitResult:
                 raise Interrupted
             show(share, "")
 
-        return refit(on_progress)
+        return fit_again(on_progress)
 
 
 def _fit_json(fit: FitResult) -> dict[str, Any]:
@@ -192,3 +212,7 @@ def _show(
 
 def _coloured(text: str, *, good: bool) -> str:
     return f"[{'green' if good else 'red'}]{text}[/]"
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(app))

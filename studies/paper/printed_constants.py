@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap import Constants, Effect, EffectParameter, Library, Problem, Recording, Signal, diagnose
-from jammkle_sim.fit.rows import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
 from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
+from studies.paper.reference import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
