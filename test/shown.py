@@ -40,7 +40,6 @@ ELSEWHERE: dict[str, str] = {
     r"jammkle contact ": _CONTACT,
     r"jammkle gap blind|python docs/examples/blind_external.py": _TRIAL,
     r"jammkle gap diagnose runs/leaking": _DIAGNOSIS,
-    r"python docs/examples/gap_": "jammkle_gap/test/test_examples.py",
     r"jammkle hardware check": _CHECK,
     r"(.*--hardware modbus --port|.*python -m jammkle_sim.board_bench)": _BOARD,
     r"python -m jammkle_driver .*modbus": _BOARD,

@@ -21,7 +21,7 @@ BagArgument = Annotated[Path, typer.Argument(help="The bag: its folder, or one f
 def info(
     bag: BagArgument,
     verbose: Annotated[  # noqa: FBT002 - a switch of the command line
-        bool, typer.Option("--verbose", help="Show all that the recorder added, such as the nodes' parameters.")
+        bool, typer.Option("--all", "--verbose", help="Show all that the recorder added, such as parameters.")
     ] = False,
     json: JsonOption = None,
 ) -> int:

@@ -229,6 +229,8 @@ class Diagnosis:
             if not (hypothesis.reason is chosen.reason and hypothesis.place == chosen.place)
         ]
         lead = counted[best] - max(counted[model] for model in rivals)
+        if chosen.reason is not Reason.VALVE_STUCK_CLOSED:  # what parts a sensor from a valve is no haste for others
+            lead = min(lead, counted[best] - max(self._fair(m, float(bank.scores[m]), changes=0.0) for m in rivals))
         self._leading_s = self._leading_s + duration_s if counted[best] >= THRESHOLD else 0.0
         if self._leading_s < (STEADY_S if lead > LEAD else PATIENCE_S):
             return None
@@ -240,11 +242,12 @@ class Diagnosis:
             self._leading_s = 0.0
         return None
 
-    def _fair(self, model: int, score: float) -> float:
-        """Return what a hypothesis counts for, nats."""
+    def _fair(self, model: int, score: float, changes: float | None = None) -> float:
+        """Return what a hypothesis counts for, nats; `changes` of its reading instead of those that were seen."""
         if self._bank.hypotheses[model].reason is not Reason.SENSOR_STUCK:
             return score
-        changes = float(self._bank.changes_while_stuck[model])
+        if changes is None:
+            changes = float(self._bank.changes_while_stuck[model])
         return score - LEVEL_COST - min(changes * self._bank.scoring.repeat_nats, CHANGES_COST)
 
     def _is_small_drift(self, model: int) -> bool:

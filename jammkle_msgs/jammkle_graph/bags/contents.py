@@ -72,6 +72,10 @@ def contents_of(bag: Path) -> Contents:
         msg = f"{bag} is not a bag: it holds no {metadata.FILE_NAME}, and no file *{' or *'.join(_KINDS)}"
         raise InputError(msg)
     said, unreadable = _said(bag)
+    if not there and unreadable:
+        msg = f"{bag} is not a bag: it holds no file *{' or *'.join(_KINDS)}, and its {metadata.FILE_NAME} is none"
+        msg += f": {unreadable}"
+        raise InputError(msg)
     custom = _custom(said)
     unfinished = custom.pop(metadata.UNFINISHED, None) is not None
     named = [PurePath(str(each)).name for each in _list(said, "relative_file_paths")]
