@@ -77,7 +77,7 @@ blind: extras
 		$(addprefix --real ,$(wildcard ../shared/data))
 
 contact: extras
-	@$(BIN)/jammkle contact --steps 4000 --runs 20 -o runs/contact $(addprefix --real ,$(wildcard ../shared/data/foot_imu))
+	@$(BIN)/python -m studies.contact --steps 4000 --runs 20 -o runs/contact $(addprefix --real ,$(wildcard ../shared/data/foot_imu))
 
 firmware: extras
 	@$(FIRMWARE) host

@@ -24,5 +24,8 @@ setup(
     maintainer_email="maintainers@jammkle.example",
     description="Slip and impact detection and the jamming policy of a jammable ankle.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["controller = jammkle_controller.__main__:main"]},
+    entry_points={
+        "console_scripts": ["controller = jammkle_controller.__main__:main"],
+        "jammkle.commands": ["detect = jammkle_controller.commands:app"],
+    },
 )

@@ -55,10 +55,9 @@ NODES: dict[str, type[ParameterClass]] = {
 HOLDS = {
     "jammkle_msgs": "messages and services; in `jammkle_graph` names, QoS, parameters and bags",
     "jammkle_driver": "pump and solenoids, the line to the board, its firmware",
-    "jammkle_controller": "contact detection and the jamming policy",
+    "jammkle_controller": "contact detection and the jamming policy, in the graph and over recordings",
     "jammkle_sim": "physics, rigs, robots, the sim node",
     "jammkle_gap": "the diagnosis, its pages and blind trials, the gap monitor",
-    "jammkle_contact": "detectors and policy over recordings, and driver, controller and simulation in one process",
     "jammkle_view": "the page in the browser, live and from a bag; the connection for Foxglove",
     "jammkle_reality": "an independent machine that the diagnosis is tried on",
     "jammkle_bringup": "the graph as a whole: launch files, parameters, viewer layouts; bags; the robot's own names",

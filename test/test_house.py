@@ -24,7 +24,6 @@ PACKAGES = (
     "jammkle_sim",
     "jammkle_reality",
     "jammkle_gap",
-    "jammkle_contact",
     "jammkle_view",
     "jammkle_bringup",
 )
@@ -58,7 +57,6 @@ PURE = (
     "jammkle_gap.monitor.core",
     "jammkle_gap.report",
     "jammkle_gap.trial",
-    "jammkle_contact",
     "jammkle_view.core",
     "jammkle_view.foxglove.server",
     "jammkle_view.page",
@@ -84,7 +82,6 @@ ALLOWED = {
         "jammkle_graph",
     },
     "jammkle_gap.trial": {"jammkle_gap", "jammkle_reality", "jammkle_sim", "jammkle_graph"},
-    "jammkle_contact": {"jammkle_contact", "jammkle_driver", "jammkle_controller", "jammkle_sim", "jammkle_graph"},
     "jammkle_view": {"jammkle_view", "jammkle_gap", "jammkle_sim", "jammkle_graph", "jammkle_msgs"},
     "jammkle_view.core": {
         "jammkle_view.core",

@@ -22,6 +22,7 @@ from jammkle_graph.command.errors import GraphError
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_graph.health import LOCKSTEP_LINE
 from jammkle_graph.names import (
+    ACTUATOR_STATES,
     CHANNELS,
     CLOCK,
     CONTACT_EVENTS,
@@ -70,6 +71,7 @@ _CONNECTIONS = (
     (CONTACT_EVENTS.name, CONTROLLER_NODE, (RECORDER,)),
     (JAM_COMMAND.name, CONTROLLER_NODE, (DRIVER_NODE, RECORDER)),
     (PUMP_DUTY.name, DRIVER_NODE, (SIM_NODE, RECORDER)),
+    (ACTUATOR_STATES.name, SIM_NODE, (DRIVER_NODE, RECORDER)),
     *((SOLENOIDS[channel].name, DRIVER_NODE, (SIM_NODE, RECORDER)) for channel in CHANNELS),
     *((PRESSURES[channel].name, SIM_NODE, (DRIVER_NODE, RECORDER)) for channel in CHANNELS),
 )

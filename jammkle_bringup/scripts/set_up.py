@@ -1,4 +1,4 @@
-"""Set up `.venv`: locked requirements, the nine packages built into it, and the `jammkle` command.
+"""Set up `.venv`: locked requirements, the eight packages built into it, and the `jammkle` command.
 
 With `--extras` all requirements, else those of the demo. Standard library only, since it runs before anything is
 installed. What is done already is skipped: the requirements while the lock file is the same, the build while nothing
@@ -25,7 +25,6 @@ PACKAGES = (
     "jammkle_sim",
     "jammkle_reality",
     "jammkle_gap",
-    "jammkle_contact",
     "jammkle_view",
     "jammkle_bringup",
 )
@@ -169,7 +168,7 @@ def point_exports_here():
 
 
 def build():
-    """Build the nine packages with colcon into the environment itself, and link the command into its bin."""
+    """Build the eight packages with colcon into the environment itself, and link the command into its bin."""
     had_cmake = (VENV / "bin" / "cmake").exists()
     if not had_cmake:
         install_build_tool()

@@ -27,7 +27,6 @@ _PACKAGES = (
     "jammkle_sim",
     "jammkle_reality",
     "jammkle_gap",
-    "jammkle_contact",
     "jammkle_view",
     "jammkle_bringup",
 )

@@ -95,6 +95,11 @@ class Ankles:
         for each in self._all:
             each.commands.set_paused(time_ns, paused=paused)
 
+    def begin(self) -> None:
+        """Say what is commanded before the first step, with the next acknowledgement."""
+        for each in self._all:
+            each.commands.begin()
+
     def look_for_silence(self) -> None:
         """Let go of ankles whose driver has been silent for too long; to be called before each step."""
         for each in self._all:

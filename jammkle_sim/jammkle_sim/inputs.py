@@ -62,7 +62,7 @@ class Commands:
         self._refused = ""
         self._duty = 0.0
         self._energised = dict.fromkeys(names.CHANNELS, False)
-        self._is_new = True
+        self._is_new = False
         self._restarts = 0
         self._paused = False
         self._told_lately = False
@@ -111,6 +111,10 @@ class Commands:
         self._paused = paused
         self._received_s = self._time_s()
         self._tell(time_ns)
+
+    def begin(self) -> None:
+        """Say what stands before the first step, when all are there who wait for it."""
+        self._is_new = True
 
     def look_for_silence(self) -> None:
         """Let go if the driver has been silent for too long; to be called before each step."""

@@ -141,6 +141,8 @@ class SimNode(Node):
         stands = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
         left_out = stands and not self._built.publish_clock  # of a time that somebody else makes
         self._ankles.set_paused(self._engine.time_ns, paused=left_out or not own)
+        if not self._engine.begun and self._engine.wait_s() <= 0.0:
+            self._ankles.begin()
         if own:
             self._ankles.look_for_silence()
             self._ankles.acknowledge(self._engine.time_ns)

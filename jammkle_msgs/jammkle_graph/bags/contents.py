@@ -73,8 +73,8 @@ def contents_of(bag: Path) -> Contents:
         raise InputError(msg)
     said, unreadable = _said(bag)
     if not there and unreadable:
-        msg = f"{bag} is not a bag: it holds no file *{' or *'.join(_KINDS)}, and its {metadata.FILE_NAME} is none"
-        msg += f": {unreadable}"
+        msg = f"{bag} is not a bag: it holds no file *{' or *'.join(_KINDS)}"
+        msg += f", and its {metadata.FILE_NAME} cannot be read: {unreadable}"
         raise InputError(msg)
     custom = _custom(said)
     unfinished = custom.pop(metadata.UNFINISHED, None) is not None

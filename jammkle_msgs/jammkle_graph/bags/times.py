@@ -129,7 +129,7 @@ class BagTimes:
     def source(self, connection: Connection) -> TimeOf:
         """Return where the times of a topic come from."""
         stamps = self._stamps.get(connection.id)
-        if stamps is not None and not stamps.why_none:
+        if _is_clock(connection) or (stamps is not None and not stamps.why_none):
             return TimeOf.STAMP
         return TimeOf.LOG if self._start_tick_ns is None else TimeOf.CLOCK
 

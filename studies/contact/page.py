@@ -13,17 +13,28 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from jammkle_contact.trial.cases import HELD_OUT, SOURCES, TUNING
-from jammkle_contact.trial.run import KINDS, OURS, WITH_EFFORTS, WITH_ODOMETRY, Outcome, best_settings, pooled
-from jammkle_contact.trial.scoring import WINDOWS_S, median_with_interval
 from jammkle_controller.core.detector_settings import Mount
 from jammkle_graph.command.figures import STYLE
+from studies.contact.trial import (
+    HELD_OUT,
+    KINDS,
+    OURS,
+    SOURCES,
+    TUNING,
+    WINDOWS_S,
+    WITH_EFFORTS,
+    WITH_ODOMETRY,
+    Outcome,
+    best_settings,
+    median_with_interval,
+    pooled,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jammkle_contact.trial.benefit import BenefitRow
-    from jammkle_contact.trial.scoring import Score
+    from studies.contact.benefit import BenefitRow
+    from studies.contact.trial import Score
 
 AIMS = {
     "impact": "recall and precision 0.995, median delay under 3 ms",

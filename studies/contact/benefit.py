@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jammkle_contact.loop import AnkleLoop
-from jammkle_contact.robot_stories import RATE_HZ
-from jammkle_contact.trial.scoring import median_with_interval, wilson
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import AnkleKind, RobotOptions
+from studies.contact.loop import AnkleLoop
+from studies.contact.robots import RATE_HZ
+from studies.contact.trial import median_with_interval, wilson
 
 if TYPE_CHECKING:
     from collections.abc import Callable

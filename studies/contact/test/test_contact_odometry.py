@@ -7,10 +7,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jammkle_contact.robot_stories import POSE_JOINTS, Keeper, slides_of
-from jammkle_contact.sensing import CLOCK_START_S, Drives, Estimator, read_body, read_leg, read_pose
-from jammkle_contact.story import Story
-from jammkle_contact.trial.run import told_by_ours
 from jammkle_controller.core.sole_speed import BodyTwist, LegPose, sole_velocity_m_s
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import sole_settings
@@ -19,6 +15,9 @@ from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_sim.robots.places import place_of
+from studies.contact.labelled import CLOCK_START_S, Drives, Estimator, LabelledRecording, read_body, read_leg, read_pose
+from studies.contact.robots import POSE_JOINTS, Keeper, slides_of
+from studies.contact.trial import told_by_ours
 
 
 @pytest.mark.parametrize("robot", ["leg", "quadruped"])
@@ -84,7 +83,7 @@ def test_slips_of_a_quadruped_are_told_with_odometry() -> None:
     for name, traces in keeper.traces().items():
         legs = read_leg(traces.leg, 1000.0, Drives(), chance)
         (slide,) = (each for each in slides_of(traces) if each.begin_s > CLOCK_START_S + 0.55)
-        story = Story(
+        story = LabelledRecording(
             name=name,
             mount="body",
             samples=[],

@@ -1,21 +1,23 @@
-"""`jammkle contact`: the trial and its page."""
+"""`make contact`: the trial and its page."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Annotated
 
-from jammkle_contact.trial.benefit import benefit
-from jammkle_contact.trial.page import page, results
-from jammkle_contact.trial.real_foot import real_foot
-from jammkle_contact.trial.real_page import draw_real_foot, real_figures
-from jammkle_contact.trial.run import best_settings, run_trial
+import typer
+
 from jammkle_graph.command.errors import InputError
+from jammkle_graph.command.main import run as run_command
+from jammkle_graph.command.options import JsonOption
 from jammkle_graph.command.progress import progress_bar
 from jammkle_graph.command.results import check_writable, console, write_json
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from studies.contact.benefit import benefit
+from studies.contact.page import page, results
+from studies.contact.real_foot import draw_real_foot, real_figures, real_foot
+from studies.contact.trial import best_settings, run_trial
 
 LEAST_STEPS = 40
 
@@ -34,7 +36,30 @@ class ContactRequest:
     """Folder of recordings of a real foot."""
 
 
-def contact(request: ContactRequest) -> int:
+app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
+
+
+@app.command()
+def contact(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of contact.html and contact.json.", metavar="DIR")
+    ] = Path("runs/contact"),
+    steps: Annotated[int, typer.Option(help="Touch-downs and slides in all, half of them held out.")] = 400,
+    seed: Annotated[int, typer.Option(help="Everything is drawn from it.")] = 0,
+    runs: Annotated[
+        int, typer.Option(help="Landings and slips of each robot and policy for the benefit; 0: none.")
+    ] = 4,
+    jobs: Annotated[int, typer.Option(help="Processes, each for one run.")] = 1,
+    real: Annotated[
+        Path | None, typer.Option(help="Folder of recordings of a real foot beside a force, as tables.", metavar="DIR")
+    ] = None,
+    json: JsonOption = None,
+) -> int:
+    """Try the detectors on randomised steps, slips and landings, and write a page with every figure."""
+    return try_detectors(ContactRequest(output, steps, seed, runs, jobs, json, real))
+
+
+def try_detectors(request: ContactRequest) -> int:
     """Run the trial and write its page; return the exit code.
 
     Raises:
@@ -89,3 +114,7 @@ def contact(request: ContactRequest) -> int:
 
 def _share(values: list[float] | None, digits: int = 3) -> str:
     return "-" if values is None else f"{values[0]:.{digits}f}"
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(app))

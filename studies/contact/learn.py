@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_contact.drawing_robots import robot_stories
-from jammkle_contact.synthetic import walk
 from jammkle_controller.core.density_ratio import StepRatios, ratios_of
 from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.detector_settings import Phase
@@ -23,13 +21,15 @@ from jammkle_controller.core.touchdown import LEAST_BLOW_M_S2, LEAST_RATIO
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import detector_settings
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from studies.contact.labelled import walk
+from studies.contact.robots import robot_stories
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_contact.story import Story
+    from studies.contact.labelled import LabelledRecording
 
 FIRST_TRIAL_SEED = 100_000
 RUNS = 60
@@ -42,12 +42,12 @@ EARLY_S = 0.003
 """So shortly before a touch-down nothing is called a swing: stamps jitter."""
 
 
-def runs_of(mount: str, runs: int = RUNS) -> list[list[Story]]:
+def runs_of(mount: str, runs: int = RUNS) -> list[list[LabelledRecording]]:
     """Make what is learned from: of each seed a synthetic walk, and a leg that walks, slips or is dropped."""
     return [[walk(seed, mount, STRIDES), *robot_stories("leg", seed, mount)] for seed in range(runs)]
 
 
-def learn(mount: str, stories: Sequence[Story]) -> dict[str, dict[str, Any]]:
+def learn(mount: str, stories: Sequence[LabelledRecording]) -> dict[str, dict[str, Any]]:
     """Learn the ratios of a place of the IMU; return them by name, as `learned.json` has them.
 
     That of sliding is learned last, on what a detector with the other two takes for the ground.
@@ -64,7 +64,7 @@ def learn(mount: str, stories: Sequence[Story]) -> dict[str, dict[str, Any]]:
     return made | {f"slide_{mount}": _slides(mount, stories, ratios_of(made, mount))}
 
 
-def _slides(mount: str, stories: Sequence[Story], ratios: StepRatios) -> dict[str, Any]:
+def _slides(mount: str, stories: Sequence[LabelledRecording], ratios: StepRatios) -> dict[str, Any]:
     rows: list[tuple[tuple[float, ...], bool]] = []
     settings = detector_settings(ControllerParameters(imu_mount=mount))
     for story in stories:
@@ -99,7 +99,7 @@ def _nothing(width: int) -> dict[str, Any]:
 
 
 def _collect(
-    story: Story, swing: list[tuple[tuple[float, ...], bool]], blows: list[tuple[tuple[float, ...], bool]]
+    story: LabelledRecording, swing: list[tuple[tuple[float, ...], bool]], blows: list[tuple[tuple[float, ...], bool]]
 ) -> None:
     gate, motion = ImuGate(0.1), Motion()
     lifts, lands = np.array(story.liftoffs_s), np.array([*story.touchdowns_s, np.inf])

@@ -1,4 +1,4 @@
-"""Arguments of `jammkle detect` and `jammkle contact`. What they do stands in modules of their own."""
+"""Arguments of `jammkle detect`."""
 
 # ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for NumPy and Matplotlib
 
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from jammkle_graph.command.options import ON_BAGS, WITHOUT_A_ROBOT, JsonOption, NamespaceOption
+from jammkle_graph.command.options import ON_BAGS, JsonOption, NamespaceOption
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -47,9 +47,9 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     json: JsonOption = None,
 ) -> int:
     """Run detectors and policy over any recording with an IMU, and write its events and a picture."""
-    from jammkle_contact.detecting import DetectRequest
-    from jammkle_contact.detecting import detect as run
-    from jammkle_contact.recording import TableFormat
+    from jammkle_controller.detect import DetectRequest
+    from jammkle_controller.detect import detect as run
+    from jammkle_controller.recordings import TableFormat
     from jammkle_graph.namespace import normalised
 
     layout = TableFormat(
@@ -68,26 +68,3 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
 
 def _listed(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-@app.command(rich_help_panel=WITHOUT_A_ROBOT)
-def contact(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of contact.html and contact.json.", metavar="DIR")
-    ] = Path("runs/contact"),
-    steps: Annotated[int, typer.Option(help="Touch-downs and slides in all, half of them held out.")] = 400,
-    seed: Annotated[int, typer.Option(help="Everything is drawn from it.")] = 0,
-    runs: Annotated[
-        int, typer.Option(help="Landings and slips of each robot and policy for the benefit; 0: none.")
-    ] = 4,
-    jobs: Annotated[int, typer.Option(help="Processes, each for one run.")] = 1,
-    real: Annotated[
-        Path | None, typer.Option(help="Folder of recordings of a real foot beside a force, as tables.", metavar="DIR")
-    ] = None,
-    json: JsonOption = None,
-) -> int:
-    """Try the detectors on randomised steps, slips and landings, and write a page with every figure."""
-    from jammkle_contact.trying import ContactRequest
-    from jammkle_contact.trying import contact as run
-
-    return run(ContactRequest(output, steps, seed, runs, jobs, json, real))

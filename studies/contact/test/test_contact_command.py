@@ -1,4 +1,4 @@
-"""`jammkle contact` as a user calls it: a trial of a few dozen steps, and input that is wrong."""
+"""`make contact` as a user calls it: a trial of a few dozen steps, and input that is wrong."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
-COMMAND = Path(sys.executable).with_name("jammkle")
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def contact(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([COMMAND, "contact", *map(str, arguments)], capture_output=True, text=True, check=False)
+    words = [sys.executable, "-m", "studies.contact", *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, check=False, cwd=ROOT)
 
 
 @pytest.mark.slow

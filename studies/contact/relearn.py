@@ -1,4 +1,4 @@
-"""Learn the density ratios anew, and say whether they are better: `python -m jammkle_contact.relearn [--write]`.
+"""Learn the density ratios anew, and say whether they are better: `python -m studies.contact.relearn [--write]`.
 
 New ones are judged by cross-validation, each fold by ratios that were learned on the others; those in use may have seen
 all of it, which is in their favour. Nothing held out and no recording is in it.
@@ -14,22 +14,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jammkle_controller.core
-from jammkle_contact.learn import RUNS, learn, runs_of
-from jammkle_contact.trial.run import KINDS, harmonic_mean, scored, told_by_ours
-from jammkle_contact.trial.scoring import Score
 from jammkle_controller.core.density_ratio import WEIGHTS_FILE, ratios_of
 from jammkle_controller.core.detector_settings import Mount
+from studies.contact.learn import RUNS, learn, runs_of
+from studies.contact.trial import KINDS, Score, harmonic_mean, scored, told_by_ours
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from jammkle_contact.story import Story
     from jammkle_controller.core.density_ratio import StepRatios
+    from studies.contact.labelled import LabelledRecording
 
 FOLDS = 4
 
 
-def scores(stories: Iterable[Story], ratios: StepRatios | None) -> dict[str, Score]:
+def scores(stories: Iterable[LabelledRecording], ratios: StepRatios | None) -> dict[str, Score]:
     """Score a controller by kind of event, with its own ratios or with others."""
     made: dict[str, Score] = defaultdict(Score)
     for story in stories:
@@ -39,7 +38,7 @@ def scores(stories: Iterable[Story], ratios: StepRatios | None) -> dict[str, Sco
     return made
 
 
-def cross_validated(mount: str, runs: Sequence[Sequence[Story]], folds: int = FOLDS) -> dict[str, Score]:
+def cross_validated(mount: str, runs: Sequence[Sequence[LabelledRecording]], folds: int = FOLDS) -> dict[str, Score]:
     """Score ratios that are learned on all other folds, by kind of event.
 
     Args:

@@ -8,20 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_contact.learn import learn
-from jammkle_contact.relearn import cross_validated
-from jammkle_contact.replay import new_controller
-from jammkle_contact.robot_stories import Traces, contact_changes, of_the_body, story_of
-from jammkle_contact.sensing import draw_imu
-from jammkle_contact.story import Slide
-from jammkle_contact.synthetic import walk
-from jammkle_contact.trial.cases import Case
-from jammkle_contact.trial.real_foot import real_foot
-from jammkle_contact.trial.run import run_case, scored
-from jammkle_contact.trial.scoring import Score, score_slides, score_times, wilson
 from jammkle_controller.core.density_ratio import learned, ratios_of
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.recordings import new_controller
+from studies.contact.labelled import Slide, draw_imu, walk
+from studies.contact.learn import learn
+from studies.contact.real_foot import real_foot
+from studies.contact.relearn import cross_validated
+from studies.contact.robots import Traces, contact_changes, of_the_body, story_of
+from studies.contact.trial import Case, Score, run_case, score_slides, score_times, scored, wilson
 
 if TYPE_CHECKING:
     from pathlib import Path

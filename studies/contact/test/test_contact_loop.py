@@ -15,16 +15,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu
 
-from jammkle_contact.loop import AnkleLoop
-from jammkle_contact.recording import Heard
-from jammkle_contact.replay import replay
-from jammkle_contact.robot_stories import joined_contacts
 from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.events import ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_load import LegLoad, LegReading
 from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.recordings import Heard, replay
 from jammkle_controller.settings import leg_model
 from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
 from jammkle_graph.names import CONTACT_EVENTS, IMU, JAM_COMMAND
@@ -36,6 +33,8 @@ from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.limb import LimbParameters
 from jammkle_sim.robots.options import RobotOptions
+from studies.contact.loop import AnkleLoop
+from studies.contact.robots import joined_contacts
 
 if TYPE_CHECKING:
     from collections.abc import Callable

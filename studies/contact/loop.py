@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from jammkle_contact.recording import Heard
-from jammkle_contact.replay import hear, new_controller
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_load import LegReading
 from jammkle_controller.core.sole_speed import BodyTwist, LegPose
+from jammkle_controller.recordings import Heard, hear, new_controller
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish

@@ -1,1 +1,0 @@
-"""The trial of contact: randomised steps, slips and landings, and how well they are felt."""
