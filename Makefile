@@ -49,7 +49,7 @@ slow: extras
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup -m slow
 
 studies: extras
-	@$(BIN)/python -m pytest studies -n auto --maxprocesses 4
+	@$(BIN)/python -m pytest studies -n auto --maxprocesses 4 -m "slow or not slow"
 
 paper: extras
 	@$(BIN)/python -m studies.paper -o runs/paper --json runs/paper/paper.json
