@@ -46,7 +46,8 @@ test: extras
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup
 
 slow: extras
-	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup -m slow
+	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup -m slow --deselect test/test_several_boards.py
+	@$(BIN)/python -m pytest -m slow test/test_several_boards.py  # boards live by the steady clock
 
 studies: extras
 	@$(BIN)/python -m pytest studies -n auto --maxprocesses 4 -m "slow or not slow"
