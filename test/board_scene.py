@@ -15,8 +15,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Bool
 
 from graph import TIMEOUT_S, Probe, environment
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import (
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.names import (
     ACHILLES,
     CHANNELS,
     CLEAR_FAULT,

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.board.link import BoardLink
 from jammkle_driver.board.wiring_file import load_wiring
 from jammkle_driver.core.hardware import ActuatorCommand, LinkState, released
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

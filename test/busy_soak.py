@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jammkle_graph.testing import own_domain
+from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

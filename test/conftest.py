@@ -11,7 +11,7 @@ from processes import Processes
 from board_client import Client
 from boards import board_command
 from graph import Probe, Up
-from jammkle_graph.testing import own_domain
+from jammkle_common.testing import own_domain
 from jammkle_sim.board_bench import BoardBench
 
 if TYPE_CHECKING:

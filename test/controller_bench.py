@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu
 from std_srvs.srv import SetBool
 
-from jammkle_graph.names import (
+from jammkle_common.names import (
     CONTACT_EVENTS,
     DIAGNOSTICS,
     IMU,
@@ -27,7 +27,7 @@ from jammkle_graph.names import (
     JAM_STATE,
     SET_AUTO,
 )
-from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ContactEvent, JamCommand, JamState
 
 if TYPE_CHECKING:

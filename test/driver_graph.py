@@ -16,9 +16,9 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool, Float32
 
+from jammkle_common import names
+from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_driver.node import DriverNode
-from jammkle_graph import names
-from jammkle_graph.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, JamState
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import pytest
 from std_srvs.srv import Trigger
 
 from driver_graph import Graph, Onlooker
-from jammkle_graph import names
-from jammkle_graph.names import ACHILLES
-from jammkle_graph.testing import own_domain
+from jammkle_common import names
+from jammkle_common.names import ACHILLES
+from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:

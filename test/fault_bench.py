@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.hardware import released
 from jammkle_driver.fake.bench import FaultBench
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

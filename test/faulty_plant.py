@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.fake.faults import FakeFault
-from jammkle_graph.names import CHANNELS
 from jammkle_sim.core.board_plant import BoardPlant
 
 if TYPE_CHECKING:

@@ -21,9 +21,9 @@ from rclpy.signals import SignalHandlerOptions
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
-from jammkle_graph.names import CHANNELS, CLOCK, JAM_ALL, JAM_STATE, Service, Topic
-from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_graph.testing import own_domain
+from jammkle_common.names import CHANNELS, CLOCK, JAM_ALL, JAM_STATE, Service, Topic
+from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:

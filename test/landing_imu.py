@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from sensor_msgs.msg import Imu
 
-from jammkle_graph.names import IMU, IMU_FRAME
-from jammkle_graph.qos import publisher_qos
+from jammkle_common.names import IMU, IMU_FRAME
+from jammkle_common.qos import publisher_qos
 
 if TYPE_CHECKING:
     from rclpy.node import Node

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 
 LONG_NAME = "soleus " * 2000
 

@@ -14,17 +14,17 @@ from xml.etree import ElementTree as ET
 
 from command_reference import command_text
 from jammkle_bringup.robot_names.parameters import RobotNamesParameters
+from jammkle_common.command.provided import COMMANDS, entries
+from jammkle_common.command.vocabulary import typed_row
+from jammkle_common.names import ACTIONS, CHANNELS, RENAMED_TOPICS, ROBOT_TOPICS, SERVICES, TOPICS
+from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows
+from jammkle_common.version import VERSION
 from jammkle_controller.core.offered import OFFERS, Detection
 from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
-from jammkle_graph.command.provided import COMMANDS, entries
-from jammkle_graph.command.vocabulary import typed_row
-from jammkle_graph.names import ACTIONS, CHANNELS, RENAMED_TOPICS, ROBOT_TOPICS, SERVICES, TOPICS
-from jammkle_graph.parameters import ParameterClass, ParameterRow, Value, rows
-from jammkle_graph.version import VERSION
 from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.alone import ankle_alone
@@ -53,7 +53,8 @@ NODES: dict[str, type[ParameterClass]] = {
 
 
 HOLDS = {
-    "jammkle_msgs": "messages and services; in `jammkle_graph` names, QoS, parameters and bags",
+    "jammkle_msgs": "messages, services, actions",
+    "jammkle_common": "what the nodes share: names, QoS, parameters, runner, lockstep; bags; the command",
     "jammkle_driver": "pump and solenoids, the line to the board, its firmware",
     "jammkle_controller": "contact detection and the jamming policy, in the graph and over recordings",
     "jammkle_sim": "physics, rigs, robots, the sim node",

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.fake.bench import pump_end
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.fake.sensors import FakeSensors, SensorErrors
-from jammkle_graph.names import CHANNELS
 from jammkle_reality.air import (
     FREE_FLOW,
     LEAK,

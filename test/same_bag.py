@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.highlevel import AnyReader
 
-from jammkle_graph.names import CLOCK
+from jammkle_common.names import CLOCK
 
 if TYPE_CHECKING:
     from pathlib import Path

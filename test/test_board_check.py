@@ -15,10 +15,10 @@ import yaml
 
 from boards import Host, wiring
 from graph import COMMAND
+from jammkle_common.names import CHANNELS
 from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
 from jammkle_driver.board.walk import WalkOptions, walk
 from jammkle_driver.board.wiring_file import load_wiring, standard_board_file
-from jammkle_graph.names import CHANNELS
 from jammkle_sim.board_bench import BoardBench
 from jammkle_sim.core.board_plant import BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters

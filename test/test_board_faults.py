@@ -12,8 +12,7 @@ from faulty_plant import FaultyPlant
 
 from board_scene import Scene, all_off
 from boards import AVR
-from jammkle_driver.fake.faults import FakeFault
-from jammkle_graph.names import (
+from jammkle_common.names import (
     ACHILLES,
     CHANNELS,
     JAM_ALL,
@@ -23,7 +22,8 @@ from jammkle_graph.names import (
     PERONEAL_RIGHT,
     UNJAM_ALL,
 )
-from jammkle_graph.testing import own_domain
+from jammkle_common.testing import own_domain
+from jammkle_driver.fake.faults import FakeFault
 from jammkle_msgs.msg import ChannelJamState, Fault
 from jammkle_sim.physics.pneumatics import MANIFOLD
 

@@ -17,8 +17,8 @@ from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, OF_THE_PLANT, Scene,
 from boards import AVR
 from bought_board import OtherBoard
 from graph import TIMEOUT_S, environment
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import DIAGNOSTICS, DRIVER_NODE, JAM_ALL, MANIFOLD_PRESSURE, PRESSURES, Service
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import DIAGNOSTICS, DRIVER_NODE, JAM_ALL, MANIFOLD_PRESSURE, PRESSURES, Service
 from jammkle_msgs.msg import ChannelJamState, Fault
 from test_board_check import OTHER_FIRMWARE
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from graph import Probe, environment
-from jammkle_graph.names import CLOCK, JAM, JAM_STATE, PUMP_DUTY, SET_AUTO, SOLENOIDS
+from jammkle_common.names import CLOCK, JAM, JAM_STATE, PUMP_DUTY, SET_AUTO, SOLENOIDS
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:

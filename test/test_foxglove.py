@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from websockets.sync.client import ClientConnection, connect
 
 from browser import wait_until
-from jammkle_graph.names import BASE_FRAME, IMU, JAM_STATE, ODOM_FRAME, ODOMETRY, ROBOT_DESCRIPTION, TF
+from jammkle_common.names import BASE_FRAME, IMU, JAM_STATE, ODOM_FRAME, ODOMETRY, ROBOT_DESCRIPTION, TF
 from jammkle_msgs.msg import JamState
 from jammkle_view.foxglove.node import TRANSFORM_SUFFIX
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from jammkle_graph.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, RESET, SIMULATOR_GAP, UNJAM_ALL
+from jammkle_common.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, RESET, SIMULATOR_GAP, UNJAM_ALL
 from jammkle_msgs.msg import ChannelJamState, SubsystemGap
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.experimental import EventsExecutor
 from sensor_msgs.msg import Imu
 
+from jammkle_common import names
+from jammkle_common.diagnostics import PERIOD_S
+from jammkle_common.qos import publisher_qos
+from jammkle_common.runner import StopFlag
 from jammkle_gap.monitor.core.monitor import GapMonitor
 from jammkle_gap.monitor.node import GapMonitorNode
-from jammkle_graph import names
-from jammkle_graph.diagnostics import PERIOD_S
-from jammkle_graph.qos import publisher_qos
-from jammkle_graph.runner import StopFlag
 from jammkle_msgs.msg import SimulatorGap
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
-from jammkle_graph.names import (
+from jammkle_common.names import (
     ACTUATOR_STATES,
     CLEAR_FAULT,
     DIAGNOSTICS,

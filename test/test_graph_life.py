@@ -15,7 +15,7 @@ from lifecycle_msgs.srv import ChangeState
 
 from graph import COMMAND, TIMEOUT_S, environment
 from jammkle_bringup.graph_client import DISCOVERY_S
-from jammkle_graph.names import CHANNELS, CLOCK, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
+from jammkle_common.names import CHANNELS, CLOCK, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
 from jammkle_msgs.msg import ChannelJamState
 from readme_tables import EXAMPLES
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from graph import Probe, Up, shared_graph
-from jammkle_graph.names import CHANNELS, DIAGNOSTICS, JAM, JAM_STATE, STEP, UNJAM
+from jammkle_common.names import CHANNELS, DIAGNOSTICS, JAM, JAM_STATE, STEP, UNJAM
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -10,7 +10,7 @@ from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from graph import Probe, Up, interface, shared_graph
-from jammkle_graph.names import (
+from jammkle_common.names import (
     ACTIONS,
     CHANNELS,
     CLOCK,

@@ -21,8 +21,8 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
 from graph import Probe, environment
-from jammkle_graph.command.main import main
-from jammkle_graph.names import (
+from jammkle_common.command.main import main
+from jammkle_common.names import (
     ACHILLES,
     CHANNEL_JAMS,
     CHANNELS,

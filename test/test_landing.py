@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from graph import Up
-from jammkle_graph.names import (
+from jammkle_common.names import (
     CHANNELS,
     CLOCK,
     FROM_OUTSIDE,
@@ -24,7 +24,7 @@ from jammkle_graph.names import (
     SIMULATOR_GAP,
     TOPICS,
 )
-from jammkle_graph.testing import own_domain
+from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

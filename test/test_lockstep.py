@@ -14,7 +14,7 @@ from same_bag import differences, recorded
 from std_msgs.msg import Header
 
 from graph import environment, interface
-from jammkle_graph.names import (
+from jammkle_common.names import (
     CLOCK,
     DIAGNOSTICS,
     JAM_ALL,
@@ -26,7 +26,7 @@ from jammkle_graph.names import (
     STEP,
     UNJAM_ALL,
 )
-from jammkle_graph.qos import answer_qos
+from jammkle_common.qos import answer_qos
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ import rclpy
 
 from graph import Probe, Up, environment
 from jammkle_bringup.core.namespace_lock import ClockLock
-from jammkle_graph.health import LOCKSTEP_LINE
-from jammkle_graph.names import ACTUATOR_STATES, CLOCK, DIAGNOSTICS, DRIVER_NODE, JAM_ALL, JAM_STATE, SET_PAUSED
-from jammkle_graph.runner import EXIT_BAD_INPUT
+from jammkle_common.health import LOCKSTEP_LINE
+from jammkle_common.names import ACTUATOR_STATES, CLOCK, DIAGNOSTICS, DRIVER_NODE, JAM_ALL, JAM_STATE, SET_PAUSED
+from jammkle_common.runner import EXIT_BAD_INPUT
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:

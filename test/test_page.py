@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from page_client import PageClient
 
-from jammkle_graph.names import ACHILLES, CARRIAGE_JOINT, CLOCK, JAM_STATE, JOINT_STATES, PERONEAL_LEFT
+from jammkle_common.names import ACHILLES, CARRIAGE_JOINT, CLOCK, JAM_STATE, JOINT_STATES, PERONEAL_LEFT
 from jammkle_msgs.msg import ChannelJamState
 from jammkle_view.core.knobs import Knob
 from jammkle_view.core.samples import Channel, ChannelState

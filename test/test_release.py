@@ -17,7 +17,7 @@ from release import ReleaseError, numbers, released
 from rosbags.highlevel import AnyReader
 from wheels import EXTRAS, PACKAGES, requirements
 
-from jammkle_graph.messages import ROS_MODULES
+from jammkle_common.messages import ROS_MODULES
 from readme_tables import ROOT
 
 DAY = dt.date(2027, 1, 2)
@@ -34,7 +34,7 @@ class Blocker:
             raise ModuleNotFoundError(name + " is blocked", name=name)
 
 sys.meta_path.insert(0, Blocker())
-from jammkle_graph.command.main import main
+from jammkle_common.command.main import main
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -104,7 +104,7 @@ def test_a_rig_writes_the_same_messages_without_ros(tmp_path: Path) -> None:
 
 def run_with_ros(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command as it is."""
-    command = [sys.executable, "-m", "jammkle_graph.command", *arguments]
+    command = [sys.executable, "-m", "jammkle_common.command", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
@@ -131,7 +131,7 @@ class Blocker:
             raise ModuleNotFoundError(name + " is blocked", name=name)
 
 sys.meta_path.insert(0, Blocker())
-from jammkle_graph.command.main import main
+from jammkle_common.command.main import main
 sys.exit(main(sys.argv[1:]))
 """
 EXTRA_MODULES = ("plotly", "pyarrow", "sklearn", "foxglove", "distributed", "dask", "psutil", "hypothesis", "cmake")
@@ -186,7 +186,7 @@ def test_a_release_is_one_commit_with_a_tag(tmp_path: Path) -> None:
     script, version = clone / "jammkle_bringup/scripts/release.py", "99.0.0"
 
     def release() -> subprocess.CompletedProcess[str]:
-        environment = {**os.environ, "PYTHONPATH": str(clone / "jammkle_msgs")}
+        environment = {**os.environ, "PYTHONPATH": str(clone / "jammkle_common")}
         command = [sys.executable, str(script), version]
         return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=clone)
 

@@ -13,7 +13,7 @@ from mcap.stream_reader import StreamReader
 from rclpy.action import ActionClient
 
 from graph import messages_of
-from jammkle_graph.names import CLOCK, DIAGNOSTICS, JAM_STATE, RUN_RIG, TENDON_STATES
+from jammkle_common.names import CLOCK, DIAGNOSTICS, JAM_STATE, RUN_RIG, TENDON_STATES
 from jammkle_msgs.action import RunRig
 from jammkle_msgs.msg import TendonState
 

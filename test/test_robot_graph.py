@@ -12,7 +12,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from graph import Probe, Up, messages_of
-from jammkle_graph.names import (
+from jammkle_common.names import (
     ACHILLES,
     CLOCK,
     DIAGNOSTICS,

@@ -10,7 +10,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from graph import Probe, Up, environment
-from jammkle_graph.names import (
+from jammkle_common.names import (
     ACHILLES,
     CHANNELS,
     JAM_STATE,

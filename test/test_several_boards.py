@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from jammkle_graph.names import ACHILLES, JAM_STATE, QUADRUPED_ANKLES
+from jammkle_common.names import ACHILLES, JAM_STATE, QUADRUPED_ANKLES
 from jammkle_msgs.msg import ChannelJamState
 from jammkle_sim.board_bench import BoardBench
 

@@ -22,7 +22,7 @@ from browser import wait_until
 from graph import TIMEOUT_S, environment
 from jammkle_bringup.core.node_table import Robot, nodes_for, robot_names_for
 from jammkle_bringup.core.parameter_file import check_parameter_files
-from jammkle_graph.command.main import main
+from jammkle_common.command.main import main
 from readme_tables import EXAMPLES, ROOT
 
 ROBOT_OF_SOMEBODY = """

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from browser import NO_CHROMIUM, Browser, chromium, wait_until
-from jammkle_graph.names import ACHILLES, CARRIAGE_JOINT, JAM_STATE, JOINT_STATES, PERONEAL_LEFT
+from jammkle_common.names import ACHILLES, CARRIAGE_JOINT, JAM_STATE, JOINT_STATES, PERONEAL_LEFT
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:

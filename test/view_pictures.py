@@ -14,7 +14,7 @@ from PIL import Image
 
 from browser import NO_CHROMIUM, Browser, chromium, wait_until
 from graph import Up
-from jammkle_graph.testing import own_domain
+from jammkle_common.testing import own_domain
 from readme_tables import DOCS
 
 if TYPE_CHECKING:

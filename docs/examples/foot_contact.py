@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool
 
-from jammkle_graph.runner import run
+from jammkle_common.runner import run
 from jammkle_msgs.msg import ContactEvent
 
 CONTACT = {

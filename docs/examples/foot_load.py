@@ -16,8 +16,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
-from jammkle_graph.parameters import ParameterError
-from jammkle_graph.runner import run
+from jammkle_common.parameters import ParameterError
+from jammkle_common.runner import run
 
 
 def loads_n(mass_kg, specific_force_m_s2, standing):

@@ -18,7 +18,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 
-from jammkle_graph.runner import run
+from jammkle_common.runner import run
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand, JamState
 
 VACUUM, STATE = "vacuum", "state"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from jammkle_graph.command.__main__ import main
+from jammkle_common.command.__main__ import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from jammkle_graph.command.main import EXIT_FAILED, failed
-from jammkle_graph.command.options import ON_BAGS, JsonOption
+from jammkle_common.command.main import EXIT_FAILED, failed
+from jammkle_common.command.options import ON_BAGS, JsonOption
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -28,8 +28,8 @@ def info(
     """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
     from jammkle_bringup import report
     from jammkle_bringup.core.bag_info import bag_info
-    from jammkle_graph.command import results
-    from jammkle_graph.command.progress import progress_bar
+    from jammkle_common.command import results
+    from jammkle_common.command.progress import progress_bar
 
     results.check_writable(json)
     with progress_bar(f"reading {bag}") as show:
@@ -61,9 +61,9 @@ def recover(
 ) -> int:
     """Make a bag whole that its recorder could not complete: killed, out of power, or on a full disk."""
     from jammkle_bringup import report
-    from jammkle_graph.bags.recovery import recover as make_whole
-    from jammkle_graph.command import results
-    from jammkle_graph.command.progress import progress_bar
+    from jammkle_common.bags.recovery import recover as make_whole
+    from jammkle_common.command import results
+    from jammkle_common.command.progress import progress_bar
 
     results.check_writable(json)
     try:

@@ -11,11 +11,11 @@ from rcl_interfaces.srv import GetParameters
 
 from jammkle_bringup.conversions import HealthStatus, JamStatus, health_status, jam_status, pa_from_kpa
 from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, no_answer
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM
-from jammkle_graph.namespace import relative, resolved
-from jammkle_graph.qos import subscriber_qos
-from jammkle_graph.roll_call import MISSED_AFTER_S, ROLL_CALL_LINE, SILENT_FOR
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM
+from jammkle_common.namespace import relative, resolved
+from jammkle_common.qos import subscriber_qos
+from jammkle_common.roll_call import MISSED_AFTER_S, ROLL_CALL_LINE, SILENT_FOR
 from jammkle_msgs.msg import JamState
 from jammkle_msgs.srv import Jam, Unjam
 

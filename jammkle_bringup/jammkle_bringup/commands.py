@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import typer
 
 from jammkle_bringup.core.node_table import SIM_HARDWARE, Robot
-from jammkle_graph.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
-from jammkle_graph.command.options import ON_THE_GRAPH, JsonOption, NamespaceOption
-from jammkle_graph.command.signals import Interrupted, StopRequest
-from jammkle_graph.namespace import normalised
+from jammkle_common.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
+from jammkle_common.command.options import ON_THE_GRAPH, JsonOption, NamespaceOption
+from jammkle_common.command.signals import Interrupted, StopRequest
+from jammkle_common.namespace import normalised
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -121,7 +121,7 @@ def jam(
 ) -> int:
     """Jam channels: evacuate their tendons and hold the vacuum."""
     from jammkle_bringup import channel_commands
-    from jammkle_graph.command import results
+    from jammkle_common.command import results
 
     results.check_writable(json)
     answers = channel_commands.jam(normalised(namespace), channels or [], vacuum_kpa, StopRequest())
@@ -132,7 +132,7 @@ def jam(
 def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", json: JsonOption = None) -> int:
     """Unjam channels: vent their tendons to the atmosphere."""
     from jammkle_bringup import channel_commands
-    from jammkle_graph.command import results
+    from jammkle_common.command import results
 
     results.check_writable(json)
     answers = channel_commands.unjam(normalised(namespace), channels or [], StopRequest())
@@ -151,7 +151,7 @@ def status(
     import dataclasses
 
     from jammkle_bringup import channel_commands, report
-    from jammkle_graph.command import results
+    from jammkle_common.command import results
 
     results.check_writable(json)
     ankles, health = channel_commands.status(normalised(namespace), StopRequest())
@@ -180,7 +180,7 @@ def record(
 ) -> int:
     """Record a namespace, /clock, /diagnostics and /tf into a bag (MCAP) until Ctrl-C."""
     from jammkle_bringup.record import record as record_graph
-    from jammkle_graph.command import results
+    from jammkle_common.command import results
 
     results.check_writable(json)
     counts = record_graph(output, normalised(namespace), clock)
@@ -215,8 +215,8 @@ def demo(
     from jammkle_bringup import report
     from jammkle_bringup.core.run_folder import fresh_folder
     from jammkle_bringup.demo import demo as land
+    from jammkle_common.command import results
     from jammkle_gap import Riddle
-    from jammkle_graph.command import results
 
     results.check_writable(json)
     if no_effect and effect is not None:
@@ -238,7 +238,7 @@ def demo(
 
 def _answered(answer: Any, content: dict[str, Any], json: Path | None) -> int:
     """Show what the driver, or each of a robot's, said to a request."""
-    from jammkle_graph.command import results
+    from jammkle_common.command import results
 
     results.write_json(json, content)
     if not answer.success:

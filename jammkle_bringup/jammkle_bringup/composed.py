@@ -12,8 +12,8 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, SIM_NODE
-from jammkle_graph.runner import EXIT_BAD_INPUT, run_together
+from jammkle_common.names import CONTROLLER_NODE, DRIVER_NODE, SIM_NODE
+from jammkle_common.runner import EXIT_BAD_INPUT, run_together
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node
 
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.runner import StopFlag
 
 _ROS_ARGUMENTS = "--ros-args"
 _SPIN_S = 0.1

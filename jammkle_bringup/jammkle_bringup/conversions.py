@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.command.errors import InputError
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ from jammkle_bringup.graph_options import GraphOptions, makes_clock, node_names
 from jammkle_bringup.neighbours import LOOKERS, refuse_if_doubled
 from jammkle_bringup.readiness import Startup
 from jammkle_bringup.up import beside_others, child_specs, say, say_how_it_ended, steering
-from jammkle_graph.command.errors import GraphError
-from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, JAM_STATE, SIM_NODE
-from jammkle_graph.qos import subscriber_qos
+from jammkle_common.command.errors import GraphError
+from jammkle_common.names import CHANNELS, CONTACT_EVENTS, JAM_STATE, SIM_NODE
+from jammkle_common.qos import subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, JamState
 from jammkle_sim.parameters import SimParameters
 

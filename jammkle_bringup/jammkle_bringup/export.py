@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from jammkle_graph.command import results
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import StopRequest
+from jammkle_common.command import results
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import StopRequest
 
 if TYPE_CHECKING:
     from pathlib import Path

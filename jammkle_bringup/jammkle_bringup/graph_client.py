@@ -12,12 +12,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from jammkle_bringup.core.namespace_lock import ros_domain
-from jammkle_graph.command.errors import GraphError
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.health import COMMANDS_LINE
-from jammkle_graph.names import DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE
-from jammkle_graph.namespace import relative, resolved
-from jammkle_graph.qos import subscriber_qos
+from jammkle_common.command.errors import GraphError
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.health import COMMANDS_LINE
+from jammkle_common.names import DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE
+from jammkle_common.namespace import relative, resolved
+from jammkle_common.qos import subscriber_qos
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
     from typing_extensions import Self
 
-    from jammkle_graph.names import Service, Topic
+    from jammkle_common.names import Service, Topic
 
 ANSWER_TIMEOUT_S = 5.0
 """How long the command waits for the graph. Assumed; discovery on one machine takes about 0.3 s."""

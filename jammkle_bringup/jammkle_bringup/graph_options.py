@@ -18,11 +18,11 @@ from jammkle_bringup.core.node_table import (
     robot_names_for,
 )
 from jammkle_bringup.core.parameter_file import assignment, check_parameter_files, merged_values, values_of
-from jammkle_graph.bags.writing import check_free
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, FOXGLOVE_NODE, ODOMETRY, SIM_NODE, VIEWER_NODE
-from jammkle_graph.namespace import relative, resolved
-from jammkle_graph.parameters import ParameterError, rows
+from jammkle_common.bags.writing import check_free
+from jammkle_common.command.errors import InputError
+from jammkle_common.names import CONTROLLER_NODE, DRIVER_NODE, FOXGLOVE_NODE, ODOMETRY, SIM_NODE, VIEWER_NODE
+from jammkle_common.namespace import relative, resolved
+from jammkle_common.parameters import ParameterError, rows
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_view.foxglove.parameters import NOT_INSTALLED as NO_FOXGLOVE
 from jammkle_view.parameters import NOT_INSTALLED as NO_PAGE

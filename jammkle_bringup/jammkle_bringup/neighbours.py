@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.namespace_lock import already_up, ros_domain
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import CLOCK
-from jammkle_graph.namespace import resolved
+from jammkle_common.command.errors import InputError
+from jammkle_common.names import CLOCK
+from jammkle_common.namespace import resolved
 
 if TYPE_CHECKING:
     from collections.abc import Collection

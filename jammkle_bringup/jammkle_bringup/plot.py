@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.run_panels import run_picture
-from jammkle_graph.command import results
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import Interrupted, StopRequest
-from jammkle_graph.namespace import normalised
+from jammkle_common.command import results
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import Interrupted, StopRequest
+from jammkle_common.namespace import normalised
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,10 +18,10 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 from jammkle_bringup.conversions import clock_ns
-from jammkle_graph.command.errors import GraphError
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.health import LOCKSTEP_LINE
-from jammkle_graph.names import (
+from jammkle_common.command.errors import GraphError
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.health import LOCKSTEP_LINE
+from jammkle_common.names import (
     ACTUATOR_STATES,
     CHANNELS,
     CLOCK,
@@ -38,8 +38,8 @@ from jammkle_graph.names import (
     SOLENOIDS,
     STEP,
 )
-from jammkle_graph.namespace import relative, resolved
-from jammkle_graph.qos import subscriber_qos
+from jammkle_common.namespace import relative, resolved
+from jammkle_common.qos import subscriber_qos
 from jammkle_msgs.srv import Step
 from jammkle_sim.parameters import SimParameters
 

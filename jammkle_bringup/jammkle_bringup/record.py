@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from jammkle_bringup.core.log_times import TimeSource
 from jammkle_bringup.recorder import Recorder, RecorderOptions, spin_and_close
 from jammkle_bringup.up import say
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.bags.writing import BagCounts, check_free
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.runner import run
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.writing import BagCounts, check_free
+from jammkle_common.command.errors import InputError
+from jammkle_common.runner import run
 
 if TYPE_CHECKING:
     from pathlib import Path

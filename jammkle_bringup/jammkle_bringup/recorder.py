@@ -18,16 +18,16 @@ from std_msgs.msg import Header, String
 
 from jammkle_bringup.conversions import message_class
 from jammkle_bringup.core.log_times import LogTimes, Received, TimeSource
-from jammkle_graph import wire
-from jammkle_graph.bags.offered import bag_qos
-from jammkle_graph.bags.writing import FLUSH_PERIOD_S, BagLog
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS
-from jammkle_graph.namespace import resolved
-from jammkle_graph.overhearing import belongs, misses, strongest
-from jammkle_graph.publication import MessageInfo, with_info
-from jammkle_graph.qos import answer_qos, publisher_qos
+from jammkle_common import wire
+from jammkle_common.bags.offered import bag_qos
+from jammkle_common.bags.writing import FLUSH_PERIOD_S, BagLog
+from jammkle_common.command.errors import InputError
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS
+from jammkle_common.namespace import resolved
+from jammkle_common.overhearing import belongs, misses, strongest
+from jammkle_common.publication import MessageInfo, with_info
+from jammkle_common.qos import answer_qos, publisher_qos
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
     from rosbags.interfaces import Qos
 
-    from jammkle_graph.bags.definitions import MessageDefinitions
-    from jammkle_graph.bags.writing import BagCounts
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.bags.definitions import MessageDefinitions
+    from jammkle_common.bags.writing import BagCounts
+    from jammkle_common.runner import StopFlag
 
 QUEUE_DEPTH = 2000
 """Messages per topic that may wait while the recorder is busy: 2 s of a 1 kHz IMU. Assumed."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import shutil
 from typing import TYPE_CHECKING
 
-from jammkle_graph.bags.writing import check_free
-from jammkle_graph.command import results
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import StopRequest
-from jammkle_graph.renaming import JointRenaming, RenamingError
+from jammkle_common.bags.writing import check_free
+from jammkle_common.command import results
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import StopRequest
+from jammkle_common.renaming import JointRenaming, RenamingError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from jammkle_graph.command.figures import STATE_COLOURS
+from jammkle_common.command.figures import STATE_COLOURS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jammkle_bringup.conversions import HealthStatus, JamStatus
     from jammkle_bringup.core.bag_info import BagInfo
     from jammkle_bringup.core.run_summary import RunSummary
-    from jammkle_graph.bags.recovery import Recovered
+    from jammkle_common.bags.recovery import Recovered
 
 _PA_PER_KPA = 1e3
 _ALIKE = 0.02

@@ -1,4 +1,4 @@
-"""Set up `.venv`: locked requirements, the eight packages built into it, and the `jammkle` command.
+"""Set up `.venv`: locked requirements, the packages built into it, and the `jammkle` command.
 
 With `--extras` all requirements, else those of the demo. Standard library only, since it runs before anything is
 installed. What is done already is skipped: the requirements while the lock file is the same, the build while nothing
@@ -20,6 +20,7 @@ VENV = ROOT / ".venv"
 LOCK, EXTRAS_LOCK = ROOT / "requirements-demo.lock", ROOT / "requirements.lock"
 PACKAGES = (
     "jammkle_msgs",
+    "jammkle_common",
     "jammkle_driver",
     "jammkle_controller",
     "jammkle_sim",
@@ -30,7 +31,7 @@ PACKAGES = (
 )
 IMPORTED = ("jammkle_sim.node", "jammkle_driver.node", "jammkle_controller.node", "jammkle_bringup.recorder")
 IMPORTED += ("jammkle_bringup.demo", "jammkle_bringup.core.picture", "jammkle_gap", "jammkle_gap.landing")
-IMPORTED += ("jammkle_bringup.channel_commands", "jammkle_bringup.report", "jammkle_graph.command.main")
+IMPORTED += ("jammkle_bringup.channel_commands", "jammkle_bringup.report", "jammkle_common.command.main")
 """What the demo, a first session and the command itself import."""
 OLDEST_PYTHON = (3, 10)
 NEWEST_PYTHON = (3, 13)
@@ -168,7 +169,7 @@ def point_exports_here():
 
 
 def build():
-    """Build the eight packages with colcon into the environment itself, and link the command into its bin."""
+    """Build the packages with colcon into the environment itself, and link the command into its bin."""
     had_cmake = (VENV / "bin" / "cmake").exists()
     if not had_cmake:
         install_build_tool()
@@ -201,7 +202,7 @@ def write_bytecode():
     environment = clean_environment()
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     python = str(VENV / "bin" / "python")
-    lines = "import %s; jammkle_graph.command.main.main(['--help'])" % ", ".join(IMPORTED)
+    lines = "import %s; jammkle_common.command.main.main(['--help'])" % ", ".join(IMPORTED)
     run([python, "-c", lines], VENV / "bytecode.log", environment)
 
 

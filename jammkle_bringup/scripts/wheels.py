@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any
 
 from set_up import OLDEST_PYTHON, PACKAGES, ROOT, VENV
 
-from jammkle_graph.version import VERSION
+from jammkle_common.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 DIST = ROOT / "dist"
 INTERFACES, *NODES = PACKAGES
-SHARED = "jammkle_graph"
+COMMON = NODES[0]
 COMMAND = "jammkle"
 BASE = "base"
 EXTRAS = ("ros", "trial", "view", "bags", "foxglove")
@@ -84,11 +84,10 @@ def toml(value: Any) -> str:
 
 def command_tree(folder: Path) -> None:
     """Lay out the source tree of `jammkle`: every package, the definitions of its messages, and its description."""
-    copied(ROOT / INTERFACES / SHARED, folder / SHARED)
     for kind in ("msg", "srv", "action"):
-        copied(ROOT / INTERFACES / kind, folder / SHARED / "share" / INTERFACES / kind)
-    packages: list[str] = [SHARED, *subpackages(folder / SHARED, SHARED)]
-    package_data: dict[str, list[str]] = {SHARED: ["*.xml", "share/**/*"]}
+        copied(ROOT / INTERFACES / kind, folder / COMMON / "share" / INTERFACES / kind)
+    packages: list[str] = []
+    package_data: dict[str, list[str]] = {}
     data: dict[str, list[str]] = {}
     groups: dict[str, dict[str, str]] = {}
     for name in NODES:
@@ -104,6 +103,7 @@ def command_tree(folder: Path) -> None:
                 data.setdefault(target, []).append(str(here))
         for group, lines in about.entry_points.items() if about.entry_points else ():
             groups.setdefault(group, {}).update(re.split(r"\s*=\s*", line, maxsplit=1) for line in lines)
+    package_data[COMMON].append("share/**/*")
     scripts = groups.pop("console_scripts")
     sections = requirements()
     extras = {name: sections[name] for name in EXTRAS if name in sections}

@@ -12,10 +12,10 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from jammkle_bringup.core.namespace_lock import NamespaceLock
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.main import main
-from jammkle_graph.command.options import ON_BAGS, ON_THE_BOARD, ON_THE_GAP, ON_THE_GRAPH, WITHOUT_A_ROBOT
-from jammkle_graph.namespace import normalised, relative, resolved
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.main import main
+from jammkle_common.command.options import ON_BAGS, ON_THE_BOARD, ON_THE_GAP, ON_THE_GRAPH, WITHOUT_A_ROBOT
+from jammkle_common.namespace import normalised, relative, resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,7 +73,7 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
     """`jammkle --help` is quick because it loads nothing heavy."""
     heavy = ["rclpy", "numpy", "matplotlib", "rosbags", "mujoco", "numba"]
     code = (
-        "import sys; from jammkle_graph.command.main import main; main(['--help']); "
+        "import sys; from jammkle_common.command.main import main; main(['--help']); "
         f"sys.exit(str(set(sys.modules) & set({heavy})) if set(sys.modules) & set({heavy}) else 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

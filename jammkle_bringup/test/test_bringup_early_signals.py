@@ -24,7 +24,7 @@ main()
 
 @pytest.mark.usefixtures("ros_domain")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["typer", "jammkle_graph.command.main"])
+@pytest.mark.parametrize("module", ["typer", "jammkle_common.command.main"])
 @pytest.mark.parametrize(("subcommand", "code"), [("up", 0), ("record", 0), ("jam", 130), ("info", 130)])
 def test_a_signal_while_loading_ends_well(subcommand: str, code: int, module: str, number: signal.Signals) -> None:
     """`up` and `record` run until a signal anyway and exit with 0, the others with 130; one line at most."""
@@ -39,6 +39,6 @@ def test_the_entry_point_loads_nothing_before_its_handlers() -> None:
     """Importing it leaves out the command, its argument parser and ROS."""
     code = (
         "import sys, jammkle_bringup.__main__; "
-        "sys.exit(bool(set(sys.modules) & {'typer', 'rclpy', 'jammkle_graph.command.main'}))"
+        "sys.exit(bool(set(sys.modules) & {'typer', 'rclpy', 'jammkle_common.command.main'}))"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -17,10 +17,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from jammkle_bringup.core.export import ExportRequest, export
 from jammkle_bringup.core.table_files import TableFormat
-from jammkle_graph.bags.reading import messages, opened
-from jammkle_graph.bags.storage import zstd
-from jammkle_graph.command.main import main
-from jammkle_graph.command.signals import Interrupted
+from jammkle_common.bags.reading import messages, opened
+from jammkle_common.bags.storage import zstd
+from jammkle_common.command.main import main
+from jammkle_common.command.signals import Interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -18,8 +18,8 @@ from jammkle_bringup.graph_options import (
     with_legs,
 )
 from jammkle_bringup.up import child_specs
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import CONTROLLER_NODE, SIM_NODE
+from jammkle_common.command.errors import InputError
+from jammkle_common.names import CONTROLLER_NODE, SIM_NODE
 
 if TYPE_CHECKING:
     from pathlib import Path

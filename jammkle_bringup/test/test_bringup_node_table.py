@@ -24,9 +24,9 @@ from jammkle_bringup.core.node_table import (
 from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
 from jammkle_bringup.graph_options import GraphOptions, check, robot_values
 from jammkle_bringup.up import child_specs
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import GAP_MONITOR_NODE
-from jammkle_graph.parameters import from_mapping
+from jammkle_common.command.errors import InputError
+from jammkle_common.names import GAP_MONITOR_NODE
+from jammkle_common.parameters import from_mapping
 
 if TYPE_CHECKING:
     from jammkle_bringup.core.supervisor import ChildSpec

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from jammkle_bringup.core.envelope import STRETCHES, Envelope
 from jammkle_bringup.core.panels_png import figure_of
 from jammkle_bringup.core.run_panels import run_picture
-from jammkle_graph.command.main import main
+from jammkle_common.command.main import main
 from jammkle_view.core.samples import EventKind
 from jammkle_view.core.tints import EVENT_TINTS, LINE_TINTS
 

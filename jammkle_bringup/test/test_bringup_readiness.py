@@ -12,9 +12,9 @@ from jammkle_bringup import readiness
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.readiness import Startup
-from jammkle_graph.command.errors import GraphError
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.names import CONTROLLER_NODE, DRIVER_NODE, IMU, SIM_NODE
+from jammkle_common.command.errors import GraphError
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.names import CONTROLLER_NODE, DRIVER_NODE, IMU, SIM_NODE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -25,10 +25,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool, Float32, String
 
-from jammkle_graph import names
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.bags.recovery import recover
-from jammkle_graph.qos import publisher_qos
+from jammkle_common import names
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.recovery import recover
+from jammkle_common.qos import publisher_qos
 from jammkle_msgs.action import RunRig
 from jammkle_msgs.msg import ChannelJamState, JamState
 
@@ -47,7 +47,7 @@ from pathlib import Path
 
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"jammkle_msgs", "jammkle_graph", "jammkle_bringup", "rclpy", "std_msgs"}:
+        if name.partition(".")[0] in {"jammkle_msgs", "jammkle_common", "jammkle_bringup", "rclpy", "std_msgs"}:
             raise ImportError(name)
         return None
 

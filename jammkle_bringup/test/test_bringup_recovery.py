@@ -12,11 +12,11 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from jammkle_graph.bags.data_section import scanned
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.bags.recovery import recover
-from jammkle_graph.bags.writing import BagLog
-from jammkle_graph.command.main import main
+from jammkle_common.bags.data_section import scanned
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.recovery import recover
+from jammkle_common.bags.writing import BagLog
+from jammkle_common.command.main import main
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 FILL_THE_DISK = """
 import subprocess, sys
 from pathlib import Path
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.bags.writing import BagLog
-from jammkle_graph.command.errors import GraphError
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.writing import BagLog
+from jammkle_common.command.errors import GraphError
 from rosbags.highlevel import AnyReader
 
 disk = Path(sys.argv[1])

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_graph.bags.reading import messages, opened
-from jammkle_graph.command.main import main
+from jammkle_common.bags.reading import messages, opened
+from jammkle_common.command.main import main
 
 if TYPE_CHECKING:
     from collections.abc import Callable

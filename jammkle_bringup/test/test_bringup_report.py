@@ -11,8 +11,8 @@ from jammkle_bringup import report
 from jammkle_bringup.conversions import ChannelStatus, HealthStatus, JamStatus
 from jammkle_bringup.core.bag_info import BagInfo, TopicInfo
 from jammkle_bringup.core.run_summary import ChannelSummary, RunSummary
-from jammkle_graph.command.figures import STATE_COLOURS
-from jammkle_graph.names import TOPICS
+from jammkle_common.command.figures import STATE_COLOURS
+from jammkle_common.names import TOPICS
 from jammkle_view.core.tints import STATE_TINTS, css
 
 STATUS = JamStatus(1.0, False, 50.0, (ChannelStatus("achilles", "JAMMED", 50.0, 49.0, ""),))  # noqa: FBT003 - the message's order

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jammkle_bringup.channel_commands import all_reported
 from jammkle_bringup.conversions import HealthStatus
-from jammkle_graph.roll_call import MISSED_AFTER_S, ROLL_CALL_LINE, SILENT_FOR
+from jammkle_common.roll_call import MISSED_AFTER_S, ROLL_CALL_LINE, SILENT_FOR
 
 DRIVERS = ("/lf_ankle/driver", "/rf_ankle/driver")
 

@@ -10,8 +10,8 @@ import pytest
 from jammkle_bringup.core.picture import draw
 from jammkle_bringup.core.run_series import read_run
 from jammkle_bringup.core.run_summary import summarise, summary_of
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.names import CHANNELS
+from jammkle_common.command.errors import InputError
+from jammkle_common.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

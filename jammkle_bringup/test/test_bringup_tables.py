@@ -13,7 +13,7 @@ import pyarrow.parquet
 import pytest
 
 from jammkle_bringup.core import table_files
-from jammkle_graph.command.main import main
+from jammkle_common.command.main import main
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 PEAK_MB = """
 import resource, sys
-from jammkle_graph.command.main import main
+from jammkle_common.command.main import main
 assert main(sys.argv[1:]) == 0
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 """

@@ -12,9 +12,9 @@ import pytest
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.delivery import published
-from jammkle_graph.names import (
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.delivery import published
+from jammkle_common.names import (
     ANKLE_JOINTS,
     BASE_FRAME,
     CARRIAGE_JOINT,

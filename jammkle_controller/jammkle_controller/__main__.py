@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
+from jammkle_common.runner import run
 from jammkle_controller.node import ControllerNode
-from jammkle_graph.runner import run
 
 
 def main() -> int:

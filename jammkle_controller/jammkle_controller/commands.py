@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from jammkle_graph.command.options import ON_BAGS, JsonOption, NamespaceOption
+from jammkle_common.command.options import ON_BAGS, JsonOption, NamespaceOption
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -47,10 +47,10 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     json: JsonOption = None,
 ) -> int:
     """Run detectors and policy over any recording with an IMU, and write its events and a picture."""
+    from jammkle_common.namespace import normalised
     from jammkle_controller.detect import DetectRequest
     from jammkle_controller.detect import detect as run
     from jammkle_controller.recordings import TableFormat
-    from jammkle_graph.namespace import normalised
 
     layout = TableFormat(
         force=_listed(force),

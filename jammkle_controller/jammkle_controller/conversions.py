@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import CHANNEL_JAMS, JAM_COMMAND, UNJAM, UNJAM_ALL
 from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.driver_view import DriverView, Hold
 from jammkle_controller.core.events import ContactEvent, ContactKind
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import CHANNEL_JAMS, JAM_COMMAND, UNJAM, UNJAM_ALL
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, ContactState, Fault, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from builtin_interfaces.msg import Time
 
+    from jammkle_common.health import Health
     from jammkle_controller.core.contact import ContactReport
-    from jammkle_graph.health import Health
     from jammkle_msgs.msg import JamState
 
 _TYPES = {

@@ -11,15 +11,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.figures import EVENT_COLOURS, LINE_COLOURS, STYLE
+from jammkle_common.command.results import check_writable, console, write_json
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_controller.core.detector_settings import Mount
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Joints, Recording, Replay, TableFormat, read_bag, read_table, replay
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.figures import EVENT_COLOURS, LINE_COLOURS, STYLE
-from jammkle_graph.command.results import check_writable, console, write_json
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.parameters import ParameterError, from_mapping, rows
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,15 +5,15 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.health import Health, Level
+from jammkle_common.names import SET_CONTACT, WAY_BACK
 from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.offered import Detection, not_felt
 from jammkle_controller.core.policy import PolicyMode
 from jammkle_controller.core.transitions import PolicyState
 from jammkle_controller.core.watch import ImuTrouble
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.health import Health, Level
-from jammkle_graph.names import SET_CONTACT, WAY_BACK
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

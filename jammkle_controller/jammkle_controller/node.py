@@ -13,6 +13,30 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float32
 from std_srvs.srv import SetBool
 
+from jammkle_common import wire
+from jammkle_common.declare import declare, on_change
+from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.lockstep import LockstepNode
+from jammkle_common.names import (
+    ANKLE_JOINTS,
+    CONTACT_EVENTS,
+    CONTACT_STATE,
+    CONTROLLER_NODE,
+    FOOT_CONTACT,
+    GAIT_PHASE,
+    IMU,
+    JAM_COMMAND,
+    JAM_STATE,
+    JOINT_STATES,
+    LOAD_CELL,
+    ODOMETRY,
+    PLANNED_CONTACT,
+    SET_AUTO,
+    SET_CONTACT,
+    WAY_BACK,
+)
+from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.roll_call import RollCall
 from jammkle_controller.conversions import (
     contact_event_message,
     contact_state_message,
@@ -36,30 +60,6 @@ from jammkle_controller.core.reading import (
 from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
-from jammkle_graph import wire
-from jammkle_graph.declare import declare, on_change
-from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.lockstep import LockstepNode
-from jammkle_graph.names import (
-    ANKLE_JOINTS,
-    CONTACT_EVENTS,
-    CONTACT_STATE,
-    CONTROLLER_NODE,
-    FOOT_CONTACT,
-    GAIT_PHASE,
-    IMU,
-    JAM_COMMAND,
-    JAM_STATE,
-    JOINT_STATES,
-    LOAD_CELL,
-    ODOMETRY,
-    PLANNED_CONTACT,
-    SET_AUTO,
-    SET_CONTACT,
-    WAY_BACK,
-)
-from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_graph.roll_call import RollCall
 from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState
 
 if TYPE_CHECKING:
@@ -67,9 +67,9 @@ if TYPE_CHECKING:
 
     from rclpy.parameter import Parameter
 
+    from jammkle_common.health import Health
     from jammkle_controller.core.contact import ContactReport
     from jammkle_controller.core.controller import Reaction
-    from jammkle_graph.health import Health
 
 HARDWARE_ID = "ankle"
 

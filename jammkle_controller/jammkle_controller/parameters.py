@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jammkle_common.constants import HELD_VACUUM_PA
+from jammkle_common.parameters import ParameterError, parameter
 from jammkle_controller.core.detector_settings import Mount
 from jammkle_controller.core.policy import PolicyMode
-from jammkle_graph.constants import HELD_VACUUM_PA
-from jammkle_graph.parameters import ParameterError, parameter
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,12 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from jammkle_common import names
+from jammkle_common.bags.reading import name_of, opened
+from jammkle_common.bags.times import BagTimes
+from jammkle_common.command.errors import InputError
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_common.namespace import resolved
 from jammkle_controller.core.controller import AnkleController, Reaction
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
@@ -27,12 +33,6 @@ from jammkle_controller.core.reading import (
 )
 from jammkle_controller.core.sole_speed import BodyTwist, LegPose
 from jammkle_controller.settings import controller_settings
-from jammkle_graph import names
-from jammkle_graph.bags.reading import name_of, opened
-from jammkle_graph.bags.times import BagTimes
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_graph.namespace import resolved
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

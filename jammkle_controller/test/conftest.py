@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from controller_bench import GRAVITY_M_S2, Bench
 
+from jammkle_common.testing import own_domain
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
-from jammkle_graph.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

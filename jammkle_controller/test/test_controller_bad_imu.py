@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from jammkle_common.names import CHANNELS
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind, Source
 from jammkle_controller.core.inputs import PLAN_SILENT_S, Input
@@ -14,7 +15,6 @@ from jammkle_controller.core.transitions import PolicyState
 from jammkle_controller.core.watch import ImuTrouble
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

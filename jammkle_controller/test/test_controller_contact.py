@@ -9,6 +9,10 @@ from controller_bench import LANDED_AT_S
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import SetBool
 
+from jammkle_common.health import Level
+from jammkle_common.names import CHANNELS, CONTACT_STATE, SET_AUTO, SET_CONTACT, UNJAM
+from jammkle_common.parameters import ParameterError
+from jammkle_common.qos import subscriber_qos
 from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.contact_load import LoadContact
 from jammkle_controller.core.controller import AnkleController
@@ -16,10 +20,6 @@ from jammkle_controller.core.events import ContactKind
 from jammkle_controller.health import contact_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
-from jammkle_graph.health import Level
-from jammkle_graph.names import CHANNELS, CONTACT_STATE, SET_AUTO, SET_CONTACT, UNJAM
-from jammkle_graph.parameters import ParameterError
-from jammkle_graph.qos import subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, ContactState, JamState
 
 if TYPE_CHECKING:

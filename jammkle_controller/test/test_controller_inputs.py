@@ -12,13 +12,13 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from jammkle_graph.names import (
+from jammkle_common.names import (
     CHANNELS,
     FOOT_CONTACT,
     JOINT_STATES,
     ODOMETRY,
 )
-from jammkle_graph.qos import publisher_qos
+from jammkle_common.qos import publisher_qos
 from jammkle_msgs.msg import ContactEvent
 
 if TYPE_CHECKING:

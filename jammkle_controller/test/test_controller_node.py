@@ -12,7 +12,7 @@ from controller_bench import GRAVITY_M_S2, INTERVAL_S, LANDED_AT_S, TIMEOUT_S
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
 
-from jammkle_graph.names import (
+from jammkle_common.names import (
     CHANNELS,
     UNJAM,
 )

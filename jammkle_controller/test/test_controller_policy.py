@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jammkle_common.names import CHANNELS
+from jammkle_common.parameters import rows
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_controller.core.freshness import Freshness
 from jammkle_controller.core.policy import JammingPolicy, PolicyMode, PolicySettings
 from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES, PolicyState, Trigger
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_graph.names import CHANNELS
-from jammkle_graph.parameters import rows
 
 BACK = (-1.0, 0.0, 0.0)
 HOLD_PA = 40e3

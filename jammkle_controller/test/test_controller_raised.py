@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_common.health import Level
+from jammkle_common.names import CHANNELS
 from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import METRE, ContactKind
 from jammkle_controller.health import contact_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import controller_settings
-from jammkle_graph.health import Level
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
+from jammkle_common.runner import run
 from jammkle_driver.node import DriverNode
-from jammkle_graph.runner import run
 
 
 def main() -> int:

@@ -7,12 +7,12 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jammkle_common.parameters import ParameterError
 from jammkle_driver.board.line import check_port
 from jammkle_driver.board.link import BoardLink
 from jammkle_driver.board.wiring_file import WiringError, load_wiring
 from jammkle_driver.core.hypotheses import Spread
 from jammkle_driver.measured import Measured
-from jammkle_graph.parameters import ParameterError
 
 if TYPE_CHECKING:
     from jammkle_driver.board.dialogue import Exchange

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.command.main import EXIT_FAILED
-from jammkle_graph.command.options import ON_THE_BOARD, JsonOption
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.main import EXIT_FAILED
+from jammkle_common.command.options import ON_THE_BOARD, JsonOption
 
 if TYPE_CHECKING:
     from jammkle_driver.board.check import CheckRow
@@ -48,12 +48,12 @@ def check(
     """Walk through pump, valves, sensors and leaks, calibrate the sensors, and say what to do."""
     import asyncio
 
+    from jammkle_common.command import results
+    from jammkle_common.command.signals import Interrupted, StopRequest
     from jammkle_driver.board.line import LineError, check_port
     from jammkle_driver.board.typist import Typist
     from jammkle_driver.board.walk import WalkOptions, walk
     from jammkle_driver.board.wiring_file import WiringError, load_wiring
-    from jammkle_graph.command import results
-    from jammkle_graph.command.signals import Interrupted, StopRequest
 
     results.check_writable(json)
     results.check_writable(save_board_file, "--save-board-file")

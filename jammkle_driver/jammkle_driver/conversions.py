@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool, Float32
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_driver.core.hardware import PressureSample
 from jammkle_driver.core.requests import Wish
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from jammkle_msgs.msg import ActuatorStates, ChannelJamState, Fault, JamCommand, JamState
 
 if TYPE_CHECKING:
     import rclpy.time
     from builtin_interfaces.msg import Time
 
+    from jammkle_common import wire
     from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.core.status import DriverStatus
-    from jammkle_graph import wire
 
 
 def seconds(time: rclpy.time.Time) -> float:

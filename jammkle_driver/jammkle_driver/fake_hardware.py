@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CHANNELS
+from jammkle_common.parameters import ParameterError
 from jammkle_driver.conversions import seconds
 from jammkle_driver.core.hardware import LinkState
 from jammkle_driver.fake.board import STEP_S, WATCHDOG_S, FakeBoard
@@ -16,9 +19,6 @@ from jammkle_driver.fake.faults import LinkFault
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.script import ScriptError, read_script
 from jammkle_driver.measured import Measured
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import CHANNELS
-from jammkle_graph.parameters import ParameterError
 
 if TYPE_CHECKING:
     from jammkle_driver.core.hardware import ActuatorCommand, LinkStatus

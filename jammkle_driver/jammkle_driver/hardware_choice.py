@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph.command.provided import HARDWARE, entries
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.command.provided import HARDWARE, entries
+from jammkle_common.parameters import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

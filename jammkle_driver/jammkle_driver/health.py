@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_common.health import Health, Level
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState
 from jammkle_driver.core.link import link_numbers
-from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

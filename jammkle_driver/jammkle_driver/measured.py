@@ -10,11 +10,11 @@ from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from sensor_msgs.msg import FluidPressure
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
+from jammkle_common.qos import publisher_qos
 from jammkle_driver.conversions import actuator_states_message, pressure_message, seconds
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
-from jammkle_graph.qos import publisher_qos
 from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:

@@ -10,22 +10,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_driver.conversions import seconds, wishes
-from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.publishers import Publication
-from jammkle_driver.core.releases import check_carried_out
-from jammkle_driver.core.requests import RequestError
-from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
-from jammkle_driver.health import ankle_lines, health_lines
-from jammkle_driver.lifecycle import refuse_bad_transitions
-from jammkle_driver.outputs import Outputs
-from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
-from jammkle_graph.declare import declare, on_change
-from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.lockstep import LockstepNode
-from jammkle_graph.names import (
+from jammkle_common.declare import declare, on_change
+from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.lockstep import LockstepNode
+from jammkle_common.names import (
     CHANNEL_JAMS,
     CHANNELS,
     CLEAR_FAULT,
@@ -38,17 +26,29 @@ from jammkle_graph.names import (
     UNJAM,
     UNJAM_ALL,
 )
-from jammkle_graph.publication import MessageInfo, subscribe_to_any
-from jammkle_graph.roll_call import RollCall
+from jammkle_common.publication import MessageInfo, subscribe_to_any
+from jammkle_common.roll_call import RollCall
+from jammkle_driver.conversions import seconds, wishes
+from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.publishers import Publication
+from jammkle_driver.core.releases import check_carried_out
+from jammkle_driver.core.requests import RequestError
+from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
+from jammkle_driver.health import ankle_lines, health_lines
+from jammkle_driver.lifecycle import refuse_bad_transitions
+from jammkle_driver.outputs import Outputs
+from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_msgs.msg import JamCommand
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from jammkle_common.health import Health
+    from jammkle_common.names import Service, Topic
     from jammkle_driver.core.hardware import Hardware, PressureSample
-    from jammkle_graph.health import Health
-    from jammkle_graph.names import Service, Topic
 
 STATE_PERIOD_S = 1.0
 """jam_state is repeated this often, s."""

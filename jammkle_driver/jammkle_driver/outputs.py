@@ -9,9 +9,9 @@ from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from std_msgs.msg import Bool, Float32
 
+from jammkle_common.names import JAM_STATE, PUMP_DUTY, SOLENOIDS
+from jammkle_common.qos import publisher_qos
 from jammkle_driver.conversions import duty_message, jam_state_message, solenoid_message
-from jammkle_graph.names import JAM_STATE, PUMP_DUTY, SOLENOIDS
-from jammkle_graph.qos import publisher_qos
 from jammkle_msgs.msg import JamState
 
 if TYPE_CHECKING:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jammkle_common.constants import HELD_VACUUM_PA, STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CHANNELS, TENDONS_OF_CHANNEL
+from jammkle_common.parameters import ParameterError, parameter
 from jammkle_driver.core.air import AirSettings
 from jammkle_driver.core.ankle import AnkleSettings, FaultPolicy, SafeState
 from jammkle_driver.core.channel import ChannelSettings
@@ -11,9 +14,6 @@ from jammkle_driver.core.diagnosis import DiagnosisSettings
 from jammkle_driver.core.regulator import RegulatorSettings
 from jammkle_driver.core.requests import VacuumLimits
 from jammkle_driver.core.settings import DriverSettings
-from jammkle_graph.constants import HELD_VACUUM_PA, STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
-from jammkle_graph.parameters import ParameterError, parameter
 
 TICK_PERIOD_S = 0.05
 """Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import FluidPressure
 
+from jammkle_common import wire
+from jammkle_common.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES
+from jammkle_common.qos import subscriber_qos
 from jammkle_driver.conversions import measured_pressure, pressure_sample, seconds, stamp_seconds
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, SafeCause
-from jammkle_graph import wire
-from jammkle_graph.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES
-from jammkle_graph.qos import subscriber_qos
 from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:

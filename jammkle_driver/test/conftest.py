@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 
 if TYPE_CHECKING:
     from jammkle_driver.core.channel import ChannelStatus

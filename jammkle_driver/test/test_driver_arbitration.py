@@ -10,11 +10,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
+from jammkle_common.names import WAY_BACK
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.hardware import MANIFOLD, released
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant
-from jammkle_graph.names import WAY_BACK
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from fault_bench import SET_POINT_PA, jammed_bench, run
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.evidence import LONGEST_UNKNOWN_S, Evidence
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, PressureSample, released
@@ -17,7 +18,6 @@ from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.fake.bench import SAMPLE_S, FaultBench
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from jammkle_driver.core.faults import Finding

@@ -8,13 +8,13 @@ import pytest
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import FluidPressure
 
+from jammkle_common.health import Level
+from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_driver import conversions
 from jammkle_driver.core.channel import ChannelState, ChannelStatus
 from jammkle_driver.core.status import DriverStatus
 from jammkle_driver.health import health_lines
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.health import Level
-from jammkle_graph.parameters import ParameterError, from_mapping
 from jammkle_msgs.msg import ChannelJamState
 
 

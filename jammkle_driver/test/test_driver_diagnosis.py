@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.diagnosis import THRESHOLD
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, released
@@ -17,8 +19,6 @@ from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.sensors import SensorErrors
 from jammkle_driver.fake.trial import ELSEWHERE, PLACED, WITHIN_S, alarms, inject
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     import random

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.atmosphere import Atmosphere
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
@@ -22,7 +23,6 @@ from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.fake.faults import FakeFault, LinkFault
 from jammkle_driver.fake.script import ScriptError, read_script
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from jammkle_driver.core.hardware import PressureSample

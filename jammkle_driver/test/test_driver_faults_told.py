@@ -12,11 +12,11 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from fake_ankle import PASSING, TIMEOUT_S, Ankle, graph_of_its_own, numbers_of
 from std_srvs.srv import Trigger
 
+from jammkle_common import names
+from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph import names
-from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_msgs.msg import ChannelJamState, Fault
 from jammkle_msgs.srv import Jam
 

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import pytest
 
+from jammkle_common.command.provided import HARDWARE
+from jammkle_common.parameters import ParameterError
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
 from jammkle_driver.core.link import RESTART_TOLD_S, LinkGuard, NoiseMeter, RestartWatch
 from jammkle_driver.hardware_choice import HardwareContext, check_hardware, check_parameters, make_hardware
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.command.provided import HARDWARE
-from jammkle_graph.parameters import ParameterError
 
 HEALTHY = LinkStatus(LinkState.CONNECTED)
 LATCHED = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.HOST_SILENT}))

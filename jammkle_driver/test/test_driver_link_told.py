@@ -10,11 +10,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from fake_ankle import TIMEOUT_S, Ankle, graph_of_its_own, numbers_of
 
+from jammkle_common import names
+from jammkle_common.names import CHANNELS
+from jammkle_common.qos import publisher_qos
 from jammkle_driver.core.hardware import released
 from jammkle_driver.fake.faults import LinkFault
-from jammkle_graph import names
-from jammkle_graph.names import CHANNELS
-from jammkle_graph.qos import publisher_qos
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand
 from jammkle_msgs.srv import Jam
 

@@ -24,13 +24,13 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from driver_graph import FakeAnkle, Graph
+from jammkle_common import names
+from jammkle_common.health import Level
+from jammkle_common.parameters import ParameterError
+from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.testing import own_domain
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.node import DriverNode
-from jammkle_graph import names
-from jammkle_graph.health import Level
-from jammkle_graph.parameters import ParameterError
-from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_graph.testing import own_domain
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
 

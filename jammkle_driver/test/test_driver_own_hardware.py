@@ -11,8 +11,8 @@ import pytest
 from std_srvs.srv import Trigger
 
 from driver_graph import Graph, Onlooker
-from jammkle_graph import names
-from jammkle_graph.testing import own_domain
+from jammkle_common import names
+from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ from rclpy.clock import Clock, ClockType
 
 from jammkle_driver.core.hardware import LinkState, LinkStatus, released
 from jammkle_driver.measured import Measured
-from jammkle_graph.names import CHANNELS
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.names import CHANNELS
+from jammkle_common.parameters import ParameterError
 
 
 class Bench:

@@ -10,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fault_bench
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
@@ -20,8 +22,6 @@ from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.sensors import SensorErrors
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 
 if TYPE_CHECKING:
     import random

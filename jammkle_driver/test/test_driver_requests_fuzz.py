@@ -10,13 +10,13 @@ import contextlib
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, PressureSample, SafeCause, released
 from jammkle_driver.core.requests import RequestError, Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import CHANNELS
 from malformed import NAME, NAMES, PASCALS
 
 CONNECTED = LinkStatus(LinkState.CONNECTED)

@@ -22,12 +22,12 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from driver_graph import Graph, Onlooker
+from jammkle_common import names
+from jammkle_common.names import CHANNELS
+from jammkle_common.qos import publisher_qos
+from jammkle_common.testing import own_domain
 from jammkle_driver.core.hardware import ActuatorCommand, released
 from jammkle_driver.fake.faults import FakeFault, LinkFault
-from jammkle_graph import names
-from jammkle_graph.names import CHANNELS
-from jammkle_graph.qos import publisher_qos
-from jammkle_graph.testing import own_domain
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand
 from jammkle_msgs.srv import Jam, Unjam
 from malformed import NAME, NAMES, PASCALS

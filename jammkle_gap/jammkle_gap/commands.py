@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.options import ON_THE_GAP, JsonOption
 from jammkle_gap.trial.command import blind_app
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.options import ON_THE_GAP, JsonOption
 
 gap_app = typer.Typer(
     help="Find out where simulation and robot disagree, and why.",

@@ -6,6 +6,9 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.command import results
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.signals import StopRequest
 from jammkle_gap.ankle.effects import try_changes
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.problem import ankle_problem
@@ -20,9 +23,6 @@ from jammkle_gap.report import words
 from jammkle_gap.report.asked import Asked
 from jammkle_gap.report.page import page
 from jammkle_gap.report.screen import show
-from jammkle_graph.command import results
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.signals import StopRequest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,15 +6,15 @@ import contextlib
 import sys
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import Interrupted
 from jammkle_gap.ankle.experiments import experiments
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose as diagnose_recordings
 from jammkle_gap.core.effects import BadEffectError
 from jammkle_gap.core.simulate import SimulatorError, StoppedError
 from jammkle_gap.report.words import first_answer
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import Interrupted
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:

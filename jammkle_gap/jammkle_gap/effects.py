@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.table import Table
 
+from jammkle_common.command import results
 from jammkle_gap.inputs import library_of
-from jammkle_graph.command import results
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,6 +5,10 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.vocabulary import as_typed, typed_name
 from jammkle_gap.ankle.alike import difference
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recordings
@@ -13,10 +17,6 @@ from jammkle_gap.ankle.sensor_sets import headline_set, selected
 from jammkle_gap.ankle.setting import with_settings
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import BadEffectError, Library
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.command.vocabulary import as_typed, typed_name
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_common.command.errors import GraphError
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import Interrupted
 from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recording
@@ -24,9 +27,6 @@ from jammkle_gap.landing_effects import Outcome, Secret, draw, outcome
 from jammkle_gap.report import words
 from jammkle_gap.report.parameters import parameter_lines
 from jammkle_gap.report.quantities import probability, times
-from jammkle_graph.command.errors import GraphError
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import Interrupted
 from jammkle_sim.rigs.catalogue import run_rig, scattered
 from jammkle_sim.rigs.landing_run import LandingRunOptions
 from jammkle_sim.rigs.run import RigCancelledError

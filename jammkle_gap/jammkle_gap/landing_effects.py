@@ -6,8 +6,8 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap.core.result import Verdict
-from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     import random

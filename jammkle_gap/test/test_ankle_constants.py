@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_gap.ankle.effects import AnkleEffect, ankle_library, machine_constants, run_scatter
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.priors import PriorParameter
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.assembly import assembled
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 from jammkle_sim.rigs.rig import GROUND

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_common import names
+from jammkle_common.parameters import ParameterError
 from jammkle_gap.ankle.corrected import Correction, corrected_text, load_correction
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_graph import names
-from jammkle_graph.parameters import ParameterError
 from jammkle_sim.landing import make_simulation
 from jammkle_sim.parameters import SimParameters
 from jammkle_sim.rigs.catalogue import RIGS, run_rig

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.loading import recording_of
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 from jammkle_sim.rigs.driven import Course, following
 from recorded import SIMULATOR, run, worst_gap

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_gap.ankle.corrected import Correction
 from jammkle_gap.ankle.effects import AnkleEffect, ankle_library, try_changes
 from jammkle_gap.ankle.inputs import nominal_rig
@@ -27,8 +29,6 @@ from jammkle_gap.ankle.instruments import (
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig
 from recorded import bias_of
 

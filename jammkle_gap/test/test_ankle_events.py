@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_gap.ankle.events import (
     falls_of_imu,
     falls_of_slide,
@@ -24,7 +25,6 @@ from jammkle_gap.ankle.loading import recording_of
 from jammkle_gap.ankle.registrar import BREAKAWAY, REBOUND, SLIDE_ONSET, TOUCH_DOWN, AnkleRegistrar
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.ankle.sensor_sets import SensorSet, selected
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 from recorded import SIMULATOR, run
 
 RELEASE_S = 1.0

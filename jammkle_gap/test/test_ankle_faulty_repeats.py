@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from jammkle_common import names
 from jammkle_gap.ankle.alike import difference
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.loading import recordings_of
-from jammkle_graph import names
 from jammkle_reality.faults import FaultSetting
 from jammkle_reality.record import Plan
 from jammkle_reality.run import run

@@ -10,12 +10,12 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag, Samples, read_bag
 from jammkle_gap.ankle.loading import load_recording, recording_of
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.ankle.signals import signals_of
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_graph import names
 from recorded import ACHILLES, SIMULATOR, bag, bias_of, run, unbiased
 
 if TYPE_CHECKING:

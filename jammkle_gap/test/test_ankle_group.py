@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from jammkle_common import names
 from jammkle_gap.ankle.group import group_of
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.setting import setting_text
-from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 
 if TYPE_CHECKING:

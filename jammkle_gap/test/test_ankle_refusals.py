@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.loading import load_recording, recording_of
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_graph import names
 from recorded import ACHILLES, bag
 
 if TYPE_CHECKING:

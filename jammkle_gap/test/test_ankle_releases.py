@@ -8,13 +8,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.loading import recording_of, recordings_of
 from jammkle_gap.ankle.registrar import TOUCH_DOWN, AnkleRegistrar
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.ankle.setting import with_settings
 from jammkle_gap.core.data import BadRecordingError, Recording
-from jammkle_graph import names
 from recorded import SIMULATOR, run
 
 COMMANDS = (names.PUMP_DUTY.name, *(topic.name for topic in names.SOLENOIDS.values()))

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_common import names
 from jammkle_gap.ankle.alike import HEIGHT, difference, held_vacuum
 from jammkle_gap.ankle.bag import Bag
 from jammkle_gap.ankle.loading import recording_of
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.ankle.setting import with_settings
 from jammkle_gap.ankle.signals import CARRIAGE
-from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 from jammkle_sim.rigs.driven import Course
 from jammkle_sim.rigs.timeline import Timeline

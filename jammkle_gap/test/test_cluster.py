@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from distributed import LocalCluster
 
+from jammkle_common.command.main import main
 from jammkle_gap import diagnosing as gap_diagnosing
-from jammkle_graph.command.main import main
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

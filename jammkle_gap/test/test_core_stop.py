@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 
+from jammkle_common.command.signals import StopRequest
 from jammkle_gap.backend import backend
 from jammkle_gap.core.simulate import Problem, Runner, StoppedError
-from jammkle_graph.command.signals import StopRequest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

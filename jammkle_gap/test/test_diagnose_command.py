@@ -17,12 +17,12 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.command.main import main
 from jammkle_gap import ankle_library, commands
 from jammkle_gap import diagnosing as gap_diagnosing
 from jammkle_gap.ankle.corrected import load_correction
 from jammkle_gap.ankle.sensor_sets import SensorSet
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.command.main import main
 from jammkle_sim.commands.rig_bag import write_bag
 from jammkle_sim.rigs.catalogue import as_it_is, run_rig
 from jammkle_sim.rigs.pressure import PressureOptions

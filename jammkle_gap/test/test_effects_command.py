@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.main import main
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_graph.command.main import main
 
 if TYPE_CHECKING:
     from pathlib import Path

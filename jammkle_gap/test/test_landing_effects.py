@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 import yaml
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap import Riddle, Verdict, ankle_library
 from jammkle_gap.core.result import Candidate
 from jammkle_gap.landing_effects import EFFECTS, DemoEffect, Outcome, Secret, draw, outcome
-from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     from jammkle_gap import Diagnosis

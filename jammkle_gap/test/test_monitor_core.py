@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from jammkle_common import names
 from jammkle_gap.ankle.effects import ankle_library, apply_effects
 from jammkle_gap.ankle.inputs import known_options
 from jammkle_gap.monitor.core.monitor import GapMonitor, GapState, MonitorSettings
-from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import run_rig
 from jammkle_sim.rigs.landing_run import LandingRunOptions
 

@@ -17,6 +17,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jammkle_common.command.results import Origin
 from jammkle_gap import ankle_problem
 from jammkle_gap.core.effects import Nuisance
 from jammkle_gap.core.result import (
@@ -41,7 +42,6 @@ from jammkle_gap.report.quantities import percent, percents, probability, quanti
 from jammkle_gap.report.sections.posterior import MOST_BARS, bars_of
 from jammkle_gap.report.sections.traces import MOST_TRACES
 from jammkle_gap.report.sections.where import heat_map
-from jammkle_graph.command.results import Origin
 
 LIMIT_BYTES = 5e6
 PREFIX = {"k": 1e3, "m": 1e-3, "µ": 1e-6, "n": 1e-9}

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recording
 from jammkle_gap.trial.bags import RunWriter
 from jammkle_gap.trial.ceiling import CeilingSimulator, ceiling_problem
 from jammkle_gap.trial.ceiling_machine import CONSTANTS, DAY, PLANNED, built
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
 from jammkle_reality.machine import STILL, Machine
 from jammkle_reality.record import Plan
 from jammkle_reality.run import run

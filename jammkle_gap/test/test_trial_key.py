@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.main import main
 from jammkle_gap.trial import files
 from jammkle_gap.trial.key import (
     Key,
@@ -23,8 +25,6 @@ from jammkle_gap.trial.key import (
     truth_of,
     write_key,
 )
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.main import main
 
 if TYPE_CHECKING:
     from pathlib import Path

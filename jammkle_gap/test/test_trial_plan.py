@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.trial.key import Kind, Rung
 from jammkle_gap.trial.plan import SIZES, FaultFact, plan_cases
@@ -23,7 +24,6 @@ from jammkle_gap.trial.regimes import (
 )
 from jammkle_gap.trial.sizes import scatter_of, share_for, size_of
 from jammkle_gap.trial.sources import Reality, SourceFault
-from jammkle_graph.parameters import from_mapping
 from jammkle_sim.rigs.catalogue import rig_kind
 
 FAULTS = (

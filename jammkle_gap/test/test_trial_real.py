@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap.trial.diagnose_real import diagnose_real
 from jammkle_gap.trial.real import as_rows
-from jammkle_graph.command.errors import InputError
 
 HOUSE = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("JAMMKLE_REAL_DATA", HOUSE.parent / "shared" / "data"))

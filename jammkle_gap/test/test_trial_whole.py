@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from jammkle_common.command.commit import commit
+from jammkle_common.command.main import main
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recording
 from jammkle_gap.trial import run as blind_run
@@ -20,8 +22,6 @@ from jammkle_gap.trial.beside import BASELINES
 from jammkle_gap.trial.redacted import redacted
 from jammkle_gap.trial.regimes import SMALL_SEED
 from jammkle_gap.trial.sources import Reality
-from jammkle_graph.command.commit import commit
-from jammkle_graph.command.main import main
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

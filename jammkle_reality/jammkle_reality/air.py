@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 from jammkle_reality.compiled import compiled
 from jammkle_reality.machine import GAS_J_KG_K, HEAT_RATIO
 

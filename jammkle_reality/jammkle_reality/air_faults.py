@@ -7,7 +7,7 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 from jammkle_reality.faults import Fault, FaultParameter
 from jammkle_reality.machine import conductance_dm3_s_bar, nozzle_area_m2
 from jammkle_reality.places import MANIFOLD, plus, times, with_air, with_lines, with_pump

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_reality.air import AMBIENT, LINES, NODES, STEP_S, advance_air, air_law, fill_again, vented
 from jammkle_reality.faults import Era, era_at
 from jammkle_reality.machine import Machine, stream

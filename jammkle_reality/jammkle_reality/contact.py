@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_reality.bodies import PRESS_POINTS
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 from jammkle_reality.contact import HARD_N_M15, HARD_S_M, SquashBall, hertz
 from jammkle_reality.leg import PLAIN
 from jammkle_reality.leg_law import Stand, ankle_law, free_lengths_m, tip_law

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_reality.compiled import compiled
 from jammkle_reality.tendon import bristle_n, tendon_law, tendon_state, tendon_tension_n
 from jammkle_reality.tendon_law import TIME

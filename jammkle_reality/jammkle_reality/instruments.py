@@ -6,7 +6,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import CHANNELS
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.names import CHANNELS
 from jammkle_reality.contact import WOOD_N_M15, WOOD_S_M, hertz
 from jammkle_reality.leg import PLAIN
 from jammkle_reality.leg_law import Stand, ankle_law, free_lengths_m

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import CHANNELS, TENDONS, TENDONS_OF_CHANNEL
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CHANNELS, TENDONS, TENDONS_OF_CHANNEL
 from jammkle_reality.instruments import Sensors
 from jammkle_reality.leg import Leg
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import signal as filters  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_reality.bodies import TENDONS, still
 from jammkle_reality.breathing import breathe
 from jammkle_reality.course import Truth as Course

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from jammkle_graph.names import CHANNELS, TENDONS, TENDONS_OF_CHANNEL
+from jammkle_common.names import CHANNELS, TENDONS, TENDONS_OF_CHANNEL
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph import names
-from jammkle_graph.constants import HELD_VACUUM_PA
+from jammkle_common import names
+from jammkle_common.constants import HELD_VACUUM_PA
 from jammkle_reality.breathing import HISTORY_S, breathe
 from jammkle_reality.hanging import JOINTS, hang
 from jammkle_reality.options import BadPlanError, settings

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,7 +6,7 @@ import dataclasses
 from functools import partial
 from typing import TYPE_CHECKING
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 from jammkle_reality.faults import Fault, FaultParameter
 from jammkle_reality.places import MANIFOLD, plus, times, with_clock, with_imu, with_pressure_sensor, with_sensors
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 from jammkle_reality.bodies import turned_about_y
 from jammkle_reality.contact import WOOD_N_M15, WOOD_S_M, hertz
 from jammkle_reality.leg import PLAIN

@@ -6,7 +6,7 @@ import dataclasses
 from functools import partial
 from typing import TYPE_CHECKING
 
-from jammkle_graph.names import TENDONS
+from jammkle_common.names import TENDONS
 from jammkle_reality.faults import Fault, FaultParameter
 from jammkle_reality.places import PAIRS, plus, times, with_tendons
 

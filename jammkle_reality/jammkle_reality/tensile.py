@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_reality.breathing import breathe
 from jammkle_reality.compiled import compiled
 from jammkle_reality.options import BadPlanError, settings

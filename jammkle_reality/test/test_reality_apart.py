@@ -11,7 +11,7 @@ import jammkle_reality
 
 FILES = sorted(Path(next(iter(jammkle_reality.__path__))).glob("*.py"))
 OWN = "jammkle_reality"
-ELSE = ("jammkle_graph", "numpy", "scipy", "numba")
+ELSE = ("jammkle_common", "numpy", "scipy", "numba")
 """Facts that packages share, and libraries of numbers."""
 
 

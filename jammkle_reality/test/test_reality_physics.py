@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_reality.air import NODES, advance_air, air_law, nozzle_kg_s, pressures_pa, tube_kg_s, vented
 from jammkle_reality.breathing import breathe
 from jammkle_reality.faults import Era

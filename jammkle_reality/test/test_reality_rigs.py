@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_reality.body_faults import BODY_FAULTS
 from jammkle_reality.faults import FaultSetting
 from jammkle_reality.machine import Machine

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_reality.faults import BadFaultError, FaultSetting, eras
 from jammkle_reality.machine import Machine
 from jammkle_reality.options import BadPlanError

@@ -5,16 +5,16 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from jammkle_graph.runner import EXIT_BAD_INPUT, run
+from jammkle_common.runner import EXIT_BAD_INPUT, run
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.runner import StopFlag
     from jammkle_sim.node import SimNode
 
 LOADED_LATER = ("jammkle_sim.landing", "jammkle_sim.node")
-"""See `jammkle_graph.command.held`."""
+"""See `jammkle_common.command.held`."""
 
 
 def main() -> int:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from jammkle_graph.diagnostics import Health
+    from jammkle_common.diagnostics import Health
     from jammkle_sim.core.engine import Tick
 
 RIG_OUTPUTS = tuple(output for output in Output if output not in (Output.TRUE_CONTACT, Output.GAIT))

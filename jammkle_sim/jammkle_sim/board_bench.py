@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jammkle_graph.runner import StopFlag
+from jammkle_common.runner import StopFlag
 from jammkle_sim.core.board_plant import BoardPlant
 
 if TYPE_CHECKING:

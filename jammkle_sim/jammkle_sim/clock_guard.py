@@ -14,9 +14,9 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from jammkle_graph.names import CLOCK
-from jammkle_graph.namespace import resolved
-from jammkle_graph.qos import subscriber_qos
+from jammkle_common.names import CLOCK
+from jammkle_common.namespace import resolved
+from jammkle_common.qos import subscriber_qos
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor

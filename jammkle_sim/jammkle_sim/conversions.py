@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from jammkle_graph import wire
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.messages import message_class
-from jammkle_graph.names import BASE_FRAME, FOOT_FRAME, IMU_FRAME, LOAD_CELL_FRAME, ODOM_FRAME, TENDONS, frame
+from jammkle_common import wire
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.messages import message_class
+from jammkle_common.names import BASE_FRAME, FOOT_FRAME, IMU_FRAME, LOAD_CELL_FRAME, ODOM_FRAME, TENDONS, frame
 from jammkle_sim.physics.sensors import SensorParameters, imu_variance
 
 if TYPE_CHECKING:

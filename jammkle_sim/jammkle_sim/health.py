@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.health import COMMANDS_LINE, Health, Level
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.health import COMMANDS_LINE, Health, Level
 from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE
 from jammkle_sim.core.run_control import RunState
 from jammkle_sim.inputs import WATCHDOG_S

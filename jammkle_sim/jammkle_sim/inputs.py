@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from std_msgs.msg import Bool, Float32
 
-from jammkle_graph import names
-from jammkle_graph.names import below
-from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_common import names
+from jammkle_common.names import below
+from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ActuatorStates
 from jammkle_sim.conversions import BadCommandError, actuator_states, duty_from
 

@@ -6,8 +6,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.command.errors import InputError
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.effects_file import load_change
 from jammkle_sim.rigs.catalogue import as_it_is
 from jammkle_sim.rigs.changes import BadChangeError

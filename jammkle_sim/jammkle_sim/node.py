@@ -13,12 +13,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
-from jammkle_graph import names
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.declare import declare, on_change
-from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.qos import publisher_qos
-from jammkle_graph.roll_call import RollCall
+from jammkle_common import names
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.declare import declare, on_change
+from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.qos import publisher_qos
+from jammkle_common.roll_call import RollCall
 from jammkle_sim.ankles import Ankles
 from jammkle_sim.clock_guard import ClockGuard
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
     from rclpy.executors import Executor
 
-    from jammkle_graph.health import Health
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.health import Health
+    from jammkle_common.runner import StopFlag
     from jammkle_sim.parameters import RunParameters
     from jammkle_sim.rigs.simulation import Simulation
 

@@ -10,11 +10,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu, JointState
 from std_msgs.msg import Bool, Float32
 
-from jammkle_graph import names
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import MANIFOLD_FRAME
-from jammkle_graph.namespace import resolved
-from jammkle_graph.qos import publisher_qos
+from jammkle_common import names
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import MANIFOLD_FRAME
+from jammkle_common.namespace import resolved
+from jammkle_common.qos import publisher_qos
 from jammkle_msgs.msg import TendonStates, TrueContact
 from jammkle_sim.conversions import OutgoingMessages
 from jammkle_sim.core.schedule import STATES, Output

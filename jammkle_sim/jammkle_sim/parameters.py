@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jammkle_graph.parameters import ParameterError, parameter
+from jammkle_common.parameters import ParameterError, parameter
 from jammkle_sim.core.schedule import RateError, steps_per_output, timestep_ns
 from jammkle_sim.rigs.options import (
     FROM_RESET,

@@ -13,11 +13,11 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from jammkle_graph import wire
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import CLOCK, LOCKSTEP, below
-from jammkle_graph.namespace import resolved
-from jammkle_graph.qos import answer_qos, subscriber_qos
+from jammkle_common import wire
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import CLOCK, LOCKSTEP, below
+from jammkle_common.namespace import resolved
+from jammkle_common.qos import answer_qos, subscriber_qos
 from jammkle_sim.core.lockstep import Lockstep
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
-    from jammkle_graph.health import Health
+    from jammkle_common.health import Health
     from jammkle_sim.parameters import RunParameters
 
 _LEFT_AFTER_S = 0.3

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import GoalEvent
 
-from jammkle_graph import names
-from jammkle_graph.parameters import ParameterError
+from jammkle_common import names
+from jammkle_common.parameters import ParameterError
 from jammkle_msgs.action import RunRig
 from jammkle_sim.core.rig_goal import RigRows, periods_of
 from jammkle_sim.core.run_control import RefusedError

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_graph import names
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_common import names
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_msgs.srv import Step
 from jammkle_sim.core.run_control import RefusedError, RunState
 

@@ -8,9 +8,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from jammkle_graph import names
-from jammkle_graph.qos import publisher_qos
-from jammkle_graph.transforms import transform_of
+from jammkle_common import names
+from jammkle_common.qos import publisher_qos
+from jammkle_common.transforms import transform_of
 from jammkle_sim.conversions import OutgoingMessages
 from jammkle_sim.core.schedule import Output
 

@@ -13,8 +13,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_graph import names
-from jammkle_graph.testing import own_domain
+from jammkle_common import names
+from jammkle_common.testing import own_domain
 from jammkle_msgs.srv import Step
 from jammkle_sim.landing import make_simulation
 from jammkle_sim.node import SimNode

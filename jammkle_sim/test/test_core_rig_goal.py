@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jammkle_graph.names import IMU, JOINT_STATES, LOAD_CELL, TENDON_STATES
-from jammkle_graph.parameters import ParameterError, rows
+from jammkle_common.names import IMU, JOINT_STATES, LOAD_CELL, TENDON_STATES
+from jammkle_common.parameters import ParameterError, rows
 from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
 from jammkle_sim.core.rig_goal import RigGoal, periods_of, unit_of

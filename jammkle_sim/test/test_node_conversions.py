@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import Float32
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_msgs.msg import TendonState
 from jammkle_sim.conversions import (
     BadCommandError,

@@ -17,7 +17,7 @@ from sensor_msgs.msg import FluidPressure, Imu, JointState
 from std_msgs.msg import Bool, Float32, String
 from std_srvs.srv import SetBool
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_msgs.msg import ActuatorStates, TendonStates
 from jammkle_msgs.srv import Step
 

@@ -10,7 +10,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float32
 
-from jammkle_graph import names
+from jammkle_common import names
 
 if TYPE_CHECKING:
     from collections.abc import Callable

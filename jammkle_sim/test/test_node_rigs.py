@@ -15,8 +15,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import Bool, String
 
-from jammkle_graph import names
-from jammkle_graph.parameters import from_mapping
+from jammkle_common import names
+from jammkle_common.parameters import from_mapping
 from jammkle_msgs.action import RunRig
 from jammkle_msgs.msg import TendonState, TendonStates
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from jammkle_graph import constants
+from jammkle_common import constants
 from jammkle_sim import physics
 from studies.paper.refit import UNKNOWNS
 from studies.paper.tables import ROWS

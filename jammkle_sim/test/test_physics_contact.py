@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.physics.contact import LOAD_N, Softening, soften
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.model import new_spec

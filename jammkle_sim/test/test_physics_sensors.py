@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.sensors import Noise, SensorParameters, imu_law
 

@@ -12,10 +12,10 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from jammkle_graph.command.main import main
-from jammkle_graph.command.vocabulary import option_name
-from jammkle_graph.names import CHANNELS, PRESSURES, SOLENOIDS, TOPICS
-from jammkle_graph.parameters import rows
+from jammkle_common.command.main import main
+from jammkle_common.command.vocabulary import option_name
+from jammkle_common.names import CHANNELS, PRESSURES, SOLENOIDS, TOPICS
+from jammkle_common.parameters import rows
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from jammkle_graph.parameters import ParameterError, from_mapping, rows
+from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.catalogue import RIGS, rig_kind, run_rig, save_mjcf, scattered
 from jammkle_sim.rigs.run import RigCancelledError, RigRun

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_graph.parameters import from_mapping
+from jammkle_common.parameters import from_mapping
 from jammkle_sim.physics.feet import JAMMED, RIGID_ANKLE, SQUASH_BALL, STANDARD, UNJAMMED, SquashBallParameters
 from jammkle_sim.rigs.catalogue import run_rig, scattered
 from jammkle_sim.rigs.drop import FEET, DropOptions

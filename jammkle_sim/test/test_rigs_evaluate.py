@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.rigs.evaluate import peak_deceleration_m_s2, rebound_m, smoothed, work_j
 from jammkle_sim.rigs.run import Series
 

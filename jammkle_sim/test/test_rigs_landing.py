@@ -9,9 +9,9 @@ import math
 import numpy as np
 import pytest
 
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import CHANNELS, TENDONS
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
+from jammkle_common.names import CHANNELS, TENDONS
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
 from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError

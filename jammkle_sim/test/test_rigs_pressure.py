@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from jammkle_graph.parameters import from_mapping
+from jammkle_common.parameters import from_mapping
 from jammkle_sim.rigs.catalogue import run_rig
 from jammkle_sim.rigs.pressure import PressureOptions
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
 
-from jammkle_graph.names import CHANNELS
-from jammkle_graph.parameters import ParameterError, from_mapping, rows
+from jammkle_common.names import CHANNELS
+from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 

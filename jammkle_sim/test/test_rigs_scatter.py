@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_graph.parameters import from_mapping
+from jammkle_common.parameters import from_mapping
 from jammkle_sim.physics.feet import JAMMED, SQUASH_BALL, UNJAMMED
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 from jammkle_sim.rigs.scatter import scatter_numbers, scatter_seed

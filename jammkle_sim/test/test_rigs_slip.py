@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_graph.parameters import ParameterError, from_mapping, rows
+from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs import slip
 from jammkle_sim.rigs.catalogue import run_rig, scattered

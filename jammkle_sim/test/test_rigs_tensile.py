@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_graph.parameters import ParameterError, from_mapping
+from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_sim.physics.constants import TENDON_SETS
 from jammkle_sim.physics.materials.elastic import force_table_n
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered

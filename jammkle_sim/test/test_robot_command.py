@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from jammkle_graph.command.main import main
-from jammkle_graph.names import GAIT_PHASE, IMU, PLANNED_CONTACT, QUADRUPED_ANKLES, TRUE_CONTACT
+from jammkle_common.command.main import main
+from jammkle_common.names import GAIT_PHASE, IMU, PLANNED_CONTACT, QUADRUPED_ANKLES, TRUE_CONTACT
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jammkle_graph.names import ACHILLES, CHANNELS
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.names import ACHILLES, CHANNELS
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.attach import AnkleFitting, attach_ankle
 from jammkle_sim.robots.options import ImuPlace

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import CHANNELS
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.names import CHANNELS
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot, robot_simulation
 from jammkle_sim.robots.limb import HIP, KNEE, LimbParameters

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.robots.catalogue import robot, robot_simulation
 from jammkle_sim.robots.options import RobotOptions
 

@@ -7,9 +7,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from jammkle_graph.command.main import main
-from jammkle_graph.names import ANKLE_JOINTS, CHANNELS, FOOT_FRAME, IMU_FRAME, MANIFOLD_FRAME, QUADRUPED_ANKLES
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.command.main import main
+from jammkle_common.names import ANKLE_JOINTS, CHANNELS, FOOT_FRAME, IMU_FRAME, MANIFOLD_FRAME, QUADRUPED_ANKLES
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.alone import ankle_alone
 from jammkle_sim.robots.attach import attach_ankle

@@ -6,18 +6,18 @@ import importlib.util
 import sys
 from typing import TYPE_CHECKING
 
-from jammkle_graph.parameters import ParameterError
-from jammkle_graph.runner import run
+from jammkle_common.parameters import ParameterError
+from jammkle_common.runner import run
 from jammkle_view.parameters import NOT_INSTALLED
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.runner import StopFlag
     from jammkle_view.node import ViewerNode
 
 LOADED_LATER = ("jammkle_view.node",)
-"""See `jammkle_graph.command.held`."""
+"""See `jammkle_common.command.held`."""
 
 
 def main() -> int:

@@ -11,8 +11,8 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_graph import names
-from jammkle_graph.qos import publisher_qos
+from jammkle_common import names
+from jammkle_common.qos import publisher_qos
 from jammkle_msgs.srv import Jam as JamService
 from jammkle_msgs.srv import Unjam as UnjamService
 from jammkle_view.core.wishes import Action, Ask, Jam, SetSim, Unjam

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_view.core.samples import (
     Base,
     Channel,

@@ -10,15 +10,15 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph import names
-from jammkle_graph.qos import newest_qos, subscriber_qos
+from jammkle_common import names
+from jammkle_common.qos import newest_qos, subscriber_qos
 from jammkle_view.conversions import TAKERS
 
 if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.subscription import Subscription
 
-    from jammkle_graph.names import Topic
+    from jammkle_common.names import Topic
     from jammkle_view.core.ankle import Ankle
 
 _SELDOM = (names.JAM_STATE, names.CONTACT_EVENTS, names.SIM_PARAMETERS)

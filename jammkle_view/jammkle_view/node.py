@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 
-from jammkle_graph import names
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.declare import declare
-from jammkle_graph.namespace import normalised
-from jammkle_graph.parameters import ParameterError
+from jammkle_common import names
+from jammkle_common.command.errors import InputError
+from jammkle_common.declare import declare
+from jammkle_common.namespace import normalised
+from jammkle_common.parameters import ParameterError
 from jammkle_view.asking import Asking
 from jammkle_view.core.ankle import Ankle
 from jammkle_view.core.pace import RealTimeFactor
@@ -24,7 +24,7 @@ from jammkle_view.parameters import ViewerParameters
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.runner import StopFlag
     from jammkle_view.core.wishes import Wish
 
 _WATCHER = f"_{names.VIEWER_NODE}_samples"

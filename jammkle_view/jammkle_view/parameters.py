@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jammkle_graph.parameters import parameter
+from jammkle_common.parameters import parameter
 
 LOCAL_HOST = "127.0.0.1"
 """Only this machine sees the page, unless somebody says otherwise: who sees it can jam."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jammkle_graph.names import QUADRUPED_ANKLES, TENDONS
+from jammkle_common.names import QUADRUPED_ANKLES, TENDONS
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import ROBOTS, RobotOptions

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 import yaml
 
-from jammkle_graph.command.errors import InputError
+from jammkle_common.command.errors import InputError
 from jammkle_sim.physics.sensors import SensorParameters, imu_variance
 from jammkle_view.playback.recorded import read_recorded
 from jammkle_view.playback.robot_overlay import is_robot, robot_overlay

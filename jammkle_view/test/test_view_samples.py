@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, TendonState
 from jammkle_view import conversions
 from jammkle_view.core.ankle import Ankle

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d  # type: ignore[import-untyped]  # carries no types
 from scipy.signal import butter, lfilter, lfilter_zi  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.leg_load import LegReading
 from jammkle_controller.core.sole_speed import BodyTwist, LegPose
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.density_ratio import StepRatios, ratios_of
 from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.detector_settings import Phase
@@ -20,7 +21,6 @@ from jammkle_controller.core.sole import SoleFilter
 from jammkle_controller.core.touchdown import LEAST_BLOW_M_S2, LEAST_RATIO
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.settings import detector_settings
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from studies.contact.labelled import walk
 from studies.contact.robots import robot_stories
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_load import LegReading
@@ -19,8 +21,6 @@ from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -13,8 +13,8 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from jammkle_common.command.figures import STYLE
 from jammkle_controller.core.detector_settings import Mount
-from jammkle_graph.command.figures import STYLE
 from studies.contact.trial import (
     HELD_OUT,
     KINDS,

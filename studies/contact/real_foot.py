@@ -15,10 +15,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from jammkle_common.command.figures import STYLE
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Heard, TableFormat, read_table, replay
-from jammkle_graph.command.figures import STYLE
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 from studies.contact.robots import joined_contacts, spans_of
 from studies.contact.trial import KINDS, OURS, WAYS, Score, median_with_interval, score_times
 

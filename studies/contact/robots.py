@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.signal import butter, lfilter  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_common.names import CHANNELS
 from jammkle_controller.core.detector_settings import Mount
-from jammkle_graph.names import CHANNELS
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import joblib  # type: ignore[import-untyped]  # carries no types
 import numpy as np
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Heard, hear, new_controller
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from studies.contact.labelled import CLOCK_START_S, walk
 from studies.contact.learn import FIRST_TRIAL_SEED
 from studies.contact.robots import robot_stories

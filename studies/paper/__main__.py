@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from jammkle_graph.command import results
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.command.main import run as run_command
-from jammkle_graph.command.options import JsonOption
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import Interrupted, StopRequest
-from jammkle_graph.constants import HELD_VACUUM_PA, MAX_REPEATS, MAX_SEED
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.command import results
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.main import run as run_command
+from jammkle_common.command.options import JsonOption
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import Interrupted, StopRequest
+from jammkle_common.constants import HELD_VACUUM_PA, MAX_REPEATS, MAX_SEED
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.constants import TENDON_SETS
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from studies.paper.comparison import Outcomes, compare_claims, compare_rows, slip_statistics

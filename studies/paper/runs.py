@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph import names
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.command.tether import end_with_parent
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.parameters import from_mapping
+from jammkle_common import names
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.tether import end_with_parent
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.parameters import from_mapping
 from jammkle_sim.rigs.catalogue import rig_kind, run_rig, scattered
 from jammkle_sim.rigs.evaluate import smoothed
 from studies.paper.tables import DROP_ROWS, DROP_TEST, SLIP_TEST, TENSILE_ROWS, TENSILE_TEST
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_graph.parameters import Value
+    from jammkle_common.parameters import Value
     from jammkle_sim.rigs.run import RigRun
 
 PARAMETER_SETS = ("fitted", "as_printed")

@@ -24,8 +24,8 @@ from std_msgs.msg import Bool
 
 from echo import ECHO_TOPIC, MARK, SECOND_ECHO_NODE, SECOND_ECHO_TOPIC
 from graph import Probe, environment
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import (
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
+from jammkle_common.names import (
     CHANNELS,
     CONTACT_EVENTS,
     IMU,
@@ -35,7 +35,7 @@ from jammkle_graph.names import (
     PRESSURES,
     SOLENOIDS,
 )
-from jammkle_graph.qos import publisher_qos, subscriber_qos
+from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, ContactEvent
 from landing_imu import IMPACT_M_S2, PlayedImu
 

@@ -8,9 +8,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
-from jammkle_graph.names import IMU
-from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_graph.runner import run
+from jammkle_common.names import IMU
+from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.runner import run
 
 ECHO_NODE = "echo"
 ECHO_TOPIC = "echo"

@@ -19,9 +19,9 @@ from std_msgs.msg import Bool
 
 from echo import ECHO_TOPIC, MARK
 from graph import Probe, Up, environment
-from jammkle_graph.names import ACTUATOR_STATES, CLOCK, CONTACT_EVENTS, IMU
-from jammkle_graph.qos import publisher_qos
-from jammkle_graph.testing import own_domain
+from jammkle_common.names import ACTUATOR_STATES, CLOCK, CONTACT_EVENTS, IMU
+from jammkle_common.qos import publisher_qos
+from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     import psutil

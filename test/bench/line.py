@@ -25,11 +25,11 @@ from boards import RELEASED, Host, board_command
 from delay import GROUND_S, Stimulus
 from echo import MARK
 from graph import environment
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.names import ACHILLES, CHANNEL_JAMS, CHANNELS
 from jammkle_driver.board.line import silence_s
 from jammkle_driver.board.wiring_file import load_wiring
 from jammkle_driver.core.registers import register_list
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import ACHILLES, CHANNEL_JAMS, CHANNELS
 from jammkle_msgs.msg import ChannelJamState
 from jammkle_sim.board_bench import BoardBench
 from landing_imu import IMPACT_M_S2

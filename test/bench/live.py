@@ -16,7 +16,7 @@ import typer
 
 from delay import measure_delays
 from graph import Probe, Up
-from jammkle_graph.testing import own_domain
+from jammkle_common.testing import own_domain
 from watched import ROBOT, real_time_factor
 
 IMU_RATE_HZ = 1000

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 
 from graph import Probe, Up, environment
-from jammkle_graph.names import JAM_STATE
+from jammkle_common.names import JAM_STATE
 
 MEASURED_S = 10.0
 PACKAGES = ("jammkle_driver", "jammkle_controller", "jammkle_sim")

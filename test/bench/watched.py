@@ -15,9 +15,9 @@ from page_client import PageClient
 from rosgraph_msgs.msg import Clock
 
 from graph import Probe, Up
-from jammkle_graph.names import CLOCK
-from jammkle_graph.qos import subscriber_qos
-from jammkle_graph.testing import own_domain
+from jammkle_common.names import CLOCK
+from jammkle_common.qos import subscriber_qos
+from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.bags.reading import opened
-from jammkle_graph.bags.times import BagTimes
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.bags.reading import opened
+from jammkle_common.bags.times import BagTimes
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from jammkle_graph.bags.reading import Connection
+    from jammkle_common.bags.reading import Connection
 
 _PROGRESS_MESSAGES = 10_000
 

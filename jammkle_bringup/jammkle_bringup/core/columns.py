@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import Nodetype
 
-from jammkle_graph.names import CARRIAGE_JOINT
+from jammkle_common.names import CARRIAGE_JOINT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any
 from jammkle_bringup.core.columns import RowMaker
 from jammkle_bringup.core.table_files import NewColumnError, TableFile, TableFormat
 from jammkle_bringup.core.time_grid import TimeGrid
-from jammkle_graph.bags.reading import opened
-from jammkle_graph.bags.times import BagTimes
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.results import note
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS, TopicKind
+from jammkle_common.bags.reading import opened
+from jammkle_common.bags.times import BagTimes
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.results import note
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS, TopicKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from jammkle_graph.bags.reading import BagReader, Connection
+    from jammkle_common.bags.reading import BagReader, Connection
 
 TIME = "time_s"
 RUN = "run"

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_graph.command.errors import InputError
+from jammkle_common.command.errors import InputError
 
 if TYPE_CHECKING:
     from types import TracebackType

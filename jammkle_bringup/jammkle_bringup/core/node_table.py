@@ -8,9 +8,9 @@ import sys
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.provided import HARDWARE, entries
-from jammkle_graph.names import (
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.provided import HARDWARE, entries
+from jammkle_common.names import (
     CONTROLLER_NODE,
     DRIVER_NODE,
     FOXGLOVE_NODE,
@@ -21,11 +21,11 @@ from jammkle_graph.names import (
     SIM_NODE,
     VIEWER_NODE,
 )
-from jammkle_graph.namespace import resolved
+from jammkle_common.namespace import resolved
 from jammkle_sim.robots.options import RobotOptions
 
 if TYPE_CHECKING:
-    from jammkle_graph.parameters import ParameterClass
+    from jammkle_common.parameters import ParameterClass
 
 
 class Robot(enum.Enum):

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 import yaml
 
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.namespace import resolved
-from jammkle_graph.parameters import ParameterError, from_mapping, of_table, rows
+from jammkle_common.command.errors import InputError
+from jammkle_common.namespace import resolved
+from jammkle_common.parameters import ParameterError, from_mapping, of_table, rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -11,8 +11,8 @@ from jammkle_bringup.core.run_summary import (
     REACHED_FRACTION,
     vacuum_pa,
 )
-from jammkle_graph.command.figures import EVENT_COLOURS, LINE_COLOURS
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
+from jammkle_common.command.figures import EVENT_COLOURS, LINE_COLOURS
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from collections.abc import Callable

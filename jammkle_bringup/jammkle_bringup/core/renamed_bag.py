@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from jammkle_graph.bags import metadata
-from jammkle_graph.bags.contents import SUFFIX
-from jammkle_graph.bags.reading import messages, opened
-from jammkle_graph.bags.storage import open_file
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.names import JOINT_STATES
-from jammkle_graph.renaming import RenamingError
+from jammkle_common.bags import metadata
+from jammkle_common.bags.contents import SUFFIX
+from jammkle_common.bags.reading import messages, opened
+from jammkle_common.bags.storage import open_file
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.names import JOINT_STATES
+from jammkle_common.renaming import RenamingError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from jammkle_graph.bags.reading import BagReader, Connection
-    from jammkle_graph.renaming import JointRenaming
+    from jammkle_common.bags.reading import BagReader, Connection
+    from jammkle_common.renaming import JointRenaming
 
 _EVERY = 1000
 """Messages between two looks at whether to stop; some milliseconds."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jammkle_graph.command.errors import InputError
+from jammkle_common.command.errors import InputError
 
 if TYPE_CHECKING:
     import datetime as dt

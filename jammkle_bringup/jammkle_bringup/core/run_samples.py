@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from jammkle_bringup.core.envelope import Envelope
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import (
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import (
     CARRIAGE_JOINT,
     CHANNELS,
     CONTACT_EVENTS,

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jammkle_graph.bags.namespaces import namespaces_in
-from jammkle_graph.bags.reading import opened
-from jammkle_graph.bags.times import BagTimes
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import (
+from jammkle_common.bags.namespaces import namespaces_in
+from jammkle_common.bags.reading import opened
+from jammkle_common.bags.times import BagTimes
+from jammkle_common.command.errors import InputError
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import (
     CARRIAGE_JOINT,
     CHANNELS,
     CONTACT_EVENTS,
@@ -29,7 +29,7 @@ from jammkle_graph.names import (
     TENDON_STATES,
     TENDONS,
 )
-from jammkle_graph.namespace import resolved
+from jammkle_common.namespace import resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_bringup.core.run_series import read_run
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import CHANNELS, CONTACT_EVENTS, IMU, LOAD_CELL, PRESSURES, SOLENOIDS
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
+from jammkle_common.names import CHANNELS, CONTACT_EVENTS, IMU, LOAD_CELL, PRESSURES, SOLENOIDS
 
 if TYPE_CHECKING:
     from pathlib import Path

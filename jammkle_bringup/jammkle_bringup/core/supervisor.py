@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_graph.command import held, tether
+from jammkle_common.command import held, tether
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from rclpy.executors import SingleThreadedExecutor
 
 from jammkle_bringup.robot_names.node import RobotNamesNode
-from jammkle_graph.runner import run, spin
+from jammkle_common.runner import run, spin
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.runner import StopFlag
 
 
 def main() -> int:

@@ -14,11 +14,11 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from jammkle_bringup.robot_names.parameters import OF_THE_ROBOT, RobotNamesParameters
-from jammkle_graph import names
-from jammkle_graph.declare import declare
-from jammkle_graph.parameters import ParameterError
-from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_graph.renaming import ChannelRenaming, JointRenaming, RenamingError
+from jammkle_common import names
+from jammkle_common.declare import declare
+from jammkle_common.parameters import ParameterError
+from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.renaming import ChannelRenaming, JointRenaming, RenamingError
 from jammkle_msgs.msg import JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
 

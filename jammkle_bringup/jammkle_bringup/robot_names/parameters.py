@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jammkle_graph.parameters import parameter
+from jammkle_common.parameters import parameter
 
 OF_THE_ROBOT = "robot"
 OF_THE_ANKLE = "ankle"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections import deque
 
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 FLIGHTS = 3
 """As many flights in a row must have lasted about as long before the next one is foreseen."""

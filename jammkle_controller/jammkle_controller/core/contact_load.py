@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.density_ratio import probability_of
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 SPREAD_N = 2.0
 """Standard deviation of the load of a foot that swings, N: what `LegLoad` leaves of a hip that is accelerated, and of

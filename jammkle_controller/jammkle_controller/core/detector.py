@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.detector_settings import DetectorSettings, Phase
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
 from jammkle_controller.core.impact import ImpactDetector
@@ -16,7 +17,6 @@ from jammkle_controller.core.settled import RestDetector
 from jammkle_controller.core.slip import SlipDetector
 from jammkle_controller.core.stepping import SteppingFoot
 from jammkle_controller.core.watch import ImuWatch
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from jammkle_controller.core.density_ratio import StepRatios

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from jammkle_graph.names import CLEAR_FAULT, WAY_BACK
+from jammkle_common.names import CLEAR_FAULT, WAY_BACK
 
 
 class Hold(enum.Enum):

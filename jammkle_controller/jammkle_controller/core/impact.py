@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 
 FOLLOW_TIME_S = 0.02
 """Time constant with which the level before a hit follows a rise, s. Longer than the rise of a shock (5 to 15 ms for

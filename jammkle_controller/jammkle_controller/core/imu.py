@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 REORDERING_LIMIT_S = 0.1
 """A stamp further back than this is a new time line, not a late sample (assumed: ten times the worst jitter seen)."""

@@ -7,12 +7,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.anticipation import GaitPhase
 from jammkle_controller.core.contact_load import LoadContact
 from jammkle_controller.core.events import NEWTON, NO_UNIT, ContactEvent, ContactKind, Source
 from jammkle_controller.core.leg_load import LegLoad
 from jammkle_controller.core.sole_slip import SoleSlip
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from jammkle_controller.core.leg_load import LegModel, LegReading

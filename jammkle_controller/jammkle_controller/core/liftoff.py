@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 MIN_SAMPLES = 3
 """A flight is seen by at least this many samples, so that a gap in the stream does not make one."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from jammkle_controller.core.imu import ImuSample

@@ -6,10 +6,10 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_controller.core.transitions import TRANSITIONS, WISHES, PolicyState, Trigger, Wish
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

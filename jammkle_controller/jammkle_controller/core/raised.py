@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import M_S2, METRE, ContactEvent, ContactKind
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from jammkle_controller.core.imu import ImuSample

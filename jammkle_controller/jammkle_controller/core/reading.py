@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common import wire
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import ANKLE_JOINTS
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.leg_load import LegReading
 from jammkle_controller.core.sole_speed import BodyTwist, LegPose
-from jammkle_graph import wire
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.names import ANKLE_JOINTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.density_ratio import probability_of
 from jammkle_controller.core.events import M_S, ContactEvent, ContactKind
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from jammkle_controller.core.imu import ImuSample

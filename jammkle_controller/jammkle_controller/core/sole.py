@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.swing import SwingFilter
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from jammkle_controller.core.density_ratio import DensityRatio

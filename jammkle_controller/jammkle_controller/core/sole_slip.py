@@ -7,9 +7,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.events import M_S, ContactEvent, ContactKind, Source
 from jammkle_controller.core.sole_speed import BodyTwist, LegPose, sole_velocity_m_s
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from jammkle_controller.core.sole_speed import LegGeometry, Vector

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.density_ratio import learned
 from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
 from jammkle_controller.core.sole import SoleFilter
 from jammkle_controller.core.swing import SwingFilter
 from jammkle_controller.core.touchdown import TouchdownDetector
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from jammkle_controller.core.density_ratio import StepRatios

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.density_ratio import DensityRatio, probability_of
 from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from jammkle_controller.core.motion import Motion

@@ -7,10 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import HELD_VACUUM_PA
+from jammkle_common.names import CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_driver.board.probe import RELEASED, Moment, command, rate_pa_s
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_graph.constants import HELD_VACUUM_PA
-from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Mapping, Sequence

@@ -10,10 +10,10 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.names import CHANNELS
 from jammkle_driver.board.line import RefusedError
 from jammkle_driver.core.hardware import ActuatorCommand, released
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -8,6 +8,9 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.constants import HELD_VACUUM_PA
+from jammkle_common.names import CHANNELS
 from jammkle_driver.board import calibration
 from jammkle_driver.board.calibration import AIR_PA, CalibrationError
 from jammkle_driver.board.check import CheckRow, check
@@ -17,9 +20,6 @@ from jammkle_driver.board.probe import PERIOD_S, RELEASED, Probe, command
 from jammkle_driver.board.wiring import Firmware
 from jammkle_driver.board.wiring_file import standard_board_file
 from jammkle_driver.core.hardware import MANIFOLD, BoardFault
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.constants import HELD_VACUUM_PA
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -8,10 +8,10 @@ from typing import Any
 
 import yaml
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.core.registers import register_list
-from jammkle_graph.names import CHANNELS
 
 SENSORS = 4
 """Pressure sensors that the project's firmware reads."""

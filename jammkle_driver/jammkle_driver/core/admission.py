@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_common.names import WAY_BACK
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.requests import RequestError
-from jammkle_graph.names import WAY_BACK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

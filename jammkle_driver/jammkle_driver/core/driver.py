@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from jammkle_common.names import WAY_BACK
 from jammkle_driver.core.admission import INACTIVE, check_able, check_ready
 from jammkle_driver.core.ankle import Ankle, SafeState
 from jammkle_driver.core.emergency_stop import EmergencyStop
@@ -24,7 +25,6 @@ from jammkle_driver.core.requests import (
 from jammkle_driver.core.sensors import SensorWatch
 from jammkle_driver.core.status import DriverStatus, worst_trouble
 from jammkle_driver.core.stream import WishStreams
-from jammkle_graph.names import WAY_BACK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_driver.core.air import REFERENCE_PA
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

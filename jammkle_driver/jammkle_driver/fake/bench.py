@@ -8,6 +8,8 @@ from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, PressureSample
@@ -16,8 +18,6 @@ from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.fake.board import FakeBoard
 from jammkle_driver.fake.plant import FakePlant
 from jammkle_driver.fake.sensors import SensorErrors
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

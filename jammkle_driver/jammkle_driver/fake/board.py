@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause, released
 from jammkle_driver.core.registers import default_watchdog_s
 from jammkle_driver.fake.faults import LinkFault
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from jammkle_driver.core.hardware import ActuatorCommand

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.fake.faults import FakeFault, LinkFault
-from jammkle_graph.names import CHANNELS
 
 HEAL = "heal"
 _WORDS = "TIME_S FAULT [PLACE [SIZE]]"

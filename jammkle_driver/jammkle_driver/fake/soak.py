@@ -6,6 +6,7 @@ import resource
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, ResetCause, released
@@ -14,7 +15,6 @@ from jammkle_driver.fake.bench import FaultBench
 from jammkle_driver.fake.board import WATCHDOG_S
 from jammkle_driver.fake.trial import PLACED, drawn_fault
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

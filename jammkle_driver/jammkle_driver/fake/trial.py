@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.fake.bench import SAMPLE_S, FaultBench, fake_plant
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.parameters import DriverParameters
-from jammkle_graph.names import CHANNELS
 
 if TYPE_CHECKING:
     import random

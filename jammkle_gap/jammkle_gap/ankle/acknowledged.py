@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag, Samples
-from jammkle_graph import names
 
 _EXACT_S = 1e-6
 """Difference of log time and stamp up to which a recorder hears everything at once, as one inside a simulation does."""

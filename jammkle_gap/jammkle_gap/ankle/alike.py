@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_gap.ankle.truth import inputs_of
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.catalogue import rig_kind
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_gap.ankle.phases import pressure_signals
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linprog  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_common import names
 from jammkle_gap.ankle.signals import COMMANDS
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_graph import names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

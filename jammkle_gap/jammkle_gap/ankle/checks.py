@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
+from jammkle_common.command.vocabulary import typed_name
 from jammkle_gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
 from jammkle_gap.ankle.signals import CARRIAGE
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_graph import names
-from jammkle_graph.command.vocabulary import typed_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.core.design import Experiment
-from jammkle_graph.parameters import from_mapping
 from jammkle_sim.rigs.catalogue import rig_kind, run_rig
 
 if TYPE_CHECKING:

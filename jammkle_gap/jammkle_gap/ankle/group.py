@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from jammkle_common import names
 from jammkle_gap.ankle.alike import HEIGHT, PITCH, PROGRAMME, driven, held_vacuum, length_s, scatter_of, switchings
 from jammkle_gap.ankle.truth import inputs_of
-from jammkle_graph import names
 
 if TYPE_CHECKING:
     from jammkle_gap.ankle.inputs import AnkleInputs

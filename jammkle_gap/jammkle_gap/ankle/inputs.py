@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from jammkle_common import names
+from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_graph import names
-from jammkle_graph.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.rigs.catalogue import rig_kind
 from jammkle_sim.rigs.driven import following, let_go, started_at, true_time_s
 from jammkle_sim.rigs.rig import ACCELEROMETER

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph.names import CARRIAGE_JOINT
+from jammkle_common.names import CARRIAGE_JOINT
 from jammkle_sim.physics.sensors import SensorParameters, imu_law
 
 if TYPE_CHECKING:

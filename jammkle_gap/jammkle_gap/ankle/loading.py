@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle import checks
 from jammkle_gap.ankle.acknowledged import is_exact, with_acknowledgements
 from jammkle_gap.ankle.atmosphere import begins_vented, weather_pa, with_air
@@ -36,7 +37,6 @@ from jammkle_gap.ankle.spans import (
 )
 from jammkle_gap.ankle.told import told_by
 from jammkle_gap.core.data import BadRecordingError, Recording
-from jammkle_graph import names
 from jammkle_sim.rigs.assembly import assembled
 from jammkle_sim.rigs.driven import is_driven
 from jammkle_sim.rigs.replay import CommandTrack, timestep_s

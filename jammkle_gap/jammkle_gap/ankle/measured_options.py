@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_gap.ankle.signals import CARRIAGE
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

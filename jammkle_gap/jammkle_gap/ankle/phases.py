@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.core.data import Phase
-from jammkle_graph import names
 from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:

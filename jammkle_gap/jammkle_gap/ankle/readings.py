@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.instruments import ACCELERATION, ANGLE, EXTENSION, FORCE, PRESSURE, RATE, SLIDE, quantity_of
-from jammkle_graph import names
 from jammkle_sim.physics import kernels
 from jammkle_sim.rigs.assembly import imu_at_rest, laws_of
 

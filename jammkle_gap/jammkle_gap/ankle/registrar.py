@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.events import FAST_S, falls_of_slide, jolt_s, onset_s, touch_downs_s
 from jammkle_gap.ankle.instruments import ACCELERATION, PRESSURE, RATE, quantity_of
 from jammkle_gap.ankle.phases import FALLING_RIGS
 from jammkle_gap.ankle.signals import CARRIAGE
-from jammkle_graph import names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

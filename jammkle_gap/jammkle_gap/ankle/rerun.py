@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.parameters import ParameterError
 from jammkle_gap.ankle.corrected import Correction, load_correction
 from jammkle_gap.ankle.readings import readings
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.ankle.truth import inputs_of, truth_of
 from jammkle_gap.core.effects import Library
 from jammkle_gap.core.simulate import InfeasibleError
-from jammkle_graph.parameters import ParameterError
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import yaml
 
+from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.loading import recording_of
-from jammkle_graph import names
 
 if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.effects import AnkleEffect, apply_effects
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.instruments import ACCELERATION, FORCE, PRESSURE, RATE, quantity_of
 from jammkle_gap.ankle.truth import inputs_of
-from jammkle_graph import names
 from jammkle_sim.rigs.assembly import laws_of
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.alike import (
     HEIGHT,
     PITCH,
@@ -20,7 +21,6 @@ from jammkle_gap.ankle.alike import (
     short,
 )
 from jammkle_gap.ankle.truth import inputs_of
-from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import rig_kind
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.instruments import UNITS, quantity_of
 from jammkle_gap.core.data import BadRecordingError, Signal
-from jammkle_graph import names
 from jammkle_sim.rigs.replay import CommandTrack
 from jammkle_sim.rigs.timeline import Timeline
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
+from jammkle_common.parameters import ParameterError
 from jammkle_gap.ankle.effects import (
     ankle_library,
     apply_effects,
@@ -19,7 +20,6 @@ from jammkle_gap.ankle.readings import readings
 from jammkle_gap.ankle.truth import inputs_of, truth_of
 from jammkle_gap.core.effects import Library
 from jammkle_gap.core.simulate import InfeasibleError
-from jammkle_graph.parameters import ParameterError
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:

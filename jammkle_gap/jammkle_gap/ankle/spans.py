@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.course import reading_noise_m
 from jammkle_gap.ankle.events import falls_of_imu, falls_of_slide
 from jammkle_gap.ankle.instruments import half_rise_s
 from jammkle_gap.ankle.signals import CARRIAGE, COMMANDS
-from jammkle_graph import names
 from jammkle_sim.rigs.replay import timestep_s
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from jammkle_common import names
 from jammkle_gap.ankle.inputs import known_options
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_graph import names
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from jammkle_graph.runner import run
+from jammkle_common.runner import run
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
+    from jammkle_common.runner import StopFlag
     from jammkle_gap.monitor.node import GapMonitorNode
-    from jammkle_graph.runner import StopFlag
 
 
 def main() -> int:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from jammkle_common.health import Health, Level
 from jammkle_gap.monitor.core.monitor import GapState
-from jammkle_graph.health import Health, Level
 
 if TYPE_CHECKING:
     from jammkle_gap.monitor.core.monitor import SubsystemReport

@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from jammkle_common import names
+from jammkle_common.declare import declare
+from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.qos import every_change_qos, every_sample_qos, patient_qos, publisher_qos, subscriber_qos
 from jammkle_gap.ankle.bag import TAKERS
 from jammkle_gap.ankle.inputs import known_options
 from jammkle_gap.core.data import BadRecordingError
@@ -17,10 +21,6 @@ from jammkle_gap.monitor.conversions import rig_of, simulator_gap_message, stamp
 from jammkle_gap.monitor.core.monitor import GapMonitor
 from jammkle_gap.monitor.health import sentence, subsystem_health, unknown_rig_health
 from jammkle_gap.monitor.parameters import FROM_THE_GRAPH, GapMonitorParameters, monitor_settings
-from jammkle_graph import names
-from jammkle_graph.declare import declare
-from jammkle_graph.diagnostics import DiagnosticsPublisher
-from jammkle_graph.qos import every_change_qos, every_sample_qos, patient_qos, publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ActuatorStates, SimulatorGap
 
 if TYPE_CHECKING:
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.qos import QoSProfile
 
-    from jammkle_graph.health import Health
-    from jammkle_graph.names import Topic
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.health import Health
+    from jammkle_common.names import Topic
+    from jammkle_common.runner import StopFlag
 
 HARDWARE_ID = "ankle"
 _NS = 1e-9

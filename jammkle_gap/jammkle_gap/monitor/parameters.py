@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jammkle_common.parameters import parameter
 from jammkle_gap.monitor.core.monitor import MonitorSettings
-from jammkle_graph.parameters import parameter
 from jammkle_sim.rigs.catalogue import RIGS
 
 FROM_THE_GRAPH = "from_graph"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from jammkle_common.command.results import Origin
     from jammkle_gap.core.effects import Nuisance
-    from jammkle_graph.command.results import Origin
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
+from jammkle_common.command import results
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
 from jammkle_gap.report.parameters import parameter_lines
 from jammkle_gap.report.quantities import percent, percents, times
 from jammkle_gap.report.sections.closing import signal_lines
 from jammkle_gap.report.sections.posterior import bars_of
-from jammkle_graph.command import results
 
 if TYPE_CHECKING:
     from pathlib import Path

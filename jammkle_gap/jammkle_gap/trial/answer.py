@@ -6,6 +6,8 @@ import dataclasses
 import time
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.command.commit import commit
+from jammkle_common.command.signals import Interrupted, StopRequest
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.problem import ankle_problem
 from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set, selected
@@ -23,8 +25,6 @@ from jammkle_gap.trial.baselines import baselines
 from jammkle_gap.trial.ceiling import CEILING_CONSTANTS, ceiling_problem
 from jammkle_gap.trial.questions import Run, Way, read_questions, said_file
 from jammkle_gap.trial.remembering import Remembering
-from jammkle_graph.command.commit import commit
-from jammkle_graph.command.signals import Interrupted, StopRequest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

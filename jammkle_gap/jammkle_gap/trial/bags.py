@@ -12,10 +12,10 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from jammkle_graph import names
-from jammkle_graph.bags.writing import check_free
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_common import names
+from jammkle_common.bags.writing import check_free
+from jammkle_common.command.errors import InputError
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rosbags.typesys.store import Typestore
 
-    from jammkle_graph.bags.definitions import MessageDefinitions
+    from jammkle_common.bags.definitions import MessageDefinitions
     from jammkle_reality.record import RealRun, Track
 
     Maker = Callable[[Track], Iterator[Any]]

@@ -6,8 +6,8 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Final
 
+from jammkle_common.names import CHANNELS, TENDONS
 from jammkle_gap.core.effects import Nuisance
-from jammkle_graph.names import CHANNELS, TENDONS
 from jammkle_reality import drop, landing, pressure, slip, tensile
 from jammkle_reality.machine import Machine
 from jammkle_reality.places import plus, times

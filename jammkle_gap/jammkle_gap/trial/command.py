@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from jammkle_graph.command.options import JsonOption
+from jammkle_common.command.options import JsonOption
 
 blind_app = typer.Typer(
     help="Check the diagnosis blind: cases whose truth it is not told, their answers, and how good they are.",

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.trial.real import RealCase
-from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

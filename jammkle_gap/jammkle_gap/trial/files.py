@@ -13,7 +13,7 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.command.errors import InputError
+from jammkle_common.command.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

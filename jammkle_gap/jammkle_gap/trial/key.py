@@ -9,8 +9,8 @@ import secrets
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap.trial.files import FORMAT, read_json
-from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

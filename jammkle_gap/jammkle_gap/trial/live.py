@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.provided import LANDING, provided
 from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.landing_effects import draw
@@ -15,12 +16,11 @@ from jammkle_gap.trial.files import BAGS, CaseNote
 from jammkle_gap.trial.key import Kind, Rung, TrueEffect, Truth
 from jammkle_gap.trial.redacted import redacted
 from jammkle_gap.trial.regimes import settings_of
-from jammkle_graph.command.provided import LANDING, provided
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from jammkle_graph.parameters import Value
+    from jammkle_common.parameters import Value
 
 
 _RIG, _NAMESPACE = "landing", "/"

@@ -10,6 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import joblib  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.command import results
+from jammkle_common.command.commit import commit
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import Interrupted, StopRequest
+from jammkle_common.constants import MAX_SEED
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.backend import backend
 from jammkle_gap.trial import files
@@ -19,13 +26,6 @@ from jammkle_gap.trial.making import Maker
 from jammkle_gap.trial.plan import plan_cases
 from jammkle_gap.trial.regimes import regime_name, rigs
 from jammkle_gap.trial.sources import Reality, Simulator
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.command import results
-from jammkle_graph.command.commit import commit
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import Interrupted, StopRequest
-from jammkle_graph.constants import MAX_SEED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure as Sheet
 
+from jammkle_common.command.figures import STYLE
 from jammkle_gap.trial.outcomes import SIZES
-from jammkle_graph.command.figures import STYLE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap.ankle.sensor_sets import SensorSet
 from jammkle_gap.trial import files
-from jammkle_graph.command.errors import InputError
 
 
 class Run(enum.Enum):

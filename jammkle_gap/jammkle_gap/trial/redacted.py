@@ -10,9 +10,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from jammkle_common import names
+from jammkle_common.command.errors import GraphError
 from jammkle_gap.ankle.bag import TAKERS
-from jammkle_graph import names
-from jammkle_graph.command.errors import GraphError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap.trial.aims import AIMS
 from jammkle_gap.trial.answers import Answer, Said, answer_of
 from jammkle_gap.trial.beside import baseline_ways, ceiling_way
@@ -16,7 +17,6 @@ from jammkle_gap.trial.scoring import Case
 from jammkle_gap.trial.tables import outcomes_by_kind
 from jammkle_gap.trial.tasks import SAMPLED, sample
 from jammkle_gap.trial.ways import Way, main_cases, way_of
-from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.command import results, tether
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.signals import Interrupted, StopRequest
 from jammkle_gap.backend import backend
 from jammkle_gap.trial import files
 from jammkle_gap.trial.answers import refused
 from jammkle_gap.trial.key import check_apart, read_key
 from jammkle_gap.trial.questions import said_file, write_questions
 from jammkle_gap.trial.tasks import blind_tasks, missing, open_tasks, seal
-from jammkle_graph.command import results, tether
-from jammkle_graph.command.errors import GraphError, InputError
-from jammkle_graph.command.progress import progress_bar
-from jammkle_graph.command.signals import Interrupted, StopRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -149,7 +149,7 @@ def _write_answer(trial: Path, task: Task, way: Way, content: Mapping[str, Any])
 
 
 def _command(request: RunRequest) -> list[str]:
-    words = [sys.executable, tether.__file__, str(os.getpid()), sys.executable, "-m", "jammkle_graph.command"]
+    words = [sys.executable, tether.__file__, str(os.getpid()), sys.executable, "-m", "jammkle_common.command"]
     words += ["gap", "blind", "answer", _QUESTIONS]
     return [*words, "--jobs", "1"] if request.scheduler is None else [*words, "--scheduler", request.scheduler]
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
+from jammkle_common.command import results
+from jammkle_common.command.errors import InputError
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.trial import apart, files
 from jammkle_gap.trial import real as real_cases
@@ -15,8 +17,6 @@ from jammkle_gap.trial.key import check_apart, read_key
 from jammkle_gap.trial.page import figure_text, page
 from jammkle_gap.trial.result import as_dict, result_of
 from jammkle_gap.trial.tasks import seal
-from jammkle_graph.command import results
-from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph.names import PUMP_DUTY, SOLENOIDS
+from jammkle_common.names import PUMP_DUTY, SOLENOIDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.corrected import Correction
 from jammkle_gap.trial.key import TrueEffect
 from jammkle_gap.trial.plan import FaultFact
 from jammkle_gap.trial.sizes import is_command
-from jammkle_graph.parameters import from_mapping
 from jammkle_reality.faults import FaultSetting
 from jammkle_reality.record import RealRun, Track
 from jammkle_reality.run import RIGS as REAL_RIGS

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.command import results
+from jammkle_common.command.errors import InputError
 from jammkle_gap.trial.files import TRIAL_NAME
 from jammkle_gap.trial.make import MakeRequest, make
 from jammkle_gap.trial.regimes import STANDARD_CASES, STANDARD_LIVE, STANDARD_SEED
 from jammkle_gap.trial.run import RunRequest, run
 from jammkle_gap.trial.score import ScoreRequest, score
-from jammkle_graph.command import results
-from jammkle_graph.command.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,12 +8,12 @@ import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.vocabulary import typed_name, typed_value
 from jammkle_gap.trial import files
 from jammkle_gap.trial.key import Kind, Rung, main_rungs
 from jammkle_gap.trial.outcomes import level
 from jammkle_gap.trial.questions import Questions, Run, Way
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.vocabulary import typed_name, typed_value
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

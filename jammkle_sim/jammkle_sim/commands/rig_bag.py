@@ -8,12 +8,12 @@ import json
 import operator
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.bags.delivered import bag_delivery
-from jammkle_graph.bags.serialisation import Serialiser
-from jammkle_graph.bags.writing import BagLog
-from jammkle_graph.delivery import published
-from jammkle_graph.names import CLOCK, DIAGNOSTICS, OF_THE_WHOLE, ROBOT_TOPICS, SIM_PARAMETERS, TOPICS, below
-from jammkle_graph.namespace import resolved
+from jammkle_common.bags.delivered import bag_delivery
+from jammkle_common.bags.serialisation import Serialiser
+from jammkle_common.bags.writing import BagLog
+from jammkle_common.delivery import published
+from jammkle_common.names import CLOCK, DIAGNOSTICS, OF_THE_WHOLE, ROBOT_TOPICS, SIM_PARAMETERS, TOPICS, below
+from jammkle_common.namespace import resolved
 from jammkle_sim.commands.rig_messages import messages
 from jammkle_sim.conversions import OutgoingMessages
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Qos
 
-    from jammkle_graph.bags.definitions import MessageDefinitions
-    from jammkle_graph.bags.writing import BagCounts
-    from jammkle_graph.names import Topic
+    from jammkle_common.bags.definitions import MessageDefinitions
+    from jammkle_common.bags.writing import BagCounts
+    from jammkle_common.names import Topic
     from jammkle_sim.rigs.run import RigRun
 
 RESULTS_KEY = "rig_results"

@@ -7,10 +7,10 @@ import heapq
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.health import Health, Level, diagnostic_array
-from jammkle_graph.messages import message_class
-from jammkle_graph.names import (
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.health import Health, Level, diagnostic_array
+from jammkle_common.messages import message_class
+from jammkle_common.names import (
     CHANNELS,
     DIAGNOSTICS,
     GAIT_PHASE,

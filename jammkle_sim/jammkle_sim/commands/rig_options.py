@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.options import JsonOption, NamespaceOption
-from jammkle_graph.command.vocabulary import as_typed, in_si, typed_row
-from jammkle_graph.constants import MAX_REPEATS
-from jammkle_graph.parameters import ParameterError, from_mapping, rows
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.options import JsonOption, NamespaceOption
+from jammkle_common.command.vocabulary import as_typed, in_si, typed_row
+from jammkle_common.constants import MAX_REPEATS
+from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from jammkle_graph.parameters import ParameterRow
+    from jammkle_common.parameters import ParameterRow
     from jammkle_sim.rigs.catalogue import RigKind
 
 

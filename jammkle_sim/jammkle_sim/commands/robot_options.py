@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.options import JsonOption, NamespaceOption
-from jammkle_graph.command.vocabulary import as_typed, in_si, typed_row
-from jammkle_graph.parameters import ParameterError, ParameterRow, from_mapping, rows
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.options import JsonOption, NamespaceOption
+from jammkle_common.command.vocabulary import as_typed, in_si, typed_row
+from jammkle_common.parameters import ParameterError, ParameterRow, from_mapping, rows
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.command.vocabulary import as_typed
-from jammkle_graph.parameters import ParameterError, from_mapping
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.vocabulary import as_typed
+from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_sim.robots.alone import ANKLE, ankle_alone
 from jammkle_sim.robots.catalogue import robot as robot_of_ours
 from jammkle_sim.robots.options import ROBOTS, RobotOptions

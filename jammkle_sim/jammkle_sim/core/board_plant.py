@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 from jammkle_sim.physics.pneumatics import MANIFOLD, PneumaticParameters, Pneumatics
 from jammkle_sim.physics.sensors import SensorParameters
 

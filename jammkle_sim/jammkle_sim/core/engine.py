@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_sim.core.pacing import Pacer, RealTimeFactor
 from jammkle_sim.core.run_control import RunControl, RunState
 from jammkle_sim.core.schedule import STATES, Output, Schedule, timestep_ns

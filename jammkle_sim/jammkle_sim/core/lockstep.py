@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
-from jammkle_graph.health import LOCKSTEP_LINE, Health, Level
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.health import LOCKSTEP_LINE, Health, Level
 
 if TYPE_CHECKING:
     from collections.abc import Callable

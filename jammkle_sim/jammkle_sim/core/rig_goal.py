@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph import names
-from jammkle_graph.constants import MAX_REPEATS, MAX_SEED
-from jammkle_graph.parameters import ParameterError, from_mapping, rows
+from jammkle_common import names
+from jammkle_common.constants import MAX_REPEATS, MAX_SEED
+from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.core.schedule import Output
 from jammkle_sim.rigs.catalogue import begin_run, rig_kind, scattered
 from jammkle_sim.rigs.run import CONTROL_ROWS, IMU_PERIOD_S, STATE_ROWS
@@ -16,7 +16,7 @@ from jammkle_sim.rigs.run import CONTROL_ROWS, IMU_PERIOD_S, STATE_ROWS
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from jammkle_graph.parameters import ParameterClass, ParameterRow
+    from jammkle_common.parameters import ParameterClass, ParameterRow
     from jammkle_sim.rigs.run import RigRun, RunInProgress
 
 _SEED = "seed"

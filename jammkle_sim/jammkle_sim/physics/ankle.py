@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import ANKLE_JOINTS, TENDONS
+from jammkle_common.names import ANKLE_JOINTS, TENDONS
 from jammkle_sim.physics import records
 from jammkle_sim.physics.engine import mujoco
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import CHANNELS, TENDONS_OF_CHANNEL
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_sim.physics import kernels, records
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import ANKLE_JOINTS, CARRIAGE_JOINT
+from jammkle_common.names import ANKLE_JOINTS, CARRIAGE_JOINT
 from jammkle_sim.physics import records
 from jammkle_sim.physics.ankle import joint_law
 from jammkle_sim.physics.engine import address_of_function, mujoco

@@ -10,7 +10,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs import drop, landing_run, pressure, slip, tensile
 from jammkle_sim.rigs.options import checked
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from jammkle_graph.parameters import ParameterClass
+    from jammkle_common.parameters import ParameterClass
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.run import Programme
 
@@ -34,7 +34,7 @@ class RigKind:
     title: str
     """What it does, in one line."""
     options: type[ParameterClass]
-    """Frozen dataclass made of `jammkle_graph.parameters.parameter` fields."""
+    """Frozen dataclass made of `jammkle_common.parameters.parameter` fields."""
     build: Callable[..., tuple[Rig, Programme]]
     """Makes rig and programme from checked options, with another `ankle` if that is given too; raises ParameterError
     where they do not fit together."""

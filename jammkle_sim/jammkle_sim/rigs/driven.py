@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import CARRIAGE_JOINT
+from jammkle_common.names import CARRIAGE_JOINT
 from jammkle_sim.rigs.model import DRIVE, release
 from jammkle_sim.rigs.rig import Event, Rig
 

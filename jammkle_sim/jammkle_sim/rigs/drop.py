@@ -7,9 +7,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.parameters import parameter
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.feet import (

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph import names
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.parameters import parameter
+from jammkle_common import names
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.parameters import parameter
 from jammkle_sim.rigs.evaluate import peak_deceleration_m_s2, smoothed
 from jammkle_sim.rigs.landing import LandingOptions, landing_built
 from jammkle_sim.rigs.options import (

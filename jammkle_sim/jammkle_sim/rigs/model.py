@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_sim.physics.ankle import PITCH, corner_m, free_lengths_m
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.tendon import tendon_law

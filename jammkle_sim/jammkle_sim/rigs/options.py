@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, TypeVar
 
-from jammkle_graph.constants import HELD_VACUUM_PA, MAX_SEED
-from jammkle_graph.parameters import ParameterClass, from_mapping, parameter, rows
+from jammkle_common.constants import HELD_VACUUM_PA, MAX_SEED
+from jammkle_common.parameters import ParameterClass, from_mapping, parameter, rows
 from jammkle_sim.physics.constants import TENDON_SETS
 
 P = TypeVar("P", bound=ParameterClass)

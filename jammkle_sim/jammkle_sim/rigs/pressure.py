@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph import names
-from jammkle_graph.constants import HELD_VACUUM_PA
-from jammkle_graph.parameters import parameter
+from jammkle_common import names
+from jammkle_common.constants import HELD_VACUUM_PA
+from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.pneumatics import PneumaticParameters

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_sim.physics import records
 
 if TYPE_CHECKING:

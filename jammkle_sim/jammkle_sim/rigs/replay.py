@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.pneumatics import vented_state
 from jammkle_sim.rigs.assembly import assembled, laws_of

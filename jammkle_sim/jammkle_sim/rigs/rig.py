@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.names import TENDONS
+from jammkle_common.names import TENDONS
 from jammkle_sim.rigs.wiring import Wiring
 
 if TYPE_CHECKING:
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_graph.parameters import ParameterClass
+    from jammkle_common.parameters import ParameterClass
     from jammkle_sim.physics.pneumatics import PneumaticParameters
     from jammkle_sim.physics.sensors import SensorParameters
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph import names
-from jammkle_graph.parameters import ParameterError
+from jammkle_common import names
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.rigs.recording import CONTROL_ROWS, GROUND_CLEARANCE, IMU_PERIOD_S, STATE_ROWS, Recorder, Series
 from jammkle_sim.rigs.simulation import OverloadError, Simulation
 from jammkle_sim.rigs.vacuum import VacuumKeeper

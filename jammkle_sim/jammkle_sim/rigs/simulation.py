@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import CARRIAGE_JOINT, CHANNELS
+from jammkle_common.names import CARRIAGE_JOINT, CHANNELS
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.sensors import Noise

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph import names
-from jammkle_graph.parameters import ParameterError, parameter, rows
+from jammkle_common import names
+from jammkle_common.parameters import ParameterError, parameter, rows
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph import names
-from jammkle_graph.parameters import ParameterError, parameter
+from jammkle_common import names
+from jammkle_common.parameters import ParameterError, parameter
 from jammkle_sim.physics.constants import Fibre, tendon_parameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import PneumaticParameters

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from jammkle_graph.runner import run
+from jammkle_common.runner import run
 from jammkle_sim.__main__ import drive, shut_down
 
 if TYPE_CHECKING:
     from jammkle_sim.node import SimNode
 
 LOADED_LATER = ("jammkle_sim.kinds", "jammkle_sim.node", "jammkle_sim.walking")
-"""See `jammkle_graph.command.held`."""
+"""See `jammkle_common.command.held`."""
 
 
 def main() -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jammkle_graph.names import BASE_FRAME, LOAD_CELL_FRAME
+from jammkle_common.names import BASE_FRAME, LOAD_CELL_FRAME
 from jammkle_sim.rigs.model import new_spec
 from jammkle_sim.robots.attach import AnkleFitting, attach_ankle
 from jammkle_sim.robots.options import RobotOptions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.names import ANKLE_JOINTS, CHANNELS, TENDONS
+from jammkle_common.names import ANKLE_JOINTS, CHANNELS, TENDONS
 from jammkle_sim.rigs.readout import channel_index, check_duty, imu_sample, tendon_samples
 from jammkle_sim.rigs.vacuum import VacuumRegulator
 from jammkle_sim.robots.foot_truth import FootTruth

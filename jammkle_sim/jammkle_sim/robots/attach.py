@@ -14,8 +14,8 @@ import warnings
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.names import ANKLE_JOINTS, TENDONS
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.names import ANKLE_JOINTS, TENDONS
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics import records
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.engine import mujoco

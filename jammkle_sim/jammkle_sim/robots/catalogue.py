@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.robots.leg import leg
 from jammkle_sim.robots.options import ROBOTS
 from jammkle_sim.robots.quadruped import quadruped

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.names import LEG_JOINTS
+from jammkle_common.names import LEG_JOINTS
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.attach import AnkleFitting, attach_ankle
 from jammkle_sim.robots.kinematics import Segments

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from jammkle_graph.parameters import parameter
+from jammkle_common.parameters import parameter
 from jammkle_sim.rigs.options import drop_height_option, parameter_set_option, seed_option, timestep_option
 
 ROBOTS = ("leg", "quadruped")

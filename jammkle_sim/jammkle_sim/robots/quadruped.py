@@ -48,7 +48,7 @@ class Corner:
 
 
 CORNERS = (Corner("lf", 1, 1, 0.0), Corner("rf", 1, -1, 0.5), Corner("lh", -1, 1, 0.5), Corner("rh", -1, -1, 0.0))
-"""Legs, in the order of `jammkle_graph.names.QUADRUPED_ANKLES`."""
+"""Legs, in the order of `jammkle_common.names.QUADRUPED_ANKLES`."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_sim.rigs.recording import (
     IMU_COLUMNS,
     TENDON_COLUMNS,

@@ -13,7 +13,7 @@ from jammkle_sim.robots.attach import check_steps
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from jammkle_graph.parameters import ParameterClass
+    from jammkle_common.parameters import ParameterClass
     from jammkle_sim.rigs.rig import Event
     from jammkle_sim.robots.attach import AttachedAnkle
     from jammkle_sim.robots.gait import FootPlan

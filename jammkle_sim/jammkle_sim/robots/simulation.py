@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.constants import STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import ANKLE_JOINTS
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.names import ANKLE_JOINTS
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.ankle import joint_law
 from jammkle_sim.physics.engine import address_of_function, mujoco

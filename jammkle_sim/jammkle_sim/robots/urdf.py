@@ -16,7 +16,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from jammkle_graph.names import (
+from jammkle_common.names import (
     BASE_FRAME,
     CHANNELS,
     IMU_FRAME,
@@ -24,7 +24,7 @@ from jammkle_graph.names import (
     MANIFOLD_FRAME,
     TENDONS_OF_CHANNEL,
 )
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.kernels import LARGEST_SPEED
 from jammkle_sim.robots.urdf_control import control_tags

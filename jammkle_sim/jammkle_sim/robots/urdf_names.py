@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph.names import ANKLE_JOINTS, frame
+from jammkle_common.names import ANKLE_JOINTS, frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_view.core.samples import (
     Base,
     ChannelState,

@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 from trimesh import creation
 
-from jammkle_graph.names import CARRIAGE_JOINT
+from jammkle_common.names import CARRIAGE_JOINT
 from jammkle_sim.physics.engine import mujoco
 from jammkle_view.core.kinematics import tendon_sites
 

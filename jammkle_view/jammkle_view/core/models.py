@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from jammkle_graph.names import ANKLE_JOINTS, TENDONS
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.names import ANKLE_JOINTS, TENDONS
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.catalogue import robot

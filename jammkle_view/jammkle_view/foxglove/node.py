@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 
-from jammkle_graph import names
-from jammkle_graph.bags.definitions import MessageDefinitions, share_folders
-from jammkle_graph.bags.serialisation import Serialiser
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.declare import declare
-from jammkle_graph.messages import message_class
-from jammkle_graph.overhearing import belongs, strongest
-from jammkle_graph.parameters import ParameterError
-from jammkle_graph.transforms import transform_of
+from jammkle_common import names
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.serialisation import Serialiser
+from jammkle_common.command.errors import InputError
+from jammkle_common.declare import declare
+from jammkle_common.messages import message_class
+from jammkle_common.overhearing import belongs, strongest
+from jammkle_common.parameters import ParameterError
+from jammkle_common.transforms import transform_of
 from jammkle_view.foxglove.parameters import FoxgloveParameters
 from jammkle_view.foxglove.server import ForwardingServer
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.subscription import Subscription
 
-    from jammkle_graph.runner import StopFlag
+    from jammkle_common.runner import StopFlag
 
 TRANSFORM_SUFFIX = "/tf"
 """Behind the name of an odometry: its pose as a transform. The app draws a robot by transforms alone, and `/tf` is only

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jammkle_graph.parameters import parameter
+from jammkle_common.parameters import parameter
 from jammkle_view.parameters import LOCAL_HOST
 
 USUAL_PORT = 8765

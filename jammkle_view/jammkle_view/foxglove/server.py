@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import foxglove
 from foxglove.websocket import Capability, ServerListener
 
-from jammkle_graph.command.errors import InputError
+from jammkle_common.command.errors import InputError
 
 if TYPE_CHECKING:
-    from jammkle_graph.bags.definitions import MessageDefinition
+    from jammkle_common.bags.definitions import MessageDefinition
 
 _ENCODING = "cdr"
 _DEFINED_AS = "ros2msg"

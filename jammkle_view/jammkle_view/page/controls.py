@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jammkle_graph.constants import HELD_VACUUM_PA
-from jammkle_graph.names import CHANNELS
+from jammkle_common.constants import HELD_VACUUM_PA
+from jammkle_common.names import CHANNELS
 from jammkle_view.core.samples import ChannelState
 from jammkle_view.core.wishes import Action, Ask, Jam, Unjam
 from jammkle_view.page.words import channel_html

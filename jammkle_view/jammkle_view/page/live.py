@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_view.core import ankle as known
 from jammkle_view.core.knobs import knobs_of
 from jammkle_view.core.models import setting_of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 
-from jammkle_graph.command.errors import InputError
+from jammkle_common.command.errors import InputError
 from jammkle_view.core.origin import is_own_page, own_names
 from jammkle_view.parameters import ANY_PORT, FIRST_PORT, LOCAL_HOST
 

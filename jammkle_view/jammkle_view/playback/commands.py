@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph import names
-from jammkle_graph.bags.reading import opened
-from jammkle_graph.bags.times import BagTimes
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND
+from jammkle_common import names
+from jammkle_common.bags.reading import opened
+from jammkle_common.bags.times import BagTimes
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

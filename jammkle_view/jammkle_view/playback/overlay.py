@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap import (
     BadEffectError,
     BadRecordingError,
@@ -14,7 +15,6 @@ from jammkle_gap import (
     load_recordings,
     rerun,
 )
-from jammkle_graph.command.errors import InputError
 from jammkle_view.playback.recorded import NOTHING, Track
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_view.core.models import setting_of
 from jammkle_view.core.samples import Channel, ChannelState
 from jammkle_view.core.tints import GHOST_TINT, tendon_tint

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph import names
+from jammkle_common import names
 from jammkle_view.core.samples import EventKind
 from jammkle_view.core.tints import EVENT_TINTS, GHOST_TINT, LINE_TINTS
 from jammkle_view.core.trace import thinned

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph import names
-from jammkle_graph.bags.namespaces import namespaces_in
-from jammkle_graph.bags.reading import name_of, opened
-from jammkle_graph.bags.times import BagTimes
-from jammkle_graph.command.errors import InputError
+from jammkle_common import names
+from jammkle_common.bags.namespaces import namespaces_in
+from jammkle_common.bags.reading import name_of, opened
+from jammkle_common.bags.times import BagTimes
+from jammkle_common.command.errors import InputError
 from jammkle_view.conversions import TAKERS
 from jammkle_view.core.samples import Base, Description, Event, Imu, JamReport, Joints, Pressure, Tendons
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from jammkle_graph import names
-from jammkle_graph.command.errors import InputError
-from jammkle_graph.parameters import ParameterError
+from jammkle_common import names
+from jammkle_common.command.errors import InputError
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot
 from jammkle_sim.robots.options import RobotOptions

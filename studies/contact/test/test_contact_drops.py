@@ -6,12 +6,12 @@ import math
 
 import pytest
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_common.names import IMU
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Heard, replay
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_graph.names import IMU
 from jammkle_sim.rigs.catalogue import run_rig, scattered
 from jammkle_sim.rigs.drop import DropOptions
 

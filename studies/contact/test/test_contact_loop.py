@@ -15,6 +15,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CONTACT_EVENTS, IMU, JAM_COMMAND
+from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.testing import own_domain
 from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.events import ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
@@ -23,10 +27,6 @@ from jammkle_controller.core.leg_load import LegLoad, LegReading
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Heard, replay
 from jammkle_controller.settings import leg_model
-from jammkle_graph.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
-from jammkle_graph.names import CONTACT_EVENTS, IMU, JAM_COMMAND
-from jammkle_graph.qos import publisher_qos, subscriber_qos
-from jammkle_graph.testing import own_domain
 from jammkle_msgs.msg import ContactEvent, JamCommand
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs.landing import LandingOptions, landing_simulation

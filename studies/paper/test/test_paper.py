@@ -18,9 +18,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_graph.command.main import run
-from jammkle_graph.command.signals import Interrupted
-from jammkle_graph.parameters import ParameterError
+from jammkle_common.command.main import run
+from jammkle_common.command.signals import Interrupted
+from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.constants import TENDON_SETS
 from jammkle_sim.rigs.slip import SlipOptions

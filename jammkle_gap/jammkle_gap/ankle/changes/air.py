@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import CHANNELS
+from jammkle_common.names import CHANNELS
 from jammkle_sim.physics import hose
 from jammkle_sim.physics.pneumatics import REFERENCE_DENSITY_KG_M3, conductance_kg_s_pa, stable_substeps
 from jammkle_sim.rigs.assembly import laws_of

@@ -6,7 +6,7 @@ import copy
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from jammkle_graph.names import ANKLE_JOINTS
+from jammkle_common.names import ANKLE_JOINTS
 from jammkle_sim.physics.ankle import joint_law
 from jammkle_sim.physics.contact import Softening, soften
 from jammkle_sim.physics.engine import mujoco

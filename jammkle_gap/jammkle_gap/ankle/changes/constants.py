@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_common.names import ANKLE_JOINTS
 from jammkle_gap.ankle.changes.air import VOLUMES, with_air
 from jammkle_gap.ankle.changes.body import present
 from jammkle_gap.ankle.changes.sensing import delay_sensors
 from jammkle_gap.ankle.changes.tendon import branch_times_s, with_tendons
-from jammkle_graph.names import ANKLE_JOINTS
 from jammkle_sim.physics.contact import Softening, soften
 from jammkle_sim.rigs.assembly import laws_of
 from jammkle_sim.rigs.driven import is_driven

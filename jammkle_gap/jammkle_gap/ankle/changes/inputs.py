@@ -6,8 +6,8 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.names import CHANNELS
 from jammkle_gap.ankle.inputs import nominal_rig
-from jammkle_graph.names import CHANNELS
 from jammkle_sim.rigs.catalogue import rig_kind
 from jammkle_sim.rigs.driven import is_driven
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_graph.names import TENDONS_OF_CHANNEL
+from jammkle_common.names import TENDONS_OF_CHANNEL
 from jammkle_sim.physics import records
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.instruments import PRESSURE, declared_bias, declared_noise
 from jammkle_gap.monitor.core.followed import Residual
 from jammkle_gap.monitor.core.subsystem import Subsystem
-from jammkle_graph import names
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.pneumatics import vented_state
 from jammkle_sim.rigs.assembly import laws_of

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.instruments import ANGLE, SLIDE, quantity_of
 from jammkle_gap.monitor.core.followed import Residual
 from jammkle_gap.monitor.core.motion import phase_of_motion
 from jammkle_gap.monitor.core.subsystem import Subsystem
-from jammkle_graph import names
 from jammkle_sim.rigs.replay import Bodies, timestep_s
 
 if TYPE_CHECKING:

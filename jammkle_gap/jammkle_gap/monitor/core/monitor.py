@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.inputs import AnkleInputs, nominal_rig
 from jammkle_gap.ankle.phases import FALLING_RIGS
 from jammkle_gap.monitor.core.air import AirFollower
@@ -17,7 +18,6 @@ from jammkle_gap.monitor.core.sensing import SensingFollower
 from jammkle_gap.monitor.core.tendons import TendonFollower
 from jammkle_gap.monitor.core.tracks import Tracks
 from jammkle_gap.monitor.core.window import GapWindow
-from jammkle_graph import names
 from jammkle_sim.rigs.replay import CommandTrack, timestep_s
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.rigs.timeline import Timeline

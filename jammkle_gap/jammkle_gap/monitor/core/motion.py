@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_graph import names
+from jammkle_common import names
 
 if TYPE_CHECKING:
     from jammkle_gap.monitor.core.followed import Stretch

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.instruments import ACCELERATION, RATE, declared_noise
 from jammkle_gap.monitor.core.followed import Residual, Stretch
 from jammkle_gap.monitor.core.motion import phase_of_motion
 from jammkle_gap.monitor.core.subsystem import Subsystem
-from jammkle_graph import names
 from jammkle_sim.rigs.assembly import imu_at_rest, laws_of
 from jammkle_sim.rigs.replay import timestep_s
 

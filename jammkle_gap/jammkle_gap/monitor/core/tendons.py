@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_gap.ankle.instruments import TENSION, declared_noise
 from jammkle_gap.monitor.core.followed import Residual
 from jammkle_gap.monitor.core.motion import phase_of_motion
 from jammkle_gap.monitor.core.subsystem import Subsystem
-from jammkle_graph import names
 from jammkle_sim.physics import kernels
 from jammkle_sim.physics.tendon import relaxed_state
 from jammkle_sim.rigs.assembly import laws_of

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from jammkle_common.command.figures import STYLE
 from jammkle_gap.core.equivalence import class_names, class_of
 from jammkle_gap.core.posterior import by_class
 from jammkle_gap.core.result import Verdict
@@ -15,7 +16,6 @@ from jammkle_gap.report import words
 from jammkle_gap.report.parameters import parameter_lines
 from jammkle_gap.report.quantities import percent, probability
 from jammkle_gap.report.rendering import TEXT, embedded, rendered
-from jammkle_graph.command.figures import STYLE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

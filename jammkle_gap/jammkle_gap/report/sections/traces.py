@@ -8,11 +8,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from jammkle_common.command.figures import STYLE
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
 from jammkle_gap.report.quantities import scale, times
 from jammkle_gap.report.rendering import TEXT, embedded, rendered
-from jammkle_graph.command.figures import STYLE
 
 if TYPE_CHECKING:
     from markupsafe import Markup

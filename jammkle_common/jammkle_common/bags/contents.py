@@ -1,0 +1,231 @@
+"""Which files a bag has, judged against its metadata: the one place that every verb goes by.
+
+The files are what was recorded. The metadata tell which of them there were and how many messages they held, and may be
+older than the files, of another name, or not there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import re
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import yaml
+
+from jammkle_common.bags import metadata
+from jammkle_common.bags.storage import MCAP
+from jammkle_common.command.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+SUFFIX = ".mcap"
+"""Of the files that a recorder of ours writes, and that can be completed."""
+_KINDS = (SUFFIX, ".db3")
+COMPRESSED = ".zstd"
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Files and metadata of a bag.
+
+    Attributes:
+        bag: As it was given: a folder, or one file.
+        files: What is to be read, in the order of their names.
+        missing: Names of files that the metadata name and that are not there.
+        unnamed: Files that are there, of a bag whose metadata do not name them.
+        counted: Messages that the metadata count; None where there are no metadata, or none that can be read.
+        custom_data: What the recorder added, without the mark of an unfinished bag.
+        unfinished: Whether it bears that mark.
+        unreadable: Why the metadata cannot be read; empty otherwise.
+
+    """
+
+    bag: Path
+    files: tuple[Path, ...]
+    missing: tuple[str, ...] = ()
+    unnamed: tuple[Path, ...] = ()
+    counted: int | None = None
+    custom_data: dict[str, str] = field(default_factory=dict)
+    unfinished: bool = False
+    unreadable: str = ""
+
+
+def contents_of(bag: Path) -> Contents:
+    """Return the files of a bag.
+
+    Raises:
+        InputError: there is no bag.
+        OSError: it cannot be looked into.
+
+    """
+    if not bag.exists():
+        msg = f"bag {bag} does not exist"
+        raise InputError(msg)
+    if not bag.is_dir():
+        return Contents(bag, (bag,))
+    there = _files_in(bag)
+    if not there and not (bag / metadata.FILE_NAME).is_file():
+        msg = f"{bag} is not a bag: it holds no {metadata.FILE_NAME}, and no file *{' or *'.join(_KINDS)}"
+        raise InputError(msg)
+    said, unreadable = _said(bag)
+    if not there and unreadable:
+        msg = f"{bag} is not a bag: it holds no file *{' or *'.join(_KINDS)}"
+        msg += f", and its {metadata.FILE_NAME} cannot be read: {unreadable}"
+        raise InputError(msg)
+    custom = _custom(said)
+    unfinished = custom.pop(metadata.UNFINISHED, None) is not None
+    named = [PurePath(str(each)).name for each in _list(said, "relative_file_paths")]
+    if not named:
+        kinds = {each.with_suffix("").suffix if each.suffix == COMPRESSED else each.suffix for each in there}
+        if len(kinds) > 1:
+            msg = f"bag {bag} holds files of two kinds ({', '.join(each.name for each in there)}) and no metadata that"
+            msg += " tell which it is made of: move those away that are not to be read"
+            raise InputError(msg)
+        return Contents(bag, there, custom_data=custom, unfinished=unfinished, unreadable=unreadable)
+    missing = tuple(name for name in named if not (bag / name).is_file())
+    unnamed = tuple(each for each in there if each.name not in named)
+    count = said.get("message_count")
+    return Contents(
+        bag,
+        # a file that is missing may be there under another name
+        there if missing else tuple(bag / name for name in named),
+        missing,
+        unnamed,
+        count if isinstance(count, int) else None,
+        custom,
+        unfinished,
+        unreadable,
+    )
+
+
+def files_to_complete(contents: Contents) -> list[Path]:
+    """Return the MCAP files of a bag that lack their ending.
+
+    Raises:
+        OSError: one cannot be read.
+
+    """
+    return [path for path in (*contents.files, *contents.unnamed) if path.suffix == SUFFIX and not _has_ending(path)]
+
+
+def check_finished(contents: Contents) -> None:
+    """Refuse a bag that is still being recorded, or that its recorder could not complete.
+
+    Raises:
+        InputError: as said.
+        OSError: it cannot be looked into.
+
+    """
+    bag = contents.bag
+    if not contents.unfinished and not files_to_complete(contents):
+        return
+    if any(is_held(path) for path in contents.files):
+        msg = f"bag {bag} is still being recorded: stop its recorder first (Ctrl-C, or SIGINT)"
+        raise InputError(msg)
+    msg = f"bag {bag} was not completed, as its recorder was killed or found no room: `jammkle recover {bag}` mends it"
+    raise InputError(msg)
+
+
+def lock(stream: BinaryIO) -> None:
+    """Hold a file as its recorder; the kernel gives it back when the recorder ends, however it ends."""
+    with contextlib.suppress(OSError):  # a file system without locks
+        fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_held(path: Path) -> bool:
+    """Return whether a recorder writes a file at this moment."""
+    try:
+        with path.open("rb") as stream:
+            fcntl.flock(stream.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def _has_ending(path: Path) -> bool:
+    with path.open("rb") as stream:
+        size = stream.seek(0, 2)
+        stream.seek(max(0, size - len(MCAP)))
+        return size > len(MCAP) and stream.read() == MCAP
+
+
+def checked_count(contents: Contents, count: int) -> str:
+    """Compare what the files of a bag hold with what its metadata say.
+
+    Args:
+        contents: The bag.
+        count: Messages in its files.
+
+    Returns:
+        What is worth a word, empty if nothing is.
+
+    Raises:
+        InputError: messages are missing.
+
+    """
+    bag, counted = contents.bag, contents.counted
+    fewer = counted is not None and count < counted
+    if contents.missing and (fewer or len(contents.unnamed) < len(contents.missing)):
+        lacking = f"bag {bag} lacks {', '.join(contents.missing)}: its files hold {count} messages"
+        msg = f"{lacking} where its {metadata.FILE_NAME} says {counted}; {_way_out(bag)}"
+        raise InputError(msg)
+    if fewer:
+        msg = f"bag {bag} is damaged: its files hold {count} messages where its {metadata.FILE_NAME} says {counted}"
+        msg += f"; {_way_out(bag)}"
+        raise InputError(msg)
+    if contents.unreadable:
+        return f"bag {bag}: its {metadata.FILE_NAME} cannot be read and is not used: {contents.unreadable}"
+    if contents.unnamed and not contents.missing:
+        extra = ", ".join(each.name for each in contents.unnamed)
+        said = f"bag {bag}: {extra} is not named by its {metadata.FILE_NAME} and left out"
+        return f"{said}; `jammkle recover {bag}` takes it in"
+    if counted is not None and count > counted:
+        return f"bag {bag}: its {metadata.FILE_NAME} says {counted} messages where its files hold {count}; these count"
+    return ""
+
+
+def _way_out(bag: Path) -> str:
+    return f"copy them anew, or let `jammkle recover {bag}` make a bag of what is there"
+
+
+def _files_in(bag: Path) -> tuple[Path, ...]:
+    """Return the files of a folder in the order of their numbers; of one and its compressed copy the first."""
+    found = [each for each in bag.iterdir() if each.is_file() and _is_of_a_bag(each)]
+    plain = {each.name for each in found}
+    kept = [each for each in found if each.suffix != COMPRESSED or each.stem not in plain]
+    return tuple(sorted(kept, key=lambda each: [int(part) if part.isdigit() else part for part in _parts(each.name)]))
+
+
+def _parts(name: str) -> Iterable[str]:
+    return re.split(r"(\d+)", name)
+
+
+def _is_of_a_bag(path: Path) -> bool:
+    plain = path.with_suffix("") if path.suffix == COMPRESSED else path
+    return plain.suffix in _KINDS
+
+
+def _said(bag: Path) -> tuple[dict[str, Any], str]:
+    """Return what the metadata say, and why they cannot be read; nothing where there are none."""
+    try:
+        return metadata.read(bag), ""
+    except FileNotFoundError:
+        return {}, ""
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        return {}, " ".join(str(error).split())
+
+
+def _list(said: dict[str, Any], key: str) -> list[Any]:
+    found = said.get(key)
+    return found if isinstance(found, list) else []
+
+
+def _custom(said: dict[str, Any]) -> dict[str, str]:
+    found = said.get("custom_data")
+    return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}

@@ -1,0 +1,278 @@
+"""Open a bag and read it, or say in one line why that cannot be done."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rosbags.typesys import Stores, get_typestore
+
+from jammkle_common.bags import metadata
+from jammkle_common.bags.contents import check_finished, checked_count, contents_of
+from jammkle_common.bags.known_types import KnownTypes, UndecodableError
+from jammkle_common.bags.storage import ZSTD, begins_with, decompressed, merged, open_file, plain_data
+from jammkle_common.command.errors import InputError
+from jammkle_common.command.results import note
+from jammkle_common.names import TOPICS
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+
+    from rosbags.interfaces import Qos
+
+    from jammkle_common.bags.contents import Contents
+    from jammkle_common.bags.storage import BagFile, StoredChannel
+
+_OURS = {topic.name: topic.message_type for topic in TOPICS}
+
+
+@dataclass(frozen=True)
+class Connection:
+    """What a bag holds of one topic in one type, in all its files. How it was offered is a hint, and no part of it.
+
+    Attributes:
+        id: Its number in the bag.
+        topic: Absolute name.
+        msgtype: `package/msg/Name`; empty where the bag names none.
+        encoding: Of its messages; `cdr` is what can be decoded.
+        language: Of the definition, `ros2msg`, `ros2idl` or another.
+        definition: Its text, as it stands in the bag.
+        digest: Hash of the type, as it stands in the bag.
+        offered: QoS of its publishers, as YAML.
+        msgcount: Messages.
+        why_left_out: Why its messages cannot be decoded; empty where they can.
+
+    """
+
+    id: int
+    topic: str
+    msgtype: str
+    encoding: str
+    language: str
+    definition: bytes
+    digest: str
+    offered: str
+    msgcount: int
+    why_left_out: str = ""
+
+    def profiles(self) -> list[Qos]:
+        """Return how it was offered, as far as that can be read."""
+        return metadata.profiles(self.offered)
+
+
+class BagReader:
+    """An open bag, made by `opened`.
+
+    Attributes:
+        path: As it was given.
+        connections: Topics whose messages can be decoded.
+        left_out: Those whose messages cannot.
+        message_count: Messages of `connections`.
+        start_time: First log time, ns.
+        end_time: Last log time, ns.
+        typestore: Types of the messages.
+        custom_data: What the recorder added.
+        notes: What is worth a word: files and topics that are not used, and why.
+
+    """
+
+    def __init__(self, contents: Contents, files: list[BagFile]) -> None:
+        """Look at the channels of the files."""
+        self.path = contents.bag
+        self.custom_data = contents.custom_data
+        self._files = files
+        self.typestore = get_typestore(Stores.EMPTY)
+        types = KnownTypes(self.typestore)
+        known: dict[tuple[str, str, str, bytes], Connection] = {}
+        self._places: list[dict[int, int]] = [{} for _ in files]
+        channels = [(place, channel) for place, file in enumerate(files) for channel in file.channels]
+        # Of two definitions of one type the usual one is taken.
+        for place, channel in sorted(channels, key=lambda each: types.differs(each[1])):
+            key = (channel.topic, channel.message_type, channel.encoding, channel.definition)
+            before = known.get(key)
+            known[key] = _connection(len(known), channel, types) if before is None else _more(before, channel)
+            self._places[place][channel.key] = known[key].id
+        self.every = list(known.values())
+        self.connections = [each for each in self.every if not each.why_left_out]
+        self.left_out = [each for each in self.every if each.why_left_out]
+        self.message_count = sum(each.msgcount for each in self.connections)
+        filled = [file for file in files if any(each.message_count for each in file.channels)]
+        self.start_time = min((file.first_ns for file in filled), default=0)
+        self.end_time = max((file.last_ns for file in filled), default=0)
+        said = checked_count(contents, sum(each.msgcount for each in self.every))
+        self.notes = [said] if said else []
+        self.notes += [f"bag {self.path}: {each.topic} is left out: {each.why_left_out}" for each in self.left_out]
+
+    @property
+    def topics(self) -> Mapping[str, int]:
+        """Return the messages of each topic that can be decoded."""
+        counts: dict[str, int] = {}
+        for each in self.connections:
+            counts[each.topic] = counts.get(each.topic, 0) + each.msgcount
+        return counts
+
+    def on(self, topics: Collection[str]) -> list[Connection]:
+        """Return the connections of some topics; one of ours that has another type is left out, and named."""
+        found = []
+        for each in self.connections:
+            if each.topic not in topics:
+                continue
+            ours = next((kind for name, kind in _OURS.items() if f"/{each.topic}".endswith(f"/{name}")), each.msgtype)
+            if each.msgtype == ours:
+                found.append(each)
+            else:
+                note(f"bag {self.path}: {each.topic} is left out: it is of type {each.msgtype}, not {ours}")
+        return found
+
+    def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
+        """Read connection, log time, ns, and data of messages of some connections, by log time."""
+        chosen = {each.id: each for each in connections}
+        keys = [{key for key, number in place.items() if number in chosen} for place in self._places]
+        for time_ns, place, key, data in merged(self._files, keys):
+            yield chosen[self._places[place][key]], time_ns, plain_data(data)
+
+    def deserialize(self, data: bytes, message_type: str) -> Any:
+        """Return a message.
+
+        Raises:
+            InputError: the data are not of the type.
+
+        """
+        try:
+            return self.typestore.deserialize_cdr(data, message_type)
+        except Exception as error:  # errors of struct, of text, of index, as the data are broken
+            msg = f"bag {self.path} is damaged: a message of type {message_type} cannot be decoded: {_why(error)}"
+            raise InputError(msg) from error
+
+    def serialize(self, message: Any, message_type: str) -> bytes:
+        """Return a message as CDR."""
+        return bytes(self.typestore.serialize_cdr(message, message_type))
+
+
+def _connection(number: int, channel: StoredChannel, types: KnownTypes) -> Connection:
+    why = "" if channel.encoding == "cdr" else f"its messages are '{channel.encoding}' and not CDR"
+    if not why:
+        try:
+            types.add(channel)
+        except UndecodableError as error:
+            why = str(error)
+    return Connection(
+        number,
+        channel.topic,
+        channel.message_type,
+        channel.encoding,
+        channel.language,
+        channel.definition,
+        channel.type_hash,
+        channel.qos,
+        channel.message_count,
+        why,
+    )
+
+
+def _more(known: Connection, channel: StoredChannel) -> Connection:
+    return replace(known, msgcount=known.msgcount + channel.message_count, offered=known.offered or channel.qos)
+
+
+def name_of(bag: Path) -> str:
+    """Return the name of a bag as text that can be written anywhere, also where its bytes are none in UTF-8."""
+    return os.fsencode(bag.name).decode(errors="backslashreplace")
+
+
+@contextlib.contextmanager
+def opened(path: Path, *, quietly: bool = False) -> Iterator[BagReader]:
+    """Open a bag folder or a single bag file for reading.
+
+    What is left out of it is said on stderr, once. Types without a definition in it are those of ROS 2 Jazzy, and those
+    that are installed.
+
+    Args:
+        path: The bag.
+        quietly: Say nothing.
+
+    Raises:
+        InputError: there is no bag, it cannot be read, or it is not whole.
+
+    """
+    with contextlib.ExitStack() as stack:
+        try:
+            contents = contents_of(path)
+            check_finished(contents)
+            reader = BagReader(contents, open_files(contents, stack))
+        except InputError:
+            raise
+        # As in `open_files`.
+        except Exception as error:
+            msg = f"bag {path} cannot be read: {_why(error)}"
+            raise InputError(msg) from error
+        for line in () if quietly else reader.notes:
+            note(line)
+        yield reader
+
+
+def open_files(contents: Contents, stack: contextlib.ExitStack) -> list[BagFile]:
+    """Open the files of a bag until a stack ends; those that are compressed as a whole are unpacked by then.
+
+    Raises:
+        InputError: one is damaged, or no file of a bag.
+        OSError: one cannot be opened, or not be unpacked.
+
+    """
+    files = []
+    for path in contents.files:
+        try:
+            plain = path
+            if begins_with(path).startswith(ZSTD):
+                folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="jammkle-"))
+                plain = Path(folder, path.stem)
+                decompressed(path, plain)
+            file = open_file(plain)
+        except OSError:
+            raise
+        # The libraries let errors of their parsers, of struct and of codecs through: what is broken decides.
+        except Exception as error:
+            msg = f"bag file {path} cannot be read: {_why(error)}"
+            raise InputError(msg) from error
+        stack.callback(file.close)
+        files.append(file)
+    return files
+
+
+def messages(
+    reader: BagReader, path: Path, connections: Collection[Connection] | None = None
+) -> Iterator[tuple[Connection, int, bytes]]:
+    """Read connection, log time, ns, and data (CDR) of every message, by log time.
+
+    A chunk that does not fit its checksum is noticed, if its recorder wrote one (rosbags writes none, hence `jammkle`),
+    and so is whatever does not fit the lengths or the compression.
+
+    Args:
+        reader: The bag, open.
+        path: Its name, for the error.
+        connections: What is read; None stands for all that can be decoded.
+
+    Raises:
+        InputError: the bag is damaged.
+
+    """
+    count = 0
+    try:
+        for message in reader.messages(reader.connections if connections is None else connections):
+            count += 1
+            yield message
+    # As in `opened`: what comes out depends on what is broken. An error of who takes the messages does not come here.
+    except Exception as error:
+        msg = f"bag {path} is damaged after {count} messages: {_why(error)}"
+        raise InputError(msg) from error
+    expected = sum(each.msgcount for each in (reader.connections if connections is None else connections))
+    if count != expected:
+        msg = f"bag {path} is damaged: it holds {count} messages where its index says {expected}"
+        raise InputError(msg)
+
+
+def _why(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,364 @@
+"""Names on the graph: nodes, channels, tendons, joints, frames, topics, services, actions. Does not import rclpy.
+
+All topic names are relative, so that a namespace per ankle (`/lf_ankle`) is enough for a quadruped;
+only `/clock` and `/diagnostics` are absolute.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+DRIVER_NODE = "driver"
+CONTROLLER_NODE = "controller"
+SIM_NODE = "sim"
+GAP_MONITOR_NODE = "gap_monitor"
+VIEWER_NODE = "viewer"
+FOXGLOVE_NODE = "foxglove"
+ROBOT_NAMES_NODE = "robot_names"
+
+SIM_HARDWARE = "sim"
+"""The driver's hardware that a node of the graph simulates. Every other one stands behind the driver alone."""
+
+PERONEAL_LEFT = "peroneal_left"
+PERONEAL_RIGHT = "peroneal_right"
+ACHILLES = "achilles"
+
+CHANNELS: tuple[str, ...] = (PERONEAL_LEFT, PERONEAL_RIGHT, ACHILLES)
+"""Pneumatic channels, one solenoid each, in the order every message uses."""
+
+TENDONS_OF_CHANNEL: dict[str, tuple[str, ...]] = {
+    PERONEAL_LEFT: ("peroneal_left",),
+    PERONEAL_RIGHT: ("peroneal_right",),
+    ACHILLES: ("achilles_left", "achilles_right"),
+}
+"""Which tendons a channel evacuates. Three solenoids for four tendons: the Achilles pair shares one (our reading)."""
+
+TENDONS: tuple[str, ...] = tuple(tendon for channel in CHANNELS for tendon in TENDONS_OF_CHANNEL[channel])
+"""Tendons of one ankle, in the order every message uses."""
+
+QUADRUPED_ANKLES: tuple[str, ...] = ("lf_ankle", "rf_ankle", "lh_ankle", "rh_ankle")
+"""Ankles of a quadruped, each the namespace of its topics: left and right, fore and hind."""
+
+ANKLE_JOINTS: tuple[str, ...] = ("ankle_roll", "ankle_pitch", "ankle_yaw")
+"""Angles of the ball joint in joint_states, rad; ankle_pitch is positive toe-down."""
+
+LEG_JOINTS: tuple[str, ...] = ("abduction", "hip", "knee")
+"""Joints of a limb, as joint_states tells them together with its ankle's, rad."""
+
+CARRIAGE_JOINT = "carriage"
+"""The rig's slide in joint_states: height of the ankle joint above floor or slope, m, up positive."""
+
+IMU_FRAME = "imu"
+LOAD_CELL_FRAME = "load_cell"
+MANIFOLD_FRAME = "manifold"
+FOOT_FRAME = "foot"
+"""Frames of one ankle; a channel's pressure is in a frame of the channel's name. `frame` puts them into a namespace."""
+
+BASE_FRAME, ODOM_FRAME = "base_link", "odom"
+"""Frames of a whole robot (REP-105): the origin of the body that carries the rest, and what it moves in."""
+
+
+class TopicKind(enum.Enum):
+    """How a topic is delivered; `jammkle_common.qos` turns it into profiles for both ends."""
+
+    SENSOR = "sensor"
+    """A stream of measurements: reliable publisher (REP-2003), best-effort subscribers."""
+    COMMAND = "command"
+    """A stream of wishes: reliable, volatile. A wish from before one joined is void."""
+    STATE = "state"
+    """The latest value counts: reliable, latched (transient local), depth 1."""
+    ACTUATOR = "actuator"
+    """What an actuator is commanded: as a state, and no change may be missed: deep queues."""
+    EVENT = "event"
+    """Each message counts: reliable, volatile, deep queue."""
+    CLOCK = "clock"
+    """/clock: reliable with a deep queue, for recorders; subscribers best effort, depth 1, as rclpy has them."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic: its name, its type as `package/msg/Name`, how it is delivered, and what it means."""
+
+    name: str
+    message_type: str
+    kind: TopicKind
+    note: str
+
+
+PUMP_DUTY = Topic("pump/duty", "std_msgs/msg/Float32", TopicKind.ACTUATOR, "duty applied to the pump, 0 to 1")
+ACTUATOR_STATES = Topic(
+    "actuator_states",
+    "jammkle_msgs/msg/ActuatorStates",
+    TopicKind.SENSOR,
+    "duty and solenoids as the hardware has taken them, stamped; commands carry no stamp",
+)
+MANIFOLD_PRESSURE = Topic(
+    "manifold/pressure", "sensor_msgs/msg/FluidPressure", TopicKind.SENSOR, "absolute pressure in the manifold, Pa"
+)
+IMU = Topic(
+    "imu/data",
+    "sensor_msgs/msg/Imu",
+    TopicKind.SENSOR,
+    "specific force, m/s^2, and angular velocity, rad/s (REP-145); no orientation",
+)
+JOINT_STATES = Topic(
+    "joint_states", "sensor_msgs/msg/JointState", TopicKind.SENSOR, "ankle angles, rad, and the rig's carriage, m"
+)
+TENDON_STATES = Topic(
+    "tendon_states",
+    "jammkle_msgs/msg/TendonStates",
+    TopicKind.SENSOR,
+    "extension, m, rate, m/s, and tension, N, per tendon",
+)
+LOAD_CELL = Topic(
+    "load_cell/wrench",
+    "geometry_msgs/msg/WrenchStamped",
+    TopicKind.SENSOR,
+    "force between rig and leg, N; tension on force.z is positive",
+)
+FOOT_CONTACT = Topic(
+    "foot_contact", "std_msgs/msg/Bool", TopicKind.SENSOR, "true: the foot's contact switch is closed; optional"
+)
+GAIT_PHASE = Topic(
+    "gait/phase",
+    "std_msgs/msg/Float32",
+    TopicKind.SENSOR,
+    "0 at touch-down to 1 at the next, of the foot; optional; a simulated robot that walks tells it",
+)
+PLANNED_CONTACT = Topic(
+    "gait/contact",
+    "std_msgs/msg/Bool",
+    TopicKind.SENSOR,
+    "whether the gait plans contact of the foot now; optional; a simulated robot that walks tells it",
+)
+JAM_STATE = Topic("jam_state", "jammkle_msgs/msg/JamState", TopicKind.STATE, "state and vacuum per channel")
+JAM_COMMAND = Topic(
+    "jam_command", "jammkle_msgs/msg/JamCommand", TopicKind.COMMAND, "vacuum wanted per channel, Pa; goes stale"
+)
+CONTACT_EVENTS = Topic(
+    "contact_events", "jammkle_msgs/msg/ContactEvent", TopicKind.EVENT, "impact, slip, lift-off, swing, settled"
+)
+CONTACT_STATE = Topic(
+    "contact_state",
+    "jammkle_msgs/msg/ContactState",
+    TopicKind.STATE,
+    "contact, no contact or unknown, what shows it, and whether the ankle is soft in stance",
+)
+EMERGENCY_STOP = Topic(
+    "emergency_stop", "std_msgs/msg/Bool", TopicKind.STATE, "true: release everything until ~/clear_fault"
+)
+SIM_PARAMETERS = Topic(
+    "sim_parameters", "std_msgs/msg/String", TopicKind.STATE, "rig and simulation parameters as YAML"
+)
+ROBOT_DESCRIPTION = Topic(
+    "robot_description",
+    "std_msgs/msg/String",
+    TopicKind.STATE,
+    "URDF of what is simulated: its frames are those of the messages, its joints those of joint_states",
+)
+ODOMETRY = Topic(
+    "odom",
+    "nav_msgs/msg/Odometry",
+    TopicKind.SENSOR,
+    "pose of base_link in odom, and its velocity in itself; of a simulation the truth",
+)
+SIMULATOR_GAP = Topic(
+    "simulator_gap",
+    "jammkle_msgs/msg/SimulatorGap",
+    TopicKind.STATE,
+    "how far the robot is from its simulator, per subsystem, in units of the noise; from the gap monitor",
+)
+TRUE_CONTACT = Topic(
+    "true_contact",
+    "jammkle_msgs/msg/TrueContact",
+    TopicKind.SENSOR,
+    "what a simulated robot's foot truly does on the ground: force, sliding",
+)
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TopicKind.CLOCK, "simulated time, after the state it belongs to")
+DIAGNOSTICS = Topic(
+    "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TopicKind.EVENT, "health of every node, 1 Hz and on change"
+)
+
+LOCKSTEP = Topic(
+    "lockstep",
+    "std_msgs/msg/Header",
+    TopicKind.SENSOR,
+    "from each node that the simulation waits for: its full name in frame_id, and up to which stamp it is done",
+)
+"""Between a simulation and those that keep in step with it; not part of a recording, which tells nothing of pace."""
+
+TF = Topic("/tf", "tf2_msgs/msg/TFMessage", TopicKind.SENSOR, "the same pose for tf, where tf2_msgs is installed")
+
+
+def solenoid_topic(channel: str) -> Topic:
+    """Topic of a channel's solenoid: true = energised = connected to the manifold."""
+    note = "true: energised, vacuum; false: vented"
+    return Topic(f"{channel}/solenoid", "std_msgs/msg/Bool", TopicKind.ACTUATOR, note)
+
+
+def pressure_topic(channel: str) -> Topic:
+    """Topic of a channel's pressure, absolute Pa."""
+    return Topic(
+        f"{channel}/pressure", "sensor_msgs/msg/FluidPressure", TopicKind.SENSOR, "absolute pressure in the channel, Pa"
+    )
+
+
+SOLENOIDS: dict[str, Topic] = {channel: solenoid_topic(channel) for channel in CHANNELS}
+PRESSURES: dict[str, Topic] = {channel: pressure_topic(channel) for channel in CHANNELS}
+
+TOPICS: tuple[Topic, ...] = (
+    PUMP_DUTY,
+    *SOLENOIDS.values(),
+    ACTUATOR_STATES,
+    *PRESSURES.values(),
+    MANIFOLD_PRESSURE,
+    IMU,
+    JOINT_STATES,
+    TENDON_STATES,
+    LOAD_CELL,
+    JAM_STATE,
+    JAM_COMMAND,
+    CONTACT_EVENTS,
+    CONTACT_STATE,
+    FOOT_CONTACT,
+    GAIT_PHASE,
+    PLANNED_CONTACT,
+    EMERGENCY_STOP,
+    SIM_PARAMETERS,
+    ROBOT_DESCRIPTION,
+    ODOMETRY,
+    SIMULATOR_GAP,
+    DIAGNOSTICS,
+    CLOCK,
+)
+"""Every topic of one ankle's graph: what a complete recording holds."""
+
+FROM_OUTSIDE: tuple[Topic, ...] = (EMERGENCY_STOP, FOOT_CONTACT, GAIT_PHASE, PLANNED_CONTACT)
+"""Those that only a robot around the ankle publishes, a simulated one its gait among them."""
+
+OF_THE_WHOLE: tuple[Topic, ...] = (SIM_PARAMETERS, ROBOT_DESCRIPTION, ODOMETRY)
+"""What one simulation of several ankles says above them, and once."""
+
+ROBOT_TOPICS: tuple[Topic, ...] = (TRUE_CONTACT,)
+"""What there is besides, for each ankle of a simulated leg or quadruped."""
+
+
+ROBOTS_JOINT_STATES = Topic(
+    "robot/joint_states",
+    JOINT_STATES.message_type,
+    TopicKind.SENSOR,
+    "joints by the robot's names: heard, or published where joints_of says so",
+)
+ROBOTS_JAM_STATE = Topic(
+    "robot/jam_state", JAM_STATE.message_type, TopicKind.STATE, "jam_state with the robot's names of the channels"
+)
+ROBOTS_JAM_COMMAND = Topic(
+    "robot/jam_command", JAM_COMMAND.message_type, TopicKind.COMMAND, "passed on as jam_command with our names"
+)
+
+RENAMED_TOPICS: tuple[Topic, ...] = (ROBOTS_JOINT_STATES, ROBOTS_JAM_STATE, ROBOTS_JAM_COMMAND)
+"""The robot's side of `robot_names`, where that node runs."""
+
+
+def below(within: str, topic: Topic) -> str:
+    """Return a topic's name in a namespace below a node's own, such as that of one ankle of several; empty: in that."""
+    return topic.name if topic.name.startswith("/") or not within else f"{within}/{topic.name}"
+
+
+def frame(namespace: str, name: str) -> str:
+    """Return a frame of an ankle in a namespace: `lf_ankle/imu`; as it is in the root."""
+    return "/".join(part for part in (namespace.strip("/"), name) if part)
+
+
+@dataclass(frozen=True)
+class _Offer:
+    """What a node offers to whoever calls: the node, and the name below that node."""
+
+    node: str
+    suffix: str
+
+    @property
+    def name(self) -> str:
+        """Name as the node itself creates it: private, so that it follows the node's name and namespace."""
+        return f"~/{self.suffix}"
+
+    @property
+    def path(self) -> str:
+        """Name relative to the namespace, for clients: `driver/jam`."""
+        return f"{self.node}/{self.suffix}"
+
+
+@dataclass(frozen=True)
+class Service(_Offer):
+    """One service: its type as `package/srv/Name`, and what it does."""
+
+    service_type: str
+    note: str
+
+
+_TRIGGER = "std_srvs/srv/Trigger"
+_SET_BOOL = "std_srvs/srv/SetBool"
+
+JAM = Service(DRIVER_NODE, "jam", "jammkle_msgs/srv/Jam", "jam channels to a vacuum")
+UNJAM = Service(DRIVER_NODE, "unjam", "jammkle_msgs/srv/Unjam", "vent channels")
+JAM_ALL = Service(DRIVER_NODE, "jam_all", _TRIGGER, "jam all channels to the default vacuum")
+UNJAM_ALL = Service(DRIVER_NODE, "unjam_all", _TRIGGER, "vent all channels")
+CLEAR_FAULT = Service(DRIVER_NODE, "clear_fault", _TRIGGER, "leave FAULT and emergency stop, everything vented")
+SET_AUTO = Service(
+    CONTROLLER_NODE,
+    "set_auto",
+    _SET_BOOL,
+    "let the controller decide, or not; true is the way back to automatic from every state",
+)
+SET_CONTACT = Service(CONTROLLER_NODE, "set_contact", _SET_BOOL, "say that the foot stands, or that it does not")
+SET_PAUSED = Service(SIM_NODE, "set_paused", _SET_BOOL, "pause or go on")
+RESET = Service(SIM_NODE, "reset", _TRIGGER, "put the rig back to its start; simulated time goes on")
+STEP = Service(SIM_NODE, "step", "jammkle_msgs/srv/Step", "advance a paused simulation by steps")
+
+
+def channel_jam_service(channel: str) -> Service:
+    """Service that jams (true, default vacuum) or vents (false) one channel."""
+    return Service(DRIVER_NODE, f"{channel}/jam", _SET_BOOL, "jam this channel to the default vacuum, or vent it")
+
+
+def robots_service(suffix: str) -> str:
+    """Name of a service on the robot's side of `robot_names`: `robot/jam`."""
+    return f"robot/{suffix}"
+
+
+WAY_BACK = f"back to automatic: {SET_AUTO.path} with true"
+"""From every state, after `~/clear_fault` where there is a fault or was a stop; named wherever something is refused."""
+
+CHANNEL_JAMS: dict[str, Service] = {channel: channel_jam_service(channel) for channel in CHANNELS}
+
+SERVICES: tuple[Service, ...] = (
+    JAM,
+    UNJAM,
+    *CHANNEL_JAMS.values(),
+    JAM_ALL,
+    UNJAM_ALL,
+    CLEAR_FAULT,
+    SET_AUTO,
+    SET_CONTACT,
+    SET_PAUSED,
+    RESET,
+    STEP,
+)
+"""Every service of one ankle's graph, apart from those that ROS gives each node."""
+
+
+@dataclass(frozen=True)
+class Action(_Offer):
+    """One action: its type as `package/action/Name`, and what it does."""
+
+    action_type: str
+    note: str
+
+
+RUN_RIG = Action(
+    SIM_NODE, "run_rig", "jammkle_msgs/action/RunRig", "run a rig in place of the simulated ankle, then go on with that"
+)
+
+ACTIONS: tuple[Action, ...] = (RUN_RIG,)
+"""Every action of one ankle's graph."""

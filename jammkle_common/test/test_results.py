@@ -1,0 +1,46 @@
+"""Where results go."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from jammkle_common.command import main as command
+from jammkle_common.command import options, results
+
+
+def test_a_pipe_cuts_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where no terminal says how wide it is, a long line stays in one piece."""
+    results.console().print("word " * 60)
+    assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_json_on_stdout_stands_alone(*, fails: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """`--json -` writes no file `-`: stdout can be parsed, what is for people goes to stderr, and all is as before."""
+    monkeypatch.chdir(tmp_path)
+    out, err = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stderr", err)
+
+    def verb(arguments: list[str] | None, *, standalone_mode: bool) -> int:
+        del arguments, standalone_mode
+        path = options._keep_stdout(Path("-"))
+        results.check_writable(path)
+        results.console().print("for people")
+        results.write_json(path, {"answer": 42})
+        if fails:
+            msg = "it broke"
+            raise command.GraphError(msg)
+        return 0
+
+    monkeypatch.setattr(command, "app", verb)
+    assert command.main([]) == int(fails)
+    assert json.loads(out.getvalue()) == {"answer": 42}
+    assert "for people" in err.getvalue()
+    assert sys.stdout is out
+    assert not list(tmp_path.iterdir())

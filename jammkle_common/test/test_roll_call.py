@@ -1,0 +1,113 @@
+"""Who was there and is no longer is told; who left in order is not, and a listener that stood still blames nobody."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import serialize_message
+
+from jammkle_common.diagnostics import FAREWELL
+from jammkle_common.health import Level
+from jammkle_common.roll_call import RollCall
+
+
+class FakeNode:
+    """A node of which nothing but its name and its one subscription is used."""
+
+    def __init__(self, namespace: str, name: str) -> None:
+        self.namespace = namespace
+        self.name = name
+        self.take: Any = None
+
+    def get_namespace(self) -> str:
+        return self.namespace
+
+    def get_name(self) -> str:
+        return self.name
+
+    def create_subscription(self, _kind: object, _topic: str, take: Any, _qos: object, *, raw: bool) -> None:
+        assert raw
+        self.take = take
+
+
+class Listener:
+    """A roll call with a finger on its clock."""
+
+    def __init__(self, namespace: str, name: str = "driver", ankles: tuple[str, ...] = ()) -> None:
+        self.now_s = 100.0
+        self.node = FakeNode(namespace, name)
+        self.call = RollCall(self.node, ankles, lambda: self.now_s)
+
+    def hear(self, *names: str) -> None:
+        self.node.take(serialize_message(DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])))
+
+    def wait(self, seconds: float) -> Any:
+        """Let time pass while the listener reports once a second."""
+        for _ in range(round(seconds)):
+            self.now_s += 1.0
+            health = self.call.health()
+        return health
+
+
+@pytest.mark.parametrize(("namespace", "prefix"), [("/", "/"), ("/lf_ankle", "/lf_ankle/")])
+def test_a_silent_node_is_missed_with_what_it_means(namespace: str, prefix: str) -> None:
+    """Two reports that do not come make a node dead; another ankle's nodes and one's own are nobody's to miss."""
+    listener = Listener(namespace)
+    listener.hear(f"{prefix}controller: policy", f"{prefix}driver: link", "/rf_ankle/sim: rig", f"{prefix}sim: rig")
+    assert listener.call.health().level is Level.OK
+    listener.wait(2)
+    listener.hear(f"{prefix}sim: rig")
+    health = listener.wait(2)
+    assert health.level is Level.ERROR
+    assert "controller is dead" in health.message
+    assert "command_timeout_s" in health.message
+    assert "sim" not in health.message.partition(":")[0]
+    listener.hear(f"{prefix}controller: policy")
+    assert listener.call.health().level is Level.OK
+
+
+def test_an_ankle_of_a_robot_misses_the_simulation_above_it() -> None:
+    """Once that has named the ankle in its report; a simulation that has not is another robot's."""
+    listener = Listener("/lf_ankle")
+    listener.hear("/sim: simulation", "/sim: rf_ankle tendons", "/rf_ankle/driver: link")
+    assert listener.wait(5).level is Level.OK
+    listener.hear("/sim: simulation", "/sim: lf_ankle tendons")
+    health = listener.wait(4)
+    assert health.level is Level.ERROR
+    assert health.message.startswith("/sim is dead or hangs: there is no ankle any more")
+    assert float(health.values["/sim, silent for (s)"]) == pytest.approx(4.0)
+    listener.hear(f"/sim{FAREWELL}")
+    assert listener.wait(4).level is Level.OK
+
+
+def test_a_simulation_misses_the_nodes_of_its_ankles() -> None:
+    """By ankle and node; those of an ankle that it does not simulate, such as a real one, are not its own."""
+    listener = Listener("/", "sim", ("lf_ankle", "rf_ankle"))
+    listener.hear("/lf_ankle/driver: link", "/rf_ankle/driver: link", "/real_ankle/driver: link")
+    listener.wait(2)
+    listener.hear("/rf_ankle/driver: link")
+    health = listener.wait(2)
+    assert health.level is Level.ERROR
+    assert health.message.startswith("lf_ankle/driver is dead or hangs: nobody drives pump and solenoids")
+    assert "rf_ankle" not in health.message
+    assert "real_ankle" not in "".join(health.values)
+
+
+def test_who_says_farewell_is_not_missed() -> None:
+    """A node that is stopped in order is taken off the list."""
+    listener = Listener("/")
+    listener.hear("/controller: policy")
+    listener.hear(f"/controller{FAREWELL}")
+    assert listener.wait(5).level is Level.OK
+
+
+def test_who_stood_still_blames_nobody() -> None:
+    """A listener that was stopped for 5 s has heard nobody, and misses nobody for it."""
+    listener = Listener("/")
+    listener.hear("/controller: policy")
+    listener.wait(1)
+    listener.now_s += 5.0
+    assert listener.call.health().level is Level.OK
+    assert listener.wait(3).level is Level.ERROR
