@@ -74,7 +74,7 @@ soak: extras
 		jammkle_driver/test/test_driver_requests_fuzz.py jammkle_driver/test/test_driver_requests_on_graph.py
 
 blind: extras
-	@$(BIN)/jammkle gap blind standard --output runs/blind --json runs/blind.json \
+	@$(BIN)/python -m studies.blind standard --output runs/blind --json runs/blind.json \
 		$(addprefix --real ,$(wildcard ../shared/data))
 
 contact: extras

@@ -16,7 +16,6 @@ setup(
         f"{NAME}.ankle": ["library/*.yaml", "*.yaml"],
         f"{NAME}.report": ["*.j2"],
         f"{NAME}.report.sections": ["*.j2"],
-        f"{NAME}.trial": ["*.j2"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def subcommands() -> dict[str, Any]:
-    """Every subcommand that does something, by its words: `gap blind make`; the rigs as `rig tensile`."""
+    """Every subcommand that does something, by its words: `gap diagnose`; the rigs as `rig tensile`."""
     found = dict(_leaves((), root()))
     del found[RIG]  # it hands its arguments to a command line of its own
     return {**found, **dict(_leaves((RIG,), rigs()))}

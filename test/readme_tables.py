@@ -58,9 +58,8 @@ HOLDS = {
     "jammkle_driver": "pump and solenoids, the line to the board, its firmware",
     "jammkle_controller": "contact detection and the jamming policy, in the graph and over recordings",
     "jammkle_sim": "physics, rigs, robots, the sim node",
-    "jammkle_gap": "the diagnosis, its pages and blind trials, the gap monitor",
+    "jammkle_gap": "the diagnosis, its pages, the gap monitor",
     "jammkle_view": "the page in the browser, live and from a bag; the connection for Foxglove",
-    "jammkle_reality": "an independent machine that the diagnosis is tried on",
     "jammkle_bringup": "the graph as a whole: launch files, parameters, viewer layouts; bags; the robot's own names",
 }
 """What is in each package; its verbs are the entry points that it declares."""

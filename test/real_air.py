@@ -13,7 +13,7 @@ from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.fake.bench import pump_end
 from jammkle_driver.fake.faults import FakeFault
 from jammkle_driver.fake.sensors import FakeSensors, SensorErrors
-from jammkle_reality.air import (
+from studies.blind.reality.air import (
     FREE_FLOW,
     LEAK,
     NODES,
@@ -25,8 +25,8 @@ from jammkle_reality.air import (
     pressures_pa,
     vented,
 )
-from jammkle_reality.machine import nozzle_area_m2
-from jammkle_reality.specimen import machine, today
+from studies.blind.reality.machine import nozzle_area_m2
+from studies.blind.reality.specimen import machine, today
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,7 +50,7 @@ def real_plant(_declared: AirSettings, draw: random.Random, seed: int) -> RealAi
 
 
 class RealAirPlant:
-    """A `jammkle_driver.fake.plant.Plant` on the law of `jammkle_reality.air`."""
+    """A `jammkle_driver.fake.plant.Plant` on the law of `studies.blind.reality.air`."""
 
     def __init__(self, seed: int, errors: SensorErrors, end: float = 1.0) -> None:
         """Make a specimen, vented, pump off.

@@ -16,7 +16,6 @@ DOCUMENTS = [*pages(), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 SOURCED = "needs a sourced ROS 2; tried by hand, as the page says"
 _FIRST_SESSION = "test/test_graph_life.py::test_the_first_session"
 _LANDING = "test/test_landing.py::test_the_foot_touches_down_after_a_free_fall"
-_TRIAL = "jammkle_gap/test/test_trial_whole.py::test_a_small_trial_of_a_stranger"
 _BOARD = "test/test_board_graph.py::test_the_whole_graph_runs_on_the_board"
 _CHECK = "test/test_board_check.py::test_a_healthy_board_passes_twice"
 _BOARDS = "test/test_several_boards.py::test_each_ankle_has_its_own_board"
@@ -36,7 +35,6 @@ ELSEWHERE: dict[str, str] = {
     r"jammkle record -o runs/(my_bag|quadruped)$": "jammkle_bringup/test/test_bringup_recorder.py",
     r"jammkle recover": "jammkle_bringup/test/test_bringup_recovery.py",
     r"python -m studies\.paper\.printed_constants": "studies/paper/test/test_printed_constants.py",
-    r"jammkle gap blind|python docs/examples/blind_external.py": _TRIAL,
     r"jammkle gap diagnose runs/leaking": _DIAGNOSIS,
     r"jammkle hardware check": _CHECK,
     r"(.*--hardware modbus --port|.*python -m jammkle_sim.board_bench)": _BOARD,

@@ -31,7 +31,7 @@ def every_option() -> Iterator[tuple[str, Any]]:
 
 def test_the_walk_finds_what_packages_bring() -> None:
     """Subcommands of all four packages are there, at every depth."""
-    assert {"jam", "up", "rig tensile", "gap diagnose", "gap blind make", "hardware check"} <= set(subcommands())
+    assert {"jam", "up", "rig tensile", "gap diagnose", "hardware check"} <= set(subcommands())
 
 
 def test_numbers_are_typed_in_one_unit_each() -> None:

@@ -23,7 +23,6 @@ PACKAGES = (
     "jammkle_driver",
     "jammkle_controller",
     "jammkle_sim",
-    "jammkle_reality",
     "jammkle_gap",
     "jammkle_view",
     "jammkle_bringup",
@@ -52,12 +51,10 @@ PURE = (
     "jammkle_sim.robots",
     "jammkle_sim.core",
     "jammkle_sim.commands",
-    "jammkle_reality",
     "jammkle_gap.core",
     "jammkle_gap.ankle",
     "jammkle_gap.monitor.core",
     "jammkle_gap.report",
-    "jammkle_gap.trial",
     "jammkle_view.core",
     "jammkle_view.foxglove.server",
     "jammkle_view.page",
@@ -72,7 +69,6 @@ ALLOWED = {
     "jammkle_sim.physics": {"jammkle_sim.physics", "jammkle_common"},
     "jammkle_sim.rigs": {"jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_common"},
     "jammkle_sim.robots": {"jammkle_sim.robots", "jammkle_sim.rigs", "jammkle_sim.physics", "jammkle_common"},
-    "jammkle_reality": {"jammkle_reality", "jammkle_common.names", "jammkle_common.constants"},
     "jammkle_gap": {"jammkle_gap", "jammkle_sim", "jammkle_common", "jammkle_msgs"},
     "jammkle_gap.core": {"jammkle_gap.core"},
     "jammkle_gap.ankle": {
@@ -82,7 +78,6 @@ ALLOWED = {
         "jammkle_sim.physics",
         "jammkle_common",
     },
-    "jammkle_gap.trial": {"jammkle_gap", "jammkle_reality", "jammkle_sim", "jammkle_common"},
     "jammkle_view": {"jammkle_view", "jammkle_gap", "jammkle_sim", "jammkle_common", "jammkle_msgs"},
     "jammkle_view.core": {
         "jammkle_view.core",
@@ -210,17 +205,6 @@ def test_no_package_knows_the_studies_that_judge_it(package: str) -> None:
     """What is installed works where there is no folder `studies`."""
     for path in folder_of(package).rglob("*.py"):
         assert not re.search(r"^\s*(from|import) studies\b", path.read_text(), re.MULTILINE), path.relative_to(ROOT)
-
-
-def test_the_reality_is_built_of_numbers_and_names_alone() -> None:
-    """The machine that the diagnosis is checked on shares no engine with the simulator."""
-    known = {*sys.stdlib_module_names, "numpy", "scipy", "numba", "jammkle_reality", "jammkle_common"}
-    for path in folder_of("jammkle_reality").glob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                assert {alias.name.split(".")[0] for alias in node.names} <= known, path.name
-            elif isinstance(node, ast.ImportFrom):
-                assert str(node.module).split(".")[0] in known, path.name
 
 
 def test_no_name_on_the_graph_is_written_twice() -> None:

@@ -24,7 +24,6 @@ PACKAGES = (
     "jammkle_driver",
     "jammkle_controller",
     "jammkle_sim",
-    "jammkle_reality",
     "jammkle_gap",
     "jammkle_view",
     "jammkle_bringup",

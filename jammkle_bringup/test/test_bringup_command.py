@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 COMMANDS = (
     "up", "jam", "unjam", "status", "record", "info", "recover", "export", "plot", "rig", "rig tensile",
-    "demo", "gap", "gap diagnose", "gap effects", "gap blind", "gap blind make", "gap blind run",
-    "gap blind score", "gap blind standard",
+    "demo", "gap", "gap diagnose", "gap effects",
 )  # fmt: skip
 
 LONG = "x" * 300

@@ -25,7 +25,6 @@ _PACKAGES = (
     "jammkle_driver",
     "jammkle_controller",
     "jammkle_sim",
-    "jammkle_reality",
     "jammkle_gap",
     "jammkle_view",
     "jammkle_bringup",

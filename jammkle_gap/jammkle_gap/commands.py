@@ -12,14 +12,12 @@ import typer
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.options import ON_THE_GAP, JsonOption
-from jammkle_gap.trial.command import blind_app
 
 gap_app = typer.Typer(
     help="Find out where simulation and robot disagree, and why.",
     context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
 )
-gap_app.add_typer(blind_app, name="blind")
 
 app = typer.Typer()
 app.add_typer(gap_app, name="gap", rich_help_panel=ON_THE_GAP)

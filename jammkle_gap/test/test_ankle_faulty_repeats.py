@@ -12,15 +12,15 @@ from jammkle_common import names
 from jammkle_gap.ankle.alike import difference
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.loading import recordings_of
-from jammkle_reality.faults import FaultSetting
-from jammkle_reality.record import Plan
-from jammkle_reality.run import run
-from jammkle_reality.specimen import machine
-from jammkle_reality.table import FAULTS
+from studies.blind.reality.faults import FaultSetting
+from studies.blind.reality.record import Plan
+from studies.blind.reality.run import run
+from studies.blind.reality.specimen import machine
+from studies.blind.reality.table import FAULTS
 
 if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
-    from jammkle_reality.record import Track
+    from studies.blind.reality.record import Track
 
 PLANS = {
     "tensile": {"vacuum_pa": 50e3, "speed_m_s": 0.04},

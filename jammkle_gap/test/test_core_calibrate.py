@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -26,7 +25,6 @@ from jammkle_gap.core.calibrate import calibrate
 from jammkle_gap.core.compare import settings_of
 from jammkle_gap.core.scatter import Scatter
 from jammkle_gap.core.simulate import Runner
-from jammkle_gap.trial.remembering import Remembering
 from pendulums import PROBLEM, machine, simulate
 
 if TYPE_CHECKING:
@@ -53,7 +51,7 @@ class Counted:
 EFFECT = Effect("rub", "bearing", (EffectParameter("torque", "N m", 0.0, 0.0, 1.0, "assumed"),), "Oil it.")
 
 
-def problem(simulator: Counted | Remembering) -> Problem:
+def problem(simulator: Counted) -> Problem:
     spring = Nuisance("spring.stiffness", "1", 1.0, 0.1, "drawing", 0.5, 2.0)
     lamp = Nuisance("lamp.power", "1", 1.0, 0.1, "drawing")
     return Problem(simulator, Library((EFFECT,)), constants=(spring, lamp))
@@ -97,15 +95,3 @@ def test_a_machine_that_cannot_make_all_runs_is_not_calibrated(count: int) -> No
     found = diagnose(runs, replace(PROBLEM, simulator=fragile), references=references, jobs=1)
     assert all(abs(each) == 0.0 for each in found.calibration.values())
     assert found.verdict is not Verdict.NO_GAP
-
-
-def test_what_was_simulated_is_remembered_but_does_not_travel() -> None:
-    """A run is made once; another process is not sent what is known."""
-    simulator = Counted()
-    remembering, recording = Remembering(simulator), run("one", 1.0)
-    remembering.know([recording])
-    first, second = (remembering(recording, {"spring.stiffness": 1.1}) for _ in range(2))
-    assert len(simulator.asked) == 1
-    assert first["way"] == pytest.approx(second["way"])
-    light, heavy = len(pickle.dumps(Remembering(Counted()))), len(pickle.dumps(remembering))
-    assert heavy < light + len(pickle.dumps((recording, simulator.asked)))

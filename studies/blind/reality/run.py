@@ -1,0 +1,51 @@
+"""Run the real machine: a plan, a specimen, what is wrong with it, and the day."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from studies.blind.reality.drop import drop
+from studies.blind.reality.faults import eras
+from studies.blind.reality.landing import landing
+from studies.blind.reality.options import BadPlanError
+from studies.blind.reality.pressure import pressure
+from studies.blind.reality.slip import slip
+from studies.blind.reality.specimen import today
+from studies.blind.reality.table import FAULTS
+from studies.blind.reality.tensile import tensile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from studies.blind.reality.faults import Era, FaultSetting
+    from studies.blind.reality.machine import Machine
+    from studies.blind.reality.record import Plan, RealRun
+
+RIGS: Mapping[str, Callable[[Plan, Sequence[Era], int], RealRun]] = {
+    "tensile": tensile,
+    "pressure": pressure,
+    "drop": drop,
+    "slip": slip,
+    "landing": landing,
+}
+"""What carries out a plan, by the name of the rig: plan, machine over time, seed."""
+
+
+def run(plan: Plan, machine: Machine, faults: Sequence[FaultSetting], seed: int) -> RealRun:
+    """Run a plan once.
+
+    Args:
+        plan: The rig and its settings.
+        machine: The specimen, in order.
+        faults: What is wrong with it, and since when.
+        seed: Of the day and of all noise; the same seed gives the same bits. Faults take nothing from its numbers.
+
+    Raises:
+        BadPlanError: there is no such rig or setting.
+        BadFaultError: there is no such fault, or its size is out of range.
+
+    """
+    if plan.rig not in RIGS:
+        msg = f"rig '{plan.rig}' does not exist here; known are: {', '.join(RIGS)}"
+        raise BadPlanError(msg)
+    return RIGS[plan.rig](plan, eras(today(machine, seed), faults, FAULTS), seed)
