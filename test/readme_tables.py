@@ -16,7 +16,7 @@ from command_reference import command_text
 from jammkle_bringup.robot_names.parameters import RobotNamesParameters
 from jammkle_common.command.provided import COMMANDS, entries
 from jammkle_common.command.vocabulary import typed_row
-from jammkle_common.names import ACTIONS, CHANNELS, RENAMED_TOPICS, ROBOT_TOPICS, SERVICES, TOPICS
+from jammkle_common.names import CHANNELS, RENAMED_TOPICS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows
 from jammkle_common.version import VERSION
 from jammkle_controller.core.offered import OFFERS, Detection
@@ -39,7 +39,7 @@ EXAMPLES = DOCS / "examples"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
 OF_THE_DISTRIBUTION = ("numpy", "pyyaml")
 """Requirements that a sourced ROS has by itself."""
-INTERFACES = {"Messages": "msg", "Services": "srv", "Actions": "action"}
+INTERFACES = {"Messages": "msg", "Services": "srv"}
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
@@ -53,7 +53,7 @@ NODES: dict[str, type[ParameterClass]] = {
 
 
 HOLDS = {
-    "jammkle_msgs": "messages, services, actions",
+    "jammkle_msgs": "messages, services",
     "jammkle_common": "what the nodes share: names, QoS, parameters, runner, lockstep; bags; the command",
     "jammkle_driver": "pump and solenoids, the line to the board, its firmware",
     "jammkle_controller": "contact detection and the jamming policy, in the graph and over recordings",
@@ -126,10 +126,6 @@ def tables() -> dict[str, str]:
         "services": table(
             ("service", "type", "what"),
             [(f"`{any_channel(s.path)}`", f"`{s.service_type}`", s.note) for s in SERVICES],
-        ),
-        "actions": table(
-            ("action", "type", "what"),
-            [(f"`{a.path}`", f"`{a.action_type}`", a.note) for a in ACTIONS],
         ),
     }
     for node, parameters in NODES.items():

@@ -6,12 +6,10 @@ import contextlib
 from typing import TYPE_CHECKING
 
 import pytest
-from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from graph import Probe, Up, interface, shared_graph
 from jammkle_common.names import (
-    ACTIONS,
     CHANNELS,
     CLOCK,
     CONTROLLER_NODE,
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
 
 LATE_S = 2.0
-HIDDEN = "/_action/"
-"""In the names of the topics and services that ROS makes an action of."""
 NODES = (DRIVER_NODE, CONTROLLER_NODE, SIM_NODE)
 ROS_OWN_SERVICES = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/")
 """Services that ROS gives every node or every lifecycle node."""
@@ -55,13 +51,12 @@ def probe(tmp_path_factory: pytest.TempPathFactory, left_alone: tuple[str, str])
 
 
 def _unannounced(looking_on: Probe) -> list[str]:
-    """Topics that nobody publishes yet, and services and actions that nobody offers yet."""
+    """Topics that nobody publishes yet, and services that nobody offers yet."""
     services = {name for name, _ in looking_on.node.get_service_names_and_types()}
     publishers = {topic.name: looking_on.node.count_publishers(topic.name) for topic in TOPICS}
     return [
         *(topic.name for topic in TOPICS if topic not in FROM_OUTSIDE and not publishers[topic.name]),
         *(f"/{each.path}" for each in SERVICES if f"/{each.path}" not in services),
-        *(f"/{each.path}" for each in ACTIONS if f"/{each.path}{HIDDEN}send_goal" not in services),
     ]
 
 
@@ -88,7 +83,7 @@ def test_there_is_no_topic_that_is_not_in_the_table(probe: Probe) -> None:
     for node in NODES:
         pairs = probe.node.get_publisher_names_and_types_by_node(node, "/")
         pairs += probe.node.get_subscriber_names_and_types_by_node(node, "/")
-        assert {name for name, _ in pairs if HIDDEN not in name} <= known
+        assert {name for name, _ in pairs} <= known
 
 
 def test_the_services_are_those_in_the_table(probe: Probe) -> None:
@@ -97,18 +92,9 @@ def test_the_services_are_those_in_the_table(probe: Probe) -> None:
         offered = {
             (name, types[0])
             for name, types in probe.node.get_service_names_and_types_by_node(node, "/")
-            if not types[0].startswith(ROS_OWN_SERVICES) and HIDDEN not in name
+            if not types[0].startswith(ROS_OWN_SERVICES)
         }
         assert offered == {(f"/{each.path}", each.service_type) for each in SERVICES if each.node == node}
-
-
-def test_the_actions_are_those_in_the_table(probe: Probe) -> None:
-    """Each node offers exactly the actions of the table, with their types."""
-    for node in NODES:
-        offered = get_action_server_names_and_types_by_node(probe.node, node, "/")
-        assert {(name, types[0]) for name, types in offered} == {
-            (f"/{each.path}", each.action_type) for each in ACTIONS if each.node == node
-        }
 
 
 def test_who_joins_late_gets_what_is_latched(probe: Probe) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "jammkle_msgs"
-FILES = sorted([*PACKAGE.glob("msg/*.msg"), *PACKAGE.glob("srv/*.srv"), *PACKAGE.glob("action/*.action")])
+FILES = sorted([*PACKAGE.glob("msg/*.msg"), *PACKAGE.glob("srv/*.srv")])
 FIELD = re.compile(r"^(?P<type>[\w/]+(\[\d*\])?)\s+(?P<name>[a-z]\w*)\s*$")
 CONSTANT = re.compile(r"^(?P<type>\w+)\s+(?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>\S+)\s*$")
 NOTHING = ("zero", "empty", "not stamped")

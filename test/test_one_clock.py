@@ -1,15 +1,13 @@
-"""A second simulation on the same graph gives way with one line, and never are there two clocks for long."""
+"""One /clock on a graph: who makes a second one hears of it, or is refused, or lives in the first one's time."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import time
+import signal
 from typing import TYPE_CHECKING
 
 import rclpy
 
-from graph import Probe, Up, environment
+from graph import Probe, Up
 from jammkle_bringup.core.namespace_lock import ClockLock
 from jammkle_common.health import LOCKSTEP_LINE
 from jammkle_common.names import ACTUATOR_STATES, CLOCK, DIAGNOSTICS, DRIVER_NODE, JAM_ALL, JAM_STATE, SET_PAUSED
@@ -27,32 +25,21 @@ PAUSE_S = 1.5
 """Longer than any time-out of driver and board, s of simulated time."""
 
 
-def test_of_two_simulations_started_together_one_gives_way(domain_id: int, make_probe: Callable[..., Probe]) -> None:
-    """Exactly one ends, by itself, with exit code 2 and one line; the other makes the clock alone."""
+def test_two_simulations_that_make_the_clock_both_say_so(processes: Processes, make_probe: Callable[..., Probe]) -> None:
+    """Each warns on diagnostics while there are two, with the way out, and no longer once the other has gone."""
+    for name in ("first", "second"):
+        processes.start(name, module="jammkle_sim", namespace=f"/{name}")
     probe = make_probe()
-    both = [
-        subprocess.Popen(
-            [sys.executable, "-m", "jammkle_sim"], env=environment(domain_id), stderr=subprocess.PIPE, text=True
-        )
-        for _ in range(2)
-    ]
-    try:
-        end_s = time.monotonic() + PATIENCE_S
-        while all(each.poll() is None for each in both) and time.monotonic() < end_s:
-            probe.executor.spin_once(timeout_sec=0.1)
-        gave_way = [each for each in both if each.poll() is not None]
-        assert len(gave_way) == 1
-        assert gave_way[0].returncode == 2
-        said = gave_way[0].stderr.read().strip().splitlines() if gave_way[0].stderr else []
-        assert len(said) == 1
-        assert "/clock is made by another simulation, /sim: stop that one" in said[0]
-        probe.listen(CLOCK)
-        probe.spin_until(lambda: len(probe.heard[CLOCK.name]) > 10, "the clock ticks")
-        assert any(each.poll() is None for each in both)
-    finally:
-        for each in both:
-            each.terminate()
-            each.communicate(timeout=PATIENCE_S)
+    probe.listen(DIAGNOSTICS)
+
+    def warned(name: str) -> bool:
+        reports = (status for array in probe.heard[DIAGNOSTICS.name] for status in array.status)
+        latest = [status for status in reports if status.name == f"/{name}/sim: simulation"][-1:]
+        return any("/clock is made by 2 simulations: stop the others" in status.message for status in latest)
+
+    probe.spin_until(lambda: warned("first") and warned("second"), "both warn")
+    processes.send("second", signal.SIGTERM)
+    probe.spin_until(lambda: not warned("first"), "the one that is left is content")
 
 
 def test_a_demo_refuses_a_graph_that_starts_beside_it(

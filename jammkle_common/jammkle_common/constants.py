@@ -15,7 +15,7 @@ NANOSECONDS_PER_SECOND = 1_000_000_000
 """ROS counts time in whole nanoseconds. Divide by it: a product with 1e-9 is off by a bit now and then."""
 
 MAX_REPEATS = 1000
-"""Most runs of one request, as jammkle_msgs/RunRig says."""
+"""Most runs of one request."""
 
 MAX_SEED = 2**31 - 1
-"""Largest seed, as jammkle_msgs/RunRig says; what a signed 32-bit number holds."""
+"""Largest seed: what a signed 32-bit number holds."""

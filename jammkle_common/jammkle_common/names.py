@@ -346,19 +346,3 @@ SERVICES: tuple[Service, ...] = (
     STEP,
 )
 """Every service of one ankle's graph, apart from those that ROS gives each node."""
-
-
-@dataclass(frozen=True)
-class Action(_Offer):
-    """One action: its type as `package/action/Name`, and what it does."""
-
-    action_type: str
-    note: str
-
-
-RUN_RIG = Action(
-    SIM_NODE, "run_rig", "jammkle_msgs/action/RunRig", "run a rig in place of the simulated ankle, then go on with that"
-)
-
-ACTIONS: tuple[Action, ...] = (RUN_RIG,)
-"""Every action of one ankle's graph."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from jammkle_common.runner import EXIT_BAD_INPUT, run
+from jammkle_common.runner import run
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -32,14 +32,8 @@ def _make_node() -> SimNode:
 
 
 def drive(node: SimNode, executor: Executor, stop: StopFlag) -> None:
-    """Let the node drive itself; beside another simulation that makes the clock it ends with one line."""
-    from jammkle_sim.clock_guard import ClockClashError  # noqa: PLC0415 - as below
-
-    try:
-        node.drive(executor, stop)
-    except ClockClashError as error:
-        sys.stderr.write(f"{error}\n")
-        raise SystemExit(EXIT_BAD_INPUT) from error
+    """Let the node drive itself."""
+    node.drive(executor, stop)
 
 
 def shut_down(node: SimNode) -> None:

@@ -122,18 +122,13 @@ class Ankles:
             self._reported_broken = broken
             self._on_change()
 
-    def health(self, rig: str) -> list[Health]:
-        """Return two lines for each: its tendons, its commands.
-
-        Args:
-            rig: Name of the rig that runs in the ankle's place; empty if none does.
-
-        """
+    def health(self) -> list[Health]:
+        """Return two lines for each: its tendons, its commands."""
         return [
             line
             for each in self._all
             for line in (
-                tendon_health(each.outputs.broken_tendons, rig, each.name),
+                tendon_health(each.outputs.broken_tendons, each.name),
                 command_health(each.commands.refused, each.name, let_go=each.commands.let_go),
             )
         ]

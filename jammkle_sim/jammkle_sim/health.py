@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.health import COMMANDS_LINE, Health, Level
+from jammkle_common.names import CLOCK
 from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE
 from jammkle_sim.core.run_control import RunState
 from jammkle_sim.inputs import WATCHDOG_S
@@ -20,8 +21,14 @@ _SLOW_BELOW = 0.9
 """Share of the wanted speed below which the simulation counts as too slow. Assumed: clear of measuring noise."""
 
 
-def simulation_health(engine: Engine) -> Health:
-    """Run state, simulated time and pace."""
+def simulation_health(engine: Engine, clocks: int) -> Health:
+    """Run state, simulated time and pace, and whether the clock is this simulation's alone.
+
+    Args:
+        engine: Drives the simulation.
+        clocks: How many publish the clock that this one publishes.
+
+    """
     control, pacer = engine.control, engine.pacer
     factor = engine.real_time_factor
     values = {
@@ -34,41 +41,28 @@ def simulation_health(engine: Engine) -> Health:
     }
     if control.state is RunState.FAILED:
         return Health("simulation", Level.ERROR, f"{control.failure}; paused until ~/reset", values)
+    if clocks > 1:
+        message = f"{CLOCK.name} is made by {clocks} simulations: stop the others, choose another ROS_DOMAIN_ID, or give "
+        message += "all but one publish_clock:=false to live in its time"
+        return Health("simulation", Level.WARN, message, values)
     if control.state is RunState.RUNNING and factor < _SLOW_BELOW * pacer.speed:
         return Health("simulation", Level.WARN, "slower than wanted; lower the parameter speed", values)
     return Health("simulation", Level.OK, control.state.value, values)
 
 
-def tendon_health(broken: Sequence[str], rig: str, ankle: str = "") -> Health:
+def tendon_health(broken: Sequence[str], ankle: str = "") -> Health:
     """Whether every tendon is whole.
 
     Args:
         broken: Names of those that are not.
-        rig: Name of the rig that runs in the ankle's place; empty if none does.
         ankle: Which of several; empty: there is but one.
 
     """
     about = f"{ankle} tendons".strip()
     values = {"broken tendons": ", ".join(broken) or "none"}
     if broken:
-        way_out = f"the next run of rig '{rig}' starts with whole ones" if rig else "~/reset makes them whole"
-        return Health(about, Level.ERROR, f"broken: {', '.join(broken)}; {way_out}", values)
+        return Health(about, Level.ERROR, f"broken: {', '.join(broken)}; ~/reset makes them whole", values)
     return Health(about, Level.OK, "whole", values)
-
-
-def rig_health(running: str, trouble: str) -> Health:
-    """What ~/run_rig does, and what went wrong in the goal before.
-
-    Args:
-        running: Which run of which rig is running; empty if none is.
-        trouble: What tore or failed in the latest goal; empty if nothing did.
-
-    """
-    if running:
-        return Health("rig", Level.OK, f"running {running}")
-    if trouble:
-        return Health("rig", Level.ERROR, f"{trouble}; the next goal of ~/run_rig or ~/reset clears this")
-    return Health("rig", Level.OK, "none running")
 
 
 def command_health(refused: str, ankle: str = "", *, let_go: bool) -> Health:

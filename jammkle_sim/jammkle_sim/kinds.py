@@ -29,8 +29,6 @@ class SimKind:
     """What each of its ankles can publish."""
     ankles_of: Callable[[Any], Mapping[str, Ankle]]
     """Gives the ankles of such a simulation, by namespace below the node's own."""
-    runs_rigs: bool
-    """Whether ~/run_rig can put a rig in its place."""
     reset_by: Callable[[Any], object]
     """Gives of the parameters what a reset builds the simulation anew for, once it is something else."""
     built_of: Callable[[Any], Any]
@@ -54,7 +52,6 @@ RIG = SimKind(
     SimParameters,
     RIG_OUTPUTS,
     lambda simulation: {"": simulation},
-    runs_rigs=True,
     reset_by=landing_options,
     built_of=lambda simulation: simulation.rig,
     robot_of=_ankle_of_rig,
@@ -63,7 +60,6 @@ ROBOT = SimKind(
     RobotParameters,
     ROBOT_OUTPUTS,
     _of_robot,
-    runs_rigs=False,
     reset_by=robot_options,
     built_of=lambda simulation: simulation.robot,
     robot_of=lambda simulation: simulation.robot,

@@ -37,7 +37,6 @@ def make_simulation(parameters: SimParameters) -> Simulation:
     # simulated time of the real one would start with a backlog.
     warm_up = Simulation(change(landing_parts(options)))
     warm_up.advance(1)
-    warm_up.record(1, 1)  # what a rig of ~/run_rig takes
     return Simulation(change(landing_parts(options)))
 
 

@@ -20,18 +20,16 @@ from jammkle_common.diagnostics import DiagnosticsPublisher
 from jammkle_common.qos import publisher_qos
 from jammkle_common.roll_call import RollCall
 from jammkle_sim.ankles import Ankles
-from jammkle_sim.clock_guard import ClockGuard
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import Engine
 from jammkle_sim.core.pacing import Pacer
 from jammkle_sim.core.run_control import RunControl, RunState
 from jammkle_sim.core.schedule import Output, steps_per_output
-from jammkle_sim.health import rig_health, simulation_health
+from jammkle_sim.health import simulation_health
 from jammkle_sim.kinds import RIG, SimKind
 from jammkle_sim.outputs import ClockOutput
 from jammkle_sim.parameters import GAIT_RATE_HZ, MAX_RATE_HZ, PRESSURE_RATE_HZ, WHOLE_RATE_HZ
 from jammkle_sim.participants import Participants
-from jammkle_sim.rig_action import NoRigAction, RigAction
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.urdf import robot_urdf
 from jammkle_sim.robots.urdf_names import UrdfNames
@@ -46,7 +44,6 @@ if TYPE_CHECKING:
     from jammkle_common.health import Health
     from jammkle_common.runner import StopFlag
     from jammkle_sim.parameters import RunParameters
-    from jammkle_sim.rigs.simulation import Simulation
 
 _LONGEST_WORK_S = 0.001
 """Real time, s, for which outputs are worked off before callbacks are served again, should they be due back to back.
@@ -86,7 +83,6 @@ class SimNode(Node):
         self._simulation = make_simulation(parameters)
         self._engine = _make_engine(self._simulation, parameters, kind.outputs)
         self._clock_output = ClockOutput(self, parameters.clock_rate_hz, is_ours=parameters.publish_clock)
-        self._clock_guard = ClockGuard(self, is_ours=parameters.publish_clock)
         self._description = self.create_publisher(
             String, names.SIM_PARAMETERS.name, publisher_qos(names.SIM_PARAMETERS)
         )
@@ -98,12 +94,8 @@ class SimNode(Node):
         self._roll_call = RollCall(self, ankles, self._time_s)
         self._ankles = Ankles(self, ankles, kind.outputs, self._diagnostics.check, self._time_s)
         self._whole = _make_whole(self, kind, self._simulation)
-        self._shown = self._simulation
-        self._describe(self._simulation)
+        self._describe()
         self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
-        self._rigs: RigAction | NoRigAction = NoRigAction()
-        if kind.runs_rigs:
-            self._rigs = RigAction(self, self._engine, self._show, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._clock_repeater = self.create_timer(_STANDING_CLOCK_PERIOD_S, self._repeat_standing_clock, clock=steady)
         self.add_on_set_parameters_callback(self._refuse_late_start_time)
@@ -137,22 +129,20 @@ class SimNode(Node):
         limit_ns = self._participants.limit_ns
         if limit_ns is not None:
             self._engine.go_as_far_as(limit_ns)
-        own = not self._rigs.place  # a rig follows no driver
         stands = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
         left_out = stands and not self._built.publish_clock  # of a time that somebody else makes
-        self._ankles.set_paused(self._engine.time_ns, paused=left_out or not own)
+        self._ankles.set_paused(self._engine.time_ns, paused=left_out)
         if not self._engine.begun and self._engine.wait_s() <= 0.0:
             self._ankles.begin()
-        if own:
-            self._ankles.look_for_silence()
-            self._ankles.acknowledge(self._engine.time_ns)
+        self._ankles.look_for_silence()
+        self._ankles.acknowledge(self._engine.time_ns)
         try:
             tick = self._engine.cycle()
             if tick is not None:
-                if own and Output.PRESSURES in tick.outputs:
+                if Output.PRESSURES in tick.outputs:
                     self._ankles.repeat(tick.time_ns)
                 self._ankles.publish(tick)
-                self._whole.publish(tick, self._shown, self._kind.ankles_of(self._shown))
+                self._whole.publish(tick, self._simulation, self._kind.ankles_of(self._simulation))
                 if self._engine.control.state is not RunState.RUNNING:
                     self._tick(tick.time_ns)
                 elif self._clock_output.run(tick.time_ns):
@@ -160,7 +150,6 @@ class SimNode(Node):
                 self._diagnostics.at(self._time_s())
         except (UnstableSimulationError, NotFiniteError) as error:
             self._fail(str(error))
-        self._rigs.go_on()
         self._ankles.tell_breaks()
         self._participants.arrived(math.inf if stands else self._engine.next_output_ns())
         return self._engine.wait_s()
@@ -174,20 +163,12 @@ class SimNode(Node):
             self._participants.sent(time_ns)
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:
-        """Run until asked to stop: a cycle, then callbacks until the next one is due.
-
-        Raises:
-            ClockClashError: another simulation, that came first, makes the graph's clock.
-
-        """
-        if self._engine.control.state is RunState.RUNNING:
-            self._clock_guard.look_first(executor)
+        """Run until asked to stop: a cycle, then callbacks until the next one is due."""
         self._engine.restart_pace()  # making the node has taken time that nobody wants to catch up
         while not stop:
             executor.spin_once(timeout_sec=self.cycle())
             if not self._participants.any:
                 self._serve_drivers(executor)
-            self._clock_guard.check()
 
     def _serve_drivers(self, executor: Executor) -> None:
         """Serve what the drivers have sent meanwhile.
@@ -202,18 +183,10 @@ class SimNode(Node):
             executor.spin_once(timeout_sec=0)
 
     def shut_down(self) -> None:
-        """Answer whoever still waits for steps or for a rig."""
-        self._rigs.fail("the sim node was stopped")
+        """Answer whoever still waits for steps."""
         self._engine.fail("the sim node was stopped")
         self._answers.answer_finished_steps()
-        if self.executor is not None:
-            self.executor.spin_once(timeout_sec=0)  # sends the rig's result
         self._diagnostics.farewell()
-
-    def destroy_node(self) -> None:
-        """Leave the graph; rclpy destroys all but the action by itself."""
-        self._rigs.destroy()
-        super().destroy_node()
 
     def _refuse_late_start_time(self, changes: list[Parameter]) -> SetParametersResult:
         """Time must not jump once it has begun."""
@@ -235,39 +208,32 @@ class SimNode(Node):
             self._tick(self._engine.time_ns)
 
     def _fail(self, why: str) -> None:
-        """Stop what cannot be simulated any further: the rig, and else the ankle."""
-        if self._rigs.place:
-            self.get_logger().error(f"{self._rigs.place}: {why}")
-            self._rigs.fail(why)
-            return
+        """Stop what cannot be simulated any further."""
         self._engine.fail(why)
         self.get_logger().error(f"{why}; paused until ~/reset")
         self._diagnostics.check()
 
-    def _show(self, rig: Simulation | None) -> None:
-        """Publish the outputs of a rig, or of the ankle again, and say what it is."""
-        simulation = self._shown = self._simulation if rig is None else rig
-        self._ankles.show(self._kind.ankles_of(simulation))
-        self._describe(simulation)
-
-    def _describe(self, simulation: Any) -> None:
-        self._description.publish(parameters_message(simulation.description()))
+    def _describe(self) -> None:
+        self._description.publish(parameters_message(self._simulation.description()))
 
     def _reset(self) -> None:
         self._engine.reset()
         if self._kind.reset_by(self._wanted) != self._kind.reset_by(self._built):
             self._simulation.exchange(self._kind.built_of(self._make_simulation(self._wanted)))
             self._built = self._wanted
-            self._show(None)
-        self._rigs.forget_trouble()
+            self._ankles.show(self._kind.ankles_of(self._simulation))
+            self._describe()
         self._ankles.apply()
+
+    def _clocks(self) -> int:
+        """How many simulations make the clock that this one makes; 0: it makes none."""
+        return self.count_publishers(names.CLOCK.name) if self._built.publish_clock else 0
 
     def _health(self) -> list[Health]:
         return [
-            simulation_health(self._engine),
+            simulation_health(self._engine, self._clocks()),
             self._participants.health(),
-            *self._ankles.health(self._engine.control.rig),
-            rig_health(self._rigs.place, self._rigs.trouble),
+            *self._ankles.health(),
             self._roll_call.health(),
         ]
 

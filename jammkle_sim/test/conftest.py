@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
-from rclpy.action import ActionClient
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
@@ -114,7 +113,6 @@ class Graph:
         # writes to it in another.
         self._listener = rclpy.create_node("listener")
         self._recordings: list[tuple[Any, str, list[Any]]] = []
-        self._action_clients: list[ActionClient] = []
         self.sent: list[tuple[int, str, Any]] = []
         """When it was sent, topic and message of everything recorded. Arrival is ordered within a topic only."""
 
@@ -123,8 +121,6 @@ class Graph:
         self._probe_executor.shutdown()
         self._executor.shutdown()
         self._recordings.clear()
-        for client in self._action_clients:
-            client.destroy()
         self._listener.destroy_node()
         self.probe.destroy_node()
         self.sim.destroy_node()
@@ -172,13 +168,6 @@ class Graph:
                     message, info = taken
                     messages.append(message)
                     self.sent.append((info["source_timestamp"], topic, message))
-
-    def action_client(self, action_type: type, action: names.Action) -> ActionClient:
-        """Make a client whose action is there."""
-        client = ActionClient(self.probe, action_type, action.path)
-        self._action_clients.append(client)
-        self.spin_until(client.server_is_ready, action.path)
-        return client
 
     def client(self, service_type: type, service: names.Service) -> Any:
         """Make a client whose service is there."""

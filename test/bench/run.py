@@ -22,7 +22,6 @@ from line import LineDelays, measure_line
 from load import Load, measure_load
 from memory import Memory, measure_memory
 from safe_states import SafeState, measure_safe_states
-from side_by_side import SideBySide, measure_side_by_side
 from steps import StepRates, measure_steps
 from watched import Watched, measure_watched
 
@@ -46,7 +45,6 @@ class Results:
     machine: str
     cores: int
     steps: StepRates
-    side_by_side: SideBySide
     memory: Memory
     start_up: StartUp
     delays: Delays
@@ -66,8 +64,6 @@ def measure(console: Console) -> Results:
         memory = measure_memory()
     with console.status("simulation steps per second"):
         steps = measure_steps()
-    with console.status("rigs side by side"):
-        side_by_side = measure_side_by_side()
     with own_domain() as domain_id, console.status("until the graph is up"):
         start_up = measure_start_up(domain_id)
     with own_domain() as domain_id, console.status("from impact to solenoid"):
@@ -90,7 +86,6 @@ def measure(console: Console) -> Results:
         platform.machine(),
         os.cpu_count() or 1,
         steps,
-        side_by_side,
         memory,
         start_up,
         delays,
@@ -114,13 +109,7 @@ def table_of(results: Results) -> Table:
         f"{steps.ratio:.2f} ({steps.ratio_lowest:.2f} to {steps.ratio_highest:.2f}); "
         f"{steps.ratio_sample_by_sample:.2f} sample by sample",
     )
-    together, memory = results.side_by_side, results.memory
-    table.add_row(
-        f"steps per second of {together.rigs} rigs together, {together.workers} threads",
-        f"{together.full_steps_per_s:,.0f}",
-        f"bare mujoco.rollout {together.bare_steps_per_s:,.0f}",
-        f"{together.ratio:.2f} ({together.ratio_lowest:.2f} to {together.ratio_highest:.2f})",
-    )
+    memory = results.memory
     table.add_row(
         f"memory over {memory.simulated_minutes} simulated minutes",
         f"{memory.resident_growth_kib_per_minute:+.1f} KiB per minute",

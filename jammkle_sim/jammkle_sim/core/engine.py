@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class SteppedSimulation(Protocol):
-    """What the engine needs of a simulation that it takes forward."""
+    """What the engine needs of the simulation that it drives."""
 
     @property
     def timestep_s(self) -> float:
@@ -27,10 +27,6 @@ class SteppedSimulation(Protocol):
 
     def advance(self, steps: int) -> None:
         """Take steps."""
-
-
-class ResettableSimulation(SteppedSimulation, Protocol):
-    """What it needs of its own one, which can begin anew; one that is lent runs once."""
 
     def reset(self) -> None:
         """Restore the state and the noise seeds of the start."""
@@ -84,11 +80,11 @@ class _Course:
 
 
 class Engine:
-    """One simulation, its pace, its schedule and its run state; and another one in its place for a while."""
+    """One simulation, its pace, its schedule and its run state."""
 
     def __init__(
         self,
-        simulation: ResettableSimulation,
+        simulation: SteppedSimulation,
         periods: Mapping[Output, int],
         control: RunControl,
         pacer: Pacer,
@@ -243,26 +239,6 @@ class Engine:
         self._control.reset()
         self._simulation.reset()
         self._own.first_step = self._own.step
-        self.restart_pace()
-
-    def lend(self, simulation: SteppedSimulation, periods: Mapping[Output, int]) -> None:
-        """Drive another simulation from now on, until `take_back`; simulated time goes on, the own one stands still.
-
-        Args:
-            simulation: What is driven.
-            periods: Steps between two of each output.
-
-        Raises:
-            RateError: the time step is not a whole number of nanoseconds.
-
-        """
-        self._course = _Course(simulation, periods, self.time_ns)
-        self.restart_pace()
-
-    def take_back(self) -> None:
-        """Drive the own simulation again, from where it stands; simulated time goes on."""
-        self._own.move_to(self.time_ns)
-        self._course = self._own
         self.restart_pace()
 
     def _time_s_at(self, step: int) -> float:

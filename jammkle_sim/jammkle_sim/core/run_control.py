@@ -31,8 +31,6 @@ class RunControl:
         self._state = RunState.PAUSED if start_paused else RunState.RUNNING
         self._steps_left = 0
         self._failure = ""
-        self._rig = ""
-        self._state_after_rig = self._state
 
     @property
     def state(self) -> RunState:
@@ -48,33 +46,6 @@ class RunControl:
     def failure(self) -> str:
         """Why the simulation failed, in one line; empty if it did not."""
         return self._failure
-
-    @property
-    def rig(self) -> str:
-        """Name of the rig that somebody runs instead of the own one; empty if nobody does."""
-        return self._rig
-
-    def begin_rig(self, rig: str) -> None:
-        """Let simulated time run for a rig, even if it is paused now.
-
-        Args:
-            rig: Name.
-
-        Raises:
-            RefusedError: another rig runs, steps are being taken, or the simulation has failed.
-
-        """
-        self._refuse_during_rig(f"run rig '{rig}'")
-        self._refuse_while_stepping(f"run rig '{rig}'")
-        self._refuse_after_failure(f"run rig '{rig}'")
-        self._rig = rig
-        self._state_after_rig = self._state
-        self._state = RunState.RUNNING
-
-    def end_rig(self) -> None:
-        """Go back to what was before the rig: running, or paused."""
-        self._rig = ""
-        self._state = self._state_after_rig
 
     def pause(self) -> None:
         """Stop simulated time; nothing changes if it stands already.
@@ -105,10 +76,9 @@ class RunControl:
             steps: How many, 1 to MAX_STEPS.
 
         Raises:
-            RefusedError: the number is out of range, simulated time is not paused, or a rig runs.
+            RefusedError: the number is out of range, or simulated time is not paused.
 
         """
-        self._refuse_during_rig("step")
         self._refuse_while_stepping("step")
         self._refuse_after_failure("step")
         if self._state is RunState.RUNNING:
@@ -138,19 +108,13 @@ class RunControl:
         """Forget a failure, and stay paused after it; else go on as before.
 
         Raises:
-            RefusedError: steps are being taken, or a rig runs.
+            RefusedError: steps are being taken.
 
         """
-        self._refuse_during_rig("reset")
         self._refuse_while_stepping("reset")
         if self._state is RunState.FAILED:
             self._state = RunState.PAUSED
         self._failure = ""
-
-    def _refuse_during_rig(self, wish: str) -> None:
-        if self._rig:
-            msg = f"cannot {wish} while rig '{self._rig}' runs; wait for its end or cancel the goal of ~/run_rig"
-            raise RefusedError(msg)
 
     def _refuse_while_stepping(self, wish: str) -> None:
         if self._state is RunState.STEPPING:
