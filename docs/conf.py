@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 project = "Jammkle"
 author = "Jammkle maintainers"
-version = release = re.search('VERSION = "(.*)"', (ROOT / "jammkle_common/jammkle_common/version.py").read_text())[1]
+version = release = re.search('VERSION = "(.*)"', (ROOT / "jammkle_common/jammkle_common/__init__.py").read_text())[1]
 html_title = f"Jammkle {version}"
 
 extensions = ["myst_parser"]

@@ -14,11 +14,11 @@ from xml.etree import ElementTree as ET
 
 from command_reference import command_text
 from jammkle_bringup.robot_names.parameters import RobotNamesParameters
-from jammkle_common.command.provided import COMMANDS, entries
-from jammkle_common.command.vocabulary import typed_row
+from jammkle_common import VERSION
+from jammkle_common.command import COMMANDS, entries
+from jammkle_common.command.options import typed_row
 from jammkle_common.names import CHANNELS, RENAMED_TOPICS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows
-from jammkle_common.version import VERSION
 from jammkle_controller.core.offered import OFFERS, Detection
 from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES
 from jammkle_controller.parameters import ControllerParameters

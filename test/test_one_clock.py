@@ -9,7 +9,7 @@ import rclpy
 
 from graph import Probe, Up
 from jammkle_bringup.core.namespace_lock import ClockLock
-from jammkle_common.health import LOCKSTEP_LINE
+from jammkle_common.messages import LOCKSTEP_LINE
 from jammkle_common.names import ACTUATOR_STATES, CLOCK, DIAGNOSTICS, DRIVER_NODE, JAM_ALL, JAM_STATE, SET_PAUSED
 from jammkle_common.runner import EXIT_BAD_INPUT
 from jammkle_msgs.msg import ChannelJamState

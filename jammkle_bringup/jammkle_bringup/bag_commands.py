@@ -29,7 +29,7 @@ def info(
     from jammkle_bringup import report
     from jammkle_bringup.core.bag_info import bag_info
     from jammkle_common.command import results
-    from jammkle_common.command.progress import progress_bar
+    from jammkle_common.command.results import progress_bar
 
     results.check_writable(json)
     with progress_bar(f"reading {bag}") as show:
@@ -63,7 +63,7 @@ def recover(
     from jammkle_bringup import report
     from jammkle_common.bags.recovery import recover as make_whole
     from jammkle_common.command import results
-    from jammkle_common.command.progress import progress_bar
+    from jammkle_common.command.results import progress_bar
 
     results.check_writable(json)
     try:

@@ -12,10 +12,9 @@ from rcl_interfaces.srv import GetParameters
 from jammkle_bringup.conversions import HealthStatus, JamStatus, health_status, jam_status, pa_from_kpa
 from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, no_answer
 from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM
-from jammkle_common.namespace import relative, resolved
+from jammkle_common.diagnostics import LIVENESS_LINE, MISSED_AFTER_S, SILENT_FOR
+from jammkle_common.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM, relative, resolved
 from jammkle_common.qos import subscriber_qos
-from jammkle_common.roll_call import MISSED_AFTER_S, ROLL_CALL_LINE, SILENT_FOR
 from jammkle_msgs.msg import JamState
 from jammkle_msgs.srv import Jam, Unjam
 
@@ -195,7 +194,7 @@ def all_reported(health: Mapping[str, HealthStatus], drivers: Collection[str]) -
     if not seen.issuperset(drivers):
         return False
     for name, line in health.items():
-        if not name.endswith(ROLL_CALL_LINE):
+        if not name.endswith(LIVENESS_LINE):
             continue
         place = name.rpartition("/")[0]
         for key, silent_s in line.values.items():

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import typer
 
 from jammkle_bringup.core.node_table import SIM_HARDWARE, Robot
+from jammkle_common.command.errors import Interrupted, StopRequest
 from jammkle_common.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
 from jammkle_common.command.options import ON_THE_GRAPH, JsonOption, NamespaceOption
-from jammkle_common.command.signals import Interrupted, StopRequest
-from jammkle_common.namespace import normalised
+from jammkle_common.names import normalised
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from jammkle_common.command import results
-from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import StopRequest
+from jammkle_common.command.errors import GraphError, InputError, StopRequest
+from jammkle_common.command.results import progress_bar
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,11 +12,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from jammkle_bringup.core.namespace_lock import ros_domain
-from jammkle_common.command.errors import GraphError
-from jammkle_common.command.signals import Interrupted
-from jammkle_common.health import COMMANDS_LINE
-from jammkle_common.names import DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE
-from jammkle_common.namespace import relative, resolved
+from jammkle_common.command.errors import GraphError, Interrupted
+from jammkle_common.messages import COMMANDS_LINE
+from jammkle_common.names import DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE, relative, resolved
 from jammkle_common.qos import subscriber_qos
 
 if TYPE_CHECKING:

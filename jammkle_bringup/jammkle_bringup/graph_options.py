@@ -20,8 +20,16 @@ from jammkle_bringup.core.node_table import (
 from jammkle_bringup.core.parameter_file import assignment, check_parameter_files, merged_values, values_of
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command.errors import InputError
-from jammkle_common.names import CONTROLLER_NODE, DRIVER_NODE, FOXGLOVE_NODE, ODOMETRY, SIM_NODE, VIEWER_NODE
-from jammkle_common.namespace import relative, resolved
+from jammkle_common.names import (
+    CONTROLLER_NODE,
+    DRIVER_NODE,
+    FOXGLOVE_NODE,
+    ODOMETRY,
+    SIM_NODE,
+    VIEWER_NODE,
+    relative,
+    resolved,
+)
 from jammkle_common.parameters import ParameterError, rows
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_view.foxglove.parameters import NOT_INSTALLED as NO_FOXGLOVE

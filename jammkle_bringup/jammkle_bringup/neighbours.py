@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.namespace_lock import already_up, ros_domain
 from jammkle_common.command.errors import InputError
-from jammkle_common.names import CLOCK
-from jammkle_common.namespace import resolved
+from jammkle_common.names import CLOCK, resolved
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.run_panels import run_picture
 from jammkle_common.command import results
-from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import Interrupted, StopRequest
-from jammkle_common.namespace import normalised
+from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
+from jammkle_common.command.results import progress_bar
+from jammkle_common.names import normalised
 
 if TYPE_CHECKING:
     from pathlib import Path

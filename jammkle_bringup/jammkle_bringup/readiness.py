@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool
 from jammkle_bringup.conversions import clock_ns
 from jammkle_common.command.errors import GraphError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.health import LOCKSTEP_LINE
+from jammkle_common.messages import LOCKSTEP_LINE
 from jammkle_common.names import (
     ACTUATOR_STATES,
     CHANNELS,
@@ -37,8 +37,9 @@ from jammkle_common.names import (
     SIM_NODE,
     SOLENOIDS,
     STEP,
+    relative,
+    resolved,
 )
-from jammkle_common.namespace import relative, resolved
 from jammkle_common.qos import subscriber_qos
 from jammkle_msgs.srv import Step
 from jammkle_sim.parameters import SimParameters

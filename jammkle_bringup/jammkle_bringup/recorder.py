@@ -14,28 +14,25 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from std_msgs.msg import Header, String
 
 from jammkle_bringup.conversions import message_class
 from jammkle_bringup.core.log_times import LogTimes, Received, TimeSource
 from jammkle_common import wire
-from jammkle_common.bags.offered import bag_qos
 from jammkle_common.bags.writing import FLUSH_PERIOD_S, BagLog
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS
-from jammkle_common.namespace import resolved
-from jammkle_common.overhearing import belongs, misses, strongest
-from jammkle_common.publication import MessageInfo, with_info
-from jammkle_common.qos import answer_qos, publisher_qos
+from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS, resolved
+from jammkle_common.qos import MessageInfo, answer_qos, belongs, misses, publisher_qos, strongest, with_info
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
+    from rclpy.duration import Duration
     from rclpy.executors import Executor
     from rclpy.subscription import Subscription
-    from rosbags.interfaces import Qos
 
     from jammkle_common.bags.definitions import MessageDefinitions
     from jammkle_common.bags.writing import BagCounts
@@ -169,7 +166,7 @@ class Recorder(Node):
 
     def _offered(self, name: str, assumed: QoSProfile) -> Sequence[Qos]:
         publishers = self.get_publishers_info_by_topic(name)
-        return [bag_qos(publisher.qos_profile) for publisher in publishers] or [bag_qos(assumed)]
+        return [_bag_qos(publisher.qos_profile) for publisher in publishers] or [_bag_qos(assumed)]
 
     @contextlib.contextmanager
     def _keeping_failure(self) -> Iterator[None]:
@@ -269,6 +266,28 @@ def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
         executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
         executor.spin_once(timeout_sec=0)
     node.close()
+
+
+def _bag_qos(profile: QoSProfile) -> Qos:
+    """Return a profile as the metadata of a bag hold it."""
+
+    def named(kind: Any, policy: Any) -> Any:
+        return kind.__members__.get(policy.name, kind.UNKNOWN)
+
+    def time_of(duration: Duration) -> QosTime:
+        return QosTime(*divmod(duration.nanoseconds, NANOSECONDS_PER_SECOND))
+
+    return Qos(
+        named(QosHistory, profile.history),
+        profile.depth,
+        named(QosReliability, profile.reliability),
+        named(QosDurability, profile.durability),
+        time_of(profile.deadline),
+        time_of(profile.lifespan),
+        named(QosLiveliness, profile.liveliness),
+        time_of(profile.liveliness_lease_duration),
+        profile.avoid_ros_namespace_conventions,
+    )
 
 
 def _text(data: bytes) -> str:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import shutil
 from typing import TYPE_CHECKING
 
+from jammkle_bringup.core.renaming import JointRenaming, RenamingError
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command import results
-from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import StopRequest
-from jammkle_common.renaming import JointRenaming, RenamingError
+from jammkle_common.command.errors import GraphError, InputError, StopRequest
+from jammkle_common.command.results import progress_bar
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from jammkle_common.command.figures import STATE_COLOURS
+from jammkle_common.command.results import STATE_COLOURS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

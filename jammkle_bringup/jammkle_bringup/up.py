@@ -23,8 +23,7 @@ from jammkle_bringup.graph_options import (
 )
 from jammkle_bringup.neighbours import LOOK_S, LOOKERS, refuse_if_doubled, refuse_if_there
 from jammkle_bringup.readiness import RECORDER, Startup
-from jammkle_common.command.errors import GraphError
-from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.errors import GraphError, Interrupted
 from jammkle_common.names import CLOCK, CONTROLLER_NODE, DRIVER_NODE, SIM_NODE
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from jammkle_bringup.core.node_table import (
     robot_names_for,
     simulated_time,
 )
-from jammkle_common.names import DRIVER_NODE, SIM_NODE
-from jammkle_common.namespace import normalised
+from jammkle_common.names import DRIVER_NODE, SIM_NODE, normalised
 
 ARGUMENTS = {
     "hardware": (SIM_HARDWARE, "What stands behind the driver: sim, modbus, or what a package brings along."),

@@ -17,8 +17,7 @@ from jammkle_bringup.core.node_table import (
     robot_names_for,
     simulated_time,
 )
-from jammkle_common.names import DRIVER_NODE, SIM_NODE
-from jammkle_common.namespace import normalised, resolved
+from jammkle_common.names import DRIVER_NODE, SIM_NODE, normalised, resolved
 
 ARGUMENTS = {
     "robot": (Robot.QUADRUPED.value, "What to bring up: leg, quadruped."),

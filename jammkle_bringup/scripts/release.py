@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 CHANGELOG = ROOT / "CHANGELOG.md"
-VERSION_FILE = ROOT / "jammkle_common" / "jammkle_common" / "version.py"
+VERSION_FILE = ROOT / "jammkle_common" / "jammkle_common" / "__init__.py"
 UNRELEASED = "## Unreleased\n"
 
 

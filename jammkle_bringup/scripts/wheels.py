@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from set_up import OLDEST_PYTHON, PACKAGES, ROOT, VENV
 
-from jammkle_common.version import VERSION
+from jammkle_common import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

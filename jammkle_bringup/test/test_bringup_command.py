@@ -15,7 +15,7 @@ from jammkle_bringup.core.namespace_lock import NamespaceLock
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import main
 from jammkle_common.command.options import ON_BAGS, ON_THE_BOARD, ON_THE_GAP, ON_THE_GRAPH, WITHOUT_A_ROBOT
-from jammkle_common.namespace import normalised, relative, resolved
+from jammkle_common.names import normalised, relative, resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,8 +19,8 @@ from jammkle_bringup.core.export import ExportRequest, export
 from jammkle_bringup.core.table_files import TableFormat
 from jammkle_common.bags.reading import messages, opened
 from jammkle_common.bags.storage import zstd
+from jammkle_common.command.errors import Interrupted
 from jammkle_common.command.main import main
-from jammkle_common.command.signals import Interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

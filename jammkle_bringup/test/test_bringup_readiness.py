@@ -12,8 +12,7 @@ from jammkle_bringup import readiness
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.readiness import Startup
-from jammkle_common.command.errors import GraphError
-from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.errors import GraphError, Interrupted
 from jammkle_common.names import CONTROLLER_NODE, DRIVER_NODE, IMU, SIM_NODE
 
 if TYPE_CHECKING:

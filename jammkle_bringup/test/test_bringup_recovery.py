@@ -12,9 +12,8 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from jammkle_common.bags.data_section import scanned
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
-from jammkle_common.bags.recovery import recover
+from jammkle_common.bags.recovery import recover, scanned
 from jammkle_common.bags.writing import BagLog
 from jammkle_common.command.main import main
 

@@ -11,7 +11,7 @@ from jammkle_bringup import report
 from jammkle_bringup.conversions import ChannelStatus, HealthStatus, JamStatus
 from jammkle_bringup.core.bag_info import BagInfo, TopicInfo
 from jammkle_bringup.core.run_summary import ChannelSummary, RunSummary
-from jammkle_common.command.figures import STATE_COLOURS
+from jammkle_common.command.results import STATE_COLOURS
 from jammkle_common.names import TOPICS
 from jammkle_view.core.tints import STATE_TINTS, css
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jammkle_bringup.channel_commands import all_reported
 from jammkle_bringup.conversions import HealthStatus
-from jammkle_common.roll_call import MISSED_AFTER_S, ROLL_CALL_LINE, SILENT_FOR
+from jammkle_common.diagnostics import LIVENESS_LINE, MISSED_AFTER_S, SILENT_FOR
 
 DRIVERS = ("/lf_ankle/driver", "/rf_ankle/driver")
 
@@ -12,7 +12,7 @@ DRIVERS = ("/lf_ankle/driver", "/rf_ankle/driver")
 def lines(*nodes: str, **silent_s: float) -> dict[str, HealthStatus]:
     """Return reports of nodes; each says how long those given have been silent, which it knows by relative names."""
     values = {f"{name}{SILENT_FOR}": f"{each:.1f}" for name, each in silent_s.items()}
-    return {f"{node}{ROLL_CALL_LINE}": HealthStatus(f"{node}{ROLL_CALL_LINE}", "OK", "", values) for node in nodes}
+    return {f"{node}{LIVENESS_LINE}": HealthStatus(f"{node}{LIVENESS_LINE}", "OK", "", values) for node in nodes}
 
 
 def test_every_driver_and_all_that_they_know_is_waited_for() -> None:

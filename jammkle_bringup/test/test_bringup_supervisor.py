@@ -224,7 +224,7 @@ def test_an_exception_stops_everything() -> None:
 PARENT = textwrap.dedent(
     """
     import sys
-    from jammkle_common.command.signals import StopRequest
+    from jammkle_common.command.errors import StopRequest
     from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 
     stop = StopRequest()

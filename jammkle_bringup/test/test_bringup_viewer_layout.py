@@ -13,7 +13,6 @@ import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
-from jammkle_common.delivery import published
 from jammkle_common.names import (
     ANKLE_JOINTS,
     BASE_FRAME,
@@ -31,6 +30,7 @@ from jammkle_common.names import (
     TENDON_STATES,
     TENDONS,
     TOPICS,
+    published,
 )
 from jammkle_view.foxglove.node import TRANSFORM_SUFFIX
 

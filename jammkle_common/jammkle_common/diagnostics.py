@@ -12,14 +12,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
+from rclpy.serialization import deserialize_message
 
-from jammkle_common.health import Health, Level, diagnostic_array
 from jammkle_common.lockstep import LockstepNode
-from jammkle_common.names import DIAGNOSTICS
-from jammkle_common.qos import publisher_qos
+from jammkle_common.messages import Health, Level, diagnostic_array
+from jammkle_common.names import CONTROLLER_NODE, DIAGNOSTICS, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
+from jammkle_common.qos import publisher_qos, subscriber_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from builtin_interfaces.msg import Time
     from rclpy.node import Node
@@ -107,3 +108,115 @@ class DiagnosticsPublisher:
 
 def _signature(health: Sequence[Health]) -> tuple[tuple[str, Level, str], ...]:
     return tuple((line.about, line.level, line.message) for line in health)
+
+
+CLOCK_MISSED_AFTER_S = 5.0
+"""Silence of /clock, s of real time, after which its maker is reported missing.
+
+A simulation that is paused, or waits for somebody, repeats it twice a second. Chosen so long that no busy machine comes
+to it; nothing but this report hangs on it.
+"""
+
+MISSED_AFTER_S = 2.5 * PERIOD_S
+"""Silence of a node after which it is missed, s: two reports that did not come."""
+
+LIVENESS_LINE = ": nodes"
+"""End of the name of the line that tells whom a node hears."""
+
+SILENT_FOR = ", silent for (s)"
+"""End of each key of that line; before it stands the node's name."""
+
+MEANING = {
+    DRIVER_NODE: "nobody drives pump and solenoids; the board lets go 0.2 s after its last word, and the ankle is soft",
+    CONTROLLER_NODE: "nobody decides on jamming; the driver lets go of what jam_command jammed after command_timeout_s",
+    SIM_NODE: "there is no ankle any more; pressures and IMU are silent, and simulated time stands still",
+    GAP_MONITOR_NODE: "nobody compares the robot with its simulator; the ankle is not affected",
+}
+"""What the death of each node means for the ankle."""
+
+
+class Liveness:
+    """Listens to the reports of all nodes that concern a node's own ankle, or the ankles that it simulates.
+
+    Those are the nodes in its own namespace, and for an ankle of a simulated robot the simulation above it, which names
+    each of its ankles in its report (`/sim: lf_ankle tendons`).
+    """
+
+    def __init__(self, node: Node, ankles: Collection[str] = (), now_s: Callable[[], float] | None = None) -> None:
+        """Listen for a node.
+
+        Args:
+            node: Whose line it is.
+            ankles: Namespaces below the node's own of the ankles that it simulates; none: its own is the only one.
+            now_s: The time that the node lives in, s; None: it knows that itself, or it is the steady clock.
+
+        """
+        self._node = node if isinstance(node, LockstepNode) else None
+        self._now_s = now_s or (time.monotonic if self._node is None else self._node.now_s)
+        namespace = node.get_namespace().rstrip("/")
+        self._prefix = f"{namespace}/"
+        self._own = node.get_name()
+        self._ankles = frozenset(ankles)
+        above, _, ankle = namespace.rpartition("/")
+        self._robot_sim = f"{above}/{SIM_NODE}" if ankle and self._own != SIM_NODE else ""
+        self._of_this_ankle = f"{self._robot_sim}: {ankle} "
+        self._marks = [mark.encode() for mark in (self._prefix, self._robot_sim) if mark]
+        self._heard_s: dict[str, float] = {}
+        self._looked_s = self._now_s()
+        node.create_subscription(
+            DiagnosticArray, DIAGNOSTICS.name, self._take_bytes, subscriber_qos(DIAGNOSTICS), raw=True
+        )
+
+    def health(self) -> Health:
+        """Return one line: who is there, and who is missed."""
+        now_s = self._now_s()
+        silent_s = 0.0 if self._node is None else self._node.clock_silent_s
+        if silent_s > CLOCK_MISSED_AFTER_S:
+            text = f"/clock has not ticked for {silent_s:.0f} s of real time: who makes it is dead or hangs. "
+            text += f"{MEANING[SIM_NODE]}"
+            return Health(LIVENESS_LINE.removeprefix(": "), Level.ERROR, text)
+        # Who stood still itself has heard nobody, and has nobody to blame for it.
+        since_s = now_s - self._looked_s
+        if since_s > 1.5 * PERIOD_S:
+            self._heard_s = {name: heard_s + since_s for name, heard_s in self._heard_s.items()}
+        self._looked_s = now_s
+        silent = {name: now_s - heard_s for name, heard_s in sorted(self._heard_s.items())}
+        missed = {name: silence_s for name, silence_s in silent.items() if silence_s > MISSED_AFTER_S}
+        values = {f"{name}{SILENT_FOR}": f"{silence_s:.1f}" for name, silence_s in silent.items()}
+        if not missed:
+            return Health(
+                LIVENESS_LINE.removeprefix(": "),
+                Level.OK,
+                f"all there: {', '.join(sorted([self._own, *silent]))}",
+                values,
+            )
+        kinds = {name: name.rpartition("/")[2] for name in missed}
+        texts = [f"{name} is dead or hangs: {MEANING.get(kind, 'not one of ours')}" for name, kind in kinds.items()]
+        level = Level.WARN if set(kinds.values()) <= {GAP_MONITOR_NODE} else Level.ERROR
+        return Health(LIVENESS_LINE.removeprefix(": "), level, "; ".join(texts), values)
+
+    def _take_bytes(self, serialized: bytes) -> None:
+        """Read reports in which a name is found alone: to read one costs as much as ten samples of an IMU."""
+        if any(mark in serialized for mark in self._marks):
+            self._take(deserialize_message(serialized, DiagnosticArray))
+
+    def _take(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            name = self._known_as(status.name)
+            if not name:
+                continue
+            if status.name.endswith(FAREWELL):
+                self._heard_s.pop(name, None)
+            else:
+                self._heard_s[name] = self._now_s()
+
+    def _known_as(self, line: str) -> str:
+        """Return what a line's node is called here, without the own namespace; empty where it does not concern us."""
+        node = line.partition(":")[0]
+        if self._robot_sim and node == self._robot_sim:
+            return node if node in self._heard_s or line.startswith(self._of_this_ankle) else ""
+        if not node.startswith(self._prefix):
+            return ""
+        name = node.removeprefix(self._prefix)
+        place = name.rpartition("/")[0]
+        return name if name != self._own and (not place or place in self._ankles) else ""

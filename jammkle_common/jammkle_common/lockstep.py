@@ -70,7 +70,8 @@ class LockstepNode(Node):
     """To be named before another kind of node among the bases of one that may live in simulated time."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        """Make the node; arguments and options are those of rclpy's own."""
+        """Make the node; arguments and options are those of rclpy's own, and parameters that are given are declared."""
+        options.setdefault("automatically_declare_parameters_from_overrides", True)
         self._tick_ns: int | None = None
         self._tick_received_s = time.monotonic()
         self._in_step = False

@@ -6,8 +6,16 @@ fills. Plain messages cannot be published.
 
 from __future__ import annotations
 
+import enum
+import functools
 import importlib
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from jammkle_common.names import TF
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 ROS_MODULES = (
     "rclpy",
@@ -41,6 +49,81 @@ def message_class(message_type: str) -> Any:
     except ModuleNotFoundError as error:
         if str(error.name).partition(".")[0] not in ROS_MODULES:
             raise
-    from jammkle_common.bags.plain import plain_class  # noqa: PLC0415 - a node shall not wait for the bag library
+    from jammkle_common.bags.definitions import plain_class  # noqa: PLC0415 - a node shall not wait for the bag library
 
     return plain_class(message_type)
+
+
+DiagnosticArray = message_class("diagnostic_msgs/msg/DiagnosticArray")
+DiagnosticStatus = message_class("diagnostic_msgs/msg/DiagnosticStatus")
+KeyValue = message_class("diagnostic_msgs/msg/KeyValue")
+
+
+COMMANDS_LINE = " commands"
+"""How a simulation's line on what an ankle was commanded ends, after the ankle's name where there are several."""
+
+
+LOCKSTEP_LINE = ": lockstep"
+"""How the name of a simulation's line on who is in step ends; its values have the full names of the nodes as keys."""
+
+
+class Level(enum.Enum):
+    """Severity, as in diagnostic_msgs."""
+
+    OK = DiagnosticStatus.OK
+    WARN = DiagnosticStatus.WARN
+    ERROR = DiagnosticStatus.ERROR
+    STALE = DiagnosticStatus.STALE
+
+
+@dataclass(frozen=True)
+class Health:
+    """One line of health: what it is about, how bad, one sentence, and values for people (with units in the key)."""
+
+    about: str
+    level: Level
+    message: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+def diagnostic_array(stamp: Any, node_name: str, hardware_id: str, health: Sequence[Health]) -> Any:
+    """Return health as a diagnostic_msgs/DiagnosticArray.
+
+    Args:
+        stamp: The graph's time, builtin_interfaces/Time.
+        node_name: Absolute name of the node that reports.
+        hardware_id: What the health is about, as in diagnostic_msgs.
+        health: The lines.
+
+    """
+    array = DiagnosticArray()
+    array.header.stamp = stamp
+    array.status = [
+        DiagnosticStatus(
+            name=f"{node_name}: {line.about}",
+            level=line.level.value,
+            message=line.message,
+            hardware_id=hardware_id,
+            values=[KeyValue(key=key, value=value) for key, value in line.values.items()],
+        )
+        for line in health
+    ]
+    return array
+
+
+def transform_of(odometry: Any) -> Any:
+    """Return a `nav_msgs/Odometry` as the `tf2_msgs/TFMessage` that puts its child frame into its frame (REP-105).
+
+    Where `tf2_msgs` is not installed, a plain message with the same fields.
+    """
+    kind, stamped_kind = _kinds()
+    stamped = stamped_kind(header=odometry.header, child_frame_id=odometry.child_frame_id)
+    place, moved = odometry.pose.pose.position, stamped.transform.translation
+    moved.x, moved.y, moved.z = place.x, place.y, place.z
+    stamped.transform.rotation = odometry.pose.pose.orientation
+    return kind(transforms=[stamped])
+
+
+@functools.cache
+def _kinds() -> tuple[Any, Any]:
+    return message_class(TF.message_type), message_class("geometry_msgs/msg/TransformStamped")

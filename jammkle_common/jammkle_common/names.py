@@ -7,7 +7,10 @@ only `/clock` and `/diagnostics` are absolute.
 from __future__ import annotations
 
 import enum
+import re
 from dataclasses import dataclass
+
+from jammkle_common.command.errors import InputError
 
 DRIVER_NODE = "driver"
 CONTROLLER_NODE = "controller"
@@ -346,3 +349,94 @@ SERVICES: tuple[Service, ...] = (
     STEP,
 )
 """Every service of one ankle's graph, apart from those that ROS gives each node."""
+
+
+MAX_NAMESPACE_LENGTH = 200
+"""Most characters of a namespace. Names on the graph may have 255, node or topic included (ROS 2: rmw validates them),
+and the lock file's name holds the namespace."""
+
+_TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def normalised(namespace: str) -> str:
+    """Return `namespace` with a leading slash and none at the end; the root is `/`.
+
+    Raises:
+        InputError: it holds characters that ROS does not allow in names, or is too long.
+
+    """
+    tokens = [token for token in namespace.strip().split("/") if token]
+    for token in tokens:
+        if not _TOKEN.fullmatch(token):
+            msg = (
+                f"namespace '{namespace}' is not a ROS name: letters, digits and underscores, "
+                "not starting with a digit, parted by '/', for example lf_ankle"
+            )
+            raise InputError(msg)
+    full = "/" + "/".join(tokens)
+    if len(full) > MAX_NAMESPACE_LENGTH:
+        msg = f"namespace '{full[:20]}...' has {len(full)} characters; it must have {MAX_NAMESPACE_LENGTH} at most"
+        raise InputError(msg)
+    return full
+
+
+def resolved(namespace: str, name: str) -> str:
+    """Return the absolute form of `name` in a normalised namespace; absolute names stay as they are."""
+    if name.startswith("/"):
+        return name
+    return f"{namespace.rstrip('/')}/{name}"
+
+
+def relative(namespace: str, name: str) -> str | None:
+    """Return the absolute `name` as seen from a normalised namespace, or None if it lies outside of it."""
+    prefix = namespace.rstrip("/") + "/"
+    return name[len(prefix) :] if name.startswith(prefix) else None
+
+
+_SENSOR_DEPTH = 100
+SENSOR_HISTORY_DEPTH = 1000
+"""Two seconds of 500 Hz, one of 1 kHz: longer than a process on a busy machine waits for its turn. Assumed.
+
+A reliable publisher can send again only what it still has, so its depth is how long a recorder may be held up.
+"""
+_EVENT_DEPTH = 100
+"""Five seconds of what is repeated at 20 Hz, so that a recorder which is held up for 2 s misses none."""
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What is asked of the middleware for one end of a topic."""
+
+    depth: int
+    """Messages that wait for a receiver that is busy."""
+    reliable: bool
+    """Whether a lost message is sent again."""
+    latched: bool = False
+    """Whether one who joins late gets the last messages (transient local)."""
+
+
+_LATCHED = Delivery(1, reliable=True, latched=True)
+_PUBLISHED = {
+    TopicKind.SENSOR: Delivery(SENSOR_HISTORY_DEPTH, reliable=True),
+    TopicKind.COMMAND: Delivery(_EVENT_DEPTH, reliable=True),
+    TopicKind.STATE: _LATCHED,
+    TopicKind.ACTUATOR: Delivery(_EVENT_DEPTH, reliable=True, latched=True),
+    TopicKind.EVENT: Delivery(_EVENT_DEPTH, reliable=True),
+    TopicKind.CLOCK: Delivery(SENSOR_HISTORY_DEPTH, reliable=True),
+}
+_SUBSCRIBED = {
+    **_PUBLISHED,
+    TopicKind.SENSOR: Delivery(_SENSOR_DEPTH, reliable=False),
+    TopicKind.COMMAND: Delivery(1, reliable=True),
+    TopicKind.CLOCK: Delivery(1, reliable=False),
+}
+
+
+def published(topic: Topic) -> Delivery:
+    """Return how this project publishes `topic`."""
+    return _PUBLISHED[topic.kind]
+
+
+def subscribed(topic: Topic) -> Delivery:
+    """Return how this project subscribes to `topic`; it matches any publisher of the ecosystem for sensors."""
+    return _SUBSCRIBED[topic.kind]

@@ -4,7 +4,7 @@
     class DriverParameters:
         default_vacuum_pa: float = parameter(50e3, "Vacuum of a jam request that names none", "Pa", 5e3, 80e3)
 
-Does not import rclpy; `jammkle_common.declare` takes such a class onto a node.
+`declare` takes such a class onto a node. Does not import rclpy.
 """
 
 from __future__ import annotations
@@ -14,8 +14,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
+from jammkle_common.messages import message_class
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
 
 Value = bool | int | float | str
 _METADATA_KEY = "jammkle_parameter"
@@ -144,3 +149,92 @@ def from_mapping(table: type[P], values: Mapping[str, object]) -> P:
         msg = f"unknown parameter '{unknown[0]}'; known are: {', '.join(sorted(known))}"
         raise ParameterError(msg)
     return table(**{name: known[name].check(value) for name, value in values.items()})
+
+
+def declare(node: Node, table: type[P]) -> P:
+    """Declare every row of `table` on `node` and return the values in force.
+
+    Args:
+        node: The node; values come from its command line, launch file or YAML file. It was made with
+            `automatically_declare_parameters_from_overrides=True`, as a LockstepNode is: rclpy drops what nobody
+            declares without a word, and a typing error in a YAML file would go unseen.
+        table: The node's parameter dataclass.
+
+    Raises:
+        ParameterError: an unknown parameter was given, or a value has the wrong type or is out of range.
+
+    """
+    declared: Any = node.get_parameters_by_prefix("")  # rclpy 7.1.6 says values, and returns parameters
+    given = of_table({name: found.value for name, found in declared.items()})
+    try:
+        values = from_mapping(table, given)
+    except ParameterError as error:
+        msg = f"{node.get_fully_qualified_name()}: {error}"
+        raise ParameterError(msg) from error
+    for name in given:  # declared without description and bounds
+        node.undeclare_parameter(name)
+    for row in rows(table):
+        node.declare_parameter(row.name, getattr(values, row.name), _descriptor(row), ignore_override=True)
+    return values
+
+
+def on_change(node: Node, table: type[P], apply: Callable[[P], None]) -> None:
+    """Validate changes of dynamic parameters before they are taken, and hand the new table to `apply` after.
+
+    What is refused is refused in this project's words: rclpy's own name neither the value, nor why, nor the way out.
+    """
+    known = {row.name: row for row in rows(table)}
+    result = message_class("rcl_interfaces/msg/SetParametersResult")
+
+    def merged(changes: Iterable[Parameter]) -> P:
+        values = {name: node.get_parameter(name).value for name in known}
+        values.update({change.name: change.value for change in changes if change.name in values})
+        return from_mapping(table, values)
+
+    def validate(changes: list[Parameter]) -> Any:
+        try:
+            for name in (change.name for change in changes if change.name in known):
+                _check_dynamic(known[name], node.get_parameter(name).value)
+            merged(changes)
+        except ParameterError as error:
+            return result(successful=False, reason=str(error))
+        return result(successful=True)
+
+    take = node.set_parameters_atomically
+
+    def explained(changes: list[Parameter]) -> Any:
+        refused = validate(changes)
+        return take(changes) if refused.successful else refused
+
+    # What the parameter services call; a callback comes after rclpy's own checks.
+    node.set_parameters_atomically = explained  # type: ignore[assignment, method-assign]
+    node.add_on_set_parameters_callback(validate)
+    node.add_post_set_parameters_callback(lambda changes: apply(merged(changes)))
+
+
+def _check_dynamic(row: ParameterRow, value: object) -> None:
+    if not row.dynamic:
+        msg = (
+            f"parameter '{row.name}' is {value!r} and stays so while the node runs, which is built on it; "
+            f"stop the node and start it with -p {row.name}:=VALUE"
+        )
+        raise ParameterError(msg)
+
+
+def _descriptor(row: ParameterRow) -> Any:
+    """Return rcl_interfaces/ParameterDescriptor."""
+    unit = f" [{row.unit}]" if row.unit else ""
+    descriptor = message_class("rcl_interfaces/msg/ParameterDescriptor")(
+        name=row.name,
+        description=f"{row.description}{unit}",
+        additional_constraints=", ".join(row.choices),
+        read_only=not row.dynamic,
+    )
+    if row.minimum is not None and row.maximum is not None:
+        if isinstance(row.default, float):
+            kind = message_class("rcl_interfaces/msg/FloatingPointRange")
+            descriptor.floating_point_range = [kind(from_value=row.minimum, to_value=row.maximum)]
+        else:
+            kind = message_class("rcl_interfaces/msg/IntegerRange")
+            descriptor.integer_range = [kind(from_value=int(row.minimum), to_value=int(row.maximum), step=1)]
+    return descriptor

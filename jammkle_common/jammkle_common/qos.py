@@ -1,15 +1,23 @@
-"""QoS profiles of both ends of every topic, as `jammkle_common.delivery` chooses them."""
+"""QoS profiles of both ends of every topic, as `jammkle_common.names` chooses them."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+import inspect
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from jammkle_common.delivery import SENSOR_HISTORY_DEPTH, Delivery, published, subscribed
+from jammkle_common.names import CLOCK, DIAGNOSTICS, SENSOR_HISTORY_DEPTH, Delivery, published, relative, subscribed
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rclpy.node import Node
+    from rclpy.subscription import Subscription
+
     from jammkle_common.names import Topic
 
 _CHANGES_DEPTH = 100
@@ -70,3 +78,104 @@ def live_qos() -> QoSProfile:
     subscribe twice: with `subscriber_qos` for late joining, and with this.
     """
     return _profile(Delivery(_LIVE_DEPTH, reliable=True))
+
+
+_DEPTH = 10
+"""Messages that wait, so that a stop which is taken back at once is still seen."""
+
+
+class MessageInfo(NamedTuple):
+    """What the middleware says of a message.
+
+    Attributes:
+        number: Which of its publisher's messages it is, from 1; 0 where the middleware does not count.
+        sent_ns: When it was published, ns since 1970; where that is not known, when it was received.
+
+    """
+
+    number: int
+    sent_ns: int
+
+
+def with_info(callback: Callable[[Any, MessageInfo], None]) -> Callable[..., None]:
+    """Return a callback for `create_subscription` that passes on what the middleware says of a message.
+
+    rclpy sees by a callback's signature that it takes two arguments. Its EventsExecutor (7.1.6) passes both as one.
+    """
+
+    def take(*received: Any) -> None:
+        message, info = received if len(received) > 1 else received[0]
+        callback(message, _read(info))
+
+    both = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
+    take.__signature__ = inspect.Signature(both)  # type: ignore[attr-defined]
+    return take
+
+
+def subscribe_to_any(
+    node: Node, message_type: type, topic: Topic, callback: Callable[[Any, MessageInfo], None]
+) -> tuple[Subscription, ...]:
+    """Subscribe to publishers of any quality of service: latched, reliable or best effort.
+
+    A subscription asks for one quality, and publishers that offer less do not match it: so there are two or three, and
+    a message comes up to three times, with the same info. That less was offered to one of them is no warning.
+    """
+    profiles = [subscriber_qos(topic), newest_qos(_DEPTH)]
+    if subscribed(topic).latched:
+        profiles.insert(1, live_qos())
+    silent = SubscriptionEventCallbacks(use_default_callbacks=False)
+    return tuple(
+        node.create_subscription(message_type, topic.name, with_info(callback), profile, event_callbacks=silent)
+        for profile in profiles
+    )
+
+
+def _read(info: Mapping[str, int | None]) -> MessageInfo:
+    sent_ns = info["source_timestamp"] or info["received_timestamp"] or time.time_ns()
+    return MessageInfo(info["publication_sequence_number"] or 0, sent_ns)
+
+
+_OUTSIDE = (CLOCK.name, DIAGNOSTICS.name, "/tf", "/tf_static")
+_LEFT_OUT = ("/rosout", "/parameter_events")
+
+
+def belongs(namespace: str, name: str) -> bool:
+    """Return whether a topic is one of a namespace's, or said of it outside.
+
+    Args:
+        namespace: Normalised.
+        name: Full name of the topic.
+
+    """
+    if name in _OUTSIDE:
+        return True
+    inside = relative(namespace, name)
+    hidden = any(part.startswith("_") for part in name.split("/"))  # of actions; ros2 bag leaves them out as well
+    return inside is not None and name not in _LEFT_OUT and not hidden
+
+
+def misses(asked: QoSProfile, offered: QoSProfile) -> bool:
+    """Return True if a subscription that asks for `asked` never sees a publisher that offers `offered`."""
+    return (
+        asked.reliability is ReliabilityPolicy.RELIABLE and offered.reliability is not ReliabilityPolicy.RELIABLE
+    ) or (
+        asked.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        and offered.durability is not DurabilityPolicy.TRANSIENT_LOCAL
+    )
+
+
+def strongest(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
+    """Return the strongest request that all of these publishers can meet.
+
+    Args:
+        offered: By each publisher.
+        depth: Messages that may wait.
+
+    """
+    reliable = all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offered)
+    latched = all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offered)
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )

@@ -12,7 +12,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from jammkle_common.parameters import ParameterError
-from jammkle_common.transport import talk_by_udp
+from jammkle_common.processes import talk_by_udp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -8,9 +8,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 
-from jammkle_common.diagnostics import FAREWELL
-from jammkle_common.health import Level
-from jammkle_common.roll_call import RollCall
+from jammkle_common.diagnostics import FAREWELL, Liveness
+from jammkle_common.messages import Level
 
 
 class FakeNode:
@@ -38,7 +37,7 @@ class Listener:
     def __init__(self, namespace: str, name: str = "driver", ankles: tuple[str, ...] = ()) -> None:
         self.now_s = 100.0
         self.node = FakeNode(namespace, name)
-        self.call = RollCall(self.node, ankles, lambda: self.now_s)
+        self.call = Liveness(self.node, ankles, lambda: self.now_s)
 
     def hear(self, *names: str) -> None:
         self.node.take(serialize_message(DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])))

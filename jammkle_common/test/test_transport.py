@@ -9,13 +9,13 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from jammkle_common.processes import talk_by_udp
 from jammkle_common.testing import own_domain
-from jammkle_common.transport import talk_by_udp
 
 PARTICIPANT = """
 import os, rclpy
 from pathlib import Path
-from jammkle_common.transport import talk_by_udp
+from jammkle_common.processes import talk_by_udp
 talk_by_udp(os.environ)
 rclpy.init()
 node = rclpy.create_node("anybody")

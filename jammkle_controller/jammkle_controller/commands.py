@@ -47,7 +47,7 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     json: JsonOption = None,
 ) -> int:
     """Run detectors and policy over any recording with an IMU, and write its events and a picture."""
-    from jammkle_common.namespace import normalised
+    from jammkle_common.names import normalised
     from jammkle_controller.detect import DetectRequest
     from jammkle_controller.detect import detect as run
     from jammkle_controller.recordings import TableFormat

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from builtin_interfaces.msg import Time
 
-    from jammkle_common.health import Health
+    from jammkle_common.messages import Health
     from jammkle_controller.core.contact import ContactReport
     from jammkle_msgs.msg import JamState
 

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.figures import EVENT_COLOURS, LINE_COLOURS, STYLE
-from jammkle_common.command.results import check_writable, console, write_json
+from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS, STYLE, check_writable, console, write_json
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_controller.core.detector_settings import Mount

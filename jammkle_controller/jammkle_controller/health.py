@@ -6,7 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.health import Health, Level
+from jammkle_common.messages import Health, Level
 from jammkle_common.names import SET_CONTACT, WAY_BACK
 from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.inputs import Input

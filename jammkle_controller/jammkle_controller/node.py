@@ -14,8 +14,7 @@ from std_msgs.msg import Bool, Float32
 from std_srvs.srv import SetBool
 
 from jammkle_common import wire
-from jammkle_common.declare import declare, on_change
-from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
 from jammkle_common.lockstep import LockstepNode
 from jammkle_common.names import (
     ANKLE_JOINTS,
@@ -35,8 +34,8 @@ from jammkle_common.names import (
     SET_CONTACT,
     WAY_BACK,
 )
+from jammkle_common.parameters import declare, on_change
 from jammkle_common.qos import publisher_qos, subscriber_qos
-from jammkle_common.roll_call import RollCall
 from jammkle_controller.conversions import (
     contact_event_message,
     contact_state_message,
@@ -67,7 +66,7 @@ if TYPE_CHECKING:
 
     from rclpy.parameter import Parameter
 
-    from jammkle_common.health import Health
+    from jammkle_common.messages import Health
     from jammkle_controller.core.contact import ContactReport
     from jammkle_controller.core.controller import Reaction
 
@@ -136,7 +135,7 @@ class ControllerNode(LockstepNode):
         self.create_service(SetBool, SET_AUTO.name, self._set_auto)
         self.create_service(SetBool, SET_CONTACT.name, self._set_contact)
         self.every(1.0 / values.command_rate_hz, self._repeat)
-        self._roll_call = RollCall(self)
+        self._roll_call = Liveness(self)
         self.create_subscription(JamState, JAM_STATE.name, self._hear_driver, subscriber_qos(JAM_STATE))
         self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU), raw=True)
         for kind, topic, take in (

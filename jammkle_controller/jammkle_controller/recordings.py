@@ -17,7 +17,7 @@ from jammkle_common.bags.reading import name_of, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_common.namespace import resolved
+from jammkle_common.names import resolved
 from jammkle_controller.core.controller import AnkleController, Reaction
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input

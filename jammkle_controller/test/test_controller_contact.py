@@ -9,7 +9,7 @@ from controller_bench import LANDED_AT_S
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import SetBool
 
-from jammkle_common.health import Level
+from jammkle_common.messages import Level
 from jammkle_common.names import CHANNELS, CONTACT_STATE, SET_AUTO, SET_CONTACT, UNJAM
 from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import subscriber_qos

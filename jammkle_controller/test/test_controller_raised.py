@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_common.health import Level
+from jammkle_common.messages import Level
 from jammkle_common.names import CHANNELS
 from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.controller import AnkleController

@@ -49,7 +49,7 @@ def check(
     import asyncio
 
     from jammkle_common.command import results
-    from jammkle_common.command.signals import Interrupted, StopRequest
+    from jammkle_common.command.errors import Interrupted, StopRequest
     from jammkle_driver.board.line import LineError, check_port
     from jammkle_driver.board.typist import Typist
     from jammkle_driver.board.walk import WalkOptions, walk

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_common.command.provided import HARDWARE, entries
+from jammkle_common.command import HARDWARE, entries
 from jammkle_common.parameters import ParameterError
 
 if TYPE_CHECKING:

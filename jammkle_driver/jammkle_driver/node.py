@@ -10,8 +10,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_common.declare import declare, on_change
-from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
 from jammkle_common.lockstep import LockstepNode
 from jammkle_common.names import (
     CHANNEL_JAMS,
@@ -26,8 +25,8 @@ from jammkle_common.names import (
     UNJAM,
     UNJAM_ALL,
 )
-from jammkle_common.publication import MessageInfo, subscribe_to_any
-from jammkle_common.roll_call import RollCall
+from jammkle_common.parameters import declare, on_change
+from jammkle_common.qos import MessageInfo, subscribe_to_any
 from jammkle_driver.conversions import seconds, wishes
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
@@ -46,7 +45,7 @@ from jammkle_msgs.srv import Jam, Unjam
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from jammkle_common.health import Health
+    from jammkle_common.messages import Health
     from jammkle_common.names import Service, Topic
     from jammkle_driver.core.hardware import Hardware, PressureSample
 
@@ -77,7 +76,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._driver = Driver(CHANNELS, self._values.settings())
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
-        self._roll_call = RollCall(self)
+        self._roll_call = Liveness(self)
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
         self._told: object = None

@@ -8,7 +8,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import FluidPressure
 
-from jammkle_common.health import Level
+from jammkle_common.messages import Level
 from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_driver import conversions
 from jammkle_driver.core.channel import ChannelState, ChannelStatus

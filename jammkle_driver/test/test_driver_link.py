@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import pytest
 
-from jammkle_common.command.provided import HARDWARE
+from jammkle_common.command import HARDWARE
 from jammkle_common.parameters import ParameterError
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause

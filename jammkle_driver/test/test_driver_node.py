@@ -25,7 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from driver_graph import FakeAnkle, Graph
 from jammkle_common import names
-from jammkle_common.health import Level
+from jammkle_common.messages import Level
 from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.testing import own_domain

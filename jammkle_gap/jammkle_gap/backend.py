@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import joblib  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.tether import end_with_parent
+from jammkle_common.processes import end_with_parent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common.command import results
-from jammkle_common.command.errors import InputError
-from jammkle_common.command.signals import StopRequest
+from jammkle_common.command.errors import InputError, StopRequest
 from jammkle_gap.ankle.effects import try_changes
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.problem import ankle_problem

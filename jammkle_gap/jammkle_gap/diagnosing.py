@@ -6,9 +6,8 @@ import contextlib
 import sys
 from typing import TYPE_CHECKING
 
-from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.errors import GraphError, InputError, Interrupted
+from jammkle_common.command.results import progress_bar
 from jammkle_gap.ankle.experiments import experiments
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose as diagnose_recordings

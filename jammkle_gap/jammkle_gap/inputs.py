@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
-from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import Interrupted
-from jammkle_common.command.vocabulary import as_typed, typed_name
+from jammkle_common.command.errors import GraphError, InputError, Interrupted
+from jammkle_common.command.options import as_typed, typed_name
+from jammkle_common.command.results import progress_bar
 from jammkle_gap.ankle.alike import difference
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recordings

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_common.command.errors import GraphError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.errors import GraphError, Interrupted
+from jammkle_common.command.results import progress_bar
 from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recording

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 
-from jammkle_common.command.signals import StopRequest
+from jammkle_common.command.errors import StopRequest
 from jammkle_gap.backend import backend
 from jammkle_gap.core.simulate import Problem, Runner, StoppedError
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from jammkle_sim.node import SimNode
 
 LOADED_LATER = ("jammkle_sim.landing", "jammkle_sim.node")
-"""See `jammkle_common.command.held`."""
+"""See `jammkle_common.processes`."""
 
 
 def main() -> int:

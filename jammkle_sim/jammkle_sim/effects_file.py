@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jammkle_common.command.provided import EFFECTS_FILE, provided
+from jammkle_common.command import EFFECTS_FILE, provided
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.health import COMMANDS_LINE, Health, Level
+from jammkle_common.messages import COMMANDS_LINE, Health, Level
 from jammkle_common.names import CLOCK
 from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE
 from jammkle_sim.core.run_control import RunState

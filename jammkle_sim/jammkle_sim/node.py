@@ -15,10 +15,9 @@ from std_msgs.msg import String
 
 from jammkle_common import names
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.declare import declare, on_change
-from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
+from jammkle_common.parameters import declare, on_change
 from jammkle_common.qos import publisher_qos
-from jammkle_common.roll_call import RollCall
 from jammkle_sim.ankles import Ankles
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import Engine
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
 
     from rclpy.executors import Executor
 
-    from jammkle_common.health import Health
+    from jammkle_common.messages import Health
     from jammkle_common.runner import StopFlag
     from jammkle_sim.parameters import RunParameters
 
@@ -75,7 +74,9 @@ class SimNode(Node):
         """
         # Who makes the clock must not listen to it, whatever a launch file sets for all nodes.
         own_time = Parameter("use_sim_time", value=False)
-        super().__init__(names.SIM_NODE, parameter_overrides=[own_time])
+        super().__init__(
+            names.SIM_NODE, parameter_overrides=[own_time], automatically_declare_parameters_from_overrides=True
+        )
         parameters = declare(self, kind.parameters)
         self._kind = kind
         self._make_simulation = make_simulation
@@ -91,7 +92,7 @@ class SimNode(Node):
         )
         ankles = kind.ankles_of(self._simulation)
         self._participants = Participants(self, ankles, parameters, self._diagnostics.check)
-        self._roll_call = RollCall(self, ankles, self._time_s)
+        self._roll_call = Liveness(self, ankles, self._time_s)
         self._ankles = Ankles(self, ankles, kind.outputs, self._diagnostics.check, self._time_s)
         self._whole = _make_whole(self, kind, self._simulation)
         self._describe()

@@ -12,8 +12,7 @@ from std_msgs.msg import Bool, Float32
 
 from jammkle_common import names
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import MANIFOLD_FRAME
-from jammkle_common.namespace import resolved
+from jammkle_common.names import MANIFOLD_FRAME, resolved
 from jammkle_common.qos import publisher_qos
 from jammkle_msgs.msg import TendonStates, TrueContact
 from jammkle_sim.conversions import OutgoingMessages

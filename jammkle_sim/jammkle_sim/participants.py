@@ -15,8 +15,7 @@ from std_msgs.msg import Header
 
 from jammkle_common import wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import CLOCK, LOCKSTEP, below
-from jammkle_common.namespace import resolved
+from jammkle_common.names import CLOCK, LOCKSTEP, below, resolved
 from jammkle_common.qos import answer_qos, subscriber_qos
 from jammkle_sim.core.lockstep import Lockstep
 
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
-    from jammkle_common.health import Health
+    from jammkle_common.messages import Health
     from jammkle_sim.parameters import RunParameters
 
 _LEFT_AFTER_S = 0.3

@@ -9,8 +9,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from jammkle_common import names
+from jammkle_common.messages import transform_of
 from jammkle_common.qos import publisher_qos
-from jammkle_common.transforms import transform_of
 from jammkle_sim.conversions import OutgoingMessages
 from jammkle_sim.core.schedule import Output
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from jammkle_common.health import Level
+from jammkle_common.messages import Level
 from jammkle_sim.core.lockstep import MOST_PAST_ANSWERS, REPEAT_S, Lockstep
 
 

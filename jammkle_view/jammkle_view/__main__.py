@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jammkle_view.node import ViewerNode
 
 LOADED_LATER = ("jammkle_view.node",)
-"""See `jammkle_common.command.held`."""
+"""See `jammkle_common.processes`."""
 
 
 def main() -> int:

@@ -10,10 +10,9 @@ from typing import Annotated
 
 import typer
 
-from jammkle_common.command.errors import InputError
+from jammkle_common.command.errors import InputError, StopRequest
 from jammkle_common.command.options import ON_BAGS
-from jammkle_common.command.signals import StopRequest
-from jammkle_common.namespace import normalised
+from jammkle_common.names import normalised
 from jammkle_view.parameters import ANY_PORT, LOCAL_HOST, NOT_INSTALLED
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})

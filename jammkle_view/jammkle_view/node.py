@@ -10,9 +10,8 @@ from rclpy.node import Node
 
 from jammkle_common import names
 from jammkle_common.command.errors import InputError
-from jammkle_common.declare import declare
-from jammkle_common.namespace import normalised
-from jammkle_common.parameters import ParameterError
+from jammkle_common.names import normalised
+from jammkle_common.parameters import ParameterError, declare
 from jammkle_view.asking import Asking
 from jammkle_view.core.ankle import Ankle
 from jammkle_view.core.pace import RealTimeFactor
@@ -41,7 +40,7 @@ class ViewerNode(Node):
             ParameterError: an unknown parameter, a value out of range, or a port that is taken.
 
         """
-        super().__init__(names.VIEWER_NODE)
+        super().__init__(names.VIEWER_NODE, automatically_declare_parameters_from_overrides=True)
         values = declare(self, ViewerParameters)
         self._frame_s = 1.0 / values.frame_rate_hz
         self._known = {name: Ankle() for name in _ankles(values.ankles)}

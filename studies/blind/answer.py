@@ -6,8 +6,8 @@ import dataclasses
 import time
 from typing import TYPE_CHECKING, Any
 
-from jammkle_common.command.commit import commit
-from jammkle_common.command.signals import Interrupted, StopRequest
+from jammkle_common.command.errors import Interrupted, StopRequest
+from jammkle_common.command.results import commit
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.problem import ankle_problem
 from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set, selected

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_common.command.provided import LANDING, provided
+from jammkle_common.command import LANDING, provided
 from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.landing_effects import draw

@@ -12,10 +12,8 @@ import joblib  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.command import results
-from jammkle_common.command.commit import commit
-from jammkle_common.command.errors import InputError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import Interrupted, StopRequest
+from jammkle_common.command.errors import InputError, Interrupted, StopRequest
+from jammkle_common.command.results import commit, progress_bar
 from jammkle_common.constants import MAX_SEED
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.backend import backend

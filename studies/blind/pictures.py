@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure as Sheet
 
-from jammkle_common.command.figures import STYLE
+from jammkle_common.command.results import STYLE
 from studies.blind.outcomes import SIZES
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jammkle_common.command import results, tether
-from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import Interrupted, StopRequest
+from jammkle_common import processes
+from jammkle_common.command import results
+from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
+from jammkle_common.command.results import progress_bar
 from jammkle_gap.backend import backend
 from studies.blind import files
 from studies.blind.answers import refused
@@ -150,7 +150,7 @@ def _write_answer(trial: Path, task: Task, way: Way, content: Mapping[str, Any])
 
 
 def _command(request: RunRequest) -> list[str]:
-    words = [sys.executable, tether.__file__, str(os.getpid()), sys.executable, "-m", "studies.blind"]
+    words = processes.tied([sys.executable, "-m", "studies.blind"])
     words += ["answer", _QUESTIONS]
     return [*words, "--jobs", "1"] if request.scheduler is None else [*words, "--scheduler", request.scheduler]
 

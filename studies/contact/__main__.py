@@ -12,8 +12,7 @@ import typer
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import run as run_command
 from jammkle_common.command.options import JsonOption
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.results import check_writable, console, write_json
+from jammkle_common.command.results import check_writable, console, progress_bar, write_json
 from studies.contact.benefit import benefit
 from studies.contact.page import page, results
 from studies.contact.real_foot import draw_real_foot, real_figures, real_foot

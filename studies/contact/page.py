@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from jammkle_common.command.figures import STYLE
+from jammkle_common.command.results import STYLE
 from jammkle_controller.core.detector_settings import Mount
 from studies.contact.trial import (
     HELD_OUT,

@@ -15,7 +15,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from jammkle_common.command.figures import STYLE
+from jammkle_common.command.results import STYLE
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Heard, TableFormat, read_table, replay

@@ -11,11 +11,10 @@ import typer
 from rich.table import Table
 
 from jammkle_common.command import results
-from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
 from jammkle_common.command.main import run as run_command
 from jammkle_common.command.options import JsonOption
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import Interrupted, StopRequest
+from jammkle_common.command.results import progress_bar
 from jammkle_common.constants import HELD_VACUUM_PA, MAX_REPEATS, MAX_SEED
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.constants import TENDON_SETS

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jammkle_common.command.figures import STYLE
+from jammkle_common.command.results import STYLE
 from jammkle_sim.physics.constants import TENDON_SETS
 from jammkle_sim.physics.sensors import CLIP_NET_M_S2
 from jammkle_sim.physics.shear_lag import ShearLagTendon

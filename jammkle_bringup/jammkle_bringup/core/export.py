@@ -12,9 +12,8 @@ from jammkle_bringup.core.table_files import NewColumnError, TableFile, TableFor
 from jammkle_bringup.core.time_grid import TimeGrid
 from jammkle_common.bags.reading import opened
 from jammkle_common.bags.times import BagTimes
-from jammkle_common.command.errors import InputError
+from jammkle_common.command.errors import InputError, Interrupted
 from jammkle_common.command.results import note
-from jammkle_common.command.signals import Interrupted
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS, TopicKind
 

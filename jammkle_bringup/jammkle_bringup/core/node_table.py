@@ -8,8 +8,8 @@ import sys
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from jammkle_common.command import HARDWARE, entries
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.provided import HARDWARE, entries
 from jammkle_common.names import (
     CONTROLLER_NODE,
     DRIVER_NODE,
@@ -20,8 +20,8 @@ from jammkle_common.names import (
     SIM_HARDWARE,
     SIM_NODE,
     VIEWER_NODE,
+    resolved,
 )
-from jammkle_common.namespace import resolved
 from jammkle_sim.robots.options import RobotOptions
 
 if TYPE_CHECKING:

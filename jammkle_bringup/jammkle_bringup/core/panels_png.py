@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from jammkle_bringup.core.panels import LEAST_S
-from jammkle_common.command.figures import STYLE
+from jammkle_common.command.results import STYLE
 
 if TYPE_CHECKING:
     from pathlib import Path

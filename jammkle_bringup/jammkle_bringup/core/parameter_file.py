@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 import yaml
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.namespace import resolved
+from jammkle_common.names import resolved
 from jammkle_common.parameters import ParameterError, from_mapping, of_table, rows
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from jammkle_bringup.core.run_summary import (
     REACHED_FRACTION,
     vacuum_pa,
 )
-from jammkle_common.command.figures import EVENT_COLOURS, LINE_COLOURS
+from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:

@@ -9,21 +9,23 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from jammkle_common.bags import metadata
-from jammkle_common.bags.contents import SUFFIX
+from jammkle_bringup.core.renaming import RenamingError
+from jammkle_common.bags.contents import (
+    SUFFIX,
+    metadata_of,
+    write_metadata,
+)
 from jammkle_common.bags.reading import messages, opened
 from jammkle_common.bags.storage import open_file
-from jammkle_common.command.errors import InputError
-from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.errors import InputError, Interrupted
 from jammkle_common.names import JOINT_STATES
-from jammkle_common.renaming import RenamingError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from jammkle_bringup.core.renaming import JointRenaming
     from jammkle_common.bags.reading import BagReader, Connection
-    from jammkle_common.renaming import JointRenaming
 
 _EVERY = 1000
 """Messages between two looks at whether to stop; some milliseconds."""
@@ -104,7 +106,7 @@ def rename(
             msg = f"bag {request.bag} has no joint {' or '.join(request.joints.new)} in its joint states"
             raise InputError(msg)
         with contextlib.closing(open_file(path)) as file:
-            metadata.write(request.target, metadata.made_anew({path.name: file}, reader.custom_data, ""))
+            write_metadata(request.target, metadata_of({path.name: file}, reader.custom_data, ""))
         count = sum(each.msgcount for each in reader.every)
         return RenamedBag(request.target, count, changed, dict(request.topics))
 

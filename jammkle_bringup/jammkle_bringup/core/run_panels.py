@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_bringup.core.panels import COLOURS, Bar, Curve, Mark, Panel, RunPicture
 from jammkle_bringup.core.run_samples import MANIFOLD, MOST_CHANGES, RunSamples
-from jammkle_common.bags.namespaces import namespaces_in
-from jammkle_common.bags.reading import name_of, opened
+from jammkle_common.bags.reading import name_of, namespaces_in, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.figures import EVENT_COLOURS, LINE_COLOURS, STATE_COLOURS
+from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS, STATE_COLOURS
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import CHANNELS, CLOCK
-from jammkle_common.namespace import relative
+from jammkle_common.names import CHANNELS, CLOCK, relative
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

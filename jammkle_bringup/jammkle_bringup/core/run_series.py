@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jammkle_common.bags.namespaces import namespaces_in
-from jammkle_common.bags.reading import opened
+from jammkle_common.bags.reading import namespaces_in, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
@@ -28,8 +27,8 @@ from jammkle_common.names import (
     SOLENOIDS,
     TENDON_STATES,
     TENDONS,
+    resolved,
 )
-from jammkle_common.namespace import resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,14 +7,12 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jammkle_common.command import held, tether
+from jammkle_common import processes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,7 +29,6 @@ Chosen: a traceback comes milliseconds before, and who hangs before it ends does
 
 _KEPT_LINES = 5
 _READER_TIMEOUT_S = 1.0
-_TETHER = Path(tether.__file__)
 
 
 @dataclass(frozen=True)
@@ -77,24 +74,17 @@ def exit_text(exit_code: int) -> str:
         return f"signal {-exit_code}"
 
 
-def held_command(command: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the command that loads what a `python -m MODULE` loads, and waits for a line before it starts that."""
-    python, _, module, *arguments = command
-    return (python, "-m", held.__name__, module, *arguments)
-
-
 class _Child:
     """A running process and the thread that reads what it says."""
 
     def __init__(self, spec: ChildSpec, on_line: Callable[[str, str], None], *, held: bool) -> None:
         self.spec = spec
-        command = held_command(spec.command) if held else spec.command
+        command = processes.held(spec.command) if held else spec.command
         self._lines: collections.deque[tuple[float, str]] = collections.deque(maxlen=_KEPT_LINES)
         self._ended_s: float | None = None
         self._on_line = on_line
         self.process = subprocess.Popen(  # noqa: S603 - the command is the caller's own, and no shell reads it
-            # -S and -E: the tether needs the standard library only, and starts in a few milliseconds that way
-            [sys.executable, "-S", "-E", str(_TETHER), str(os.getpid()), *command],
+            processes.tied(command),
             stdin=subprocess.PIPE if held else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -13,12 +13,11 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
+from jammkle_bringup.core.renaming import ChannelRenaming, JointRenaming, RenamingError
 from jammkle_bringup.robot_names.parameters import OF_THE_ROBOT, RobotNamesParameters
 from jammkle_common import names
-from jammkle_common.declare import declare
-from jammkle_common.parameters import ParameterError
+from jammkle_common.parameters import ParameterError, declare
 from jammkle_common.qos import publisher_qos, subscriber_qos
-from jammkle_common.renaming import ChannelRenaming, JointRenaming, RenamingError
 from jammkle_msgs.msg import JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
 
@@ -46,7 +45,7 @@ class RobotNamesNode(Node):
             ParameterError: a parameter is unknown, or a name cannot be mapped as it says.
 
         """
-        super().__init__(names.ROBOT_NAMES_NODE, **node_options)
+        super().__init__(names.ROBOT_NAMES_NODE, automatically_declare_parameters_from_overrides=True, **node_options)
         values = declare(self, RobotNamesParameters)
         try:
             joints, self._channels = JointRenaming.parsed(values.joints), ChannelRenaming.parsed(values.channels)

@@ -11,16 +11,22 @@ import fcntl
 import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import yaml
+from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from jammkle_common.bags import metadata
 from jammkle_common.bags.storage import MCAP
 from jammkle_common.command.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from rosbags.interfaces import Qos
+
+    from jammkle_common.bags.storage import BagFile, StoredChannel
 
 SUFFIX = ".mcap"
 """Of the files that a recorder of ours writes, and that can be completed."""
@@ -68,16 +74,16 @@ def contents_of(bag: Path) -> Contents:
     if not bag.is_dir():
         return Contents(bag, (bag,))
     there = _files_in(bag)
-    if not there and not (bag / metadata.FILE_NAME).is_file():
-        msg = f"{bag} is not a bag: it holds no {metadata.FILE_NAME}, and no file *{' or *'.join(_KINDS)}"
+    if not there and not (bag / METADATA_NAME).is_file():
+        msg = f"{bag} is not a bag: it holds no {METADATA_NAME}, and no file *{' or *'.join(_KINDS)}"
         raise InputError(msg)
     said, unreadable = _said(bag)
     if not there and unreadable:
         msg = f"{bag} is not a bag: it holds no file *{' or *'.join(_KINDS)}"
-        msg += f", and its {metadata.FILE_NAME} cannot be read: {unreadable}"
+        msg += f", and its {METADATA_NAME} cannot be read: {unreadable}"
         raise InputError(msg)
     custom = _custom(said)
-    unfinished = custom.pop(metadata.UNFINISHED, None) is not None
+    unfinished = custom.pop(UNFINISHED, None) is not None
     named = [PurePath(str(each)).name for each in _list(said, "relative_file_paths")]
     if not named:
         kinds = {each.with_suffix("").suffix if each.suffix == COMPRESSED else each.suffix for each in there}
@@ -173,20 +179,20 @@ def checked_count(contents: Contents, count: int) -> str:
     fewer = counted is not None and count < counted
     if contents.missing and (fewer or len(contents.unnamed) < len(contents.missing)):
         lacking = f"bag {bag} lacks {', '.join(contents.missing)}: its files hold {count} messages"
-        msg = f"{lacking} where its {metadata.FILE_NAME} says {counted}; {_way_out(bag)}"
+        msg = f"{lacking} where its {METADATA_NAME} says {counted}; {_way_out(bag)}"
         raise InputError(msg)
     if fewer:
-        msg = f"bag {bag} is damaged: its files hold {count} messages where its {metadata.FILE_NAME} says {counted}"
+        msg = f"bag {bag} is damaged: its files hold {count} messages where its {METADATA_NAME} says {counted}"
         msg += f"; {_way_out(bag)}"
         raise InputError(msg)
     if contents.unreadable:
-        return f"bag {bag}: its {metadata.FILE_NAME} cannot be read and is not used: {contents.unreadable}"
+        return f"bag {bag}: its {METADATA_NAME} cannot be read and is not used: {contents.unreadable}"
     if contents.unnamed and not contents.missing:
         extra = ", ".join(each.name for each in contents.unnamed)
-        said = f"bag {bag}: {extra} is not named by its {metadata.FILE_NAME} and left out"
+        said = f"bag {bag}: {extra} is not named by its {METADATA_NAME} and left out"
         return f"{said}; `jammkle recover {bag}` takes it in"
     if counted is not None and count > counted:
-        return f"bag {bag}: its {metadata.FILE_NAME} says {counted} messages where its files hold {count}; these count"
+        return f"bag {bag}: its {METADATA_NAME} says {counted} messages where its files hold {count}; these count"
     return ""
 
 
@@ -214,7 +220,7 @@ def _is_of_a_bag(path: Path) -> bool:
 def _said(bag: Path) -> tuple[dict[str, Any], str]:
     """Return what the metadata say, and why they cannot be read; nothing where there are none."""
     try:
-        return metadata.read(bag), ""
+        return read_metadata(bag), ""
     except FileNotFoundError:
         return {}, ""
     except (OSError, ValueError, yaml.YAMLError) as error:
@@ -229,3 +235,141 @@ def _list(said: dict[str, Any], key: str) -> list[Any]:
 def _custom(said: dict[str, Any]) -> dict[str, str]:
     found = said.get("custom_data")
     return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
+
+
+METADATA_NAME = "metadata.yaml"
+METADATA_VERSION: Literal[9] = 9
+UNFINISHED = "jammkle_unfinished"
+"""Key in the custom data of a bag whose recorder has not completed it."""
+LOST = "jammkle_lost"
+"""Key in the custom data of a bag that was recovered without some of its files; their names."""
+
+_NO_TIME_NS = 2**63 - 1
+_TOP = "rosbag2_bagfile_information"
+
+
+def metadata_begun(file_name: str, custom_data: Mapping[str, str]) -> str:
+    """Return the metadata of a bag that is being recorded: which file, and that it is not finished."""
+    return _metadata_text({file_name: None}, {**custom_data, UNFINISHED: "its recorder has not completed it"}, "")
+
+
+def metadata_of(files: Mapping[str, BagFile], custom_data: Mapping[str, str], compression: str) -> str:
+    """Return the metadata of a bag from its files.
+
+    Args:
+        files: By name, open.
+        custom_data: What its recorder added.
+        compression: `FILE` or `MESSAGE` where each of them is compressed by itself (Zstandard), else empty.
+
+    """
+    return _metadata_text(files, custom_data, compression)
+
+
+def read_metadata(folder: Path) -> dict[str, Any]:
+    """Return what the metadata of a bag say.
+
+    Raises:
+        OSError: they are not there, or cannot be read.
+        ValueError: they are no text, or not of a bag.
+        yaml.YAMLError: they are broken.
+
+    """
+    found = yaml.safe_load((folder / METADATA_NAME).read_text(encoding="utf-8"))
+    said = found.get(_TOP) if isinstance(found, dict) else None
+    if not isinstance(said, dict):
+        msg = f"it holds no {_TOP}"
+        raise ValueError(msg)  # noqa: TRY004 - of the file, as of one that is no YAML
+    return said
+
+
+def write_metadata(folder: Path, text: str) -> None:
+    """Put the metadata into a bag at one stroke: a reader sees the old one or the new one.
+
+    Raises:
+        OSError: it cannot be written; the old one is as it was.
+
+    """
+    new = folder / f"{METADATA_NAME}.new"
+    try:
+        new.write_text(text, encoding="utf-8")
+        new.replace(folder / METADATA_NAME)
+    except OSError:
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
+        raise
+
+
+def _metadata_text(files: Mapping[str, BagFile | None], custom_data: Mapping[str, str], compression: str) -> str:
+    there = {name: file for name, file in files.items() if file is not None}
+    filled = [each for each in there.values() if _message_count(each)]
+    first_ns = min((each.first_ns for each in filled), default=_NO_TIME_NS)
+    last_ns = max((each.last_ns for each in filled), default=_NO_TIME_NS)
+    content = {
+        "version": METADATA_VERSION,
+        "storage_identifier": "sqlite3" if any(".db3" in name for name in files) else "mcap",
+        "relative_file_paths": list(files),
+        **_time_span(first_ns, last_ns),
+        "message_count": sum(_message_count(each) for each in filled),
+        "topics_with_message_count": _topic_entries(there.values()),
+        "compression_format": "zstd" if compression else "",
+        "compression_mode": compression,
+        "files": [
+            {
+                "path": name,
+                **(_time_span(0, 0) if file is None else _time_span(file.first_ns, file.last_ns)),
+                "message_count": 0 if file is None else _message_count(file),
+            }
+            for name, file in files.items()
+        ],
+        "custom_data": dict(custom_data) or None,
+        "ros_distro": "rosbags",
+    }
+    return yaml.safe_dump({_TOP: content}, sort_keys=False, allow_unicode=True)
+
+
+def profiles(text: str) -> list[Qos]:
+    """Return QoS profiles that stand in a bag as YAML; none where they cannot be read, as they are a hint."""
+    try:
+        return parse_qos(text)
+    except Exception:  # noqa: BLE001 - the library lets errors of several kinds through
+        return []
+
+
+def _message_count(file: BagFile) -> int:
+    return sum(channel.message_count for channel in file.channels)
+
+
+def _time_span(first_ns: int, last_ns: int) -> dict[str, Any]:
+    return {
+        "duration": {"nanoseconds": last_ns - first_ns},
+        "starting_time": {"nanoseconds_since_epoch": first_ns},
+    }
+
+
+def _topic_entries(files: Iterable[BagFile]) -> list[dict[str, Any]]:
+    found: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for channel in (each for file in files for each in file.channels):
+        topic = found.setdefault(
+            (channel.topic, channel.message_type, channel.qos),
+            {
+                "topic_metadata": {
+                    "name": channel.topic,
+                    "type": channel.message_type,
+                    "serialization_format": channel.encoding,
+                    "offered_qos_profiles": dump_qos_v9(profiles(channel.qos)),
+                    "type_description_hash": channel.type_hash or _type_hash(channel),
+                },
+                "message_count": 0,
+            },
+        )
+        topic["message_count"] += channel.message_count
+    return list(found.values())
+
+
+def _type_hash(channel: StoredChannel) -> str:
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(channel.definition.decode(), channel.message_type))
+        return store.hash_rihs01(channel.message_type)
+    except Exception:  # noqa: BLE001 - a definition of another language, or a broken one: the hash may be empty
+        return ""

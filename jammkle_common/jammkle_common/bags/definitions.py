@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
 from jammkle_common.command.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+
+    from rosbags.typesys.store import Typestore
+
+    from jammkle_common.bags.storage import StoredChannel
 
 _SEPARATOR = "=" * 80 + "\n"
 _PARTS = 3
@@ -131,3 +139,204 @@ def _names_in(field: object) -> set[str]:
             else:
                 names |= _names_in(part)
     return names
+
+
+_IDL_LANGUAGES = ("ros2idl", "omgidl")
+
+
+class UndecodableError(ValueError):
+    """Messages of a channel cannot be decoded; the message says why."""
+
+
+class KnownTypes:
+    """Fills a store of types, channel by channel."""
+
+    def __init__(self, store: Typestore) -> None:
+        """Fill this store."""
+        self._store = store
+        self._jazzy = get_typestore(Stores.ROS2_JAZZY)
+        self._installed = MessageDefinitions(share_folders())
+        self._seen: set[tuple[str, bytes]] = set()
+
+    def add(self, channel: StoredChannel) -> None:
+        """Make the type of a channel known, with all that it is made of.
+
+        Raises:
+            UndecodableError: a definition is missing or broken, or another channel has another type of that name.
+
+        """
+        name = channel.message_type
+        if (name, channel.definition) in self._seen:
+            return
+        if not name:
+            msg = "it names no type"
+            raise UndecodableError(msg)
+        used = self._with_all_inside(name, self._defined(channel))
+        for each, fields in used.items():
+            before = self._store.fielddefs.get(each)
+            if before is not None and before[1] != fields[1]:
+                msg = f"type {each} in it is defined otherwise than for another topic"
+                raise UndecodableError(msg)
+        try:
+            self._store.register({each: fields for each, fields in used.items() if each not in self._store.fielddefs})
+        except Exception as error:
+            msg = f"the definition of its type {name} cannot be used: {_line(error)}"
+            raise UndecodableError(msg) from error
+        self._seen.add((name, channel.definition))
+
+    def _defined(self, channel: StoredChannel) -> dict[str, Any]:
+        """Return what the definition of a channel holds."""
+        if not channel.definition.strip() and channel.message_type not in self._store.fielddefs:
+            return {}
+        try:
+            text = channel.definition.decode()
+            if channel.language in _IDL_LANGUAGES:
+                return _from_idl(text)
+            if text.strip():
+                return dict(get_types_from_msg(text, channel.message_type))
+        except Exception as error:
+            msg = f"the definition of its type {channel.message_type} cannot be read: {_line(error)}"
+            raise UndecodableError(msg) from error
+        return {}
+
+    def differs(self, channel: StoredChannel) -> bool:
+        """Return whether a channel defines its type otherwise than ROS 2 Jazzy does, which knows it."""
+        usual = self._jazzy.fielddefs.get(channel.message_type)
+        try:
+            own = self._defined(channel).get(channel.message_type)
+        except UndecodableError:
+            return False
+        return usual is not None and own is not None and usual[1] != own[1]
+
+    def _with_all_inside(self, name: str, defined: dict[str, Any]) -> dict[str, Any]:
+        """Return a type and all that it is made of, from what the bag defines, else from elsewhere."""
+        used: dict[str, Any] = {}
+        pending = [name]
+        while pending:
+            each = pending.pop()
+            if each in used:
+                continue
+            if each not in defined:
+                defined = {**self._elsewhere(each, name), **defined}
+            used[each] = defined[each]
+            pending += _types_in_fields(used[each])
+        return used
+
+    def _elsewhere(self, name: str, wanted: str) -> dict[str, Any]:
+        """Return a type that the bag does not define."""
+        for store in (self._store, self._jazzy):
+            if name in store.fielddefs:
+                return {name: store.fielddefs[name]}
+        try:
+            return dict(get_types_from_msg(self._installed.find(name).text, name))
+        except InputError as error:
+            inside = "" if name == wanted else f", which is in its type {wanted},"
+            msg = f"the bag holds no definition of {name}{inside} and none is installed"
+            raise UndecodableError(msg) from error
+
+
+def _from_idl(text: str) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    parts = text.split(_SEPARATOR)
+    for part in parts[1:] if text.startswith(f"{_SEPARATOR}IDL: ") else parts:
+        found.update(get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part))
+    return found
+
+
+def _types_in_fields(definition: Any) -> Iterator[str]:
+    for _, (node, inner) in definition[1]:
+        kind = (node, inner) if node in (Nodetype.BASE, Nodetype.NAME) else inner[0]
+        if kind[0] is Nodetype.NAME:
+            yield kind[1]
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+_ZEROS: dict[str, Any] = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
+_DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
+"""Fields that do not begin at zero, by type: the bag library does not keep the defaults of a definition."""
+
+
+@functools.cache
+def plain_class(message_type: str) -> type:
+    """Return a class whose messages begin as those of ROS do, every field at its default.
+
+    Raises:
+        InputError: as `message_class`.
+
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    if message_type not in store.types:
+        found = get_types_from_msg(MessageDefinitions(share_folders()).find(message_type).text, message_type)
+        store.register({name: known for name, known in found.items() if name not in store.types})
+    constants, fields = store.fielddefs[message_type]
+    given = _DEFAULTS.get(message_type, {})
+    members = [
+        (name, Any, dataclasses.field(default_factory=functools.partial(_first, given.get(name), kind)))
+        for name, kind in fields
+    ]
+    return dataclasses.make_dataclass(
+        message_type.rpartition("/")[2], members, namespace={name: value for name, _, value in constants}
+    )
+
+
+def _first(given: Any, kind: Any) -> Any:
+    """Return what a field of a new message holds; `kind` is the bag library's description of it."""
+    if given is not None:
+        return given
+    node, inner = kind
+    if node is Nodetype.NAME:
+        return plain_class(inner)()
+    if node is Nodetype.BASE:
+        return _ZEROS.get(inner[0], 0)
+    if node is Nodetype.ARRAY and inner[0][0] is Nodetype.BASE:
+        return np.zeros(inner[1], dtype=inner[0][1][0])
+    return []
+
+
+class Serialiser:
+    """Serialises messages of any installed type."""
+
+    def __init__(self, definitions: MessageDefinitions) -> None:
+        """Take definitions from `definitions`, each when it is first needed."""
+        self._definitions = definitions
+        self._store = get_typestore(Stores.EMPTY)
+
+    def serialised(self, message_type: str, message: Any) -> bytes:
+        """Return a message as CDR, little endian.
+
+        Args:
+            message_type: `package/msg/Name`.
+            message: Anything with the attributes that the type names.
+
+        Raises:
+            InputError: the type's definition cannot be found.
+
+        """
+        if message_type not in self._store.types:
+            found = get_types_from_msg(self._definitions.find(message_type).text, message_type)
+            self._store.register({name: known for name, known in found.items() if name not in self._store.types})
+        return bytes(self._store.serialize_cdr(self._plain(message_type, message), message_type))
+
+    def _plain(self, message_type: str, message: Any) -> Any:
+        """Return a message in the classes of the bag library."""
+        _, fields = self._store.fielddefs[message_type]
+        values = [self._value(kind, getattr(message, name)) for name, kind in fields]
+        return self._store.types[message_type](*values)
+
+    def _value(self, kind: Any, value: Any) -> Any:
+        node, inner = kind
+        if node is Nodetype.NAME:
+            return self._plain(inner, value)
+        if node is Nodetype.BASE:
+            return value[0] if isinstance(value, bytes) else value  # a `byte` is bytes in rclpy, a number in a bag
+        (element, name), _ = inner
+        if element is Nodetype.NAME:
+            return [self._plain(name, each) for each in value]
+        return list(value) if name[0] == "string" else np.asarray(value, dtype=_DTYPES.get(name[0], name[0]))
+
+
+_DTYPES = {"byte": "uint8", "char": "uint8"}
+"""Where NumPy has another name."""

@@ -11,16 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_common.bags import metadata
-from jammkle_common.bags.contents import check_finished, checked_count, contents_of
-from jammkle_common.bags.known_types import KnownTypes, UndecodableError
+from jammkle_common import names
+from jammkle_common.bags.contents import (
+    check_finished,
+    checked_count,
+    contents_of,
+    profiles,
+)
+from jammkle_common.bags.definitions import KnownTypes, UndecodableError
 from jammkle_common.bags.storage import ZSTD, begins_with, decompressed, merged, open_file, plain_data
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.results import note
 from jammkle_common.names import TOPICS
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from rosbags.interfaces import Qos
 
@@ -61,7 +66,7 @@ class Connection:
 
     def profiles(self) -> list[Qos]:
         """Return how it was offered, as far as that can be read."""
-        return metadata.profiles(self.offered)
+        return profiles(self.offered)
 
 
 class BagReader:
@@ -276,3 +281,30 @@ def messages(
 
 def _why(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
+
+
+_TELLING: tuple[names.Topic, ...] = (
+    names.IMU,
+    names.LOAD_CELL,
+    names.JAM_STATE,
+    names.CONTACT_EVENTS,
+    names.MANIFOLD_PRESSURE,
+    names.PUMP_DUTY,
+    *names.PRESSURES.values(),
+    *names.SOLENOIDS.values(),
+)
+"""Topics of an ankle, of which every recording of one has some, whoever made it."""
+
+
+def namespaces_in(topics: Iterable[str]) -> tuple[str, ...]:
+    """Return the namespaces in which topics of an ankle stand, sorted; `/` for the outermost.
+
+    Joint states alone do not make an ankle where there is one: a whole robot has them too.
+    """
+    known = tuple(topics)
+    return _with(known, _TELLING) or _with(known, (names.JOINT_STATES,))
+
+
+def _with(topics: Iterable[str], telling: Iterable[names.Topic]) -> tuple[str, ...]:
+    endings = tuple(f"/{topic.name}" for topic in telling)
+    return tuple(sorted({topic[: -len(end)] or "/" for topic in topics for end in endings if topic.endswith(end)}))

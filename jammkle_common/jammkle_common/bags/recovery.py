@@ -4,22 +4,39 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import errno
 import shutil
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+import struct
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-from jammkle_common.bags import metadata
-from jammkle_common.bags.contents import COMPRESSED, contents_of, files_to_complete, is_held
-from jammkle_common.bags.data_section import DataSection, NoMcapError, scanned
-from jammkle_common.bags.ending import NO_ROOM, complete
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, MessageIndex, Schema, Statistics, SummaryOffset
+from mcap.stream_reader import get_chunk_data_stream
+
+from jammkle_common.bags.contents import (
+    COMPRESSED,
+    LOST,
+    METADATA_NAME,
+    contents_of,
+    files_to_complete,
+    is_held,
+    metadata_of,
+    write_metadata,
+)
 from jammkle_common.bags.reading import messages, open_files, opened
 from jammkle_common.bags.storage import MCAP, ROS1, SQLITE, ZSTD, begins_with, merged
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
+
+    from mcap.records import McapRecord
 
     from jammkle_common.bags.contents import Contents
     from jammkle_common.bags.storage import BagFile
@@ -79,7 +96,7 @@ def recover(bag: Path, on_progress: Callable[[float], None], target: Path | None
         bag = _copied(bag, target)
         contents = dataclasses.replace(contents_of(bag), counted=contents.counted)
     if bag.is_dir():  # what a recorder leaves that died while it wrote it
-        (bag / f"{metadata.FILE_NAME}.tmp").unlink(missing_ok=True)
+        (bag / f"{METADATA_NAME}.tmp").unlink(missing_ok=True)
     counted = contents.counted or 0
     contents = _without_empty_files(contents)
     sections: dict[Path, DataSection] = {}
@@ -89,7 +106,7 @@ def recover(bag: Path, on_progress: Callable[[float], None], target: Path | None
         torn_bytes, given_up = torn_bytes + torn, given_up + lost
     changed = bool(sections)
     if bag.is_dir() and (sections or _needs_metadata(contents)):
-        given_up += _write_metadata(contents, sections)
+        given_up += _write_metadata_of(contents, sections)
         changed = True
     with opened(bag, quietly=True) as reader:
         count, total = 0, sum(each.msgcount for each in reader.every)
@@ -137,7 +154,7 @@ def _without_empty_files(contents: Contents) -> Contents:
 
 def _lost(contents: Contents) -> tuple[str, ...]:
     """Return the names of files that are lost, and not only called otherwise."""
-    before = tuple(filter(None, contents.custom_data.get(metadata.LOST, "").split(", ")))
+    before = tuple(filter(None, contents.custom_data.get(LOST, "").split(", ")))
     return before if len(contents.unnamed) >= len(contents.missing) else (*before, *contents.missing)
 
 
@@ -176,7 +193,7 @@ def _completed(path: Path, on_progress: Callable[[float], None]) -> tuple[DataSe
         raise InputError(msg) from error
 
 
-def _write_metadata(contents: Contents, sections: Mapping[Path, DataSection]) -> int:
+def _write_metadata_of(contents: Contents, sections: Mapping[Path, DataSection]) -> int:
     """Write the metadata; return how many messages at the end were given up, as there was no room for it."""
     bag = contents.bag
     whole = dataclasses.replace(contents, files=tuple(dict.fromkeys((*contents.files, *contents.unnamed))), unnamed=())
@@ -184,14 +201,14 @@ def _write_metadata(contents: Contents, sections: Mapping[Path, DataSection]) ->
         with contextlib.ExitStack() as stack:
             files = open_files(whole, stack)
             names = [path.name for path in whole.files]
-            lost = {metadata.LOST: ", ".join(_lost(contents))} if _lost(contents) else {}
+            lost = {LOST: ", ".join(_lost(contents))} if _lost(contents) else {}
             order = sorted(range(len(files)), key=lambda place: files[place].first_ns)
-            text = metadata.made_anew(
+            text = metadata_of(
                 {names[place]: files[place] for place in order},
                 {**contents.custom_data, **lost},
                 _compression(names, files),
             )
-        metadata.write(bag, text)
+        write_metadata(bag, text)
     except OSError as error:
         last = whole.files[-1]
         section = sections.get(last)
@@ -200,7 +217,7 @@ def _write_metadata(contents: Contents, sections: Mapping[Path, DataSection]) ->
         given_up = section.give_up_last_chunk()
         with last.open("r+b", buffering=0) as stream:
             given_up += complete(stream, section)
-        return given_up + _write_metadata(contents, sections)
+        return given_up + _write_metadata_of(contents, sections)
     return 0
 
 
@@ -211,3 +228,275 @@ def _compression(names: Sequence[str], files: Sequence[BagFile]) -> str:
     keys = [{channel.key for channel in file.channels} for file in files]
     first = next(merged(files, keys), None)
     return "MESSAGE" if first is not None and first[-1].startswith(ZSTD) else ""
+
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")
+MESSAGE = struct.Struct("<HIQ")  # channel, sequence, log time; publish time and data follow
+_KNOWN = {int(each) for each in Opcode}
+
+
+class NoMcapError(ValueError):
+    """The file is not what a recorder of MCAP leaves behind; the message says why."""
+
+
+@dataclass(frozen=True)
+class WrittenChunk:
+    """A whole chunk: its entry in the index of the file, and how many messages of each channel it holds."""
+
+    index: ChunkIndex
+    counts: dict[int, int]
+
+
+@dataclass
+class DataSection:
+    """What an MCAP file holds, up to its ending.
+
+    Attributes:
+        end: Offset after the last whole record.
+        size: Bytes of the file.
+        whole: Whether the file has its ending.
+        schemas: By their number.
+        channels: By their number.
+        chunks: In the order of the file.
+
+    """
+
+    end: int = len(MAGIC)
+    size: int = 0
+    whole: bool = False
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[WrittenChunk] = field(default_factory=list)
+
+    def counts(self) -> Counter[int]:
+        """Return the messages of each channel."""
+        total: Counter[int] = Counter()
+        for chunk in self.chunks:
+            total.update(chunk.counts)
+        return total
+
+    def give_up_last_chunk(self) -> int:
+        """Let the data end before the last chunk; return how many messages that costs."""
+        dropped = self.chunks.pop()
+        self.end, self.whole = dropped.index.chunk_start_offset, False
+        return sum(dropped.counts.values())
+
+    def span_ns(self) -> tuple[int, int]:
+        """Return the first and the last log time; zero without messages."""
+        filled = [chunk.index for chunk in self.chunks if chunk.counts]
+        if not filled:
+            return 0, 0
+        return min(each.message_start_time for each in filled), max(each.message_end_time for each in filled)
+
+
+def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSection:
+    """Read a file up to its ending, or up to where it was torn off.
+
+    Args:
+        stream: The file, open for reading.
+        on_progress: Called with the share that was read, 0 to 1.
+
+    Raises:
+        NoMcapError: no MCAP file, not in chunks, or damaged before its last record.
+
+    """
+    section = DataSection(size=stream.seek(0, 2))
+    stream.seek(0)
+    if stream.read(len(MAGIC)) != MAGIC:
+        msg = "it is no MCAP file"
+        raise NoMcapError(msg)
+    for opcode, body in _records(stream, section):
+        start = section.end
+        if opcode == Opcode.DATA_END:
+            stream.seek(-len(MAGIC), 2)
+            section.whole = stream.read() == MAGIC
+            break
+        try:
+            _take(section, opcode, body, start)
+        except Exception as error:  # the library lets errors of struct, of codecs and its own through
+            if section.size > start + HEAD.size + len(body):
+                msg = f"it is damaged at byte {start}, with {section.size - start} bytes from there on: {error}"
+                raise NoMcapError(msg) from error
+            break
+        section.end = start + HEAD.size + len(body)
+        on_progress(section.end / section.size)
+    return section
+
+
+def _records(stream: BinaryIO, section: DataSection) -> Iterator[tuple[int, bytes]]:
+    """Read whole records; one that is torn off, and zeros that a file system leaves, end it."""
+    while len(head := stream.read(HEAD.size)) == HEAD.size:
+        opcode, length = HEAD.unpack(head)
+        if opcode not in _KNOWN and any(head):
+            msg = f"it is damaged at byte {section.end}: {opcode} is no kind of record"
+            raise NoMcapError(msg)
+        if not opcode or section.end + HEAD.size + length > section.size:
+            return
+        yield opcode, stream.read(length)
+
+
+def _take(section: DataSection, opcode: int, body: bytes, start: int) -> None:
+    if opcode == Opcode.CHUNK:
+        section.chunks.append(_chunk(section, Chunk.read(ReadDataStream(BytesIO(body))), start, HEAD.size + len(body)))
+    elif opcode == Opcode.MESSAGE_INDEX and section.chunks:
+        index = section.chunks[-1].index
+        index.message_index_offsets[MessageIndex.read(ReadDataStream(BytesIO(body))).channel_id] = start
+        index.message_index_length += HEAD.size + len(body)
+    elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+        _know(section, opcode, body)
+    elif opcode == Opcode.MESSAGE:
+        msg = "its messages are not in chunks"
+        raise NoMcapError(msg)
+
+
+def _know(section: DataSection, opcode: int, body: bytes) -> None:
+    if opcode == Opcode.SCHEMA:
+        schema = Schema.read(ReadDataStream(BytesIO(body)))
+        section.schemas[schema.id] = schema
+    else:
+        channel = Channel.read(ReadDataStream(BytesIO(body)))
+        section.channels[channel.id] = channel
+
+
+def _chunk(section: DataSection, chunk: Chunk, start: int, length: int) -> WrittenChunk:
+    counts: Counter[int] = Counter()
+    for opcode, offset, end, data in records_of(chunk):
+        if opcode == Opcode.MESSAGE:
+            counts[MESSAGE.unpack_from(data, offset)[0]] += 1
+        elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+            _know(section, opcode, data[offset:end])
+    index = ChunkIndex(
+        chunk_length=length,
+        chunk_start_offset=start,
+        compression=chunk.compression,
+        compressed_size=len(chunk.data),
+        message_end_time=chunk.message_end_time,
+        message_index_length=0,
+        message_index_offsets={},
+        message_start_time=chunk.message_start_time,
+        uncompressed_size=chunk.uncompressed_size,
+    )
+    return WrittenChunk(index, dict(counts))
+
+
+def records_of(chunk: Chunk) -> Iterator[tuple[int, int, int, bytes]]:
+    """Read opcode, and begin and end in the data, of each record of a chunk, and the data."""
+    data = get_chunk_data_stream(chunk, validate_crc=True)[0].read(chunk.uncompressed_size)
+    offset = 0
+    while offset < len(data):
+        opcode, length = HEAD.unpack_from(data, offset)
+        begin = offset + HEAD.size
+        offset = begin + length
+        yield opcode, begin, offset, data
+
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What writing says on a full disk, beyond a quota, and beyond the largest size of a file."""
+
+
+def complete(stream: BinaryIO, section: DataSection) -> int:
+    """Cut off what is torn and write the ending; chunks are given up, the last one first, where there is no room.
+
+    Args:
+        stream: The file, open for reading and writing, without a buffer.
+        section: What it holds; brought up to date.
+
+    Returns:
+        How many messages were given up for want of room.
+
+    Raises:
+        OSError: it cannot be written, even so.
+
+    """
+    given_up = 0
+    while True:
+        stream.truncate(section.end)
+        stream.seek(section.end)
+        try:
+            _write(stream, _missing_indexes(stream, section))
+            _write(stream, _ending(section, stream.tell()))
+        except OSError as error:
+            if error.errno not in NO_ROOM or not section.chunks:
+                with contextlib.suppress(OSError):
+                    stream.truncate(section.end)
+                raise
+            given_up += section.give_up_last_chunk()
+        else:
+            section.whole = True
+            return given_up
+
+
+def _missing_indexes(stream: BinaryIO, section: DataSection) -> bytes:
+    """Return the index records of the last chunk where they were torn off; the file is cut after that chunk."""
+    if not section.chunks:
+        return b""
+    last = section.chunks[-1]
+    if set(last.index.message_index_offsets) == set(last.counts):
+        return b""
+    stream.seek(last.index.chunk_start_offset + HEAD.size)
+    chunk = Chunk.read(ReadDataStream(stream))
+    entries: dict[int, list[tuple[int, int]]] = {}
+    for opcode, offset, _, data in records_of(chunk):
+        if opcode == Opcode.MESSAGE:
+            channel, _, log_time = MESSAGE.unpack_from(data, offset)
+            entries.setdefault(channel, []).append((log_time, offset - HEAD.size))
+    section.end = last.index.chunk_start_offset + last.index.chunk_length
+    stream.truncate(section.end)
+    stream.seek(section.end)
+    builder = RecordBuilder()
+    last.index.message_index_offsets.clear()
+    for channel, found in entries.items():
+        last.index.message_index_offsets[channel] = section.end + builder.count
+        MessageIndex(channel, found).write(builder)
+    last.index.message_index_length = builder.count
+    return _built(builder)
+
+
+def _ending(section: DataSection, begin: int) -> bytes:
+    """Return what stands from `begin` on: end of the data, summary, footer."""
+    counts, (first_ns, last_ns) = section.counts(), section.span_ns()
+    statistics = Statistics(
+        attachment_count=0,
+        channel_count=len(section.channels),
+        channel_message_counts=dict(counts),
+        chunk_count=len(section.chunks),
+        message_count=counts.total(),
+        message_end_time=last_ns,
+        message_start_time=first_ns,
+        metadata_count=0,
+        schema_count=len(section.schemas),
+    )
+    groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
+        (Opcode.SCHEMA, list(section.schemas.values())),
+        (Opcode.CHANNEL, list(section.channels.values())),
+        (Opcode.STATISTICS, [statistics]),
+        (Opcode.CHUNK_INDEX, [chunk.index for chunk in section.chunks]),
+    )
+    builder = RecordBuilder()
+    DataEnd(data_section_crc=0).write(builder)
+    summary_start = begin + builder.count
+    offsets = []
+    for opcode, records in groups:
+        group_start = begin + builder.count
+        for record in records:
+            record.write(builder)
+        if records:
+            offsets.append(SummaryOffset(opcode, group_start, begin + builder.count - group_start))
+    summary_offset_start = begin + builder.count
+    for offset in offsets:
+        offset.write(builder)
+    Footer(summary_start=summary_start, summary_offset_start=summary_offset_start, summary_crc=0).write(builder)
+    return _built(builder) + MAGIC
+
+
+def _built(builder: Any) -> bytes:
+    """Return what a builder of the library holds; its own method has no types."""
+    return bytes(builder.end())
+
+
+def _write(stream: BinaryIO, data: bytes) -> None:
+    """Write all of it: a file without a buffer may take less at a time."""
+    view = memoryview(data)
+    while view:
+        view = view[stream.write(view) :]

@@ -7,11 +7,16 @@ import shutil
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-from jammkle_common.bags import metadata
-from jammkle_common.bags.contents import lock
+from jammkle_common.bags.contents import (
+    METADATA_VERSION,
+    lock,
+    metadata_begun,
+    write_metadata,
+)
 from jammkle_common.bags.recovery import recover
 from jammkle_common.command.errors import GraphError, InputError
 
@@ -19,9 +24,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from rosbags.interfaces import Connection, Qos
+    from rosbags.interfaces import Connection
 
     from jammkle_common.bags.definitions import MessageDefinitions
+    from jammkle_common.names import Delivery
 
 FLUSH_PERIOD_S = 0.5
 """How often a recorder calls `flush`: what a killed one loses is at most this much and what its queues hold."""
@@ -67,7 +73,7 @@ class BagLog:
         self._definitions = definitions
         self._topics: dict[str, _Topic] = {}
         self._failure: OSError | None = None
-        self._writer = Writer(path, version=metadata.VERSION, storage_plugin=StoragePlugin.MCAP)
+        self._writer = Writer(path, version=METADATA_VERSION, storage_plugin=StoragePlugin.MCAP)
         try:
             self._writer.open()
             lock(self._storage.bio)
@@ -205,7 +211,7 @@ class BagLog:
             raise
 
     def _write_metadata(self) -> None:
-        metadata.write(self._path, metadata.begun(self._storage.path.name, self._writer.custom_data))
+        write_metadata(self._path, metadata_begun(self._storage.path.name, self._writer.custom_data))
 
 
 def check_free(path: Path) -> None:
@@ -223,3 +229,22 @@ def check_free(path: Path) -> None:
     if exists:
         msg = f"bag path {path} exists: nothing is overwritten; choose another one or move it away"
         raise InputError(msg)
+
+
+_NO_TIME = QosTime(0, 0)
+"""Of a deadline, lifespan or lease that nobody asks for."""
+
+
+def bag_delivery(delivery: Delivery) -> Qos:
+    """Return what a publisher with this delivery would be recorded with."""
+    return Qos(
+        QosHistory.KEEP_LAST,
+        delivery.depth,
+        QosReliability.RELIABLE if delivery.reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if delivery.latched else QosDurability.VOLATILE,
+        _NO_TIME,
+        _NO_TIME,
+        QosLiveliness.SYSTEM_DEFAULT,
+        _NO_TIME,
+        avoid_ros_namespace_conventions=False,
+    )

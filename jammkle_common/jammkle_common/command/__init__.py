@@ -1,1 +1,44 @@
 """The `jammkle` command and what its verbs share. The verbs are each package's own, named by entry points."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any
+
+from jammkle_common.command.errors import InputError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+COMMANDS = "jammkle.commands"
+"""A Typer app each, with a command or a group of the entry point's name in it."""
+EFFECTS_FILE = "jammkle.effects_file"
+"""`load`: takes the path of an effects file and returns what it does to a rig (`jammkle_sim.rigs.changes`)."""
+LANDING = "jammkle.landing"
+"""`record`: has the graph land once and records it (`jammkle_bringup.demo.record_landing`)."""
+HARDWARE = "jammkle.hardware"
+"""Makes what the driver drives, by the name that its parameter `hardware` has (`jammkle_driver.hardware_choice`)."""
+
+
+def entries(group: str) -> dict[str, EntryPoint]:
+    """Return what is installed, by name, sorted."""
+    return {each.name: each for each in sorted(entry_points(group=group), key=lambda each: each.name)}
+
+
+def provided(group: str, name: str, package: str) -> Any:
+    """Return what a package brings along.
+
+    Args:
+        group: Of the entry point.
+        name: Of the entry point.
+        package: That brings it along, for the error.
+
+    Raises:
+        InputError: the package is not installed.
+
+    """
+    found = entries(group).get(name)
+    if found is None:
+        msg = f"this needs the package {package}, which is not installed: build it and source the workspace"
+        raise InputError(msg)
+    return found.load()

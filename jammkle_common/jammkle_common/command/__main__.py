@@ -26,7 +26,7 @@ def main() -> int:
     for number in _SIGNALS:
         signal.signal(number, _end)
     from jammkle_common.command.main import main as run  # noqa: PLC0415 - after the handlers; see above
-    from jammkle_common.transport import talk_by_udp  # noqa: PLC0415 - as above
+    from jammkle_common.processes import talk_by_udp  # noqa: PLC0415 - as above
 
     talk_by_udp(os.environ)
     return run()

@@ -9,12 +9,11 @@ from typing import Annotated, Any, Protocol, runtime_checkable
 import typer
 from typer.core import TyperGroup
 
-from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.provided import COMMANDS, entries
-from jammkle_common.command.signals import Interrupted
-from jammkle_common.command.vocabulary import renamed
+from jammkle_common import VERSION
+from jammkle_common.command import COMMANDS, entries
+from jammkle_common.command.errors import GraphError, InputError, Interrupted
+from jammkle_common.command.options import renamed
 from jammkle_common.messages import ROS_MODULES
-from jammkle_common.version import VERSION
 
 _EXTRAS = {
     "viser": "this opens a page in the browser, and so needs viser: pip install 'jammkle[view]'",

@@ -1,19 +1,29 @@
-"""Where results go: the screen, and a file for machines."""
+"""Where results go: the screen, a progress bar, a file for machines, and the colours of every figure.
+
+Rich is loaded where something is shown, so that `jammkle --help` need not wait for it.
+"""
+
+# ruff: noqa: PLC0415 - as said above
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
+import shutil
+import subprocess
 import sys
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common import VERSION
 from jammkle_common.command.errors import InputError
-from jammkle_common.version import VERSION
+from jammkle_common.names import ACHILLES, PERONEAL_LEFT, PERONEAL_RIGHT
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable, Iterator
     from typing import TextIO
 
     from rich.console import Console
@@ -25,7 +35,7 @@ _PIPE_WIDTH = 1000  # tables take what they need of it
 
 def console() -> Console:
     """Return where results go; pipes get plain text that is not cut."""
-    from rich.console import Console  # noqa: PLC0415 - `jammkle --help` shall not wait for it
+    from rich.console import Console
 
     return Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=_PIPE_WIDTH)
 
@@ -107,3 +117,99 @@ def check_writable(path: Path | None, option: str = "--json") -> None:
     if why:
         msg = f"{option} {path} cannot be written: {why}"
         raise InputError(msg)
+
+
+def commit() -> str:
+    """Return the commit of this program, with a + if files differ from it; empty where it is not known."""
+    git = shutil.which("git")
+    if git is None:
+        return ""
+    here = str(Path(__file__).resolve().parent)
+    found = [
+        subprocess.run([git, "-C", here, *words], capture_output=True, text=True, check=False)  # noqa: S603
+        for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no"))
+    ]
+    if found[0].returncode:
+        return ""
+    return found[0].stdout.strip() + ("+" if found[1].stdout.strip() else "")
+
+
+@contextlib.contextmanager
+def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
+    """Show a bar on stderr while the block runs; it is gone afterwards, and not there at all in a pipe.
+
+    Args:
+        title: What is done.
+
+    Yields:
+        A function to call with the share that is done, 0 to 1, and what is being done.
+
+    """
+    from rich import progress
+    from rich.console import Console
+
+    columns = (
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.TaskProgressColumn(),
+        progress.TextColumn("{task.fields[detail]}"),
+        progress.TimeElapsedColumn(),
+        progress.TextColumn("left:"),
+        progress.TimeRemainingColumn(elapsed_when_finished=False),
+    )
+    screen = Console(stderr=True)
+    with progress.Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
+        task = bar.add_task(title, total=1.0, detail="")
+
+        def update(share: float, detail: str) -> None:
+            bar.update(task, completed=share, detail=detail)
+
+        yield update
+
+
+STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "jammkle",
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "axes.titlesize": 9.5,
+    "lines.linewidth": 1.1,
+}
+"""For matplotlib; the salt makes the same picture the same bytes."""
+
+STATE_COLOURS = {
+    "UNKNOWN": "#969696",
+    "UNJAMMED": "#e8b478",
+    "JAMMING": "#f0a014",
+    "JAMMED": "#196eeb",
+    "VENTING": "#3cb9af",
+    "FAULT": "#d72828",
+}
+"""Of the states of a channel, in every picture, page and table, by the constants of ChannelJamState."""
+
+EVENT_COLOURS = {
+    "IMPACT": "#d72828",
+    "SLIP": "#f08c14",
+    "LIFTOFF": "#1e78dc",
+    "SETTLED": "#32963c",
+    "SWING": "#825ac8",
+    "UNKNOWN": "#969696",
+}
+"""Of what the controller felt, by the constants of ContactEvent."""
+
+LINE_COLOURS = {
+    PERONEAL_LEFT: "#d66024",
+    PERONEAL_RIGHT: "#1e82be",
+    ACHILLES: "#3c9646",
+    "achilles_left": "#3c9646",
+    "achilles_right": "#8cbe3c",
+    "manifold": "#787878",
+    "x": "#008c8c",
+    "y": "#966e3c",
+    "z": "#3c3c46",
+}
+"""Of channels, tendons and axes over time; axes share their plots with events, and no colour."""

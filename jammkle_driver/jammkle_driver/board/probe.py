@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.errors import Interrupted
 from jammkle_common.names import CHANNELS
 from jammkle_driver.board.line import RefusedError
 from jammkle_driver.core.hardware import ActuatorCommand, released

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.errors import Interrupted
 
 if TYPE_CHECKING:
     from jammkle_driver.board.check import CheckRow

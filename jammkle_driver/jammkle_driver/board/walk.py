@@ -8,7 +8,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
-from jammkle_common.command.signals import Interrupted
+from jammkle_common.command.errors import Interrupted
 from jammkle_common.constants import HELD_VACUUM_PA
 from jammkle_common.names import CHANNELS
 from jammkle_driver.board import calibration

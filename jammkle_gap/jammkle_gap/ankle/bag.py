@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_common import names
-from jammkle_common.bags.namespaces import namespaces_in
-from jammkle_common.bags.reading import name_of, opened
+from jammkle_common.bags.reading import name_of, namespaces_in, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
 from jammkle_gap.core.data import BadRecordingError

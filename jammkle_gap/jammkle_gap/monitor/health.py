@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from jammkle_common.health import Health, Level
+from jammkle_common.messages import Health, Level
 from jammkle_gap.monitor.core.monitor import GapState
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from jammkle_common import names
-from jammkle_common.declare import declare
 from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.parameters import declare
 from jammkle_common.qos import every_change_qos, every_sample_qos, patient_qos, publisher_qos, subscriber_qos
 from jammkle_gap.ankle.bag import TAKERS
 from jammkle_gap.ankle.inputs import known_options
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.qos import QoSProfile
 
-    from jammkle_common.health import Health
+    from jammkle_common.messages import Health
     from jammkle_common.names import Topic
     from jammkle_common.runner import StopFlag
 
@@ -62,7 +62,7 @@ class GapMonitorNode(Node):
             ParameterError: an unknown parameter was given, or a value is out of range.
 
         """
-        super().__init__(names.GAP_MONITOR_NODE)
+        super().__init__(names.GAP_MONITOR_NODE, automatically_declare_parameters_from_overrides=True)
         self._values = declare(self, GapMonitorParameters)
         self._monitor: GapMonitor | None = None
         self._commands: dict[str, tuple[float, Any]] = {}

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from jammkle_common.command.options import WITHOUT_A_ROBOT
-from jammkle_common.namespace import normalised
+from jammkle_common.names import normalised
 from jammkle_sim.commands.robot_options import RobotRequest, robot_command
 from jammkle_sim.robots.options import ROBOTS, ImuPlace
 

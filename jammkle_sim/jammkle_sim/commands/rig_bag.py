@@ -8,12 +8,19 @@ import json
 import operator
 from typing import TYPE_CHECKING, Any
 
-from jammkle_common.bags.delivered import bag_delivery
-from jammkle_common.bags.serialisation import Serialiser
-from jammkle_common.bags.writing import BagLog
-from jammkle_common.delivery import published
-from jammkle_common.names import CLOCK, DIAGNOSTICS, OF_THE_WHOLE, ROBOT_TOPICS, SIM_PARAMETERS, TOPICS, below
-from jammkle_common.namespace import resolved
+from jammkle_common.bags.definitions import Serialiser
+from jammkle_common.bags.writing import BagLog, bag_delivery
+from jammkle_common.names import (
+    CLOCK,
+    DIAGNOSTICS,
+    OF_THE_WHOLE,
+    ROBOT_TOPICS,
+    SIM_PARAMETERS,
+    TOPICS,
+    below,
+    published,
+    resolved,
+)
 from jammkle_sim.commands.rig_messages import messages
 from jammkle_sim.conversions import OutgoingMessages
 

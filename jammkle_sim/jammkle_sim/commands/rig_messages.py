@@ -8,8 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.health import Health, Level, diagnostic_array
-from jammkle_common.messages import message_class
+from jammkle_common.messages import Health, Level, diagnostic_array, message_class
 from jammkle_common.names import (
     CHANNELS,
     DIAGNOSTICS,

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.options import JsonOption, NamespaceOption
-from jammkle_common.command.vocabulary import as_typed, in_si, typed_row
+from jammkle_common.command.options import JsonOption, NamespaceOption, as_typed, in_si, typed_row
 from jammkle_common.constants import MAX_REPEATS
 from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.rigs.catalogue import RIGS

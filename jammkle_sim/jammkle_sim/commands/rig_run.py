@@ -12,12 +12,11 @@ from rich.table import Table
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command import results
-from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.progress import progress_bar
-from jammkle_common.command.signals import Interrupted, StopRequest
-from jammkle_common.command.vocabulary import as_typed
+from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
+from jammkle_common.command.options import as_typed
+from jammkle_common.command.results import progress_bar
 from jammkle_common.constants import MAX_REPEATS
-from jammkle_common.namespace import normalised
+from jammkle_common.names import normalised
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.commands.rig_bag import write_bag
 from jammkle_sim.commands.rig_options import RigRequest, rig_app

@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.vocabulary import as_typed
+from jammkle_common.command.options import as_typed
 from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_sim.robots.alone import ANKLE, ankle_alone
 from jammkle_sim.robots.catalogue import robot as robot_of_ours

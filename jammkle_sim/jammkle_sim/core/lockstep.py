@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.health import LOCKSTEP_LINE, Health, Level
+from jammkle_common.messages import LOCKSTEP_LINE, Health, Level
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from jammkle_sim.node import SimNode
 
 LOADED_LATER = ("jammkle_sim.kinds", "jammkle_sim.node", "jammkle_sim.walking")
-"""See `jammkle_common.command.held`."""
+"""See `jammkle_common.processes`."""
 
 
 def main() -> int:

@@ -10,8 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
-from jammkle_common.names import CHANNELS, JOINT_STATES
-from jammkle_common.namespace import resolved
+from jammkle_common.names import CHANNELS, JOINT_STATES, resolved
 
 if TYPE_CHECKING:
     from jammkle_sim.robots.robot import Robot

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jammkle_common.command.figures import EVENT_COLOURS, LINE_COLOURS, STATE_COLOURS
+from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS, STATE_COLOURS
 from jammkle_view.core.samples import ChannelState, EventKind
 
 Rgb = tuple[int, int, int]

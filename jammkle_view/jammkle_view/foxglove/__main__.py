@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jammkle_view.foxglove.node import FoxgloveNode
 
 LOADED_LATER = ("jammkle_view.foxglove.node",)
-"""See `jammkle_common.command.held`."""
+"""See `jammkle_common.processes`."""
 
 
 def main() -> int:

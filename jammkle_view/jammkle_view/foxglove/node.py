@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING
 from rclpy.node import Node
 
 from jammkle_common import names
-from jammkle_common.bags.definitions import MessageDefinitions, share_folders
-from jammkle_common.bags.serialisation import Serialiser
+from jammkle_common.bags.definitions import MessageDefinitions, Serialiser, share_folders
 from jammkle_common.command.errors import InputError
-from jammkle_common.declare import declare
-from jammkle_common.messages import message_class
-from jammkle_common.overhearing import belongs, strongest
-from jammkle_common.parameters import ParameterError
-from jammkle_common.transforms import transform_of
+from jammkle_common.messages import message_class, transform_of
+from jammkle_common.parameters import ParameterError, declare
+from jammkle_common.qos import belongs, strongest
 from jammkle_view.foxglove.parameters import FoxgloveParameters
 from jammkle_view.foxglove.server import ForwardingServer
 
@@ -47,7 +44,7 @@ class FoxgloveNode(Node):
             ParameterError: an unknown parameter, a value out of range, or a port that is taken.
 
         """
-        super().__init__(names.FOXGLOVE_NODE)
+        super().__init__(names.FOXGLOVE_NODE, automatically_declare_parameters_from_overrides=True)
         values = declare(self, FoxgloveParameters)
         try:
             self._server = ForwardingServer(values.host, values.port, f"Jammkle {self.get_namespace()}")

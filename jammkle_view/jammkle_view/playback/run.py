@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.progress import progress_bar
+from jammkle_common.command.results import progress_bar
 from jammkle_view.page.server import address_of, is_watched, serve
 from jammkle_view.playback.overlay import Overlay, overlay_of
 from jammkle_view.playback.page import PlaybackPage

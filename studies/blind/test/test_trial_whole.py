@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from jammkle_common.command.commit import commit
 from jammkle_common.command.main import main, run
+from jammkle_common.command.results import commit
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recording
 from studies.blind import run as blind_run

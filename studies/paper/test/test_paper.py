@@ -18,8 +18,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jammkle_common.command.errors import Interrupted
 from jammkle_common.command.main import run
-from jammkle_common.command.signals import Interrupted
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.constants import TENDON_SETS

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from jammkle_common.command.figures import STYLE
+from jammkle_common.command.results import STYLE
 from jammkle_gap.core.equivalence import class_names, class_of
 from jammkle_gap.core.posterior import by_class
 from jammkle_gap.core.result import Verdict

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from sensor_msgs.msg import JointState
 
+from jammkle_bringup.core.renaming import ChannelRenaming, JointRenaming, RenamingError
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
-from jammkle_common.renaming import ChannelRenaming, JointRenaming, RenamingError
 
 LEG = JointRenaming.parsed("lf_pitch=ankle_pitch, lf_roll = -ankle_roll,lf_knee=knee")
 SENT = JointState(name=["lf_roll", "lf_hip", "lf_pitch"], position=[0.1, 9.0, 0.2], velocity=[1.0, 9.0, 2.0])
