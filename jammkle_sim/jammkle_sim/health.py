@@ -42,7 +42,9 @@ def simulation_health(engine: Engine, clocks: int) -> Health:
     if control.state is RunState.FAILED:
         return Health("simulation", Level.ERROR, f"{control.failure}; paused until ~/reset", values)
     if clocks > 1:
-        message = f"{CLOCK.name} is made by {clocks} simulations: stop the others, choose another ROS_DOMAIN_ID, or give "
+        message = (
+            f"{CLOCK.name} is made by {clocks} simulations: stop the others, choose another ROS_DOMAIN_ID, or give "
+        )
         message += "all but one publish_clock:=false to live in its time"
         return Health("simulation", Level.WARN, message, values)
     if control.state is RunState.RUNNING and factor < _SLOW_BELOW * pacer.speed:
