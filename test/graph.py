@@ -21,7 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
-from jammkle_common.names import CHANNELS, CLOCK, JAM_ALL, JAM_STATE, Service, Topic
+from jammkle_common.names import CHANNELS, CLOCK, JAM, JAM_STATE, Service, Topic
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState, Fault
@@ -138,22 +138,27 @@ class Probe:
             f"{', '.join(wanted)} report state {state}",
         )
 
-    def wait_until_jammed(self) -> None:
-        """Wait until all is JAMMED, on a busy machine too, where the board lets go of a driver that is kept waiting."""
+    def wait_until_jammed(self, also: Callable[[], bool] = lambda: True) -> None:
+        """Wait until all is JAMMED, on a busy machine too, where the board lets go of a driver that is kept waiting.
+
+        Args:
+            also: What else must hold at that moment.
+
+        """
 
         def jammed() -> bool:
-            return set(self.channel_states().values()) == {ChannelJamState.JAMMED}
+            return set(self.channel_states().values()) == {ChannelJamState.JAMMED} and also()
 
         self.spin_jammed_until(jammed, "everything is jammed")
 
-    def spin_jammed_until(self, holds: Callable[[], bool], what: str) -> None:
-        """Spin until something holds, and jam again whenever such a board has let go."""
+    def spin_jammed_until(self, holds: Callable[[], bool], what: str, *channels: str) -> None:
+        """Spin until something holds, and jam these channels (all, if none is named) again whenever a board let go."""
 
         def holds_jammed() -> bool:
             state = self.last(JAM_STATE)
             if state is not None and state.fault.reason == Fault.BOARD_LET_GO:
                 self.heard[JAM_STATE.name].clear()
-                self.call(JAM_ALL)
+                self.call(JAM, channels=list(channels))
             return holds()
 
         self.spin_until(holds_jammed, what)

@@ -90,7 +90,9 @@ class DriverParameters:
         0.05,
         60.0,
     )
-    vent_timeout_s: float = parameter(1.0, "Longest time in VENTING before FAULT", "s", 0.05, 60.0)
+    vent_timeout_s: float = parameter(
+        1.0, "Longest time until a channel asked to unjam is vented, before FAULT", "s", 0.05, 60.0
+    )
     command_timeout_s: float = parameter(
         0.5, "Silence of jam_command after which what it jammed is vented", "s", 0.05, 60.0
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections import deque
 from dataclasses import dataclass, replace
@@ -10,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from fault_bench import SET_POINT_PA, jammed_bench, run
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import CHANNELS
+from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.evidence import LONGEST_UNKNOWN_S, Evidence
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, PressureSample, released
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, released
+from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.fake.bench import SAMPLE_S, FaultBench
 from jammkle_driver.fake.faults import FakeFault
@@ -180,3 +184,70 @@ def test_a_pump_at_full_duty_is_counted_once_however_readings_come() -> None:
     host.bench.driver.jam((), 60e3, "test")
     host.run(2.0, wander=False)
     assert host.told in PASSING
+
+
+class AskedBoard:
+    """A driver that ticks on time, and a board that is asked; its answers come or not."""
+
+    def __init__(self) -> None:
+        self.driver = Driver(CHANNELS, DriverParameters().settings())
+        self.driver.activate(Instant(0.0, 0.0))
+        self.link = LinkStatus(LinkState.CONNECTED)
+        self._ticks = 0
+
+    def run(self, duration_s: float, *, broken: str = "", answers: bool = True) -> None:
+        for _ in range(round(duration_s / TICK_PERIOD_S)):
+            self._ticks += 1
+            time_s = self._ticks * TICK_PERIOD_S
+            now = Instant(time_s, time_s)
+            if answers:
+                self.link = replace(self.link, exchanges=self.link.exchanges + 5)
+                for place in (MANIFOLD, *CHANNELS):
+                    pressure_pa = math.nan if place == broken else STANDARD_ATMOSPHERE_PA
+                    self.driver.measure(PressureSample(place, pressure_pa, time_s), now)
+            self.driver.tick(now)
+            self.driver.look_at_link(self.link, now)
+
+    @property
+    def reasons(self) -> set[Reason]:
+        return {channel.fault for channel in self.driver.ankle.faulty}
+
+
+def test_a_board_whose_answers_come_too_late_is_no_fault() -> None:
+    """The driver ticks on time, and the board is starved: jammed it is let go of, vented it is waited for.
+
+    A sensor without a number in what the board does answer is a fault within its time all the same.
+    """
+    asked = AskedBoard()
+    asked.run(1.0)
+    asked.driver.jam((), SET_POINT_PA, "test")
+    asked.run(DriverParameters().pressure_timeout_s + 2.0 * TICK_PERIOD_S, answers=False)
+    assert asked.reasons == set()
+    assert asked.driver.status.trouble.reason is Reason.BOARD_LET_GO
+    assert asked.driver.command == released(CHANNELS)
+    asked.run(30.0, answers=False)
+    assert asked.reasons == set()
+    asked.run(1.0)
+    asked.driver.jam((), SET_POINT_PA, "test")
+    asked.run(0.4, broken="achilles")
+    assert asked.reasons == set()
+    asked.run(0.2, broken="achilles")
+    assert asked.reasons == {Reason.SENSOR_DEAD}
+
+
+def test_a_board_that_is_lost_while_vented_comes_back_without_anybody() -> None:
+    """It is reported, and nothing jams meanwhile; jammed, the same is latched."""
+    asked = AskedBoard()
+    asked.run(1.0)
+    asked.link = replace(asked.link, state=LinkState.LOST, detail="no reply")
+    asked.run(5.0, answers=False)
+    assert asked.driver.status.trouble.reason is Reason.BOARD_UNPLUGGED
+    with pytest.raises(RequestError, match="does not answer"):
+        asked.driver.jam((), SET_POINT_PA, "test")
+    asked.link = replace(asked.link, state=LinkState.CONNECTED)
+    asked.run(0.2)
+    assert asked.driver.status.trouble.reason is Reason.NONE
+    asked.driver.jam((), SET_POINT_PA, "test")
+    asked.link = replace(asked.link, state=LinkState.LOST)
+    asked.run(TICK_PERIOD_S, answers=False)
+    assert asked.reasons == {Reason.BOARD_UNPLUGGED}

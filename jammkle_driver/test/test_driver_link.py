@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
+from dataclasses import replace
 from importlib.metadata import EntryPoint
-from typing import ClassVar
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import pytest
+from pymodbus import ModbusException
 
 from jammkle_common.command import HARDWARE
 from jammkle_common.parameters import ParameterError
+from jammkle_driver.board.line import Line, LineError
+from jammkle_driver.board.wiring_file import load_wiring
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
 from jammkle_driver.core.link import RESTART_TOLD_S, LinkGuard, NoiseMeter, RestartWatch
 from jammkle_driver.hardware_choice import HardwareContext, check_hardware, check_parameters, make_hardware
 from jammkle_driver.parameters import DriverParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 HEALTHY = LinkStatus(LinkState.CONNECTED)
 LATCHED = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.HOST_SILENT}))
@@ -98,6 +107,47 @@ def test_a_link_that_is_well_asks_for_nothing() -> None:
         verdict = LinkGuard().look(HEALTHY, jammed=jammed)
         assert verdict.fault is None
         assert not verdict.acknowledge
+
+
+class SlowClient:
+    """Stands for the library's client on a line: replies come in time, or raise a time-out."""
+
+    connected = True
+
+    def __init__(self, trace: Callable[[bool, bytes], bytes]) -> None:
+        self.ctx = SimpleNamespace(comm_params=SimpleNamespace(timeout_connect=0.0))
+        self.in_time = False
+        self.waited_s: list[float] = []
+        self._trace = trace
+
+    async def read_input_registers(self, _first: int, *, count: int, device_id: int) -> Any:
+        self.waited_s.append(self.ctx.comm_params.timeout_connect)
+        if not self.in_time:
+            msg = "no reply"
+            raise ModbusException(msg)
+        self._trace(False, bytes((device_id, 4, 2 * count)))  # noqa: FBT003 - as the library calls it
+        return SimpleNamespace(function_code=4, isError=lambda: False, registers=[0] * count)
+
+
+def test_a_reply_that_comes_late_is_waited_for_longer() -> None:
+    """It shows a board that lives, and the wait doubles, up to eightfold; one that never comes changes nothing."""
+    line = Line("tcp://board", replace(load_wiring(None), reply_timeout_s=0.001))
+    client = line._client = SlowClient(line._trace)
+
+    async def talk() -> None:
+        for late in (False, True, True, True, True, False):
+            with pytest.raises(LineError):
+                await line.read("input", 0, 1)
+            if late:
+                line._trace(False, b"late")  # noqa: FBT003 - as the library calls it
+        client.in_time = True
+        for _ in range(200):
+            await line.read("input", 0, 1)
+
+    asyncio.run(talk())
+    assert client.waited_s[:6] == pytest.approx([0.001, 0.001, 0.002, 0.004, 0.008, 0.008])
+    assert client.waited_s[-1] == pytest.approx(0.001)
+    assert (line.timeouts, line.late) == (6, 4)
 
 
 class OurLab:

@@ -30,6 +30,12 @@ _SILENCE_CHARACTERS = 3.5
 _CHARACTER_BITS = 11
 
 
+_PATIENCE = 8.0
+"""How much longer than `reply_timeout_s` is waited at the most where replies come late, as a ratio."""
+
+_CALMS = 0.98
+"""What a reply leaves of a longer wait: some hundred, a second at 100 Hz, until it is `reply_timeout_s` again."""
+
 _LATE_S = 0.01
 """How much longer than its time-out a request may take, s, on a host that is on time: ten slices of a scheduler."""
 
@@ -118,7 +124,10 @@ class Line:
         self._silence_s = silence_s(wiring.baud_rate) if self._serial else 0.0
         self._free_s = 0.0
         self._came_in = b""
+        self._patience_s = wiring.reply_timeout_s
+        self._unanswered = False
         self.answered = 0
+        self.late = 0
         self.damaged = 0
         self.timeouts = 0
         self.refusals = 0
@@ -240,12 +249,19 @@ class Line:
         A frame carries no number, so that a reply that comes late would pass for that to the next request. After a
         request without a reply the line is left alone for as long as was waited for it, and what has come before the
         next is thrown away unread. Only a reply that comes later still, to the same request as the next, is not told.
+
+        What comes after its time shows that the board lives, on a busy machine or a slow line: it is counted as late,
+        and the next reply is waited for twice as long, up to `_PATIENCE` times `reply_timeout_s`.
         """
         loop = asyncio.get_running_loop()
         left_s = self._free_s - loop.time()
         if left_s > 0.0:
             await asyncio.sleep(left_s)
-        self._throw_away()
+        if self._throw_away() and self._unanswered:
+            self.late += 1
+            self._patience_s = min(2.0 * self._patience_s, _PATIENCE * self._wiring.reply_timeout_s)
+        self._unanswered = False
+        self._client.ctx.comm_params.timeout_connect = patience_s = self._patience_s
         pause_s = self._silence_s
         begun_s = loop.time()
         try:
@@ -258,9 +274,10 @@ class Line:
                 msg = f"{what}: the reply's check sum is wrong"
             else:
                 self.timeouts += 1
-                pause_s = self._wiring.reply_timeout_s
-                msg = f"no reply within {self._wiring.reply_timeout_s:g} s"
-            late_s = loop.time() - begun_s - self._wiring.reply_timeout_s
+                self._unanswered = True
+                pause_s = patience_s
+                msg = f"no reply within {patience_s:g} s"
+            late_s = loop.time() - begun_s - patience_s
             raise LineError(msg, host_was_late=late_s > _LATE_S) from error
         finally:
             self._free_s = loop.time() + pause_s
@@ -270,6 +287,7 @@ class Line:
             msg = f"{what}: the reply is one to another request"
             raise LineError(msg)
         self.answered += 1
+        self._patience_s = max(_CALMS * patience_s, self._wiring.reply_timeout_s)
         if reply.isError():
             self.refusals += 1
             raise RefusedError(what, int(reply.exception_code))
@@ -287,12 +305,15 @@ class Line:
             return len(reply.registers) == reads and head in self._came_in
         return all(getattr(reply, name) == value for name, value in echo.items())
 
-    def _throw_away(self) -> None:
-        """Forget what has come; over TCP each frame has a number of its own."""
-        self._came_in = b""
+    def _throw_away(self) -> bool:
+        """Forget what has come, and return whether anything had; over TCP each frame has a number of its own."""
+        came, self._came_in = bool(self._came_in), b""
         if self._serial and self.is_open:
             with contextlib.suppress(OSError, termios.error):  # a device that is gone: the request will say so
-                self._client.ctx.transport.sync_serial.reset_input_buffer()
+                device = self._client.ctx.transport.sync_serial
+                came = came or device.in_waiting > 0
+                device.reset_input_buffer()
+        return came
 
     def _trace(self, sending: bool, data: bytes) -> bytes:  # noqa: FBT001 - as the library calls it
         if not sending:

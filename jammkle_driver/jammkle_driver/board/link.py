@@ -27,7 +27,8 @@ lets the board's own watchdog run out; to a board without one the safe state is 
 _FIRST_PAUSE_S = 0.1
 _LONGEST_PAUSE_S = 1.0
 _LOST_AFTER = 3
-"""Requests in a row without a good reply after which the board counts as lost; one alone is noise on the line."""
+"""Requests in a row without a good reply after which the board counts as lost; one alone is noise on the line. Where
+this end or a reply was late they are counted anew: a machine that is busy is no board that is gone."""
 
 _CLOSE_TIMEOUT_S = 1.0
 _RATE_SHARE = 0.05
@@ -60,6 +61,8 @@ class BoardLink:
         self._acknowledges = False
         self._stops = False
         self._failed_in_a_row = 0
+        self._late_replies = 0
+        self._unanswered_s: float | None = None
         self._board_crc_errors: int | None = None
         self._crc_at_board = 0
         self._last: tuple[float, float] | None = None
@@ -179,21 +182,26 @@ class BoardLink:
 
     async def _cycle(self) -> None:
         # A board that is asked for a last time gets its command however old it is.
+        # A reply carries no number: it may be a late one to the first request that was not answered.
+        sent_s = time.monotonic() if self._unanswered_s is None else self._unanswered_s
         fresh = self._stops or time.monotonic() - self._applied_s < HOST_SILENCE_S
         try:
             if self._acknowledges:
                 await self._acknowledge()
                 self._acknowledges = False  # a line that lost it is asked again
             last = self._command
-            sent_s = time.monotonic()
             exchange = await (self._dialogue.exchange(last) if fresh else self._dialogue.exchange_stale(last))
         except LineError as error:
-            self._failed_in_a_row += int(not error.host_was_late)
+            busy = error.host_was_late or self._line.late > self._late_replies
+            self._late_replies = self._line.late
+            self._failed_in_a_row = 0 if busy else self._failed_in_a_row + 1
+            self._unanswered_s = sent_s
             self._count()
             if self._failed_in_a_row >= _LOST_AFTER or not self._line.is_open:
                 raise
             return
         self._failed_in_a_row = 0
+        self._unanswered_s = None
         exchange = replace(exchange, sent_s=sent_s, received_s=time.monotonic())
         self._take(exchange)
         self._on_exchange(exchange)
@@ -214,7 +222,7 @@ class BoardLink:
     def _lost(self, why: str) -> None:
         found = self._status.connects > 0
         self._tell(state=LinkState.LOST if found else LinkState.SEARCHING, detail=why)
-        self._cycled_s = self._cycle_s = None
+        self._cycled_s = self._cycle_s = self._unanswered_s = None
         self._count()
 
     def _take(self, exchange: Exchange) -> None:

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 INACTIVE = "driver is not active"
 
 
-def check_ready(*, active: bool, stop_reason: str, board_waits: bool) -> None:
+def check_ready(*, active: bool, stop_reason: str, board: str) -> None:
     """Check that a driver may jam at all.
 
     Args:
         active: Whether it follows requests.
         stop_reason: Why everything is stopped; empty where it is not.
-        board_waits: Whether the board has let go and has not yet taken the release.
+        board: Why the board takes no jam now; empty where it does.
 
     Raises:
         RequestError: it may not.
@@ -34,8 +34,8 @@ def check_ready(*, active: bool, stop_reason: str, board_waits: bool) -> None:
     if stop_reason:
         msg = f"emergency stop ({stop_reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
         raise RequestError(msg)
-    if board_waits:
-        msg = "the board has let go and has not yet taken the release: cannot jam; ask again"
+    if board:
+        msg = f"{board}: cannot jam; ask again"
         raise RequestError(msg)
 
 

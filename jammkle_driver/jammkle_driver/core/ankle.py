@@ -14,7 +14,7 @@ from jammkle_driver.core.evidence import LONGEST_UNKNOWN_S, Evidence
 from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
 from jammkle_driver.core.leakage import LeakMeter
-from jammkle_driver.core.regulator import PumpLoad, PumpRegulator, RegulatorSettings
+from jammkle_driver.core.regulator import LATE_S, Connected, ExcessVent, PumpLoad, PumpRegulator, RegulatorSettings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,6 +25,13 @@ if TYPE_CHECKING:
 
 _LONGEST_WAIT_S = 5.0
 """How long a reading may wait to be taken, s, while a node hangs. Assumed: what is older is of a clock set back."""
+
+_SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 0.005, 0.1
+"""Bounds of the time from one reading to the next, s: faster than any line, and a host that stands still."""
+
+_ANSWERED_AFTER = 3.0
+"""Cycles from a reading to the end of what it led to: half a cycle until it is in, then the command's way out and its
+cycle."""
 
 
 class SafeState(enum.Enum):
@@ -95,6 +102,9 @@ class Ankle:
         self._duty = 0.0
         self._command = released(self._names)
         self._held: ActuatorCommand | None = None
+        self._vent = ExcessVent(self._settings.diagnosis.air.valve_conductance_m3_s_pa)
+        self._pulsed: frozenset[str] = frozenset()
+        self._period_s = _SHORTEST_PERIOD_S
         self._judged_from_s = -math.inf
 
     @property
@@ -107,7 +117,7 @@ class Ankle:
         """What the actuators shall do now; the same object until something else is."""
         if self._held is not None:
             return self._held
-        solenoids = {name: channel.energised for name, channel in self.channels.items()}
+        solenoids = {name: each.energised and name not in self._pulsed for name, each in self.channels.items()}
         if self._duty != self._command.pump_duty or solenoids != self._command.solenoids:
             self._command = ActuatorCommand(solenoids, self._duty)
         return self._command
@@ -233,7 +243,10 @@ class Ankle:
         since_s = stamp_s - self._regulated_at_s
         if not -_LONGEST_WAIT_S < since_s <= 0.0:
             self._regulated_at_s = stamp_s
-            self.regulate(max(since_s, 0.0) if math.isfinite(since_s) else 0.0)
+            passed_s = max(since_s, 0.0) if math.isfinite(since_s) else 0.0
+            self._period_s = min(max(passed_s, 0.95 * self._period_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
+            self._vent_excess(stamp_s)
+            self.regulate(passed_s)
 
     def regulate(self, elapsed_s: float) -> None:
         """Set the pump anew, `elapsed_s` s after the last measurement."""
@@ -251,10 +264,34 @@ class Ankle:
             self.manifold_vacuum_pa,
             elapsed_s,
             deepest_vacuum_pa=max(connected_pa, default=0.0),
+            rise_pa=self._rise_pa(set_point_pa),
         )
         self._duty = self.load.spare(duty, elapsed_s)
         if self._regulator.full_s > self._settings.channel.jam_timeout_s:
             self._give_up(min(jammed, key=lambda channel: math.inf if channel.vacuum_pa is None else channel.vacuum_pa))
+
+    def _connected_m3(self) -> float:
+        air = self._settings.diagnosis.air
+        volumes_m3 = zip(self._names, air.channel_volumes_m3, strict=False)
+        return air.manifold_volume_m3 + sum(each for name, each in volumes_m3 if self.channels[name].energised)
+
+    def _vent_excess(self, stamp_s: float) -> None:
+        air = self._settings.diagnosis.air
+        volumes_m3 = dict(zip(self._names, air.channel_volumes_m3, strict=False))
+        excessive = [
+            Connected(name, volumes_m3[name], channel.excess_pa)
+            for name, channel in self.channels.items()
+            if channel.excess_pa > 0.0
+        ]
+        self._pulsed = self._vent.pulse(excessive, self._connected_m3(), stamp_s, self._period_s)
+
+    def _rise_pa(self, vacuum_pa: float) -> float:
+        if self._period_s <= LATE_S:
+            return 0.0
+        air = self._settings.diagnosis.air
+        flow_m3_s = air.pump_free_flow_m3_s * max(1.0 - vacuum_pa / air.pump_ultimate_vacuum_pa, 0.0)
+        pressure_pa = max(self.atmosphere.pressure_pa - vacuum_pa, 0.0)
+        return flow_m3_s * pressure_pa / self._connected_m3() * _ANSWERED_AFTER * self._period_s
 
     def stood_still(self) -> None:
         """Note that readings of a while are missing because nobody took them."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.faults import Reason, finding
-from jammkle_driver.core.regulator import draws
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,12 +39,11 @@ class ChannelSettings:
     """When a channel counts as jammed, vented or failed.
 
     Attributes:
-        tolerance_pa: Distance from the set point within which a channel is JAMMED, and above which its solenoid is
-            released, Pa.
+        tolerance_pa: Distance from the set point within which a channel is JAMMED, and above which it vents, Pa.
         hysteresis_pa: How far above `vented_vacuum_pa` it must go to leave UNJAMMED again, Pa.
         vented_vacuum_pa: Vacuum below which a channel counts as vented, Pa.
         jam_timeout_s: Longest time that a channel with a set point may be anything but JAMMED, s.
-        vent_timeout_s: Longest time in VENTING, s.
+        vent_timeout_s: Longest time that a channel without a set point may be VENTING, s.
 
     """
 
@@ -123,6 +121,14 @@ class Channel:
     def energised(self) -> bool:
         """Whether the solenoid shall connect the channel to the manifold."""
         return self._energised
+
+    @property
+    def excess_pa(self) -> float:
+        """How far a connected channel is above the band around its set point, and from there, Pa; 0 where it is not."""
+        if not self._energised or self._held or self._vacuum_pa is None:
+            return 0.0
+        excess_pa = self._vacuum_pa - self._set_point_pa
+        return excess_pa if excess_pa > self._settings.tolerance_pa else 0.0
 
     @property
     def reason(self) -> str:
@@ -243,12 +249,7 @@ class Channel:
             return
         if self._held:
             return
-        self._energised = draws(
-            drawing=self._energised,
-            set_point_pa=self._set_point_pa,
-            vacuum_pa=self._vacuum_pa,
-            band_pa=self._settings.tolerance_pa,
-        )
+        self._energised = self._set_point_pa > 0.0
 
     def _observed(self) -> ChannelState:
         if not self._enabled or self._vacuum_pa is None:
@@ -276,7 +277,11 @@ class Channel:
                 f"at {self._vacuum_pa:.0f} of {self._set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
                 "(jam_timeout_s)",
             )
-        elif self._state is ChannelState.VENTING and not self._held and self._in_state_s > settings.vent_timeout_s:
+        elif (
+            self._set_point_pa == 0.0
+            and self._state is ChannelState.VENTING
+            and self._in_state_s > settings.vent_timeout_s
+        ):
             self._give_up(
                 Reason.NOT_VENTED,
                 f"still at {self._vacuum_pa:.0f} Pa, wanted {self._set_point_pa:.0f} Pa, after venting for "

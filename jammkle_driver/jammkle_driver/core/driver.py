@@ -10,8 +10,8 @@ from jammkle_driver.core.admission import INACTIVE, check_able, check_ready
 from jammkle_driver.core.ankle import Ankle, SafeState
 from jammkle_driver.core.emergency_stop import EmergencyStop
 from jammkle_driver.core.faults import Finding, Reason
-from jammkle_driver.core.hardware import ActuatorCommand, PressureSample, released
-from jammkle_driver.core.link import LinkGuard, NoiseMeter, RestartWatch
+from jammkle_driver.core.hardware import ActuatorCommand, LinkState, LinkStatus, PressureSample, released
+from jammkle_driver.core.link import BOARD, LinkGuard, NoiseMeter, RestartWatch
 from jammkle_driver.core.overload import OverloadStatus, OverloadWatch
 from jammkle_driver.core.publishers import ONLY_PUBLISHER, Publication
 from jammkle_driver.core.requests import (
@@ -23,13 +23,12 @@ from jammkle_driver.core.requests import (
     checked_wishes,
 )
 from jammkle_driver.core.sensors import SensorWatch
-from jammkle_driver.core.status import DriverStatus, worst_trouble
+from jammkle_driver.core.status import DriverStatus, Trouble, worst_trouble
 from jammkle_driver.core.stream import WishStreams
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.core.requests import VacuumLimits
     from jammkle_driver.core.settings import DriverSettings
     from jammkle_driver.core.watchdog import Instant
@@ -50,7 +49,7 @@ class Driver:
         self._limits = settings.limits
         self._ankle = Ankle(self._names, settings.ankle)
         self._streams = WishStreams(settings.command_timeout_s)
-        self._sensors = SensorWatch(self._names, settings.pressure_timeout_s)
+        self._sensors = SensorWatch(self._names, settings.pressure_timeout_s, settings.tick_period_s)
         self._emergency_stop = EmergencyStop(settings.emergency_stop_timeout_s)
         self._overload = OverloadWatch(settings.tick_period_s)
         self._link_guard = LinkGuard()
@@ -61,6 +60,7 @@ class Driver:
         self._active = False
         self._stopped = False
         self._board_waits = False
+        self._link = LinkStatus(LinkState.SEARCHING)
         self._plant_restarts = 0
         self._plant_paused = False
         self._line_noise: Finding | None = None
@@ -93,7 +93,7 @@ class Driver:
             stop_reason=self._emergency_stop.reason,
             manifold_vacuum_pa=ankle.manifold_vacuum_pa,
             channels=tuple(channel.status for channel in ankle.channels.values()),
-            trouble=worst_trouble(ankle, self._sensors, self._line_noise, self.own_pace),
+            trouble=self._trouble,
             limits=self._limits,
             atmosphere=ankle.atmosphere.status,
             held=ankle.held,
@@ -108,12 +108,11 @@ class Driver:
     def standing(self) -> tuple[object, ...]:
         """All of the status but what was measured: what everybody is to know at once when it changes."""
         channels = [(each.state, each.set_point_pa, each.reason) for each in self._ankle.channels.values()]
-        trouble = worst_trouble(self._ankle, self._sensors, self._line_noise, self.own_pace)
         return (
             self._active,
             self._emergency_stop.reason,
             self._streams.speaking,
-            trouble.reason,
+            self._trouble.reason,
             self._limits,
             *channels,
         )
@@ -163,7 +162,7 @@ class Driver:
         """
         names = checked_channels(channels, self._names)
         vacuum_pa = checked_vacuum(vacuum_pa, self.limits)
-        check_ready(active=self._active, stop_reason=self._emergency_stop.reason, board_waits=self._board_waits)
+        check_ready(active=self._active, stop_reason=self._emergency_stop.reason, board=self._why_not_ready)
         check_able(self._ankle, names)
         wishes = [Wish(name, vacuum_pa) for name in names]
         check_shared_vacuum(wishes, self._ankle.set_points_pa)
@@ -223,7 +222,7 @@ class Driver:
         heard = [
             wish
             for wish in checked
-            if self._ankle.channels[wish.channel].vacuum_pa is not None and not self._board_waits
+            if self._ankle.channels[wish.channel].vacuum_pa is not None and not self._why_not_ready
         ]
         able = [wish for wish in heard if self._can_follow(wish.channel)]
         new = tuple(able) if anew else stream.changes(able)
@@ -258,7 +257,7 @@ class Driver:
         faulty = self._ankle.faulty
         cleared = (["emergency stop"] if was_stopped else []) + [channel.name for channel in faulty]
         for channel in faulty:
-            if self._sensors.silent(channel.name, now):
+            if self._sensors.silent(channel.name):
                 channel.forget_pressure()
         if cleared:
             self._ankle.clear(tuple(self._ankle.channels.values()) if was_stopped else faulty)
@@ -268,9 +267,10 @@ class Driver:
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
         """Take a pressure sample. One that is not a finite number, or of a plant that is paused, is ignored."""
-        if not math.isfinite(sample.pressure_pa) or self._plant_paused:
+        valid = math.isfinite(sample.pressure_pa) and not self._plant_paused
+        self._sensors.take(sample.place, valid=valid)
+        if not valid:
             return
-        self._sensors.hear(sample.place, now)
         self._ankle.measure(sample, now, driven=self._active)
 
     def take_driven(self, driven: ActuatorCommand, stamp_s: float) -> None:
@@ -289,6 +289,7 @@ class Driver:
             Whether the board's latched safe state is to be acknowledged now.
 
         """
+        self._link = link
         if link.plant_restarts != self._plant_restarts:
             self._plant_restarts = link.plant_restarts
             self._ankle.begin_anew(now)
@@ -305,6 +306,8 @@ class Driver:
             self._ankle.vent(verdict.let_go)
             self._streams.forget()
             self._ankle.regulate(0.0)
+        if link.state is LinkState.LOST:
+            self._forget_pressures()
         return verdict.acknowledge
 
     def watch_link(self, link: LinkStatus, now: Instant) -> None:
@@ -321,17 +324,17 @@ class Driver:
 
         """
         passed_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s
-        late_s = passed_s if self._plant_paused else passed_s - 2.0 * self._settings.tick_period_s
         self._steady_s, self._ticked_s = now.steady_s, now.graph_s
-        # A silent sensor ends in a fault: only silence counts that somebody was there to notice, by two periods a tick.
-        self._sensors.excuse(max(late_s, 0.0))
+        self._sensors.tick(0.0 if self._plant_paused else passed_s, asked=self._link.exchanges > 0)
         stood_s = self._overload.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has heard nothing, and nobody is to blame for that.
             self._emergency_stop.excuse(stood_s)
             self._streams.excuse(stood_s)
             self._ankle.stood_still()
-        self._sensors.look(self._ankle, now, active=self._active)
+        self._sensors.look(self._ankle, active=self._active)
+        if self._sensors.unanswered:
+            self._let_go_blind()
         for name in self._streams.fall_silent(now):
             verb = "unjammed" if self._settings.ankle.safe_state is SafeState.VENT else "held"
             text = f"{verb}: no accepted jam_command for {self._streams.timeout_s:g} s (command_timeout_s)"
@@ -340,6 +343,30 @@ class Driver:
             self._emergency_stop.tick(stop_publishers, now)
             self._obey_stop()
         self._ankle.regulate(0.0)
+
+    @property
+    def _trouble(self) -> Trouble:
+        return worst_trouble(self._ankle, self._sensors, self._link, self._line_noise, self.own_pace)
+
+    @property
+    def _why_not_ready(self) -> str:
+        """Why the board takes no jam now; empty where it does."""
+        if self._link.state is LinkState.LOST:
+            return f"the board does not answer ({self._link.detail})"
+        return "the board has let go and has not yet taken the release" if self._board_waits else ""
+
+    def _forget_pressures(self) -> None:
+        self._ankle.manifold_vacuum_pa = None
+        for channel in self._ankle.channels.values():
+            channel.forget_pressure()
+        self._ankle.regulate(0.0)
+
+    def _let_go_blind(self) -> None:
+        """Go to the safe state where answers come too late to count, which no fault is concluded from."""
+        text = f"let go: no answer of the board for {self._sensors.timeout_s:g} s (pressure_timeout_s)"
+        self._ankle.let_go(self._names, Finding(Reason.BOARD_LET_GO, BOARD, text, self._sensors.values))
+        self._streams.forget()
+        self._forget_pressures()
 
     def _can_follow(self, channel: str) -> bool:
         return not self._emergency_stop.reason and self._ankle.able(channel)

@@ -102,7 +102,7 @@ class LinkStatus:
         faults: What the board finds wrong now.
         supply_v: Voltage of the supply, V; None where it is not measured.
         connects: How often the link came up.
-        exchanges: Requests that were answered.
+        exchanges: Requests that were answered; 0 for ever of hardware that is not asked but speaks by itself.
         crc_errors: Frames that either end threw away because their check sum was wrong.
         timeouts: Requests that nobody answered in time.
         refusals: Requests that the board refused.

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jammkle_driver.core.air import REFERENCE_PA
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _DUTY_STEPS = 255
 """Duty is rounded to steps of an 8-bit PWM register, which keeps sensor noise off the topic."""
 
 _NEARLY_ALL = 0.9
 """Duty from which a pump counts as working at full duty, 1: noise of 100 Pa moves the duty by a fortieth."""
+
+LATE_S = 0.03
+"""Time between two readings from which they come late, s: three cycles of a line at 100 Hz."""
 
 _LONGEST_STEP_S = 0.1
 """Longest time over which one sample counts for the integral, s; more is a gap in the data. Assumed."""
@@ -75,6 +84,7 @@ class PumpRegulator:
         elapsed_s: float,
         *,
         deepest_vacuum_pa: float = 0.0,
+        rise_pa: float = 0.0,
     ) -> float:
         """Return the duty, 0 to 1.
 
@@ -88,6 +98,8 @@ class PumpRegulator:
             manifold_vacuum_pa: Vacuum in the manifold, Pa, or None where it is not measured.
             elapsed_s: Time since the last update, s, >= 0.
             deepest_vacuum_pa: Highest vacuum among the channels that are connected, Pa; 0 where none is.
+            rise_pa: What the pump adds at full duty until the answer to the next reading, Pa, where readings come late:
+                the duty is lower then, so that the set point is not passed meanwhile. 0: they come in time.
 
         """
         settings = self._settings
@@ -110,7 +122,8 @@ class PumpRegulator:
         saturated = (unbounded > 1.0 and step > 0.0) or (unbounded < 0.0 and step < 0.0)
         if not saturated:
             self._integral = min(max(self._integral + step, 0.0), 1.0)
-        duty = min(max(proportional + self._integral, 0.0), 1.0)
+        most = 1.0 if rise_pa <= max(error_pa, 0.0) else max(error_pa, 0.0) / rise_pa
+        duty = min(max(proportional + self._integral, 0.0), most)
         goes_on = duty >= _NEARLY_ALL and set_point_pa == self._set_point_pa
         self._full_s = self._full_s + passed_s if goes_on else 0.0
         self._set_point_pa = set_point_pa
@@ -150,20 +163,73 @@ class PumpLoad:
         return allowed
 
 
-def draws(*, drawing: bool, set_point_pa: float, vacuum_pa: float, band_pa: float) -> bool:
-    """Return whether a channel's solenoid shall be energised to reach its set point.
+@dataclass(frozen=True)
+class Connected:
+    """A channel that is connected to the manifold and holds more than its set point.
 
-    A 3/2 solenoid cannot hold: it either connects to the manifold or vents. A channel that has too much, as after a
-    lower set point, is therefore released above the band, and energised again at the set point. Air that comes in
-    this way lowers the manifold too, until all is within the band and the channel stays connected.
-
-    Args:
-        drawing: Whether it is energised now.
-        set_point_pa: Vacuum wanted, Pa; at 0 the answer is always no.
-        vacuum_pa: Vacuum measured in the channel, Pa.
-        band_pa: Width of the hysteresis above the set point, Pa.
+    Attributes:
+        name: The channel.
+        volume_m3: Its air, m^3.
+        excess_pa: How far it is above the set point, Pa.
 
     """
-    if set_point_pa <= 0.0:
-        return False
-    return vacuum_pa <= set_point_pa + band_pa if drawing else vacuum_pa < set_point_pa
+
+    name: str
+    volume_m3: float
+    excess_pa: float
+
+
+class ExcessVent:
+    """Lowers the one vacuum of all jammed channels by short pulses of single valves, after a lower set point.
+
+    A 3/2 valve cannot hold: it either connects to the manifold or vents, and then lets in `C p_atmosphere` of air,
+    which fills a tendon of 6 mL in 0.06 s. With the dead times of valve, line and sensor on top, a valve that waits for
+    its reading to come down lets nearly all of the vacuum go. But the manifold is a store: what one valve lets in
+    within one reading, 1 mL, is 2.6 kPa of all that is connected. So a channel vents for one reading and is connected
+    again; what it lacks comes from the others, and the next pulse waits until that has settled. The larger a channel,
+    the less it dips meanwhile, so that the largest come first; as many at once as the excess asks for.
+    """
+
+    SETTLE_S = 0.06
+    """From one pulse to the next, s: a dead time of 20 ms, a cycle of 10 ms, and 30 ms in which it evens out."""
+
+    LONGEST_WAIT_S = 0.5
+    """How long readings that come late, in which a valve would let in too much, are waited out, s."""
+
+    def __init__(self, conductance_m3_s_pa: float) -> None:
+        """Vent through valves of this sonic conductance, m^3/(s Pa)."""
+        self._inflow_pa_m3_s = conductance_m3_s_pa * REFERENCE_PA * REFERENCE_PA
+        self._pulsed_at_s = -math.inf
+        self._excessive_since_s: float | None = None
+
+    def pulse(
+        self, excessive: Sequence[Connected], volume_m3: float, stamp_s: float, period_s: float
+    ) -> frozenset[str]:
+        """Return the channels that vent until the next reading.
+
+        Args:
+            excessive: Channels that hold too much.
+            volume_m3: All air that is connected, m^3.
+            stamp_s: When they were read, s.
+            period_s: Time until the next reading, s.
+
+        """
+        if not excessive:
+            self._excessive_since_s = None
+            return frozenset()
+        if self._excessive_since_s is None or stamp_s < self._excessive_since_s:
+            self._excessive_since_s = stamp_s
+        if 0.0 <= stamp_s - self._pulsed_at_s < self.SETTLE_S:
+            return frozenset()
+        by_one_pa = self._inflow_pa_m3_s * period_s / volume_m3
+        excess_pa = min(each.excess_pa for each in excessive)
+        if (
+            by_one_pa > 2.0 * excess_pa
+            and period_s > LATE_S
+            and stamp_s - self._excessive_since_s < self.LONGEST_WAIT_S
+        ):
+            return frozenset()
+        self._pulsed_at_s = stamp_s
+        count = max(1, int(excess_pa / by_one_pa))
+        largest_first = sorted(excessive, key=lambda each: -each.volume_m3)
+        return frozenset(each.name for each in largest_first[:count])

@@ -6,25 +6,41 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.faults import REMEDIES, Finding, Reason
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.core.watchdog import Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from jammkle_driver.core.ankle import Ankle
-    from jammkle_driver.core.watchdog import Instant
 
 
 class SensorWatch:
-    """Watches when each sensor was last heard; a channel without one is in FAULT, a manifold without one is not."""
+    """Counts for how long each sensor has given no pressure; a channel without one fails, a manifold does not.
 
-    def __init__(self, channels: Sequence[str], timeout_s: float) -> None:
-        """Watch the sensors of `channels` and of the manifold; silence of `timeout_s` s counts as not measured."""
+    A silent sensor ends in a latched fault, which needs evidence that a pause of the host cannot make. So silence is
+    counted in ticks of the driver, each by two periods at the most, however late it comes; and where hardware is asked
+    and answers, by those ticks alone in which an answer was taken. Whether it answers at all, its link tells.
+    """
+
+    def __init__(self, channels: Sequence[str], timeout_s: float, period_s: float) -> None:
+        """Watch the sensors of `channels` and of the manifold.
+
+        Args:
+            channels: Names of the channels.
+            timeout_s: Silence that counts as not measured, s.
+            period_s: Time between two ticks, s.
+
+        """
         self._names = tuple(channels)
         self._timeout_s = timeout_s
-        self._silences = {place: Watchdog(timeout_s) for place in (*self._names, MANIFOLD)}
-        # Sensors of one board fall silent within milliseconds, and each may be the first to be noticed.
-        self._all_silent = Watchdog(0.5 * timeout_s)
+        self._period_s = period_s
+        self.forget()
+
+    def forget(self) -> None:
+        """Be as new: no pressure was taken yet."""
+        self._silent_s: dict[str, float] = {}
+        self._all_silent_s = self._unanswered_s = 0.0
+        self._measured: set[str] = set()
+        self._answered = False
 
     @property
     def timeout_s(self) -> float:
@@ -32,42 +48,59 @@ class SensorWatch:
         return self._timeout_s
 
     @property
-    def manifold_heard(self) -> bool:
-        """Whether the manifold's sensor was ever heard."""
-        return self._silences[MANIFOLD].fed
+    def manifold_measured(self) -> bool:
+        """Whether the manifold's sensor ever gave a pressure."""
+        return MANIFOLD in self._silent_s
 
     @property
     def values(self) -> dict[str, str]:
         """What a silent sensor has not kept to, in numbers for people."""
         return {"silence allowed (s)": f"{self._timeout_s:g}"}
 
-    def hear(self, place: str, now: Instant) -> None:
-        """Note that a sensor was heard."""
-        self._silences[place].feed(now)
-        self._all_silent.feed(now)
+    @property
+    def unanswered(self) -> bool:
+        """Whether hardware that is asked has not answered for the time-out: every pressure is an old one."""
+        return self._unanswered_s > self._timeout_s
 
-    def silent(self, place: str, now: Instant) -> bool:
-        """Whether a sensor that was heard is silent now."""
-        return self._silences[place].expired(now)
+    def take(self, place: str, *, valid: bool) -> None:
+        """Note an answer of the hardware, and whether a sensor's pressure was in it."""
+        self._answered = True
+        self._unanswered_s = 0.0
+        if valid:
+            self._measured.add(place)
+            self._silent_s[place] = self._all_silent_s = 0.0
 
-    def excuse(self, stood_s: float) -> None:
-        """Hold a silence of `stood_s` s against nobody: nobody was there to hear."""
-        for silence in (*self._silences.values(), self._all_silent):
-            silence.excuse(stood_s)
+    def silent(self, place: str) -> bool:
+        """Whether a sensor that gave a pressure once gives none now."""
+        return self._silent_s.get(place, 0.0) > self._timeout_s
 
-    def forget(self) -> None:
-        """Be as new: nothing was heard yet."""
-        for silence in (*self._silences.values(), self._all_silent):
-            silence.forget()
+    def tick(self, passed_s: float, *, asked: bool) -> None:
+        """Count the time since the last tick.
 
-    def look(self, ankle: Ankle, now: Instant, *, active: bool) -> None:
+        Args:
+            passed_s: That time, s; 0 where nothing could be measured in it.
+            asked: Whether the hardware is asked, and answers each time; else it speaks by itself.
+
+        """
+        counted_s = min(max(passed_s, 0.0), 2.0 * self._period_s)
+        if asked and not self._answered:
+            self._unanswered_s += counted_s
+        else:
+            for place in self._silent_s.keys() - self._measured:
+                self._silent_s[place] += counted_s
+            self._all_silent_s += 0.0 if self._measured else counted_s
+        self._measured.clear()
+        self._answered = False
+
+    def look(self, ankle: Ankle, *, active: bool) -> None:
         """Let an ankle forget the pressures of silent sensors; where it is active, their channels fail."""
         measured = [name for name, channel in ankle.channels.items() if channel.vacuum_pa is not None]
-        silent = [name for name in measured if self._silences[name].expired(now)]
-        every = bool(silent) and self._all_silent.expired(now)
+        silent = [name for name in measured if self.silent(name)]
+        # Sensors of one board fall silent within milliseconds, and each may be the first to be noticed.
+        every = bool(silent) and self._all_silent_s > 0.5 * self._timeout_s
         if every:
             silent = measured
-        if every or self._silences[MANIFOLD].expired(now):
+        if every or self.silent(MANIFOLD):
             ankle.manifold_vacuum_pa = None
         for name in silent:
             ankle.channels[name].forget_pressure()

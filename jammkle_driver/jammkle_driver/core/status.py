@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from jammkle_driver.core.ankle import FaultPolicy
 from jammkle_driver.core.faults import REMEDIES, Reason
+from jammkle_driver.core.hardware import LinkState
+from jammkle_driver.core.link import link_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from jammkle_driver.core.atmosphere import AtmosphereStatus
     from jammkle_driver.core.channel import ChannelStatus
     from jammkle_driver.core.faults import Finding
+    from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.core.overload import OverloadStatus
     from jammkle_driver.core.requests import VacuumLimits
     from jammkle_driver.core.sensors import SensorWatch
@@ -74,8 +77,14 @@ class DriverStatus:
     commanders: int = 0
 
 
-def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadStatus) -> Trouble:
-    """Return the worst that is known: a fault, what was let go, a silent manifold, a noisy line, the own pace."""
+def worst_trouble(
+    ankle: Ankle, sensors: SensorWatch, link: LinkStatus, line_noise: Finding | None, own_pace: OverloadStatus
+) -> Trouble:
+    """Return the worst: a fault, a lost board, what was let go, a silent manifold, a noisy line, the own pace."""
+    return _of_ankle(ankle, link) or _of_what_is_around(ankle, sensors, line_noise, own_pace)
+
+
+def _of_ankle(ankle: Ankle, link: LinkStatus) -> Trouble | None:
     faulty = ankle.faulty
     acts = "kept as it was, pump off" if ankle.held else "vented"
     if faulty:
@@ -83,12 +92,21 @@ def worst_trouble(ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None
         others = "every channel" if ankle.settings.fault_policy is FaultPolicy.ANKLE else names
         worst = faulty[0].status
         return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
+    if link.state is LinkState.LOST:
+        text = f"the board does not answer ({link.detail}): {REMEDIES[Reason.BOARD_UNPLUGGED]}"
+        return Trouble(Reason.BOARD_UNPLUGGED, text, "nothing jams until it answers", link_numbers(link))
     let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
     if let_go:
         names = ", ".join(channel.name for channel in let_go)
         worst = let_go[0].status
         return Trouble(worst.fault, worst.reason, f"{names} {acts} until asked anew", worst.values)
-    if sensors.manifold_heard and ankle.manifold_vacuum_pa is None:
+    return None
+
+
+def _of_what_is_around(
+    ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadStatus
+) -> Trouble:
+    if sensors.manifold_measured and ankle.manifold_vacuum_pa is None:
         text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
         return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone", sensors.values)
     if line_noise is not None:
