@@ -105,7 +105,6 @@ docs: .venv-docs/made
 
 readme: extras
 	@$(BIN)/python test/readme_tables.py
-	@$(BIN)/python jammkle_bringup/scripts/write_parameter_file.py
 
 pictures: extras
 	@$(BIN)/python test/view_pictures.py

@@ -34,12 +34,12 @@ setup(
     entry_points={
         "console_scripts": [
             "composed = jammkle_bringup.composed:main",
-            "jammkle = jammkle_bringup.__main__:main",
-            "robot_names = jammkle_bringup.robot_names.__main__:main",
+            "jammkle = jammkle_common.command.__main__:main",
+            "robot_names = jammkle_bringup.robot_names:main",
         ],
         "jammkle.commands": [
-            *(f"{verb} = jammkle_bringup.commands:app" for verb in ("demo", "jam", "record", "status", "unjam", "up")),
-            *(f"{verb} = jammkle_bringup.bag_commands:app" for verb in ("export", "info", "plot", "recover", "rename")),
+            *(f"{verb} = jammkle_bringup.commands:app" for verb in ("up", "jam", "unjam", "status", "record", "demo")),
+            *(f"{verb} = jammkle_bringup.commands:app" for verb in ("info", "recover", "export", "plot", "rename")),
         ],
         "jammkle.landing": ["record = jammkle_bringup.demo:record_landing"],
     },

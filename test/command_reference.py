@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from typer.main import get_command
 
 from jammkle_common.command.main import app
-from jammkle_common.command.options import typed_row
-from jammkle_common.parameters import rows
+from jammkle_common.parameters import rows, typed_row
 from jammkle_sim.commands.rig_options import rig_app
 from jammkle_sim.rigs.catalogue import RIGS
 

@@ -1,4 +1,4 @@
-"""What is made from the code: parts of the pages in docs, the firmware's header of registers, versions in manifests.
+"""What is made from the code: parts of the pages, the firmware's header of registers, parameter files, versions.
 
 `make readme` writes them; a test fails when they differ. A page says what it wants and where:
 
@@ -13,12 +13,13 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from command_reference import command_text
-from jammkle_bringup.robot_names.parameters import RobotNamesParameters
+from jammkle_bringup.core.node_table import NODES as NODES_OF_AN_ANKLE
+from jammkle_bringup.core.node_table import ROBOT_NODES, ROBOT_VALUES, parameter_file_text
+from jammkle_bringup.robot_names import RobotNamesParameters
 from jammkle_common import VERSION
 from jammkle_common.command import COMMANDS, entries
-from jammkle_common.command.options import typed_row
-from jammkle_common.names import CHANNELS, RENAMED_TOPICS, ROBOT_TOPICS, SERVICES, TOPICS
-from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows
+from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
+from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows, typed_row
 from jammkle_controller.core.offered import OFFERS, Detection
 from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES
 from jammkle_controller.parameters import ControllerParameters
@@ -36,6 +37,7 @@ from jammkle_view.parameters import ViewerParameters
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 EXAMPLES = DOCS / "examples"
+CONFIG = ROOT / "jammkle_bringup" / "config"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
 OF_THE_DISTRIBUTION = ("numpy", "pyyaml")
 """Requirements that a sourced ROS has by itself."""
@@ -60,7 +62,7 @@ HOLDS = {
     "jammkle_sim": "physics, rigs, robots, the sim node",
     "jammkle_gap": "the diagnosis, its pages, the gap monitor",
     "jammkle_view": "the page in the browser, live and from a bag; the connection for Foxglove",
-    "jammkle_bringup": "the graph as a whole: launch files, parameters, viewer layouts; bags; the robot's own names",
+    "jammkle_bringup": "the graph as a whole: launch files, parameters, viewer layouts; bags; names of joints",
 }
 """What is in each package; its verbs are the entry points that it declares."""
 
@@ -118,10 +120,6 @@ def tables() -> dict[str, str]:
         "packages": table(
             ("package", "what it holds", "verbs of `jammkle`"),
             [(f"`{name}`", holds, verbs_of(name)) for name, holds in HOLDS.items()],
-        ),
-        "topics of robot_names": table(
-            ("topic", "type", "delivery", "what"),
-            [(f"`{t.name}`", f"`{t.message_type}`", t.kind.value, t.note) for t in RENAMED_TOPICS],
         ),
         "services": table(
             ("service", "type", "what"),
@@ -242,7 +240,13 @@ def manifests() -> dict[Path, str]:
 def made() -> dict[Path, str]:
     """Return every file that is made from the code, whole or in part, with its text."""
     parts = tables()
-    return {**{path: filled(path, parts) for path in pages()}, HEADER: header_text(), **manifests()}
+    return {
+        **{path: filled(path, parts) for path in pages()},
+        HEADER: header_text(),
+        CONFIG / "ankle.yaml": parameter_file_text(NODES_OF_AN_ANKLE),
+        CONFIG / "robot.yaml": parameter_file_text(ROBOT_NODES, ROBOT_VALUES),
+        **manifests(),
+    }
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import pytest
 from command_tree import kind, long_name, options, subcommands
 
 from jammkle_common.command.main import main
-from jammkle_common.command.options import RENAMED, TYPED_UNITS, parameter_of
+from jammkle_common.parameters import RENAMED, TYPED_UNITS, parameter_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -92,7 +92,7 @@ def test_the_app_gets_the_topics_it_looks_at(start: Callable[..., Up], tmp_path:
     """Messages come as they were sent, in the time of the graph; latched ones reach whoever comes late."""
     (tmp_path / "manual.yaml").write_text("/**/controller: {ros__parameters: {auto_at_start: false}}\n")
     port = str(free_port())
-    up = start("up", "--foxglove", "--foxglove-port", port, "--params", str(tmp_path / "manual.yaml"))
+    up = start("up", "--foxglove", "-p", f"foxglove:port:={port}", "--params", str(tmp_path / "manual.yaml"))
     address = wait_until(lambda: re.findall(r"Foxglove: (ws://localhost:\d+)", up.text()), "it listens", up.text)[0]
     assert address.endswith(port)
     wait_until(lambda: "jammkle: up" in up.text(), "the graph is up", up.text)
@@ -121,6 +121,6 @@ def test_the_app_gets_the_topics_it_looks_at(start: Callable[..., Up], tmp_path:
 
 def test_what_cannot_be_is_refused_in_a_line(start: Callable[..., Up]) -> None:
     """A port without the connection, and one that is taken."""
-    refused = start("up", "--foxglove-port", "9999")
+    refused = start("up", "-p", "foxglove:port:=9999")
     assert refused.wait() == 2
-    assert "--foxglove-port 9999 needs --foxglove" in refused.text()
+    assert "no node 'foxglove' in this graph" in refused.text()

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import rclpy
 
 from graph import Probe, Up
-from jammkle_bringup.core.namespace_lock import ClockLock
 from jammkle_common.messages import LOCKSTEP_LINE
 from jammkle_common.names import ACTUATOR_STATES, CLOCK, DIAGNOSTICS, DRIVER_NODE, JAM_ALL, JAM_STATE, SET_PAUSED
 from jammkle_common.runner import EXIT_BAD_INPUT
@@ -61,16 +60,6 @@ def test_a_demo_refuses_a_graph_that_starts_beside_it(
     finally:
         other.destroy_node()
         demo.stop()
-
-
-def test_one_lock_is_for_one_clock(tmp_path: Path) -> None:
-    """Who comes second gets none while the first has it; another domain is another clock."""
-    with ClockLock("5", tmp_path) as first, ClockLock("5", tmp_path) as second, ClockLock("6", tmp_path) as other:
-        assert first.take()
-        assert not second.take()
-        assert other.take()
-    with ClockLock("5", tmp_path) as again:
-        assert again.take()
 
 
 def test_a_pause_beside_anothers_clock_is_no_fault(processes: Processes, make_probe: Callable[..., Probe]) -> None:

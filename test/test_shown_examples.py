@@ -20,8 +20,7 @@ from shown import DOCUMENTS, ELSEWHERE, NOT_HERE, SHORTER, UNTIL_CTRL_C, Block, 
 
 from browser import wait_until
 from graph import TIMEOUT_S, environment
-from jammkle_bringup.core.node_table import Robot, nodes_for, robot_names_for
-from jammkle_bringup.core.parameter_file import check_parameter_files
+from jammkle_bringup.core.node_table import Robot, check_parameter_files, nodes_for, robot_names_for
 from jammkle_common.command.main import main
 from readme_tables import EXAMPLES, ROOT
 
@@ -200,7 +199,9 @@ def test_parameters_that_are_shown_are_accepted(block: Block, tmp_path: Path) ->
         pytest.skip("not of our nodes")
     file = tmp_path / "shown.yaml"
     file.write_text(block.text)
-    check_parameter_files([file], "/", (*nodes_for("modbus", Robot.QUADRUPED), *robot_names_for(Robot.QUADRUPED)))
+    check_parameter_files(
+        [file], "/", (*nodes_for("modbus", Robot.QUADRUPED), *robot_names_for(Robot.QUADRUPED, [file], "/"))
+    )
 
 
 @pytest.mark.parametrize("table", [ELSEWHERE, NOT_HERE, SHORTER], ids=["elsewhere", "not here", "shorter"])

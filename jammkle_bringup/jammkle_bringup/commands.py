@@ -1,18 +1,23 @@
-"""Arguments of the verbs that work on the graph. What they do stands in modules of their own."""
+"""Verbs on the graph and on bags: their arguments, and where their results go."""
 
-# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for ROS, NumPy and Matplotlib
+# ruff: noqa: PLC0415 - imported where needed: `jammkle --help` shall not wait for ROS, NumPy and plotly
 
 from __future__ import annotations
 
+import dataclasses
+import datetime as dt
+import math
+import shutil
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from jammkle_bringup.core.node_table import SIM_HARDWARE, Robot
-from jammkle_common.command.errors import Interrupted, StopRequest
+from jammkle_common.command import results
+from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
 from jammkle_common.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
-from jammkle_common.command.options import ON_THE_GRAPH, JsonOption, NamespaceOption
+from jammkle_common.command.options import ON_BAGS, ON_THE_GRAPH, JsonOption, NamespaceOption
 from jammkle_common.names import normalised
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
@@ -20,6 +25,14 @@ app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 ChannelsArgument = Annotated[
     list[str] | None, typer.Argument(help="peroneal_left, peroneal_right, achilles; none means all.", metavar="CHANNEL")
 ]
+BagArgument = Annotated[Path, typer.Argument(help="The bag: its folder, or one file of it.", metavar="BAG")]
+AllOption = Annotated[
+    bool, typer.Option("--all", "--verbose", help="Show every line of every node with all values, or all custom data.")
+]
+
+LARGEST_RATE_HZ = 10_000.0
+"""Ten times the fastest sensor."""
+PAGE_NAME = "run.html"
 
 
 @app.command(rich_help_panel=ON_THE_GRAPH)
@@ -51,60 +64,30 @@ def up(  # noqa: PLR0913, PLR0917 - as many as it has options
             metavar="NODE:NAME:=VALUE",
         ),
     ] = None,
-    behaviour: Annotated[
-        str | None,
-        typer.Option(help="What a simulated leg or quadruped does: stand, walk, drop, slip.", show_default="stand"),
-    ] = None,
     monitor: Annotated[  # noqa: FBT002 - a switch of the command line
         bool, typer.Option("--monitor", help="Let a simulated twin follow the robot and warn when it is left.")
-    ] = False,
-    robot_names: Annotated[  # noqa: FBT002 - as above
-        bool,
-        typer.Option("--robot-names", help="Call joints and channels as the robot does, too; --params says how."),
     ] = False,
     view: Annotated[  # noqa: FBT002 - as above
         bool, typer.Option("--view", help="Show the robot on a page in the browser, with buttons to jam and unjam.")
     ] = False,
-    view_port: Annotated[
-        int | None, typer.Option(help="TCP port of that page.", show_default="the first free one from 8080 on")
-    ] = None,
-    view_host: Annotated[
-        str | None, typer.Option(help="Address it listens on; 0.0.0.0: every network.", show_default="this machine")
-    ] = None,
     foxglove: Annotated[  # noqa: FBT002 - as above
         bool, typer.Option("--foxglove", help="Let the Foxglove app look on, over a WebSocket; it can change nothing.")
     ] = False,
-    foxglove_port: Annotated[int | None, typer.Option(help="TCP port of that WebSocket.", show_default="8765")] = None,
-    foxglove_host: Annotated[
-        str | None, typer.Option(help="Address it listens on; 0.0.0.0: every network.", show_default="this machine")
-    ] = None,
 ) -> int:
     """Start driver, controller and simulation (or hardware) and keep them up until Ctrl-C."""
-    from jammkle_bringup.graph_options import (
-        GraphOptions,
-        foxglove_values,
-        given_values,
-        robot_values,
-        viewer_values,
-        with_given,
-    )
+    from jammkle_bringup.graph_options import GraphOptions, given_values, with_given
     from jammkle_bringup.up import up as run_graph
 
-    values = given_values(hardware, speed, port) | viewer_values(robot, view_host, view_port, view=view)
-    values |= foxglove_values(foxglove_host, foxglove_port, foxglove=foxglove)
-    for node, chosen in robot_values(robot, behaviour, hardware).items():
-        values[node] = {**values.get(node, {}), **chosen}
     options = GraphOptions(
         normalised(namespace),
         hardware,
         tuple(params or ()),
         record,
-        values,
+        given_values(robot, hardware, speed, port),
         robot,
         monitor=monitor,
         view=view,
         foxglove=foxglove,
-        robot_names=robot_names,
     )
     try:
         return run_graph(with_given(options, param or ()), StopRequest())
@@ -120,48 +103,47 @@ def jam(
     json: JsonOption = None,
 ) -> int:
     """Jam channels: evacuate their tendons and hold the vacuum."""
-    from jammkle_bringup import channel_commands
-    from jammkle_common.command import results
+    from jammkle_bringup.channels import jam as ask
 
     results.check_writable(json)
-    answers = channel_commands.jam(normalised(namespace), channels or [], vacuum_kpa, StopRequest())
-    return _answered(*channel_commands.together(answers), json)
+    return _answered(ask(normalised(namespace), channels or [], vacuum_kpa, StopRequest()), json)
 
 
 @app.command(rich_help_panel=ON_THE_GRAPH)
 def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", json: JsonOption = None) -> int:
     """Unjam channels: vent their tendons to the atmosphere."""
-    from jammkle_bringup import channel_commands
-    from jammkle_common.command import results
+    from jammkle_bringup.channels import unjam as ask
 
     results.check_writable(json)
-    answers = channel_commands.unjam(normalised(namespace), channels or [], StopRequest())
-    return _answered(*channel_commands.together(answers), json)
+    return _answered(ask(normalised(namespace), channels or [], StopRequest()), json)
+
+
+def _answered(answers: Any, json: Path | None) -> int:
+    """Show the answer of the driver, or of each of a robot's."""
+    from jammkle_bringup.channels import together
+
+    answer, content = together(answers)
+    results.write_json(json, content)
+    if not answer.success:
+        return failed(answer.message, EXIT_FAILED)
+    typer.echo(answer.message)
+    return 0
 
 
 @app.command(rich_help_panel=ON_THE_GRAPH)
-def status(
-    namespace: NamespaceOption = "/",
-    verbose: Annotated[  # noqa: FBT002 - a switch of the command line
-        bool, typer.Option("--all", "--verbose", help="Show every line of every node, with all values.")
-    ] = False,
-    json: JsonOption = None,
-) -> int:
+def status(namespace: NamespaceOption = "/", verbose: AllOption = False, json: JsonOption = None) -> int:  # noqa: FBT002
     """Show the state of every channel, and of the nodes' health what is not OK."""
-    import dataclasses
-
-    from jammkle_bringup import channel_commands, report
-    from jammkle_common.command import results
+    from jammkle_bringup import channels
 
     results.check_writable(json)
-    ankles, health = channel_commands.status(normalised(namespace), StopRequest())
+    ankles, health = channels.status(normalised(namespace), StopRequest())
     console = results.console()
-    console.print(report.status_line(ankles, health, verbose=verbose), markup=False)
+    console.print(channels.status_line(ankles, health, verbose=verbose), markup=False)
     for ankle, jam_status in ankles.items():
         if jam_status.emergency_stopped:
             driver = f"{ankle}/driver" if ankle else "driver"
             console.print(f"emergency stop: everything is released until {driver}/clear_fault")
-    for table in report.status_tables(ankles, health, verbose=verbose):
+    for table in channels.status_tables(ankles, health, verbose=verbose):
         console.print(table)
     content = {ankle: dataclasses.asdict(jam_status) for ankle, jam_status in ankles.items()}
     of_all = content.get("", {"ankles": content})
@@ -179,8 +161,7 @@ def record(
     json: JsonOption = None,
 ) -> int:
     """Record a namespace, /clock, /diagnostics and /tf into a bag (MCAP) until Ctrl-C."""
-    from jammkle_bringup.record import record as record_graph
-    from jammkle_common.command import results
+    from jammkle_bringup.recorder import record as record_graph
 
     results.check_writable(json)
     counts = record_graph(output, normalised(namespace), clock)
@@ -210,12 +191,8 @@ def demo(
     json: JsonOption = None,
 ) -> int:
     """Land a simulated ankle on a 40 degree slope, record it, and diagnose what is wrong with it."""
-    import datetime as dt
-
-    from jammkle_bringup import report
-    from jammkle_bringup.core.run_folder import fresh_folder
     from jammkle_bringup.demo import demo as land
-    from jammkle_common.command import results
+    from jammkle_bringup.demo import fresh_folder, summary_table
     from jammkle_gap import Riddle
 
     results.check_writable(json)
@@ -225,7 +202,7 @@ def demo(
     today = dt.datetime.now(tz=dt.timezone.utc).astimezone().date()
     result = land(lambda: fresh_folder(output, today), normalised(namespace), riddle, StopRequest())
     console = results.console()
-    console.print(report.summary_table(result.summary))
+    console.print(summary_table(result.summary))
     for line in result.summary.missing:
         console.print(f"not in the bag: {line}", markup=False)
     console.print(f"picture: {result.picture}", markup=False)
@@ -236,12 +213,192 @@ def demo(
     return result.exit_code
 
 
-def _answered(answer: Any, content: dict[str, Any], json: Path | None) -> int:
-    """Show what the driver, or each of a robot's, said to a request."""
-    from jammkle_common.command import results
+@app.command(rich_help_panel=ON_BAGS)
+def info(bag: BagArgument, verbose: AllOption = False, json: JsonOption = None) -> int:  # noqa: FBT002 - a switch
+    """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
+    from jammkle_bringup.core.bag_info import bag_info, custom_lines, info_line, info_table
 
-    results.write_json(json, content)
-    if not answer.success:
-        return failed(answer.message, EXIT_FAILED)
-    typer.echo(answer.message)
+    results.check_writable(json)
+    with results.progress_bar(f"reading {bag}") as show:
+        found = bag_info(bag, lambda share: show(share, ""))
+    console = results.console()
+    console.print(info_line(found), markup=False)
+    console.print(info_table(found))
+    for line in custom_lines(found, verbose=verbose):
+        console.print(line, markup=False)
+    results.write_json(json, dataclasses.asdict(found))
+    return 0
+
+
+@app.command(rich_help_panel=ON_BAGS)
+def recover(
+    bag: BagArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="Folder of the whole bag; the one that was torn stays as it is.",
+            metavar="DIR",
+            show_default="the bag itself is completed",
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> int:
+    """Make a bag whole that its recorder could not complete: killed, out of power, or on a full disk."""
+    from jammkle_common.bags.recovery import recover as make_whole
+
+    results.check_writable(json)
+    try:
+        with results.progress_bar(f"reading {bag}") as show:
+            done = make_whole(bag, lambda share: show(share, ""), output)
+    except OSError as error:
+        return failed(f"bag {bag} cannot be recovered: {error.strerror or error}", EXIT_FAILED)
+    results.console().print(done.text(), markup=False)
+    results.write_json(json, done.as_json())
+    return 0
+
+
+@app.command(rich_help_panel=ON_BAGS)
+def export(
+    bag: BagArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the tables; must not exist yet.", metavar="DIR")
+    ] = Path("runs/export"),
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV, the default.")] = False,  # noqa: FBT002 - a switch
+    parquet: Annotated[bool, typer.Option("--parquet", help="Write Parquet.")] = False,  # noqa: FBT002 - a switch
+    rate_hz: Annotated[
+        float | None,
+        typer.Option(
+            help="Put all sampled topics on one time base, in one table, with so many rows per second.",
+            show_default="a table for each topic, with its own times",
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> int:
+    """Write a bag as tables, with units in the names of the columns."""
+    if csv and parquet:
+        msg = "--csv and --parquet exclude each other: give one of them"
+        raise InputError(msg)
+    if rate_hz is not None and not (math.isfinite(rate_hz) and 0.0 < rate_hz <= LARGEST_RATE_HZ):
+        msg = f"--rate-hz {rate_hz:g} must be above 0 and at most {LARGEST_RATE_HZ:g} Hz"
+        raise InputError(msg)
+    results.check_writable(json)
+    from jammkle_bringup.core.export import ExportRequest, TableFormat, exported_table
+    from jammkle_bringup.core.export import export as write_tables
+
+    stop = StopRequest()
+    try:
+        output.mkdir(parents=True)
+    except FileExistsError as error:
+        msg = f"--output {output} exists: nothing is overwritten; choose another one or move it away"
+        raise InputError(msg) from error
+    except OSError as error:
+        msg = f"folder {output} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    request = ExportRequest(bag, output, TableFormat.PARQUET if parquet else TableFormat.CSV, rate_hz)
+    done = None
+    try:
+        with results.progress_bar(f"reading {bag}") as show:
+            done = write_tables(request, lambda share: show(share, ""), stop)
+    except OSError as error:
+        msg = f"a table cannot be written into {output}: {error.strerror or error}"
+        raise GraphError(msg) from error
+    finally:
+        if done is None:
+            shutil.rmtree(output, ignore_errors=True)
+    results.console().print(exported_table(done, output))
+    results.write_json(json, dataclasses.asdict(done))
+    return 0
+
+
+@app.command(rich_help_panel=ON_BAGS)
+def plot(
+    bag: BagArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help=f"Folder of the new page, {PAGE_NAME}.", metavar="DIR")
+    ] = Path("runs/plot"),
+    namespace: Annotated[str | None, typer.Option(help="Namespace of the ankle, if the bag holds several.")] = None,
+    json: JsonOption = None,
+) -> int:
+    """Draw a run as a page: vacuum and states, pump, IMU with events, tension against extension."""
+    from jammkle_bringup.core.run_plot import run_picture, write_html
+
+    results.check_writable(json)
+    page = output / PAGE_NAME
+    if page.exists():
+        msg = f"--output {output} holds {PAGE_NAME}: nothing is overwritten; choose another or move it away"
+        raise InputError(msg)
+    stop = StopRequest()
+    place = None if namespace is None else normalised(namespace)
+    with results.progress_bar(f"reading {bag}") as show:
+        picture = run_picture(bag, place, lambda share: show(share, ""), stop)
+    if picture is None:
+        raise Interrupted
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {output} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    try:
+        write_html(picture, page)
+    except OSError as error:
+        msg = f"the page cannot be written into {output}: {error.strerror or error}"
+        raise GraphError(msg) from error
+    console = results.console()
+    if picture.note:
+        console.print(picture.note, markup=False)
+    console.print(f"the page is {page}", markup=False)
+    results.write_json(json, {"bag": str(bag), "page": str(page), "note": picture.note})
+    return 0
+
+
+@app.command(rich_help_panel=ON_BAGS)
+def rename(
+    bag: BagArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of the new bag; must not exist yet.", metavar="DIR")
+    ],
+    joint: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A joint and its name here, =- where it counts the other way round; may be repeated.",
+            metavar="THEIRS=OURS",
+        ),
+    ] = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(help="A topic and its new name, both in full; may be repeated.", metavar="/THEIRS=/OURS"),
+    ] = None,
+    json: JsonOption = None,
+) -> int:
+    """Write a bag of a robot with other names anew, so that every other verb knows its joints and topics."""
+    from jammkle_bringup.core.renaming import JointRenaming, RenamingError, RenamingRequest, topics_of
+    from jammkle_bringup.core.renaming import rename as write_anew
+    from jammkle_common.bags.writing import check_free
+
+    if not joint and not topic:
+        msg = "nothing to rename: give --joint theirs=ours or --topic /theirs=/ours"
+        raise InputError(msg)
+    try:
+        joints = JointRenaming.parsed(",".join(joint or ()))
+        request = RenamingRequest(bag, output, joints, topics_of(topic or []))
+    except RenamingError as error:
+        raise InputError(str(error)) from error
+    results.check_writable(json)
+    check_free(output)
+    done = None
+    try:
+        with results.progress_bar(f"reading {bag}") as show:
+            done = write_anew(request, lambda share: show(share, ""), StopRequest())
+    except OSError as error:
+        msg = f"bag {output} cannot be written: {error.strerror or error}"
+        raise GraphError(msg) from error
+    finally:
+        if done is None:
+            shutil.rmtree(output, ignore_errors=True)
+    text = f"{output}: {done.messages} messages"
+    text += f", {done.joint_messages} of them with renamed joints" if joints.new else ""
+    results.console().print(text, markup=False)
+    results.write_json(json, done.as_json())
     return 0

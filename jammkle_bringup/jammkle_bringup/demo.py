@@ -9,28 +9,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
-from jammkle_bringup.core.namespace_lock import NamespaceLock, default_folder, ros_domain
-from jammkle_bringup.core.run_series import read_run
-from jammkle_bringup.core.run_summary import summary_of
+from jammkle_bringup.core.landing import read_run, summary_of
 from jammkle_bringup.core.supervisor import Supervisor
-from jammkle_bringup.graph_client import GraphClient
+from jammkle_bringup.graph_client import LOOKERS, GraphClient, refuse_if_doubled
 from jammkle_bringup.graph_options import GraphOptions, makes_clock, node_names
-from jammkle_bringup.neighbours import LOOKERS, refuse_if_doubled
-from jammkle_bringup.readiness import Startup
-from jammkle_bringup.up import beside_others, child_specs, say, say_how_it_ended, steering
-from jammkle_common.command.errors import GraphError
+from jammkle_bringup.up import Startup, beside_others, child_specs, say_how_it_ended, steering
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.results import say
 from jammkle_common.names import CHANNELS, CONTACT_EVENTS, JAM_STATE, SIM_NODE
 from jammkle_common.qos import subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, JamState
 from jammkle_sim.parameters import SimParameters
 
 if TYPE_CHECKING:
+    import datetime as dt
     from collections.abc import Callable, Mapping
     from typing import TextIO
 
+    from jammkle_bringup.core.landing import RunSummary
     from jammkle_bringup.core.node_table import ParameterValue
-    from jammkle_bringup.core.run_summary import RunSummary
     from jammkle_bringup.core.supervisor import Death
     from jammkle_gap import Riddle
 
@@ -38,8 +38,9 @@ LANDING_TIMEOUT_S = 8.0
 """Simulated time, s, until the impact was felt, everything is jammed and the body is at rest. It falls at 1 s, and is
 at rest after 2 s as a rule."""
 
-_AFTER_S = 0.5
+_AFTER_JAMMED_S = 0.5
 """Simulated time that is recorded after that, s."""
+_PA_PER_KPA = 1e3
 _CHUNK_S = 0.25
 """Simulated time, s, after which it is looked again whether all that has come."""
 
@@ -58,16 +59,16 @@ class DemoResult:
 
 
 @dataclass
-class _Heard:
-    """What the graph has said so far."""
+class _Seen:
+    """What has come from the graph so far."""
 
     events: list[int] = field(default_factory=list)
     jammed: frozenset[str] = frozenset()
 
-    def take_event(self, event: ContactEvent) -> None:
+    def on_event(self, event: ContactEvent) -> None:
         self.events.append(event.type)
 
-    def take_state(self, state: JamState) -> None:
+    def on_state(self, state: JamState) -> None:
         self.jammed = frozenset(each.channel for each in state.channels if each.state == ChannelJamState.JAMMED)
 
 
@@ -89,7 +90,7 @@ def demo(
 
     """
     say("a simulated ankle is dropped onto a slope of 40 degrees, recorded, and diagnosed; this takes half a minute")
-    with NamespaceLock(namespace, ros_domain(), default_folder()), tempfile.TemporaryDirectory() as hidden:
+    with tempfile.TemporaryDirectory() as hidden:
         of_sim: dict[str, ParameterValue] = {"start_paused": True}
         if riddle.effects_file:
             effects = Path(hidden) / "effects.yaml"
@@ -152,9 +153,9 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
             GraphClient(options.namespace, asked_to_stop, LOOKERS) as client,
             screen.status("starting the graph") as progress,
         ):
-            heard = _Heard()
-            client.subscribe(ContactEvent, CONTACT_EVENTS, heard.take_event, subscriber_qos(CONTACT_EVENTS))
-            client.subscribe(JamState, JAM_STATE, heard.take_state, subscriber_qos(JAM_STATE))
+            seen = _Seen()
+            client.subscribe(ContactEvent, CONTACT_EVENTS, seen.on_event, subscriber_qos(CONTACT_EVENTS))
+            client.subscribe(JamState, JAM_STATE, seen.on_state, subscriber_qos(JAM_STATE))
             startup = Startup(client, supervisor, f"; the output is in {log.name}")
             startup.wait_until_connected([spec.name for spec in specs])
             startup.wait_until_active()
@@ -162,7 +163,7 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
             supervisor.loaded()
             refuse_if_doubled(client, node_names(options), makes_clock=makes_clock(options))
             say("simulation, controller, driver and recorder are there")
-            _land(startup.step if makes_clock(options) else startup.wait_steps, heard, progress.update)
+            _land(startup.step if makes_clock(options) else startup.wait_steps, seen, progress.update)
             refuse_if_doubled(client, node_names(options), makes_clock=makes_clock(options))
             progress.update("stopping")
         return supervisor.stop()
@@ -185,7 +186,7 @@ def record_landing(
         Interrupted: asked to stop.
 
     """
-    with NamespaceLock("/", ros_domain(), default_folder()), tempfile.TemporaryDirectory() as hidden:
+    with tempfile.TemporaryDirectory() as hidden:
         values: dict[str, ParameterValue] = {**of_sim, "start_paused": True}
         if effects:
             file = Path(hidden) / "effects.yaml"
@@ -199,7 +200,7 @@ def record_landing(
                 raise GraphError(msg)
 
 
-def _land(advance: Callable[[int], object], heard: _Heard, show: Callable[[str], None]) -> None:
+def _land(advance: Callable[[int], object], seen: _Seen, show: Callable[[str], None]) -> None:
     """Take simulated time on until the impact was felt, all is jammed and the body is at rest, as far as that comes.
 
     The simulation goes from one look to the next and waits there, so that a landing ends at the same simulated time on
@@ -212,13 +213,73 @@ def _land(advance: Callable[[int], object], heard: _Heard, show: Callable[[str],
         time_s += _CHUNK_S
         advance(steps)
         show(f"landing: {time_s:.2f} s of simulated time")
-        jammed = heard.jammed == frozenset(CHANNELS)
+        jammed = seen.jammed == frozenset(CHANNELS)
         for text, holds in (
-            ("impact detected", ContactEvent.IMPACT in heard.events),
+            ("impact detected", ContactEvent.IMPACT in seen.events),
             ("all channels are jammed", jammed),
         ):
             if holds and text not in said:
                 said.add(text)
                 say(text)
-        if jammed and ContactEvent.SETTLED in heard.events and end_s == LANDING_TIMEOUT_S:
-            end_s = time_s + _AFTER_S
+        if jammed and ContactEvent.SETTLED in seen.events and end_s == LANDING_TIMEOUT_S:
+            end_s = time_s + _AFTER_JAMMED_S
+
+
+def fresh_folder(parent: Path, day: dt.date) -> Path:
+    """Make and return `parent/<date>-<n>` with the first n from 1 on that is free.
+
+    Raises:
+        InputError: it cannot be made.
+
+    """
+    number = 1
+    while True:
+        folder = parent / f"{day.isoformat()}-{number}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            msg = f"folder {folder} cannot be made: {error.strerror}"
+            raise InputError(msg) from error
+        else:
+            return folder
+
+
+def summary_table(summary: RunSummary) -> Table:
+    """Return the short table of a landing."""
+    table = Table(title="Landing", title_justify="left", show_header=False)
+    table.add_column("what")
+    table.add_column("value")
+    table.add_row("touch-down", _seconds(summary.touch_down_s))
+    table.add_row("impact detected", f"{_seconds(summary.detected_s)}{_after(summary.detected_s, summary)}")
+    for channel in summary.channels:
+        if channel.reached_s is None or channel.commanded_vacuum_pa is None:
+            greatest = "" if channel.greatest_vacuum_pa is None else f" (at most {_pa(channel.greatest_vacuum_pa)})"
+            table.add_row(channel.channel, f"did not reach its vacuum{greatest}")
+            continue
+        reached = f"{_pa(channel.commanded_vacuum_pa)} at {_seconds(channel.reached_s)}"
+        table.add_row(channel.channel, f"{reached}{_after(channel.reached_s, summary)}")
+    peak = summary.peak_deceleration_m_s2
+    table.add_row("peak deceleration", "not known" if peak is None else f"{peak:.2f} m/s² (IMU z minus g)")
+    table.add_row("bag", escape(summary.bag))
+    return table
+
+
+def _after(time_s: float | None, summary: RunSummary) -> str:
+    if time_s is None or summary.touch_down_s is None:
+        return ""
+    late_ms = round((time_s - summary.touch_down_s) * 1e3, 1) + 0.0  # no -0.0
+    return f", {late_ms:+.1f} ms from touch-down"
+
+
+def _seconds(time_s: float | None) -> str:
+    return "not seen" if time_s is None else f"{time_s:.3f} s"
+
+
+def _pa(pascal: float) -> str:
+    return f"{pascal / _PA_PER_KPA:.1f} kPa"
+
+
+def _kpa(kilopascal: float | None) -> str:
+    return "not measured" if kilopascal is None else f"{kilopascal:.1f}"

@@ -1,4 +1,10 @@
-"""A short-lived node of the command: looks at the graph, listens, and calls services."""
+"""A short-lived node of the command: looks at the graph, subscribes, and calls services.
+
+It also finds other graphs. Each new participant of DDS finds every other one by itself, most within 0.2 s, some only
+with the next announcement, 3 s later. In 80 looks at a running graph by three participants or four, on a machine with
+four times as much work as cores, one had not found any of its three nodes after a second, and three lacked one of them.
+So several look together for a second, and look on after the own nodes were started, until DISCOVERY_S have passed.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +17,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from jammkle_bringup.core.namespace_lock import ros_domain
-from jammkle_common.command.errors import GraphError, Interrupted
+from jammkle_common.command.errors import GraphError, InputError, Interrupted
 from jammkle_common.messages import COMMANDS_LINE
-from jammkle_common.names import DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE, relative, resolved
+from jammkle_common.names import CLOCK, DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE, relative, resolved
 from jammkle_common.qos import subscriber_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
     from types import TracebackType
 
     from rclpy.node import Node
@@ -26,7 +31,7 @@ if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
     from typing_extensions import Self
 
-    from jammkle_common.names import Service, Topic
+    from jammkle_common.names import Topic
 
 ANSWER_TIMEOUT_S = 5.0
 """How long the command waits for the graph. Assumed; discovery on one machine takes about 0.3 s."""
@@ -111,17 +116,14 @@ class GraphClient:
         for _ in range(_MOST_AT_ONCE):
             self._executor.spin_once(timeout_sec=0.0)
 
-    def call(self, service: Service, kind: type[Any], request: Any, timeout_s: float = ANSWER_TIMEOUT_S) -> Any:
-        """Call a service of the graph and return its answer.
+    def call(self, path: str, kind: type[Any], request: Any, timeout_s: float = ANSWER_TIMEOUT_S) -> Any:
+        """Call a service by its name relative to the namespace, and return its answer.
 
         Raises:
             GraphError: the service is not there, or does not answer.
+            Interrupted: the command was asked to stop.
 
         """
-        return self.call_path(service.path, kind, request, timeout_s)
-
-    def call_path(self, path: str, kind: type[Any], request: Any, timeout_s: float = ANSWER_TIMEOUT_S) -> Any:
-        """Call a service by its name relative to the namespace; see `call`."""
         name = resolved(self.namespace, path)
         client = self.node.create_client(kind, name)
         try:
@@ -151,15 +153,17 @@ class GraphClient:
         simulation = resolved(self.namespace, SIM_NODE)
         simulated: set[str] = set()
 
-        def hear(array: DiagnosticArray) -> None:
+        def on_health(array: DiagnosticArray) -> None:
             for line in array.status:
                 node, _, what = line.name.partition(": ")
                 if node == simulation and what.endswith(COMMANDS_LINE):
                     simulated.add(what.removesuffix(COMMANDS_LINE))
 
-        heard = self.node.create_subscription(DiagnosticArray, DIAGNOSTICS.name, hear, subscriber_qos(DIAGNOSTICS))
+        subscription = self.node.create_subscription(
+            DiagnosticArray, DIAGNOSTICS.name, on_health, subscriber_qos(DIAGNOSTICS)
+        )
         self.wait_until(lambda: "" in self._ankles() or (bool(simulated) and simulated <= self._ankles()), DISCOVERY_S)
-        self.node.destroy_subscription(heard)
+        self.node.destroy_subscription(subscription)
         return ("",) if "" in self._ankles() else tuple(sorted(self._ankles()))
 
     def _ankles(self) -> set[str]:
@@ -201,9 +205,76 @@ class GraphClient:
         return max((node.get_subscriptions_info_by_topic(topic) for node in self._lookers), key=len)
 
 
+def ros_domain() -> str:
+    """Return the ROS domain of this process, as text."""
+    return os.environ.get("ROS_DOMAIN_ID") or "0"
+
+
 def no_answer(what: str, namespace: str, timeout_s: float) -> str:
     """Return the line for a graph that is not there."""
     return (
         f"nothing answers on {what} within {timeout_s:g} s (namespace {namespace}, ROS domain {ros_domain()}): "
         "start the graph with `jammkle up`, or give its --namespace or ROS_DOMAIN_ID"
+    )
+
+
+LOOKERS = 3
+"""Participants that look together."""
+
+LOOK_S = 1.0
+"""How long they look before nodes of a simulation are started."""
+
+
+def refuse_if_there(client: GraphClient, names: Collection[str], look_s: float) -> str:
+    """Look for nodes of these names, and for a /clock.
+
+    Args:
+        client: Looks.
+        names: Full names of nodes that are to be started.
+        look_s: For how long.
+
+    Returns:
+        The full name of the node that publishes /clock; empty if none does.
+
+    Raises:
+        InputError: one of the nodes is there already.
+        Interrupted: the command was asked to stop.
+
+    """
+    client.wait_until(lambda: any(client.count(name) for name in names), look_s)
+    there = sorted(name for name in names if client.count(name))
+    if there:
+        who = f"node {', '.join(there)}; one that was killed is seen for 20 s more"
+        raise InputError(_already_up(client.namespace, who))
+    clocks = client.publishers(CLOCK.name)
+    return resolved(clocks[0].node_namespace, clocks[0].node_name) if clocks else ""
+
+
+def refuse_if_doubled(client: GraphClient, names: Collection[str], *, makes_clock: bool) -> None:
+    """Refuse to go on beside nodes of the same name, or another /clock, that came up late or were started together.
+
+    Args:
+        client: Looks.
+        names: Full names of the nodes that were started.
+        makes_clock: Whether one of them publishes /clock.
+
+    Raises:
+        InputError: as said.
+
+    """
+    doubled = sorted(name for name in names if client.count(name) > 1)
+    if doubled:
+        raise InputError(_already_up(client.namespace, f"a second node {', '.join(doubled)}"))
+    clocks = [resolved(each.node_namespace, each.node_name) for each in client.publishers(CLOCK.name)]
+    if makes_clock and len(clocks) > 1:
+        msg = f"{CLOCK.name} comes from {' and '.join(sorted(clocks))}, which were started together: start one graph "
+        msg += "after the other, so that the second takes the time of the first"
+        raise InputError(msg)
+
+
+def _already_up(namespace: str, who: str) -> str:
+    """Return the line that refuses a second graph in a namespace."""
+    return (
+        f"a graph is already up in namespace {namespace} of ROS domain {ros_domain()} ({who}): "
+        "stop it first, or choose another --namespace or ROS_DOMAIN_ID"
     )

@@ -10,20 +10,23 @@ from jammkle_bringup.core.node_table import (
     FOXGLOVE,
     GAP_MONITOR,
     NODES,
+    ROBOT_NAMES,
     SIM_HARDWARE,
     VIEWER,
     Robot,
+    assignment,
     check_hardware,
+    check_parameter_files,
+    merged_values,
     nodes_for,
     robot_names_for,
+    values_of,
 )
-from jammkle_bringup.core.parameter_file import assignment, check_parameter_files, merged_values, values_of
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import (
     CONTROLLER_NODE,
     DRIVER_NODE,
-    FOXGLOVE_NODE,
     ODOMETRY,
     SIM_NODE,
     VIEWER_NODE,
@@ -58,15 +61,13 @@ class GraphOptions:
     """Whether there is a page in the browser."""
     foxglove: bool = False
     """Whether the Foxglove app can look on."""
-    robot_names: bool = False
-    """Whether joints and channels have the robot's names, too."""
 
     @property
     def nodes(self) -> tuple[NodeEntry, ...]:
         """Nodes to start; those that look on are the first to start and the last to stop."""
         asked = ((GAP_MONITOR, self.monitor), (VIEWER, self.view), (FOXGLOVE, self.foxglove))
         watchers = [entry for entry, wanted in asked if wanted]
-        named = robot_names_for(self.robot) if self.robot_names else ()
+        named = robot_names_for(self.robot, self.parameter_files, self.namespace, self.values)
         return (*watchers, *named, *nodes_for(self.hardware, self.robot))
 
 
@@ -79,6 +80,9 @@ def check(options: GraphOptions) -> None:
     """
     check_hardware(options.hardware)
     check_robot(options)
+    for wanted, module, way_out in ((options.view, "viser", NO_PAGE), (options.foxglove, "foxglove", NO_FOXGLOVE)):
+        if wanted and importlib.util.find_spec(module) is None:
+            raise InputError(way_out)
     check_parameter_files(options.parameter_files, options.namespace, options.nodes, options.values)
     named = given_value(options, DRIVER_NODE, "hardware")
     if named not in (None, options.hardware):
@@ -107,82 +111,31 @@ def check_robot(options: GraphOptions) -> None:
         raise InputError(msg)
 
 
-def robot_values(robot: Robot, behaviour: str | None, hardware: str) -> dict[str, dict[str, ParameterValue]]:
-    """Return what the options of the command say of a simulated robot, by node.
-
-    Raises:
-        InputError: a behaviour of what has none.
-
-    """
-    if behaviour is not None and (robot is Robot.ANKLE or hardware != SIM_HARDWARE):
-        msg = f"--behaviour {behaviour} needs a simulated --robot leg or quadruped: nothing else moves by itself"
-        raise InputError(msg)
-    if robot is Robot.ANKLE or hardware != SIM_HARDWARE:
-        return {}
-    chosen: dict[str, ParameterValue] = {"robot": robot.value}
-    if behaviour is not None:
-        chosen["behaviour"] = behaviour
-    return {SIM_NODE: chosen}
-
-
-def given_values(hardware: str, speed: float | None, port: str | None) -> dict[str, dict[str, ParameterValue]]:
+def given_values(
+    robot: Robot, hardware: str, speed: float | None, port: str | None
+) -> dict[str, dict[str, ParameterValue]]:
     """Return what the options of the command say of parameters, by node.
 
     Raises:
         InputError: the hardware has no speed or no port, or the speed is out of the simulation's range.
 
     """
-    values: dict[str, dict[str, ParameterValue]] = {}
+    of_sim: dict[str, ParameterValue] = {}
+    of_driver: dict[str, ParameterValue] = {}
     if hardware != SIM_HARDWARE:
-        values[DRIVER_NODE] = {"hardware": hardware}
+        of_driver["hardware"] = hardware
+    elif robot is not Robot.ANKLE:
+        of_sim["robot"] = robot.value
     if speed is not None:
-        values[SIM_NODE] = {"speed": check_speed(speed, hardware)}
+        of_sim["speed"] = check_speed(speed, hardware)
     if port is not None:
         if hardware == SIM_HARDWARE:
             msg = f"--port {port} needs --hardware modbus: a simulation has none"
             raise InputError(msg)
-        values[DRIVER_NODE]["port"] = port
-    return values
-
-
-def viewer_values(
-    robot: Robot, host: str | None, port: int | None, *, view: bool
-) -> dict[str, dict[str, ParameterValue]]:
-    """Return what the options of the command say of the page in the browser.
-
-    Raises:
-        InputError: there is no page, or it is not installed.
-
-    """
-    values: dict[str, ParameterValue] = {"ankles": ",".join(robot.ankles)} if view and any(robot.ankles) else {}
-    for name, value in (("host", host), ("port", port)):
-        if value is not None and not view:
-            msg = f"--view-{name} {value} needs --view: there is no page without"
-            raise InputError(msg)
-        if value is not None:
-            values[name] = value
-    if view and importlib.util.find_spec("viser") is None:
-        raise InputError(NO_PAGE)
-    return {VIEWER_NODE: values} if values else {}
-
-
-def foxglove_values(host: str | None, port: int | None, *, foxglove: bool) -> dict[str, dict[str, ParameterValue]]:
-    """Return what the options of the command say of the connection for the Foxglove app.
-
-    Raises:
-        InputError: there is none, or it is not installed.
-
-    """
-    values: dict[str, ParameterValue] = {}
-    for name, value in (("host", host), ("port", port)):
-        if value is not None and not foxglove:
-            msg = f"--foxglove-{name} {value} needs --foxglove: there is no connection without"
-            raise InputError(msg)
-        if value is not None:
-            values[name] = value
-    if foxglove and importlib.util.find_spec("foxglove") is None:
-        raise InputError(NO_FOXGLOVE)
-    return {FOXGLOVE_NODE: values} if values else {}
+        of_driver["port"] = port
+    of_viewer: dict[str, ParameterValue] = {"ankles": ",".join(robot.ankles)} if any(robot.ankles) else {}
+    found = {SIM_NODE: of_sim, DRIVER_NODE: of_driver, VIEWER_NODE: of_viewer}
+    return {node: values for node, values in found.items() if values}
 
 
 def check_speed(speed: float, hardware: str) -> float:
@@ -214,7 +167,8 @@ def with_given(options: GraphOptions, texts: Sequence[str]) -> GraphOptions:
         InputError: one has another form, or names a node that is not started.
 
     """
-    known = {known for entry in options.nodes for known in (entry.name, entry.path)}
+    startable = (*options.nodes, *(replace(ROBOT_NAMES, within=ankle) for ankle in options.robot.ankles))
+    known = {known for entry in startable for known in (entry.name, entry.path)}
     for text in texts:
         node, name, value = assignment(text)
         key = relative(options.namespace, node) or node
@@ -258,7 +212,7 @@ def with_imu_mount(options: GraphOptions) -> GraphOptions:
 
 
 def with_legs(options: GraphOptions) -> GraphOptions:
-    """Return the options in which controllers that are to hear odometry know where their simulated leg is."""
+    """Return the options in which controllers that are to use odometry know where their simulated leg is."""
     if options.robot is Robot.ANKLE or options.hardware != SIM_HARDWARE:
         return options
     for entry in options.nodes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
+import importlib
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,14 +18,16 @@ from rclpy.serialization import deserialize_message
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from std_msgs.msg import Header, String
 
-from jammkle_bringup.conversions import message_class
 from jammkle_bringup.core.log_times import LogTimes, Received, TimeSource
 from jammkle_common import wire
-from jammkle_common.bags.writing import FLUSH_PERIOD_S, BagLog
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.writing import FLUSH_PERIOD_S, BagCounts, BagLog, check_free
 from jammkle_common.command.errors import InputError
+from jammkle_common.command.results import say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS, resolved
 from jammkle_common.qos import MessageInfo, answer_qos, belongs, misses, publisher_qos, strongest, with_info
+from jammkle_common.runner import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +37,6 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.subscription import Subscription
 
-    from jammkle_common.bags.definitions import MessageDefinitions
     from jammkle_common.bags.writing import BagCounts
     from jammkle_common.runner import StopFlag
 
@@ -146,7 +148,7 @@ class Recorder(Node):
 
     def _subscribe(self, name: str, message_type: str, offered: QoSProfile) -> None:
         try:
-            kind = message_class(message_type)
+            kind = _installed(message_type)
             self._types[name] = (message_type, functools.partial(self._offered, name, offered))
             self._log.add_topic(name, *self._types[name])
         except InputError as error:
@@ -268,6 +270,21 @@ def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
     node.close()
 
 
+def _installed(message_type: str) -> Any:
+    """Return the class of `package/msg/Name`.
+
+    Raises:
+        InputError: the type is not installed.
+
+    """
+    package, _, name = message_type.replace("/", ".").rpartition(".")
+    try:
+        return getattr(importlib.import_module(package), name)
+    except (ImportError, AttributeError, ValueError):
+        msg = f"type {message_type} is not installed here: build its package and source the workspace"
+        raise InputError(msg) from None
+
+
 def _bag_qos(profile: QoSProfile) -> Qos:
     """Return a profile as the metadata of a bag hold it."""
 
@@ -305,3 +322,31 @@ def _stamp_ns(data: bytes) -> int:
     """Return the stamp that a serialised message begins with, ns."""
     stamp = wire.read_clock(data)
     return 0 if stamp is None else stamp[0] * NANOSECONDS_PER_SECOND + stamp[1]
+
+
+_SOURCES = {"auto": TimeSource.UNDECIDED, "sim": TimeSource.SIMULATED, "system": TimeSource.SYSTEM}
+
+
+def record(path: Path, namespace: str, clock: str) -> BagCounts:
+    """Record until SIGINT or SIGTERM and return what is in the bag, which is complete then.
+
+    Raises:
+        InputError: the path exists or cannot be made, or the clock is unknown.
+
+    """
+    if clock not in _SOURCES:
+        msg = f"--clock '{clock}' must be one of {', '.join(_SOURCES)}"
+        raise InputError(msg)
+    check_free(path)
+    nodes: list[Recorder] = []
+
+    def make_node() -> Recorder:
+        node = Recorder(RecorderOptions(path, namespace, _SOURCES[clock]), MessageDefinitions(share_folders()))
+        nodes.append(node)
+        say(f"recording namespace {namespace} into {path}; Ctrl-C ends")
+        return node
+
+    run(make_node, [], loop=spin_and_close)
+    counts = nodes[0].counts()
+    say(f"{counts.messages} messages of {len(counts.by_topic)} topics are in {path}")
+    return counts

@@ -3,6 +3,8 @@
 ros2 launch jammkle_bringup ankle.launch.py namespace:=lf_ankle speed:=0.5
 """
 
+from pathlib import Path
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction
 from launch.events import Shutdown
@@ -30,7 +32,6 @@ ARGUMENTS = {
     "release_time_s": ("5.0", "Simulated time after which the carriage is released; wins over params."),
     "publish_clock": ("true", "Whether this simulation makes /clock; false for all but one of several ankles."),
     "monitor": ("false", "Whether the gap monitor follows the ankle with a simulated twin."),
-    "robot_names": ("false", "Whether joints and channels have the robot's names, too, as params say."),
     "params": ("", "ROS parameter file (YAML); config/ankle.yaml is one to start from."),
 }
 
@@ -45,11 +46,12 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    hardware = given["hardware"]
+    hardware, namespace = given["hardware"], normalised(given["namespace"])
     check_hardware(hardware)
     actions = []
     looking_on = (GAP_MONITOR,) if given["monitor"].lower() == "true" else ()
-    named = robot_names_for(Robot.ANKLE) if given["robot_names"].lower() == "true" else ()
+    files = [given["params"]] if given["params"] else []
+    named = robot_names_for(Robot.ANKLE, [Path(file) for file in files], namespace)
     for entry in (*nodes_for(hardware), *named, *looking_on):
         values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
         if entry.name == SIM_NODE:
@@ -59,13 +61,12 @@ def nodes(context: LaunchContext) -> list[Node]:
         if entry.name == DRIVER_NODE:
             values["hardware"] = hardware
             values["port"] = given["port"]
-        files = [given["params"]] if given["params"] else []
         actions.append(
             Node(
                 package=entry.package,
                 executable=entry.executable,
                 name=entry.name,
-                namespace=normalised(given["namespace"]),
+                namespace=namespace,
                 parameters=[*files, values],
                 output="screen",
                 # a graph without one of its nodes is worse than none: the rest is stopped, solenoids released

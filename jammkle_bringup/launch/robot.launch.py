@@ -3,6 +3,8 @@
 ros2 launch jammkle_bringup robot.launch.py robot:=quadruped behaviour:=walk params:=robot.yaml
 """
 
+from pathlib import Path
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction
 from launch.events import Shutdown
@@ -26,7 +28,6 @@ ARGUMENTS = {
     "namespace": ("/", "ROS namespace of the robot; several ankles are in namespaces below, as lf_ankle."),
     "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
     "publish_clock": ("true", "Whether this simulation makes /clock; false where another one does."),
-    "robot_names": ("false", "Whether joints and channels have the robot's names, too, as params say."),
     "params": ("", "ROS parameter file (YAML); config/robot.yaml is one to start from."),
 }
 
@@ -44,7 +45,8 @@ def nodes(context: LaunchContext) -> list[Node]:
     robot, hardware, namespace = Robot(given["robot"]), given["hardware"], normalised(given["namespace"])
     check_hardware(hardware)
     actions = []
-    named = robot_names_for(robot) if given["robot_names"].lower() == "true" else ()
+    files = [given["params"]] if given["params"] else []
+    named = robot_names_for(robot, [Path(file) for file in files], namespace)
     for entry in (*named, *nodes_for(hardware, robot)):
         values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
         if entry.name == SIM_NODE:
@@ -54,7 +56,6 @@ def nodes(context: LaunchContext) -> list[Node]:
             values["publish_clock"] = given["publish_clock"].lower() == "true"
         if entry.name == DRIVER_NODE:
             values["hardware"] = hardware
-        files = [given["params"]] if given["params"] else []
         actions.append(
             Node(
                 package=entry.package,

@@ -30,7 +30,7 @@ PACKAGES = (
 )
 IMPORTED = ("jammkle_sim.node", "jammkle_driver.node", "jammkle_controller.node", "jammkle_bringup.recorder")
 IMPORTED += ("jammkle_bringup.demo", "jammkle_bringup.core.picture", "jammkle_gap", "jammkle_gap.landing")
-IMPORTED += ("jammkle_bringup.channel_commands", "jammkle_bringup.report", "jammkle_common.command.main")
+IMPORTED += ("jammkle_bringup.channels", "jammkle_common.command.main")
 """What the demo, a first session and the command itself import."""
 OLDEST_PYTHON = (3, 10)
 NEWEST_PYTHON = (3, 13)

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from jammkle_bringup.core.namespace_lock import NamespaceLock
-from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import main
 from jammkle_common.command.options import ON_BAGS, ON_THE_BOARD, ON_THE_GAP, ON_THE_GRAPH, WITHOUT_A_ROBOT
 from jammkle_common.names import normalised, relative, resolved
@@ -93,7 +91,7 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("status --json {folder}", ("--json", "is a folder")),
         ("up --robot frog", ("frog", "ankle")),
         ("up --robot hexapod", ("hexapod", "quadruped")),
-        ("up --behaviour walk", ("--behaviour walk", "quadruped")),
+        ("up -p sim:behaviour:=walk", ("behaviour", "known are")),
         ("up --robot leg --monitor", ("--monitor", "ankle")),
         ("up --hardware serial", ("serial", "modbus", "sim")),
         ("up --hardware modbus --speed 2", ("--speed", "sim")),
@@ -277,33 +275,6 @@ def test_a_damaged_chunk_gets_one_line(tmp_path: Path, capsys: pytest.CaptureFix
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert f"bag {file} is damaged after " in line
     assert "checksum" in line
-
-
-def test_a_namespace_is_held_once(tmp_path: Path) -> None:
-    """A second holder is refused with the first one's process; another namespace or domain is free; it comes back."""
-    with NamespaceLock("/lf_ankle", "15", tmp_path):
-        with pytest.raises(InputError, match="already up"), NamespaceLock("/lf_ankle", "15", tmp_path):
-            pass
-        with NamespaceLock("/rf_ankle", "15", tmp_path), NamespaceLock("/lf_ankle", "16", tmp_path):
-            pass
-    with NamespaceLock("/lf_ankle", "15", tmp_path):
-        pass
-
-
-def test_a_killed_holder_frees_its_namespace(tmp_path: Path) -> None:
-    """The kernel gives the lock back, so that nobody has to remove a file by hand."""
-    code = (
-        "import sys, time; from pathlib import Path; from jammkle_bringup.core.namespace_lock import NamespaceLock\n"
-        "with NamespaceLock('/', '15', Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(600)"
-    )
-    with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True) as holder:
-        assert holder.stdout is not None
-        assert holder.stdout.readline().strip() == "held"
-        with pytest.raises(InputError, match=str(holder.pid)), NamespaceLock("/", "15", tmp_path):
-            pass
-        holder.kill()
-    with NamespaceLock("/", "15", tmp_path):
-        pass
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 SIGNAL_WHILE_LOADING = """
 import os, sys
-from jammkle_bringup.__main__ import main
+from jammkle_common.command.__main__ import main
 
 class Interrupter:
     def find_spec(self, name, path=None, target=None):
@@ -38,7 +38,7 @@ def test_a_signal_while_loading_ends_well(subcommand: str, code: int, module: st
 def test_the_entry_point_loads_nothing_before_its_handlers() -> None:
     """Importing it leaves out the command, its argument parser and ROS."""
     code = (
-        "import sys, jammkle_bringup.__main__; "
+        "import sys, jammkle_common.command.__main__; "
         "sys.exit(bool(set(sys.modules) & {'typer', 'rclpy', 'jammkle_common.command.main'}))"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -15,8 +15,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_bringup.core.export import ExportRequest, export
-from jammkle_bringup.core.table_files import TableFormat
+from jammkle_bringup.core.export import ExportRequest, TableFormat, export
 from jammkle_common.bags.reading import messages, opened
 from jammkle_common.bags.storage import zstd
 from jammkle_common.command.errors import Interrupted

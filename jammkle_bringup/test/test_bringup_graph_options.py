@@ -12,7 +12,7 @@ from jammkle_bringup.graph_options import (
     GraphOptions,
     check,
     given_value,
-    viewer_values,
+    given_values,
     with_given,
     with_imu_mount,
     with_legs,
@@ -73,13 +73,13 @@ def test_a_parameter_that_cannot_be_is_refused(text: str, why: str) -> None:
         check(with_given(GraphOptions("/"), [text]))
 
 
-def test_one_controller_that_is_told_of_its_imu_leaves_the_others_as_they_are() -> None:
+def test_one_controller_that_knows_its_imu_leaves_the_others_as_they_are() -> None:
     options = with_given(GraphOptions("/", robot=Robot.QUADRUPED), ["lf_ankle/controller:imu_mount:=body"])
-    told = [with_imu_mount(options).values[f"{ankle}/controller"]["imu_mount"] for ankle in options.robot.ankles]
-    assert told == ["body", "shank", "shank", "shank"]
+    known = [with_imu_mount(options).values[f"{ankle}/controller"]["imu_mount"] for ankle in options.robot.ankles]
+    assert known == ["body", "shank", "shank", "shank"]
 
 
-def test_controllers_that_hear_odometry_know_where_their_leg_is() -> None:
+def test_controllers_that_use_odometry_know_where_their_leg_is() -> None:
     """Each of a quadruped its own place, and the odometry beside them; what is given wins, the others get nothing."""
     asked = [
         "controller:use_odometry:=true",
@@ -100,6 +100,23 @@ def test_controllers_that_hear_odometry_know_where_their_leg_is() -> None:
 def test_a_page_that_is_not_installed_is_refused_before_anything_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """With what to install; without `--view` nobody asks."""
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    assert viewer_values(Robot.ANKLE, None, None, view=False) == {}
+    check(GraphOptions("/"))
     with pytest.raises(InputError, match=r"pip install 'jammkle\[view\]'"):
-        viewer_values(Robot.ANKLE, None, None, view=True)
+        check(GraphOptions("/", view=True))
+
+
+def test_the_page_of_a_quadruped_knows_its_ankles() -> None:
+    assert given_values(Robot.QUADRUPED, "sim", None, None)["viewer"] == {
+        "ankles": "lf_ankle,rf_ankle,lh_ankle,rh_ankle"
+    }
+    assert given_values(Robot.ANKLE, "sim", None, None) == {}
+
+
+def test_the_robots_names_come_where_joints_are_named(tmp_path: Path) -> None:
+    """By a file or by -p: a node for each ankle that has some, before those that it serves."""
+    file = tmp_path / "names.yaml"
+    file.write_text("/**/robot_names: {ros__parameters: {joints: lf_pitch=ankle_pitch}}")
+    started = [spec.name for spec in child_specs(GraphOptions("/lf_ankle", parameter_files=(file,)))]
+    assert started == ["robot_names", "sim", "controller", "driver"]
+    options = with_given(GraphOptions("/", robot=Robot.QUADRUPED), ["rf_ankle/robot_names:joints:=a=ankle_roll"])
+    assert [spec.name for spec in child_specs(options) if "robot_names" in spec.name] == ["rf_ankle/robot_names"]

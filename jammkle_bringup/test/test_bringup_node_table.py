@@ -17,12 +17,14 @@ from jammkle_bringup.core.node_table import (
     ROBOT_NODES,
     ROBOT_VALUES,
     Robot,
+    check_parameter_files,
     command_of,
+    merged_values,
     nodes_for,
+    parameter_file_text,
     simulated_time,
 )
-from jammkle_bringup.core.parameter_file import check_parameter_files, merged_values, parameter_file_text
-from jammkle_bringup.graph_options import GraphOptions, check, robot_values
+from jammkle_bringup.graph_options import GraphOptions, check, given_values
 from jammkle_bringup.up import child_specs
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import GAP_MONITOR_NODE
@@ -64,10 +66,10 @@ def test_values_keep_their_type_on_the_command_line() -> None:
 
 
 def test_the_parameter_file_is_made_from_the_tables() -> None:
-    """config/ankle.yaml holds every parameter with its default; scripts/write_parameter_file.py writes it anew."""
+    """config/ankle.yaml holds every parameter with its default; `make readme` writes it anew."""
     path = PACKAGE / "config" / "ankle.yaml"
     text = path.read_text()
-    assert text == parameter_file_text(NODES), "out of date: run scripts/write_parameter_file.py"
+    assert text == parameter_file_text(NODES), "out of date: `make readme`"
     content = yaml.safe_load(text)
     for entry in NODES:
         table = entry.parameters()
@@ -198,7 +200,7 @@ def test_the_launch_file_starts_what_the_command_starts(launch_file: Any) -> Non
 
 def test_a_quadruped_is_one_simulation_and_a_set_for_each_ankle(robot_launch_file: Any) -> None:
     """One sim above, four controllers, then four drivers, each in its ankle's namespace; the launch file the same."""
-    robot = robot_values(Robot.QUADRUPED, "walk", "sim")
+    robot = given_values(Robot.QUADRUPED, "sim", None, None)
     specs = child_specs(GraphOptions("/robot", robot=Robot.QUADRUPED, values=robot))
     legs = [f"{leg}_ankle" for leg in ("lf", "rf", "lh", "rh")]
     controllers, drivers = ([f"{leg}/{node}" for leg in legs] for node in ("controller", "driver"))
@@ -219,7 +221,7 @@ def test_the_parameter_file_of_robots_is_made_from_the_tables() -> None:
     """config/robot.yaml fits a leg, and every ankle of a quadruped; a section may be one ankle's."""
     path = PACKAGE / "config" / "robot.yaml"
     text = parameter_file_text(ROBOT_NODES, ROBOT_VALUES)
-    assert path.read_text() == text, "out of date: run scripts/write_parameter_file.py"
+    assert path.read_text() == text, "out of date: `make readme`"
     assert "imu_mount: shank" in text  # where a simulated robot has it unless told otherwise
     for robot in (Robot.LEG, Robot.QUADRUPED):
         check_parameter_files([path], "/", nodes_for("sim", robot))
@@ -238,13 +240,11 @@ def test_a_section_may_be_that_of_one_ankle(tmp_path: Path) -> None:
 
 
 def test_what_a_robot_does_not_have_is_refused() -> None:
-    """One board for four ankles, a twin of a quadruped, a behaviour of an ankle on its rig."""
+    """One board for four ankles, a twin of a quadruped."""
     with pytest.raises(InputError, match=r"--port is one board, a quadruped has 4: .*/lf_ankle/driver"):
         check(GraphOptions("/", "modbus", robot=Robot.QUADRUPED, values={"driver": {"port": "/dev/one"}}))
     with pytest.raises(InputError, match="--monitor needs --robot ankle"):
         check(GraphOptions("/", robot=Robot.LEG, monitor=True))
-    with pytest.raises(InputError, match="--behaviour walk needs a simulated --robot leg or quadruped"):
-        robot_values(Robot.ANKLE, "walk", "sim")
 
 
 def test_the_launch_file_starts_the_monitor_where_asked(launch_file: Any) -> None:
@@ -273,15 +273,18 @@ def test_the_launch_file_leaves_time_for_discovery(launch_file: Any) -> None:
         assert not any("release_time_s" in node.named["parameters"][0] for node in others)
 
 
-def test_the_launch_file_declares_its_arguments(launch_file: Any) -> None:
-    """Every argument has a default and a description, and a file of parameters is passed on."""
+def test_the_launch_file_declares_its_arguments(launch_file: Any, tmp_path: Path) -> None:
+    """Every argument has a default and a description, and a file of parameters is passed on, which may name joints."""
     description = launch_file.generate_launch_description()
     declared = [action for action in description.arguments[0] if "default_value" in action.named]
     assert {action.arguments[0] for action in declared} == set(launch_file.ARGUMENTS)
     assert all(action.named["description"] for action in declared)
     defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
-    nodes = launch_file.nodes({**defaults, "params": "mine.yaml"})
-    assert all(node.named["parameters"][0] == "mine.yaml" for node in nodes)
+    file = tmp_path / "mine.yaml"
+    file.write_text("/**/robot_names: {ros__parameters: {joints: lf_pitch=ankle_pitch}}")
+    nodes = launch_file.nodes({**defaults, "params": str(file)})
+    assert all(node.named["parameters"][0] == str(file) for node in nodes)
+    assert "robot_names" in [node.named["name"] for node in nodes]
 
 
 def test_the_launch_file_refuses_what_is_not_there(launch_file: Any) -> None:

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_bringup.core.envelope import STRETCHES, Envelope
-from jammkle_bringup.core.panels_png import figure_of
-from jammkle_bringup.core.run_panels import run_picture
+from jammkle_bringup.core.run_plot import run_picture
+from jammkle_bringup.core.run_samples import STRETCHES, Envelope
 from jammkle_common.command.main import main
 from jammkle_view.core.samples import EventKind
 from jammkle_view.core.tints import EVENT_TINTS, LINE_TINTS
@@ -19,8 +18,6 @@ from jammkle_view.core.tints import EVENT_TINTS, LINE_TINTS
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-PNG_HEAD = b"\x89PNG"
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1e4), st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=1, max_size=300))
@@ -108,16 +105,6 @@ def test_the_picture_tells_what_happened(bag: Path) -> None:
     assert list(zip(curve.x, curve.y, strict=True)) == [(0, 0), (10, 0), (10, 20), (0, 20), (0, 0)]
 
 
-def test_the_time_axis_is_in_the_picture(bag: Path) -> None:
-    """The lowest panel over time has numbers and a name below it, though the loop below it has an axis of its own."""
-    picture = run_picture(bag, None, lambda _: None, lambda: False)
-    assert picture is not None
-    drawn = figure_of(picture).axes
-    labelled = [any(label.get_visible() for label in axes.get_xticklabels()) for axes in drawn]
-    assert labelled == [False] * (len(drawn) - 2) + [True, True]
-    assert [axes.get_xlabel() for axes in drawn[-2:]] == [picture.panels[0].x_label, "extension [mm]"]
-
-
 def test_duty_holds_until_the_next_message(bag: Path) -> None:
     """A duty that comes on change is drawn as steps, and goes on to the end of the run."""
     picture = run_picture(bag, None, lambda _: None, lambda: False)
@@ -158,15 +145,14 @@ def test_pictures_are_not_overwritten(bag: Path, tmp_path: Path, capsys: pytest.
     before = (tmp_path / "out" / "run.html").stat().st_mtime_ns
     capsys.readouterr()
     assert main(call) == 2
-    assert "holds run.html and run.png: nothing is overwritten" in capsys.readouterr().err
+    assert "holds run.html: nothing is overwritten" in capsys.readouterr().err
     assert (tmp_path / "out" / "run.html").stat().st_mtime_ns == before
 
 
-def test_page_and_png_are_written_and_need_no_network(bag: Path, tmp_path: Path) -> None:
-    """A folder with a page that loads nothing from elsewhere, and a PNG."""
+def test_the_page_needs_no_network(bag: Path, tmp_path: Path) -> None:
+    """It loads nothing from elsewhere."""
     assert main(["plot", str(bag), "-o", str(tmp_path / "out")]) == 0
     page = (tmp_path / "out" / "run.html").read_text(encoding="utf-8")
     assert "src=" not in page.replace("src='data:", "").partition("<body>")[0]
     assert 'src="http' not in page
     assert "set point" in page
-    assert (tmp_path / "out" / "run.png").read_bytes().startswith(PNG_HEAD)

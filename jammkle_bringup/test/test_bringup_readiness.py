@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from jammkle_bringup import readiness
+from jammkle_bringup import up
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import GraphClient
-from jammkle_bringup.readiness import Startup
+from jammkle_bringup.up import Startup
 from jammkle_common.command.errors import GraphError, Interrupted
 from jammkle_common.names import CONTROLLER_NODE, DRIVER_NODE, IMU, SIM_NODE
 
@@ -34,7 +34,7 @@ def wait(spec: ChildSpec, asked_to_stop: Callable[[], bool] = lambda: False) -> 
 @pytest.mark.usefixtures("ros_domain")
 def test_what_is_missing_is_named_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """The line names nodes, topics and the time, speaks only of nodes that were started, and ends with the hint."""
-    monkeypatch.setattr(readiness, "READY_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(up, "READY_TIMEOUT_S", 0.3)
     with pytest.raises(GraphError, match=r"not ready after 0\.3 s, missing: .*; see the log$") as caught:
         wait(SLEEPING)
     assert f"{SIM_NODE} ({IMU.name})" in str(caught.value)

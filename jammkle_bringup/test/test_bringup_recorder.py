@@ -94,7 +94,7 @@ class Recording:
         self._output = folder / "record.txt"
         with self._output.open("w") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "jammkle_bringup", "record", "-o", str(self.bag), *arguments],
+                [sys.executable, "-m", "jammkle_common.command", "record", "-o", str(self.bag), *arguments],
                 stdout=output,
                 stderr=output,
             )

@@ -1,12 +1,11 @@
-"""A robot's own names of joints and channels: read, turned round, and refused where they cannot be."""
+"""A robot's own names of joints: read, turned round, and refused where they cannot be."""
 
 from __future__ import annotations
 
 import pytest
 from sensor_msgs.msg import JointState
 
-from jammkle_bringup.core.renaming import ChannelRenaming, JointRenaming, RenamingError
-from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
+from jammkle_bringup.core.renaming import JointRenaming, RenamingError
 
 LEG = JointRenaming.parsed("lf_pitch=ankle_pitch, lf_roll = -ankle_roll,lf_knee=knee")
 SENT = JointState(name=["lf_roll", "lf_hip", "lf_pitch"], position=[0.1, 9.0, 0.2], velocity=[1.0, 9.0, 2.0])
@@ -30,20 +29,6 @@ def test_the_way_back_gives_what_was_sent() -> None:
     assert (back.name, back.position, back.velocity) == (("lf_roll", "lf_pitch"), (0.1, 0.2), (1.0, 2.0))
 
 
-def test_channels_that_are_not_named_keep_their_names() -> None:
-    channels = ChannelRenaming.parsed("rear=achilles")
-    assert channels.ours(["rear", PERONEAL_LEFT]) == [ACHILLES, PERONEAL_LEFT]
-    assert [channels.theirs(name) for name in CHANNELS] == [PERONEAL_LEFT, PERONEAL_RIGHT, "rear"]
-    assert channels.told("achilles: jam (asked by ~/achilles/jam)") == "rear: jam (asked by ~/rear/jam)"
-
-
-def test_channels_can_change_places() -> None:
-    """As on a mirrored ankle; each name in a sentence is replaced once."""
-    mirrored = ChannelRenaming.parsed(f"{PERONEAL_LEFT}={PERONEAL_RIGHT}, {PERONEAL_RIGHT}={PERONEAL_LEFT}")
-    assert mirrored.ours([PERONEAL_LEFT]) == [PERONEAL_RIGHT]
-    assert mirrored.told(f"{PERONEAL_LEFT} and {PERONEAL_RIGHT}") == f"{PERONEAL_RIGHT} and {PERONEAL_LEFT}"
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -57,22 +42,3 @@ def test_channels_can_change_places() -> None:
 def test_joints_that_cannot_be_mapped_are_refused(text: str, words: str) -> None:
     with pytest.raises(RenamingError, match=words):
         JointRenaming.parsed(text)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("rear=heel", "'heel' is no channel of ours.*achilles"),
-        ("hinten/links=achilles", "cannot be part of a topic's"),
-        ("achilles=peroneal_left", "'achilles' would be two channels"),
-        ("rear=-achilles", "no channel of ours"),
-    ],
-)
-def test_channels_that_cannot_be_mapped_are_refused(text: str, words: str) -> None:
-    with pytest.raises(RenamingError, match=words):
-        ChannelRenaming.parsed(text)
-
-
-def test_an_unknown_channel_is_told_in_the_robots_words() -> None:
-    with pytest.raises(RenamingError, match="'achilles': the channels are peroneal_left, peroneal_right, rear"):
-        ChannelRenaming.parsed("rear=achilles").ours([ACHILLES])

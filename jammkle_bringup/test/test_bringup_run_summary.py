@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from jammkle_bringup.core.landing import read_run, summarise, summary_of
 from jammkle_bringup.core.picture import draw
-from jammkle_bringup.core.run_series import read_run
-from jammkle_bringup.core.run_summary import summarise, summary_of
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import CHANNELS
 

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from jammkle_bringup.core import table_files
+from jammkle_bringup.core import export as export_module
 from jammkle_common.command.main import main
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def test_a_joint_that_comes_late_has_its_column(
     bag_maker: Callable[[str], Any], tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Though the table was begun without it: rows before it are empty there, and none is lost or doubled."""
-    monkeypatch.setattr(table_files, "PART_ROWS", 4)
+    monkeypatch.setattr(export_module, "PART_ROWS", 4)
     maker = bag_maker("bag")
     for step in range(30):
         names = ["knee"] if step < 20 else ["knee", "hip"]

@@ -248,20 +248,8 @@ ROBOT_TOPICS: tuple[Topic, ...] = (TRUE_CONTACT,)
 
 
 ROBOTS_JOINT_STATES = Topic(
-    "robot/joint_states",
-    JOINT_STATES.message_type,
-    TopicKind.SENSOR,
-    "joints by the robot's names: heard, or published where joints_of says so",
+    "robot/joint_states", JOINT_STATES.message_type, TopicKind.SENSOR, "joints by the robot's names, for `robot_names`"
 )
-ROBOTS_JAM_STATE = Topic(
-    "robot/jam_state", JAM_STATE.message_type, TopicKind.STATE, "jam_state with the robot's names of the channels"
-)
-ROBOTS_JAM_COMMAND = Topic(
-    "robot/jam_command", JAM_COMMAND.message_type, TopicKind.COMMAND, "passed on as jam_command with our names"
-)
-
-RENAMED_TOPICS: tuple[Topic, ...] = (ROBOTS_JOINT_STATES, ROBOTS_JAM_STATE, ROBOTS_JAM_COMMAND)
-"""The robot's side of `robot_names`, where that node runs."""
 
 
 def below(within: str, topic: Topic) -> str:
@@ -323,11 +311,6 @@ STEP = Service(SIM_NODE, "step", "jammkle_msgs/srv/Step", "advance a paused simu
 def channel_jam_service(channel: str) -> Service:
     """Service that jams (true, default vacuum) or vents (false) one channel."""
     return Service(DRIVER_NODE, f"{channel}/jam", _SET_BOOL, "jam this channel to the default vacuum, or vent it")
-
-
-def robots_service(suffix: str) -> str:
-    """Name of a service on the robot's side of `robot_names`: `robot/jam`."""
-    return f"robot/{suffix}"
 
 
 WAY_BACK = f"back to automatic: {SET_AUTO.path} with true"

@@ -5,6 +5,9 @@
         default_vacuum_pa: float = parameter(50e3, "Vacuum of a jam request that names none", "Pa", 5e3, 80e3)
 
 `declare` takes such a class onto a node. Does not import rclpy.
+
+Inside everything is SI. Whoever types, types kPa and mm, as gauges and rulers show them; parameters of nodes, messages
+and JSON stay in SI.
 """
 
 from __future__ import annotations
@@ -12,12 +15,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast
 
 from jammkle_common.messages import message_class
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.parameter import Parameter
@@ -30,7 +34,38 @@ _TYPE_TEXT: dict[type, str] = {bool: "true or false", int: "a whole number", flo
 
 
 class ParameterError(ValueError):
-    """A parameter that does not exist, has the wrong type or is out of range. The message is one clear line."""
+    """A parameter that does not exist, has the wrong type or is out of range. The message is one clear line, in SI.
+
+    Attributes:
+        name: Of the parameter; empty where the problem says all.
+        value: Given for it.
+        problem: What is wrong with the value; empty where limits say it.
+        limits: Smallest and largest value allowed.
+        unit: Of value and limits; may be empty.
+
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        name: str = "",
+        value: object = None,
+        *,
+        limits: tuple[float, float] | None = None,
+        unit: str = "",
+    ) -> None:
+        """Keep what the command needs to say it in the units that people type."""
+        self.name, self.value, self.problem, self.limits, self.unit = name, value, problem, limits, unit
+        super().__init__(self.text(f"parameter '{name}'", lambda number: number, unit) if name else problem)
+
+    def text(self, name: str, scale: Callable[[float], float], unit: str) -> str:
+        """Return the line for a parameter that is called otherwise, with its numbers in another unit."""
+        problem, given = self.problem, repr(self.value)
+        if isinstance(self.value, (int, float)) and not isinstance(self.value, bool):
+            given = f"{scale(self.value):g}"
+        if self.limits is not None:
+            problem = f"it must be {_range_text(*map(scale, self.limits))} {unit}".rstrip()
+        return f"{name} is {given}; {problem}"
 
 
 class ParameterClass(Protocol):
@@ -62,8 +97,7 @@ class ParameterRow:
             return ", ".join(self.choices)
         if self.minimum is None or self.maximum is None:
             return ""
-        style = "g" if isinstance(self.default, float) else ".0f"
-        return f"{self.minimum:{style}} to {self.maximum:{style}} {self.unit}".rstrip()
+        return f"{_range_text(self.minimum, self.maximum)} {self.unit}".rstrip()
 
     def check(self, value: object) -> Value:
         """Return `value` in the parameter's type.
@@ -75,24 +109,22 @@ class ParameterRow:
         kind = type(self.default)
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
+        problem, limits = "", None
         if type(value) is not kind:
-            msg = f"parameter '{self.name}' is {value!r}, and must be {_TYPE_TEXT[kind]}"
-            raise ParameterError(msg)
-        if isinstance(value, float) and not math.isfinite(value):
-            msg = f"parameter '{self.name}' is {value}; it must be a finite number"
-            raise ParameterError(msg)
-        if self.choices and value not in self.choices:
-            msg = f"parameter '{self.name}' is '{value}'; it must be one of {self.range_text}"
-            raise ParameterError(msg)
-        if (
-            isinstance(value, (int, float))
-            and self.minimum is not None
-            and self.maximum is not None
-            and not self.minimum <= value <= self.maximum
-        ):
-            msg = f"parameter '{self.name}' is {value:g}; it must be {self.range_text}"
-            raise ParameterError(msg)
-        return value
+            problem = f"it must be {_TYPE_TEXT[kind]}"
+        elif isinstance(value, float) and not math.isfinite(value):
+            problem = "it must be a finite number"
+        elif self.choices and value not in self.choices:
+            problem = f"it must be one of {self.range_text}"
+        elif isinstance(value, (int, float)) and self.minimum is not None and self.maximum is not None:
+            limits = None if self.minimum <= value <= self.maximum else (self.minimum, self.maximum)
+        if problem or limits:
+            raise ParameterError(problem, self.name, value, limits=limits, unit=self.unit)
+        return cast("Value", value)
+
+
+def _range_text(minimum: float, maximum: float) -> str:
+    return " to ".join(f"{number:.0f}" if isinstance(number, int) else f"{number:g}" for number in (minimum, maximum))
 
 
 def parameter(
@@ -214,11 +246,11 @@ def on_change(node: Node, table: type[P], apply: Callable[[P], None]) -> None:
 
 def _check_dynamic(row: ParameterRow, value: object) -> None:
     if not row.dynamic:
-        msg = (
-            f"parameter '{row.name}' is {value!r} and stays so while the node runs, which is built on it; "
-            f"stop the node and start it with -p {row.name}:=VALUE"
+        problem = (
+            "it stays so while the node runs, which is built on it: stop the node and start it with "
+            f"-p {row.name}:=VALUE"
         )
-        raise ParameterError(msg)
+        raise ParameterError(problem, row.name, value)
 
 
 def _descriptor(row: ParameterRow) -> Any:
@@ -238,3 +270,143 @@ def _descriptor(row: ParameterRow) -> Any:
             kind = message_class("rcl_interfaces/msg/IntegerRange")
             descriptor.integer_range = [kind(from_value=int(row.minimum), to_value=int(row.maximum), step=1)]
     return descriptor
+
+
+@dataclass(frozen=True)
+class TypedUnit:
+    """A unit of the command line beside its SI unit, and how names of options and parameters end in them.
+
+    Attributes:
+        si: Unit inside.
+        typed: Unit on the command line.
+        si_end: End of a parameter's name.
+        typed_end: End of an option's name, with underscores.
+        exponent: One typed unit is 10 to this power of the SI unit.
+        example: What to type for a value in SI.
+
+    """
+
+    si: str
+    typed: str
+    si_end: str
+    typed_end: str
+    exponent: int
+    example: str
+
+
+TYPED_UNITS = (
+    TypedUnit("Pa", "kPa", "_pa", "_kpa", 3, "50 for 50000 Pa"),
+    TypedUnit("m/s", "mm/s", "_m_s", "_mm_s", -3, "5 for 0.005 m/s"),
+    TypedUnit("m", "mm", "_m", "_mm", -3, "20 for 0.02 m"),
+)
+"""Every other unit is typed as it is inside: s, Hz, kg, deg, l/min."""
+
+RENAMED = {"hardware check": {"--output": "--save-board-file"}}
+"""Options that have another name now, by subcommand; those of the units above follow by themselves."""
+
+
+def typed_row(row: ParameterRow) -> ParameterRow:
+    """Return a parameter as it is on the command line: name, unit, default and range in the units that are typed."""
+    unit = _of_parameter(row.name)
+    if unit is None or isinstance(row.default, (bool, int, str)):
+        return row
+    return dataclasses.replace(
+        row,
+        name=_renamed(row.name, unit),
+        unit=unit.typed,
+        default=_scaled(row.default, -unit.exponent),
+        minimum=None if row.minimum is None else _scaled(row.minimum, -unit.exponent),
+        maximum=None if row.maximum is None else _scaled(row.maximum, -unit.exponent),
+    )
+
+
+def option_name(parameter: str) -> str:
+    """Return the option of a parameter: `--vacuum-kpa` for `vacuum_pa`."""
+    return f"--{typed_name(parameter)}"
+
+
+def typed_name(parameter: str) -> str:
+    """Return how a parameter is called where its name is typed: `vacuum-kpa` for `vacuum_pa`."""
+    unit = _of_parameter(parameter)
+    return (_renamed(parameter, unit) if unit else parameter).replace("_", "-")
+
+
+def in_si(parameter: str, typed: Value) -> Value:
+    """Return what was typed for a parameter in the unit that the parameter has."""
+    unit = _of_parameter(parameter)
+    return _scaled(typed, unit.exponent) if unit and isinstance(typed, (int, float)) else typed
+
+
+def typed_value(parameter: str, value: Value) -> Value:
+    """Return what to type for a value of a parameter, in SI: the inverse of `in_si`."""
+    unit = _of_parameter(parameter)
+    return _scaled(value, -unit.exponent) if unit and isinstance(value, (int, float)) else value
+
+
+def parameter_of(typed: str) -> str:
+    """Return the parameter that a typed name stands for: `vacuum_pa` for `vacuum-kpa`."""
+    name = typed.replace("-", "_")
+    for unit in TYPED_UNITS:
+        if name.endswith(unit.typed_end):
+            return name.removesuffix(unit.typed_end) + unit.si_end
+    return name
+
+
+def typed(parameter: str, value: float) -> str:
+    """Return an option and what to give for it, for a sentence: `--drop-height-mm of 30` for 0.03 m."""
+    return f"{option_name(parameter)} of {typed_value(parameter, value):g}"
+
+
+def as_typed(error: Exception, lead: str = "--") -> str:
+    """Return the line of an error with parameters as options, and values and limits in the units that are typed.
+
+    Args:
+        error: A ParameterError, or what was raised from one.
+        lead: What stands before a name; `--set ` where it is no option of its own.
+
+    """
+    text, cause = str(error), error
+    while not isinstance(cause, ParameterError):
+        if cause.__cause__ is None or not isinstance(cause.__cause__, Exception):
+            return text
+        cause = cause.__cause__
+    if not cause.name:
+        return text
+    unit, name = _of_parameter(cause.name), lead + typed_name(cause.name)
+    if unit is None:
+        return text.replace(str(cause), cause.text(name, lambda number: number, cause.unit))
+    shift = -unit.exponent
+    return text.replace(str(cause), cause.text(name, lambda number: _scaled(number, shift), unit.typed))
+
+
+def renamed(option: str, known: Collection[str], command: str = "") -> str | None:
+    """Return one line on where an option went that a subcommand does not know; None if it never was one.
+
+    Args:
+        option: As typed: `--vacuum-pa`.
+        known: Options of the subcommand.
+        command: The subcommand, with all its words.
+
+    """
+    for words, names in RENAMED.items():
+        if command.endswith(words) and option in names:
+            return f"{option} is {names[option]} now"
+    name = option.removeprefix("--").replace("-", "_")
+    unit = _of_parameter(name)
+    if unit is None or option_name(name) not in known:
+        return None
+    return f"{option} is {option_name(name)} now, in {unit.typed}: {unit.example}"
+
+
+def _of_parameter(name: str) -> TypedUnit | None:
+    """Return the unit of a parameter by the end of its name, in SI."""
+    return next((unit for unit in TYPED_UNITS if name.endswith(unit.si_end)), None)
+
+
+def _renamed(parameter: str, unit: TypedUnit) -> str:
+    return parameter.removesuffix(unit.si_end) + unit.typed_end
+
+
+def _scaled(value: float, exponent: int) -> float:
+    """Return a value times a power of ten, as its digits say: 0.55 mm are the number that 0.00055 m is written as."""
+    return float(Decimal(repr(float(value))).scaleb(exponent))

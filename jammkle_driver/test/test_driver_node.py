@@ -261,13 +261,13 @@ def test_an_unknown_parameter_is_refused(graph: Graph) -> None:
 
 
 REFUSED = (
-    ("hardware", "fake", "'hardware' is 'sim' and stays so while the node runs"),
-    ("port", "/dev/null", "'port' is '' and stays so while the node runs"),
+    ("hardware", "fake", "'hardware' is 'sim'; it stays so while the node runs"),
+    ("port", "/dev/null", "'port' is ''; it stays so while the node runs"),
     ("board_file", "other.yaml", "stop the node and start it with -p board_file:=VALUE"),
-    ("max_vacuum_pa", 60e3, "'max_vacuum_pa' is 70000.0 and stays so while the node runs"),
+    ("max_vacuum_pa", 60e3, "'max_vacuum_pa' is 70000; it stays so while the node runs"),
     ("default_vacuum_pa", 90e3, "'default_vacuum_pa' is 90000; it must be from min_vacuum_pa to max_vacuum_pa"),
     ("default_vacuum_pa", math.nan, "'default_vacuum_pa' is nan; it must be a finite number"),
-    ("ambient_pressure_pa", "high", "'ambient_pressure_pa' is 'high', and must be a number"),
+    ("ambient_pressure_pa", "high", "'ambient_pressure_pa' is 'high'; it must be a number"),
 )
 """A change of a parameter that is not taken, and words of the answer."""
 

@@ -6,8 +6,8 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 from jammkle_common.command.errors import GraphError, InputError, Interrupted
-from jammkle_common.command.options import as_typed, typed_name
 from jammkle_common.command.results import progress_bar
+from jammkle_common.parameters import as_typed, typed_name
 from jammkle_gap.ankle.alike import difference
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.loading import load_recordings
@@ -114,7 +114,7 @@ def recordings_of(
                 runs = load_recordings(bag, request.rig, options=request.options, namespace=namespace)
                 found.append((bag, tuple(selected(each, sensors or headline_set(each)) for each in runs)))
             except BadRecordingError as error:
-                raise InputError(as_typed(str(error), "--set ")) from error
+                raise InputError(as_typed(error, "--set ")) from error
             except UnstableSimulationError as error:
                 msg = f"bag {bag}: {error}"
                 raise GraphError(msg) from error

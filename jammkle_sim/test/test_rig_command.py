@@ -13,9 +13,8 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from jammkle_common.command.main import main
-from jammkle_common.command.options import option_name
 from jammkle_common.names import CHANNELS, PRESSURES, SOLENOIDS, TOPICS
-from jammkle_common.parameters import rows
+from jammkle_common.parameters import option_name, rows
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:

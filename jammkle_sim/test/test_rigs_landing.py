@@ -259,7 +259,7 @@ def test_blow_up_is_reported_with_what_was_simulated(*, advance_in_python: bool)
         ("friction", float("inf"), "'friction' is inf"),
         ("release_time_s", -1.0, "'release_time_s' is -1"),
         ("seed", -1, "'seed' is -1"),
-        ("seed", 1.5, "'seed' is 1.5, and must be a whole number"),
+        ("seed", 1.5, "'seed' is 1.5; it must be a whole number"),
         ("timestep_s", 0.1, "'timestep_s' is 0.1"),
         ("parameter_set", "best", "'parameter_set' is 'best'.*fitted, as_printed"),
     ],

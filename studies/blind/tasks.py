@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.options import typed_name, typed_value
+from jammkle_common.parameters import typed_name, typed_value
 from studies.blind import files
 from studies.blind.key import Kind, Rung, main_rungs
 from studies.blind.outcomes import level

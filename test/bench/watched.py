@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 ROUNDS = 3
 SETTLE_S = 4.0
 MEASURED_S = 8.0
-ROBOT = ("up", "--robot", "quadruped", "--behaviour", "walk")
+ROBOT = ("up", "--robot", "quadruped", "-p", "sim:behaviour:=walk")
 MOVED = b"batched_positions"
 """Every frame moves the tendons, all of them in one message."""
 

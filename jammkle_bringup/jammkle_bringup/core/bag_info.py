@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
 
 from jammkle_common.bags.reading import opened
 from jammkle_common.bags.times import BagTimes
@@ -16,6 +19,8 @@ if TYPE_CHECKING:
     from jammkle_common.bags.reading import Connection
 
 _PROGRESS_MESSAGES = 10_000
+_ALIKE = 0.02
+"""Part by which durations of log and data may differ without a word."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +62,6 @@ class BagInfo:
     messages: int
     topics: tuple[TopicInfo, ...]
     custom_data: dict[str, str]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return a mapping for JSON."""
-        return asdict(self)
 
 
 @dataclass
@@ -130,3 +131,50 @@ def _topic(connection: Connection, span: _Span, times: BagTimes) -> TopicInfo:
         reliability=", ".join(sorted({profile.reliability.name.lower() for profile in profiles})),
         durability=", ".join(sorted({profile.durability.name.lower() for profile in profiles})),
     )
+
+
+def info_line(info: BagInfo) -> str:
+    """Return all of a bag in one line: what it holds, over which time, and by whose clock."""
+    topics = f"{len(info.topics)} topic{'' if len(info.topics) == 1 else 's'}"
+    return (
+        f"{info.bag}: {info.messages} messages on {topics} in {info.duration_s:.3f} s from "
+        f"ROS time {info.start_s:.3f} s{_other_clock(info)}"
+    )
+
+
+def custom_lines(info: BagInfo, *, verbose: bool) -> list[str]:
+    """Return what the recorder added, whole if `verbose`; else what fits in a line each, and how much more there is."""
+    lines = []
+    for key, value in info.custom_data.items():
+        text = value.rstrip()
+        count = text.count("\n") + 1
+        if count == 1:
+            lines.append(f"{key}: {text}")
+        else:
+            lines.append(f"{key}:\n{text}" if verbose else f"{key}: {count} lines (--verbose shows them)")
+    return lines
+
+
+def info_table(info: BagInfo) -> Table:
+    """Return the table of `jammkle info`."""
+    topics = Table()
+    # names break where a person would break them; the type stands below its topic, so that both fit in 80 columns
+    topics.add_column("topic, type", no_wrap=True)
+    for heading in ("count", "rate, Hz"):
+        topics.add_column(heading, justify="right", no_wrap=True)
+    topics.add_column("by", no_wrap=True)
+    topics.add_column("offered as")
+    for topic in info.topics:
+        durability = topic.durability.replace("transient_local", "latched")
+        offered = ", ".join(part for part in (topic.reliability, durability) if part)
+        name = f"{escape(topic.name)}\n  [dim]{escape(topic.message_type)}[/dim]"
+        rate = "" if topic.rate_hz is None else f"{topic.rate_hz:.1f}"
+        topics.add_row(name, str(topic.count), rate, topic.rate_by if rate else "", offered)
+    return topics
+
+
+def _other_clock(info: BagInfo) -> str:
+    """Return a word on data that has another time than its log."""
+    if not info.duration_s or abs(info.data_duration_s / info.duration_s - 1.0) < _ALIKE:
+        return ""
+    return f"; its data span {info.data_duration_s:.3f} s by their own clock"

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import enum
 import itertools
-from collections import Counter
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+
+import pyarrow as pa  # type: ignore[import-untyped]  # carries no types
+import pyarrow.csv  # type: ignore[import-untyped]  # carries no types
+import pyarrow.parquet  # type: ignore[import-untyped]  # carries no types
+from rich.table import Table
 
 from jammkle_bringup.core.columns import RowMaker
-from jammkle_bringup.core.table_files import NewColumnError, TableFile, TableFormat
-from jammkle_bringup.core.time_grid import TimeGrid
 from jammkle_common.bags.reading import opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError, Interrupted
@@ -60,10 +66,6 @@ class Exported:
     bag: str
     start_s: float
     tables: tuple[ExportedTable, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return a mapping for JSON."""
-        return asdict(self)
 
 
 def export(request: ExportRequest, on_progress: Callable[[float], None], stop: Callable[[], bool]) -> Exported:
@@ -234,3 +236,219 @@ def _joined(table: str, column: str) -> str:
     """Return a column's name beside those of other topics, without saying a word twice: `pump_duty` of `duty`."""
     last = table.rpartition("_")[2]
     return table + column.removeprefix(last) if f"{column}_".startswith(f"{last}_") else f"{table}_{column}"
+
+
+PART_ROWS = 16_384
+"""Rows that are held before they are written."""
+
+
+class TableFormat(enum.Enum):
+    """What a table is written as; the value is the end of its file's name."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+class _Writer(Protocol):
+    def write_table(self, table: Any) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class NewColumnError(Exception):
+    """A column came up after the head of the table was written; `columns` are all that are known now."""
+
+    def __init__(self, columns: list[str]) -> None:
+        """Keep the columns."""
+        super().__init__(", ".join(columns))
+        self.columns = columns
+
+
+class TableFile:
+    """One table that is being written. Columns are those of the rows before the first part is written."""
+
+    def __init__(self, path: Path, form: TableFormat, columns: Sequence[str]) -> None:
+        """Begin a table; the file is made with its first part.
+
+        Args:
+            path: The file; written over.
+            form: As what.
+            columns: Known by now, in order.
+
+        """
+        self.path = path
+        self.rows = 0
+        self._form = form
+        self._columns = {name: place for place, name in enumerate(columns)}
+        self._held: list[dict[str, Any]] = []
+        self._schema: Any = None
+        self._writer: _Writer | None = None
+        self._file: BinaryIO | None = None
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns, in order."""
+        return list(self._columns)
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Take a row; what it lacks is empty.
+
+        Raises:
+            NewColumnError: it has a column that the head of the table lacks.
+            OSError: it cannot be written.
+
+        """
+        if not row.keys() <= self._columns.keys():
+            self._columns.update({name: len(self._columns) for name in row if name not in self._columns})
+            if self._schema is not None:
+                raise NewColumnError(self.columns)
+        self._held.append(row)
+        if len(self._held) >= PART_ROWS:
+            self._write()
+
+    def close(self) -> None:
+        """Write what is held, and end the file.
+
+        Raises:
+            OSError: it cannot be written.
+
+        """
+        if self._held or self._writer is None:
+            self._write()
+        self._end()
+
+    def abandon(self) -> None:
+        """End the file as it is."""
+        self._held.clear()
+        self._end()
+
+    def _end(self) -> None:
+        with contextlib.ExitStack() as stack:
+            if self._file is not None:
+                stack.callback(self._file.close)
+            if self._writer is not None:
+                self._writer.close()
+
+    def _write(self) -> None:
+        if self._schema is None:
+            arrays = [pa.array([row.get(name) for row in self._held]) for name in self._columns]
+            self._schema = pa.schema(
+                [
+                    pa.field(name, pa.float64() if pa.types.is_null(array.type) else array.type)
+                    for name, array in zip(self._columns, arrays, strict=True)
+                ]
+            )
+            self._writer = self._opened()
+        table = pa.table(
+            [pa.array([row.get(field.name) for row in self._held], field.type) for field in self._schema],
+            schema=self._schema,
+        )
+        if self._writer is not None:
+            self._writer.write_table(table)
+        self.rows += len(self._held)
+        self._held.clear()
+
+    def _opened(self) -> _Writer:
+        self._file = self.path.open("wb")  # Arrow takes no name whose bytes are none in UTF-8
+        if self._form is TableFormat.PARQUET:
+            writer: _Writer = pyarrow.parquet.ParquetWriter(self._file, self._schema, compression="zstd")
+            return writer
+        written: _Writer = pyarrow.csv.CSVWriter(
+            self._file, self._schema, write_options=pyarrow.csv.WriteOptions(quoting_style="needed")
+        )
+        return written
+
+
+LATENESS_NS = 2 * NANOSECONDS_PER_SECOND
+"""How long a moment waits for late samples. Assumed: a recorder's queues hold two seconds (`recorder.QUEUE_DEPTH`)."""
+
+HOLE_NS = NANOSECONDS_PER_SECOND
+"""Time without samples from which on a measurement is empty instead of a straight line. Assumed: well above the period
+of what is measured here, 10 ms at most."""
+
+EMPTY_NS = 600 * NANOSECONDS_PER_SECOND
+"""Time without samples of any kind from which on there are no rows. Assumed: no sensor of a robot that runs is silent
+for as long; a clock that was set makes years."""
+
+
+@dataclass
+class _Signal:
+    """Samples of one column that are still needed. `is_measured`: straight lines between them."""
+
+    is_measured: bool
+    samples: deque[tuple[int, Any]] = field(default_factory=deque)
+
+    def at(self, time_ns: int) -> Any:
+        """Return the value at a time; None where there is none. Times must not decrease from call to call."""
+        samples = self.samples
+        while len(samples) > 1 and samples[1][0] <= time_ns:
+            samples.popleft()
+        if not samples or samples[0][0] > time_ns:
+            return None
+        begin_ns, value = samples[0]
+        if not self.is_measured or begin_ns == time_ns:
+            return value
+        if len(samples) == 1 or samples[1][0] - begin_ns > HOLE_NS:
+            return None
+        end_ns, end = samples[1]
+        return value + (end - value) * (time_ns - begin_ns) / (end_ns - begin_ns)
+
+
+class TimeGrid:
+    """Rows at equal distances in time, each as soon as nothing can change it any more."""
+
+    def __init__(self, rate_hz: float) -> None:
+        """Begin at time zero, with this many rows per second."""
+        self._rate_hz = rate_hz
+        self._next = 0
+        self._now_ns = -1
+        self._signals: dict[str, _Signal] = {}
+        self.holes: list[tuple[int, int]] = []
+        """Begin and end of the times without rows, ns."""
+        self._passed = 0
+
+    def add(self, time_ns: int, name: str, value: Any, *, is_measured: bool) -> None:
+        """Take a sample; one that is older than its predecessor is put where it belongs."""
+        samples = self._signals.setdefault(name, _Signal(is_measured)).samples
+        later = []
+        while samples and samples[-1][0] > time_ns:
+            later.append(samples.pop())
+        samples.append((time_ns, value))
+        samples.extend(reversed(later))
+        if self._now_ns >= 0 and time_ns - self._now_ns > EMPTY_NS:
+            self.holes.append((self._now_ns, time_ns))
+        self._now_ns = max(self._now_ns, time_ns)
+
+    def ready(self) -> Iterator[dict[str, Any]]:
+        """Return the rows that are ready, with `time_s`."""
+        return self._until(self._now_ns - LATENESS_NS)
+
+    def rest(self) -> Iterator[dict[str, Any]]:
+        """Return the rows up to the last sample: nothing else comes."""
+        return self._until(self._now_ns)
+
+    def _until(self, end_ns: int) -> Iterator[dict[str, Any]]:
+        while (time_ns := round(self._next * NANOSECONDS_PER_SECOND / self._rate_hz)) <= end_ns:
+            if self._passed < len(self.holes) and time_ns > self.holes[self._passed][0]:
+                end_ns = self.holes[self._passed][1]
+                self._next = max(self._next, math.ceil(end_ns * self._rate_hz / NANOSECONDS_PER_SECOND))
+                self._passed += 1
+                continue
+            self._next += 1
+            row = {"time_s": time_ns / NANOSECONDS_PER_SECOND}
+            for name, signal in self._signals.items():
+                value = signal.at(time_ns)
+                if value is not None:
+                    row[name] = value
+            yield row
+
+
+def exported_table(done: Exported, folder: Path) -> Table:
+    """Return for people what was written."""
+    title = f"{folder}: time_s counts from ROS time {done.start_s:.9f} s"
+    shown = Table("table", title=title, title_justify="left")
+    for heading in ("rows", "columns"):
+        shown.add_column(heading, justify="right")
+    for table in done.tables:
+        shown.add_row(table.file, str(table.rows), str(len(table.columns)))
+    return shown

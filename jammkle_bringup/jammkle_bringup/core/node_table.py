@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import enum
 import importlib
+import re
 import sys
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+import yaml
 
 from jammkle_common.command import HARDWARE, entries
 from jammkle_common.command.errors import InputError
@@ -22,9 +25,13 @@ from jammkle_common.names import (
     VIEWER_NODE,
     resolved,
 )
+from jammkle_common.parameters import ParameterError, from_mapping, of_table, rows
 from jammkle_sim.robots.options import RobotOptions
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
     from jammkle_common.parameters import ParameterClass
 
 
@@ -160,11 +167,11 @@ ROBOT_NAMES = NodeEntry(
     package="jammkle_bringup",
     executable="robot_names",
     name=ROBOT_NAMES_NODE,
-    parameter_table="jammkle_bringup.robot_names.parameters:RobotNamesParameters",
+    parameter_table="jammkle_bringup.robot_names:RobotNamesParameters",
     follows_simulated_time=False,
     module="jammkle_bringup.robot_names",
 )
-"""Joints and channels by the robot's names, one for each ankle. A robot commands through it, so its death stops all."""
+"""Joints by the robot's names, one for each ankle, where its `joints` are given."""
 
 ParameterValue = bool | int | float | str
 
@@ -190,9 +197,24 @@ def nodes_for(hardware: str, robot: Robot = Robot.ANKLE) -> tuple[NodeEntry, ...
     return (*simulated, *of_ankles)
 
 
-def robot_names_for(robot: Robot) -> tuple[NodeEntry, ...]:
-    """Return the nodes that know the robot's own names: one for each ankle."""
-    return tuple(replace(ROBOT_NAMES, within=ankle) for ankle in robot.ankles)
+def robot_names_for(
+    robot: Robot,
+    paths: Sequence[Path],
+    namespace: str,
+    values: Mapping[str, Mapping[str, object]] | None = None,
+) -> tuple[NodeEntry, ...]:
+    """Return the nodes that know the robot's own names: one for each ankle whose joints are named in files or values.
+
+    Raises:
+        InputError: a file cannot be read.
+
+    """
+    each = (replace(ROBOT_NAMES, within=ankle) for ankle in robot.ankles)
+    return tuple(
+        entry
+        for entry in each
+        if {**merged_values(paths, namespace, entry), **values_of(values or {}, entry)}.get("joints")
+    )
 
 
 def simulated_time(entry: NodeEntry, hardware: str) -> bool:
@@ -232,3 +254,202 @@ def _yaml_text(value: ParameterValue) -> str:
         doubled = value.replace("'", "''")
         return f"'{doubled}'"
     return repr(value)
+
+
+Value = TypeVar("Value")
+
+_PARAMETERS_KEY = "ros__parameters"
+_WILDCARDS = ("*", "**")
+_WIDTH = 118
+
+
+class _RosLoader(yaml.SafeLoader):
+    """Reads numbers as ROS does: YAML 1.2 needs no point in `2e-4`, which PyYAML, at 1.1, takes for text."""
+
+
+_RosLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:\.\d+|\d+(?:\.\d*)?)[eE][-+]?\d+"), list("-+.0123456789")
+)
+
+
+def check_parameter_files(
+    paths: Sequence[Path],
+    namespace: str,
+    nodes: Sequence[NodeEntry],
+    values: Mapping[str, Mapping[str, object]] | None = None,
+) -> None:
+    """Check ROS parameter files against the nodes they are for.
+
+    Args:
+        paths: The files; the last one wins.
+        namespace: Normalised namespace in which the nodes will run.
+        nodes: The nodes that will be started.
+        values: Parameters that win over the files, by node name or path; see `values_of`.
+
+    Raises:
+        InputError: a file cannot be read or names a node that is not there, or a node's parameters hold an unknown
+            or bad one, or do not go together.
+
+    """
+    for path in paths:
+        _check_sections(path, namespace, nodes)
+    for entry in nodes:
+        merged = {**merged_values(paths, namespace, entry), **values_of(values or {}, entry)}
+        try:
+            from_mapping(entry.parameters(), of_table(merged))
+        except ParameterError as error:
+            full_name = resolved(namespace, entry.path)
+            sources = [
+                str(path) for path in paths if any(_matches(each, full_name) for each, _ in _read_sections(path))
+            ]
+            msg = f"{', '.join(sources) or 'given'}: {entry.path}: {error}"
+            raise InputError(msg) from error
+
+
+def values_of(values: Mapping[str, Mapping[str, Value]], entry: NodeEntry) -> dict[str, Value]:
+    """Return what is given for a node: by its name (`driver`: of every ankle), then by its path (`lf_ankle/driver`)."""
+    return {**values.get(entry.name, {}), **values.get(entry.path, {})}
+
+
+def assignment(text: str) -> tuple[str, str, ParameterValue]:
+    """Return node, parameter and value of `NODE:NAME:=VALUE`, the value read as in a parameter file.
+
+    Raises:
+        InputError: it has another form, or the value is not a single one.
+
+    """
+    found = re.fullmatch(r"([^:\s]+):([^:\s]+):=(.*)", text, re.DOTALL)
+    if found is None:
+        msg = f"-p {text}: give NODE:NAME:=VALUE, for example driver:max_vacuum_pa:=50000"
+        raise InputError(msg)
+    node, name, value_text = found.groups()
+    try:
+        value = yaml.load(value_text, _RosLoader)  # noqa: S506 - a safe loader's subclass
+    except yaml.YAMLError:
+        value = None
+    if not isinstance(value, (bool, int, float, str)):
+        msg = f"-p {text}: the value must be a number, true, false or text (text with a colon in quotes)"
+        raise InputError(msg)
+    return node, name, value
+
+
+def merged_values(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> dict[str, object]:
+    """Return what files say of a node, by parameter; the last section that fits wins.
+
+    Raises:
+        InputError: a file cannot be read.
+
+    """
+    full_name = resolved(namespace, entry.path)
+    merged: dict[str, object] = {}
+    for path in paths:
+        for pattern, values in _read_sections(path):
+            if _matches(pattern, full_name):
+                merged.update(values)
+    return merged
+
+
+def parameter_file_text(nodes: Sequence[NodeEntry], values: Mapping[str, Mapping[str, object]] | None = None) -> str:
+    """Return a parameter file that holds every parameter of the nodes, described, with its default.
+
+    Args:
+        nodes: The nodes.
+        values: What stands there instead of a default, by node name and parameter.
+
+    """
+    lines = [
+        "# Every parameter with its default, made from the nodes' tables. Copy it, keep what you change,",
+        "# and give it to the graph: jammkle up --params FILE",
+    ]
+    for entry in nodes:
+        lines += ["", f"/**/{entry.name}:", f"  {_PARAMETERS_KEY}:"]
+        for row in rows(entry.parameters()):
+            about = row.description if not row.unit else f"{row.description} [{row.unit}]"
+            limits = f" ({row.range_text})" if row.range_text else ""
+            lines += [f"    # {part}" for part in _wrapped(about + limits)]
+            lines.append(f"    {row.name}: {_scalar((values or {}).get(entry.name, {}).get(row.name, row.default))}")
+    return "\n".join(lines) + "\n"
+
+
+def _scalar(value: object) -> str:
+    # PyYAML writes a float so that YAML 1.1 reads one: 6.0e-06, for 6e-06 would be text.
+    return yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
+
+
+def _wrapped(text: str) -> list[str]:
+    lines = [""]
+    for word in text.split():
+        if len(lines[-1]) + len(word) > _WIDTH - len("    # "):
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return lines
+
+
+def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:
+    return list(_sections(_read(path), path))
+
+
+def _read(path: Path) -> Mapping[str, object]:
+    try:
+        document = yaml.load(path.read_text(encoding="utf-8"), _RosLoader)  # noqa: S506 - a safe loader's subclass
+    except OSError as error:
+        msg = f"{path}: cannot be read: {error.strerror}"
+        raise InputError(msg) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        msg = f"{path}: is not YAML: {' '.join(str(error).split())}"
+        raise InputError(msg) from error
+    if not isinstance(document, dict):
+        msg = f"{path}: must hold sections such as '/**/driver: {{{_PARAMETERS_KEY}: {{...}}}}'"
+        raise InputError(msg)
+    return document
+
+
+def _sections(document: Mapping[str, object], path: Path, prefix: str = "") -> Iterator[tuple[str, dict[str, object]]]:
+    """Yield `(pattern of node names, parameters)` of a file; namespaces may be nested."""
+    for key, value in document.items():
+        pattern = f"{prefix}/{str(key).strip('/')}"
+        if not isinstance(value, dict):
+            msg = f"{path}: section '{key}' holds no '{_PARAMETERS_KEY}'"
+            raise InputError(msg)
+        if _PARAMETERS_KEY in value:
+            values = value[_PARAMETERS_KEY] or {}
+            if not isinstance(values, dict):
+                msg = f"{path}: '{_PARAMETERS_KEY}' of '{key}' is {values!r}, and must be names with values"
+                raise InputError(msg)
+            yield pattern, dict(_flat(values))
+        else:
+            yield from _sections(value, path, pattern)
+
+
+def _flat(values: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _matches(pattern: str, full_name: str) -> bool:
+    """Return True if a pattern of a parameter file fits a node's full name; `*` is one level, `**` any number."""
+    parts = ""
+    for token in pattern.strip("/").split("/"):
+        parts += {"*": "/[^/]+", "**": "(?:/[^/]+)*"}.get(token, "/" + re.escape(token))
+    return re.fullmatch(parts, full_name) is not None
+
+
+def _check_sections(path: Path, namespace: str, nodes: Sequence[NodeEntry]) -> None:
+    patterns = [pattern for pattern, _ in _read_sections(path)]
+    names = {entry.name for entry in nodes}
+    for pattern in patterns:
+        node = pattern.rpartition("/")[2]
+        if node not in names and node not in _WILDCARDS:
+            msg = f"{path}: no node '{node}' in this graph (section '{pattern}'); known are: {', '.join(sorted(names))}"
+            raise InputError(msg)
+    if patterns and not any(
+        _matches(pattern, resolved(namespace, entry.path)) for pattern in patterns for entry in nodes
+    ):
+        msg = (
+            f"{path}: no section fits namespace {namespace} (sections: {', '.join(patterns)}); "
+            "'/**/driver' fits the driver of every namespace"
+        )
+        raise InputError(msg)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from jammkle_bringup.core.run_summary import (
+from jammkle_bringup.core.landing import (
     REACHED_FRACTION,
     vacuum_pa,
 )
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from jammkle_bringup.core.run_series import RunSeries, Series
-    from jammkle_bringup.core.run_summary import RunSummary
+    from jammkle_bringup.core.landing import RunSeries, RunSummary, Series
 
 _PA_PER_KPA = 1e3
 _MM_PER_M = 1e3

@@ -1,26 +1,38 @@
-"""Joints and channels that a robot calls by names of its own, and back.
+"""Joints and topics that a robot calls by names of its own: read as text, in messages, and in whole bags.
 
-A mapping is text, `theirs=ours` parted by commas, as a parameter or the command line gives it:
+A mapping of joints is text, `theirs=ours` parted by commas, as a parameter or the command line gives it:
 
     lf_foot_pitch=ankle_pitch, lf_foot_roll=-ankle_roll
-
-Does not import rclpy.
 """
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
-from jammkle_common.names import ANKLE_JOINTS, CARRIAGE_JOINT, CHANNELS, LEG_JOINTS
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from jammkle_common.bags.contents import (
+    SUFFIX,
+    metadata_of,
+    write_metadata,
+)
+from jammkle_common.bags.reading import messages, opened
+from jammkle_common.bags.storage import open_file
+from jammkle_common.command.errors import InputError, Interrupted
+from jammkle_common.names import ANKLE_JOINTS, CARRIAGE_JOINT, JOINT_STATES, LEG_JOINTS
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from jammkle_common.bags.reading import BagReader, Connection
 
 KNOWN_JOINTS: tuple[str, ...] = (*ANKLE_JOINTS, *LEG_JOINTS, CARRIAGE_JOINT)
 _WORD = re.compile(r"[^\s=,]+")
-_TOPIC_PART = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 class RenamingError(ValueError):
@@ -72,7 +84,7 @@ class JointRenaming:
             theirs: (ours.removeprefix("-"), -1.0 if ours.startswith("-") else 1.0)
             for theirs, ours in _pairs(text).items()
         }
-        _check_ours([name for name, _ in found.values()], KNOWN_JOINTS, "joint")
+        _check_ours([name for name, _ in found.values()])
         return cls(found)
 
     @property
@@ -92,56 +104,6 @@ class JointRenaming:
         return Joints(tuple(name for _, name, _ in kept), *values)
 
 
-@dataclass(frozen=True)
-class ChannelRenaming:
-    """What a robot calls the channels, all of them."""
-
-    theirs_to_ours: Mapping[str, str]
-
-    @classmethod
-    def parsed(cls, text: str) -> ChannelRenaming:
-        """Read `theirs=ours`; a channel that is not named keeps its name.
-
-        Raises:
-            RenamingError: it has another form, a name stands twice, cannot be part of a topic's, or ours is unknown.
-
-        """
-        given = _pairs(text)
-        _check_ours(list(given.values()), CHANNELS, "channel")
-        for theirs in given:
-            if not _TOPIC_PART.fullmatch(theirs):
-                msg = f"channel name '{theirs}' cannot be part of a topic's: use letters, digits and _, a letter first"
-                raise RenamingError(msg)
-        named = {ours: theirs for theirs, ours in given.items()}
-        result = {named.get(ours, ours): ours for ours in CHANNELS}
-        if len(result) < len(CHANNELS):
-            twice = next(theirs for theirs in given if theirs in set(CHANNELS) - set(named))
-            msg = f"'{twice}' would be two channels: name the channel that is called so until now as well"
-            raise RenamingError(msg)
-        return cls(result)
-
-    def ours(self, theirs: Collection[str]) -> list[str]:
-        """Return our names.
-
-        Raises:
-            RenamingError: the robot has no channel of that name.
-
-        """
-        for name in theirs:
-            if name not in self.theirs_to_ours:
-                msg = f"unknown channel '{name}': the channels are {', '.join(self.theirs_to_ours)}"
-                raise RenamingError(msg)
-        return [self.theirs_to_ours[name] for name in theirs]
-
-    def theirs(self, ours: str) -> str:
-        """Return the robot's name of a channel."""
-        return next((theirs for theirs, known in self.theirs_to_ours.items() if known == ours), ours)
-
-    def told(self, text: str) -> str:
-        """Return a sentence with the robot's names in the place of ours."""
-        return re.sub(rf"\b(?:{'|'.join(CHANNELS)})\b", lambda found: self.theirs(found.group()), text)
-
-
 def _pairs(text: str) -> dict[str, str]:
     found: dict[str, str] = {}
     for part in filter(None, (each.strip() for each in text.split(","))):
@@ -156,11 +118,172 @@ def _pairs(text: str) -> dict[str, str]:
     return found
 
 
-def _check_ours(ours: Sequence[str], known: Sequence[str], what: str) -> None:
+def _check_ours(ours: Sequence[str]) -> None:
     for place, name in enumerate(ours):
-        if name not in known:
-            msg = f"'{name}' is no {what} of ours: use one of {', '.join(known)}"
+        if name not in KNOWN_JOINTS:
+            msg = f"'{name}' is no joint of ours: use one of {', '.join(KNOWN_JOINTS)}"
             raise RenamingError(msg)
         if name in ours[:place]:
-            msg = f"{what} '{name}' would have two names: give it one"
+            msg = f"joint '{name}' would have two names: give it one"
             raise RenamingError(msg)
+
+
+_EVERY = 1000
+"""Messages between two looks at whether to stop; some milliseconds."""
+
+
+@dataclass(frozen=True)
+class RenamingRequest:
+    """What is to be renamed.
+
+    Attributes:
+        bag: The bag to read.
+        target: Folder of the new bag.
+        joints: New names of joints, in every message of joint states that holds one of them; the others are left out.
+        topics: New names of topics, absolute, by the old ones.
+
+    """
+
+    bag: Path
+    target: Path
+    joints: JointRenaming
+    topics: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class RenamedBag:
+    """What a renaming has done.
+
+    Attributes:
+        bag: The new bag.
+        messages: In it.
+        joint_messages: Of these, with other joints than before.
+        topics: New names by the old ones.
+
+    """
+
+    bag: Path
+    messages: int
+    joint_messages: int
+    topics: Mapping[str, str]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return a mapping for JSON."""
+        return {
+            "bag": str(self.bag),
+            "messages": self.messages,
+            "joint_messages": self.joint_messages,
+            "topics": dict(self.topics),
+        }
+
+
+def rename(
+    request: RenamingRequest, on_progress: Callable[[float], None], asked_to_stop: Callable[[], bool]
+) -> RenamedBag:
+    """Write the bag anew; log times, stamps, QoS and custom data stay.
+
+    Args:
+        request: What is to be renamed.
+        on_progress: Called with the share that is done, 0 to 1.
+        asked_to_stop: Looked at between messages.
+
+    Raises:
+        InputError: the bag cannot be read, or holds nothing of what is to be renamed.
+        OSError: the new one cannot be written.
+        Interrupted: asked to stop; what is written by then is not whole.
+
+    """
+    with opened(request.bag) as reader:
+        _check(reader, request)
+        try:
+            request.target.mkdir(parents=True)
+        except OSError as error:
+            msg = f"bag {request.target} cannot be made: {error.strerror}"
+            raise InputError(msg) from error
+        path = request.target / f"{request.target.name}{SUFFIX}"
+        with path.open("wb") as stream:
+            changed = _write(reader, stream, request, on_progress, asked_to_stop)
+        if request.joints.new and not changed:
+            msg = f"bag {request.bag} has no joint {' or '.join(request.joints.new)} in its joint states"
+            raise InputError(msg)
+        with contextlib.closing(open_file(path)) as file:
+            write_metadata(request.target, metadata_of({path.name: file}, reader.custom_data, ""))
+        count = sum(each.msgcount for each in reader.every)
+        return RenamedBag(request.target, count, changed, dict(request.topics))
+
+
+def topics_of(pairs: list[str]) -> dict[str, str]:
+    """Read `/theirs=/ours` of each, absolute names.
+
+    Raises:
+        RenamingError: one has another form, or a name stands twice.
+
+    """
+    found: dict[str, str] = {}
+    for pair in pairs:
+        old, equals, new = pair.partition("=")
+        if not equals or not old.startswith("/") or not new.startswith("/"):
+            msg = f"'{pair}' must be /theirs=/ours, such as /valves/two/pressure=/achilles/pressure"
+            raise RenamingError(msg)
+        if old in found or new in found.values():
+            msg = f"'{old if old in found else new}' stands twice: give each name once"
+            raise RenamingError(msg)
+        found[old] = new
+    return found
+
+
+def _check(reader: BagReader, request: RenamingRequest) -> None:
+    known = {connection.topic for connection in reader.every}
+    for old, new in request.topics.items():
+        if old not in known:
+            msg = f"bag {request.bag} has no topic {old}: it has {', '.join(sorted(known)) or 'none'}"
+            raise InputError(msg)
+        if new in known - set(request.topics):
+            msg = f"bag {request.bag} has a topic {new} already: {old} cannot be called so"
+            raise InputError(msg)
+
+
+def _write(
+    reader: BagReader,
+    stream: BinaryIO,
+    request: RenamingRequest,
+    on_progress: Callable[[float], None],
+    asked_to_stop: Callable[[], bool],
+) -> int:
+    """Write all messages, those that cannot be decoded as they are; return how many have other joints."""
+    writer = Writer(stream, compression=CompressionType.ZSTD)
+    writer.start(profile="ros2", library="jammkle")
+    targets = {each.id: _added(writer, each, request) for each in reader.every}
+    changed, total = 0, max(sum(each.msgcount for each in reader.every), 1)
+    for count, (connection, time_ns, data) in enumerate(messages(reader, request.bag, reader.every)):
+        if count % _EVERY == 0:
+            if asked_to_stop():
+                raise Interrupted
+            on_progress(count / total)
+        new = _renamed(reader, request.joints, connection, data)
+        changed += new is not None
+        writer.add_message(targets[connection.id], time_ns, data if new is None else new, time_ns)
+    writer.finish()  # type: ignore[no-untyped-call]  # of the library
+    return changed
+
+
+def _added(writer: Writer, connection: Connection, request: RenamingRequest) -> int:
+    language = connection.language or ("ros2msg" if connection.definition else "")
+    schema = writer.register_schema(connection.msgtype, language, connection.definition) if connection.msgtype else 0
+    hints = {"offered_qos_profiles": connection.offered, "topic_type_hash": connection.digest}
+    kept = {key: text for key, text in hints.items() if text}
+    topic = request.topics.get(connection.topic, connection.topic)
+    return writer.register_channel(topic, connection.encoding, schema, kept)
+
+
+def _renamed(reader: BagReader, joints: JointRenaming, connection: Connection, data: bytes) -> bytes | None:
+    """Return a message of joint states under new names; None: it stays as it is."""
+    if not joints.new or connection.why_left_out or connection.msgtype != JOINT_STATES.message_type:
+        return None
+    message: Any = reader.deserialize(data, connection.msgtype)
+    found = joints.renamed(message)
+    if found is None:
+        return None
+    make = reader.typestore.types[connection.msgtype]
+    values = (np.array(each, dtype=np.float64) for each in (found.position, found.velocity, found.effort))
+    return reader.serialize(make(message.header, list(found.name), *values), connection.msgtype)

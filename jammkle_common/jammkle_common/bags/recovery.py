@@ -73,6 +73,22 @@ class Recovered:
         """Return a mapping for JSON."""
         return {**asdict(self), "bag": str(self.bag)}
 
+    def text(self) -> str:
+        """Return what people read."""
+        holds = f"{self.bag}: {self.messages} messages in {self.duration_s:.3f} s"
+        lost = (
+            f"; of it {', '.join(self.missing)} {'is' if len(self.missing) == 1 else 'are'} lost"
+            if self.missing
+            else ""
+        )
+        if self.was_whole:
+            return f"{holds}; {'' if lost else 'it is whole, '}nothing was to be done{lost}"
+        is_whole = "it is whole now" if not (lost or self.lacking) else "what is left of it can be read now"
+        torn = f"; {self.torn_bytes} bytes at the end were torn and are cut off" if self.torn_bytes else ""
+        given_up = f"; {self.given_up} messages at the end were given up for room" if self.given_up else ""
+        lacking = f"; {self.lacking} messages that its metadata counted are not there" if self.lacking else ""
+        return f"{holds}; {is_whole}{torn}{given_up}{lost}{lacking}"
+
 
 def recover(bag: Path, on_progress: Callable[[float], None], target: Path | None = None) -> Recovered:
     """Make a bag whole: complete its files, and make its metadata anew where they do not fit the files.

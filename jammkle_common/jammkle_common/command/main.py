@@ -12,8 +12,8 @@ from typer.core import TyperGroup
 from jammkle_common import VERSION
 from jammkle_common.command import COMMANDS, entries
 from jammkle_common.command.errors import GraphError, InputError, Interrupted
-from jammkle_common.command.options import renamed
 from jammkle_common.messages import ROS_MODULES
+from jammkle_common.parameters import renamed
 
 _EXTRAS = {
     "viser": "this opens a page in the browser, and so needs viser: pip install 'jammkle[view]'",

@@ -87,6 +87,12 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
         raise InputError(msg) from error
 
 
+def say(text: str) -> None:
+    """Write one line for people; results alone go to the standard output."""
+    sys.stderr.write(f"jammkle: {text}\n")
+    sys.stderr.flush()
+
+
 _said: set[str] = set()
 
 

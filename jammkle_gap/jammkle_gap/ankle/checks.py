@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_common import names
-from jammkle_common.command.options import typed_name
+from jammkle_common.parameters import typed_name
 from jammkle_gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
 from jammkle_gap.ankle.signals import CARRIAGE
 from jammkle_gap.core.data import BadRecordingError

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from jammkle_common.command.options import in_si, option_name, parameter_of, renamed
+from jammkle_common.parameters import in_si, option_name, parameter_of, renamed
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.options import JsonOption, NamespaceOption, as_typed, in_si, typed_row
+from jammkle_common.command.options import JsonOption, NamespaceOption
 from jammkle_common.constants import MAX_REPEATS
-from jammkle_common.parameters import ParameterError, from_mapping, rows
+from jammkle_common.parameters import ParameterError, as_typed, from_mapping, in_si, rows, typed_row
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def checked(kind: RigKind, values: dict[str, Any]) -> Any:
     try:
         return from_mapping(kind.options, values)
     except ParameterError as error:
-        raise InputError(as_typed(str(error))) from error
+        raise InputError(as_typed(error)) from error
 
 
 def _help(row: ParameterRow) -> str:

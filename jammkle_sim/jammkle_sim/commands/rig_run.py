@@ -13,11 +13,10 @@ from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
-from jammkle_common.command.options import as_typed
 from jammkle_common.command.results import progress_bar
 from jammkle_common.constants import MAX_REPEATS
 from jammkle_common.names import normalised
-from jammkle_common.parameters import ParameterError
+from jammkle_common.parameters import ParameterError, as_typed
 from jammkle_sim.commands.rig_bag import write_bag
 from jammkle_sim.commands.rig_options import RigRequest, rig_app
 from jammkle_sim.conversions import NotFiniteError
@@ -108,7 +107,7 @@ def _check(request: RigRequest) -> list[Path | None]:
         try:
             save_mjcf(request.rig, request.options, request.mjcf)
         except ParameterError as error:
-            raise InputError(as_typed(str(error))) from error
+            raise InputError(as_typed(error)) from error
         except OSError as error:
             msg = f"--save-mjcf {request.mjcf} cannot be written: {error.strerror}"
             raise InputError(msg) from error
@@ -142,13 +141,13 @@ def _run(
     try:
         return run_rig(name, options, on_progress, stop, change)
     except ParameterError as error:
-        raise InputError(as_typed(str(error))) from error
+        raise InputError(as_typed(error)) from error
     except BadChangeError as error:
         raise InputError(str(error)) from error
     except RigCancelledError as error:
         raise Interrupted from error
     except UnstableSimulationError as error:
-        raise GraphError(as_typed(str(error))) from error
+        raise GraphError(as_typed(error)) from error
 
 
 def _show(request: RigRequest, done: list[_Done]) -> None:

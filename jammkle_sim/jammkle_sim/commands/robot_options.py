@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.options import JsonOption, NamespaceOption, as_typed, in_si, typed_row
-from jammkle_common.parameters import ParameterError, ParameterRow, from_mapping, rows
+from jammkle_common.command.options import JsonOption, NamespaceOption
+from jammkle_common.parameters import ParameterError, ParameterRow, as_typed, from_mapping, in_si, rows, typed_row
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def robot_command(run: Callable[[RobotRequest], int]) -> Callable[..., int]:
         try:
             options = from_mapping(RobotOptions, {name: in_si(name, values[row.name]) for name, row in typed.items()})
         except ParameterError as error:
-            raise InputError(as_typed(str(error))) from error
+            raise InputError(as_typed(error)) from error
         return run(
             RobotRequest(
                 robot=values["robot"],

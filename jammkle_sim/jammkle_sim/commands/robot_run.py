@@ -11,10 +11,9 @@ from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
-from jammkle_common.command.options import as_typed
 from jammkle_common.command.results import progress_bar
 from jammkle_common.names import CHANNELS, normalised
-from jammkle_common.parameters import ParameterError
+from jammkle_common.parameters import ParameterError, as_typed
 from jammkle_sim.commands.rig_bag import write_bags
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.rigs.run import RigCancelledError
@@ -70,14 +69,14 @@ def _run(
             view.hold_vacuum(dict.fromkeys(CHANNELS, request.vacuum_pa))
         return record(simulation, request.duration_s, request.imu_rate_hz, on_progress, stop, namespace)
     except ParameterError as error:
-        raise InputError(as_typed(str(error))) from error
+        raise InputError(as_typed(error)) from error
     except ValueError as error:
         msg = f"--imu-rate-hz {request.imu_rate_hz}: {error}"
         raise InputError(msg) from error
     except RigCancelledError as error:
         raise Interrupted from error
     except UnstableSimulationError as error:
-        raise GraphError(as_typed(str(error))) from error
+        raise GraphError(as_typed(error)) from error
 
 
 def _show(request: RobotRequest, runs: dict[str, RigRun]) -> None:

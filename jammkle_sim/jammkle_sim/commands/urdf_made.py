@@ -6,8 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.options import as_typed
-from jammkle_common.parameters import ParameterError, from_mapping
+from jammkle_common.parameters import ParameterError, as_typed, from_mapping
 from jammkle_sim.robots.alone import ANKLE, ankle_alone
 from jammkle_sim.robots.catalogue import robot as robot_of_ours
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
@@ -35,7 +34,7 @@ def urdf(robot: str, namespace: str, options: Mapping[str, Any]) -> int:
     try:
         chosen = from_mapping(RobotOptions, options)
     except ParameterError as error:
-        raise InputError(as_typed(str(error))) from error
+        raise InputError(as_typed(error)) from error
     if robot == ANKLE and chosen != RobotOptions():
         msg = "--imu and --payload-kg need ROBOT leg or quadruped: an ankle by itself carries nothing but its IMU"
         raise InputError(msg)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_common import names
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from jammkle_common.parameters import parameter
+from jammkle_common.parameters import parameter, typed, typed_value
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.feet import (
@@ -197,9 +197,10 @@ def _walls_meet(options: DropOptions, ball: SquashBallParameters) -> TravelLimit
     held_j = ball.energy_j(squash_m)
     mass_kg = math.floor(100.0 * held_j / (STANDARD_GRAVITY_M_S2 * (options.drop_height_m + squash_m))) / 100.0
     height_m = math.floor(1e3 * (held_j / (STANDARD_GRAVITY_M_S2 * options.mass_kg) - squash_m)) / 1e3
-    ways = [f"parameter 'mass_kg' of {mass_kg:g} or less (it is {options.mass_kg:g})"]
+    ways = [f"{typed('mass_kg', mass_kg)} or less (it is {options.mass_kg:g})"]
     if height_m >= 0.0:
-        ways.append(f"parameter 'drop_height_m' of {height_m:g} or less (it is {options.drop_height_m:g})")
+        present = typed_value("drop_height_m", options.drop_height_m)
+        ways.append(f"{typed('drop_height_m', height_m)} or less (it is {present:g})")
     return TravelLimit(SQUASH, squash_m, "squash ball is pressed until its walls meet", f"give {' or '.join(ways)}")
 
 

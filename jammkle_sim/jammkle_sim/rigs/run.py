@@ -56,7 +56,7 @@ class TravelLimit:
     what: str
     """What is at its end, and why there: `squash ball is pressed until its walls meet`."""
     advice: str
-    """What to change: `give parameter 'mass_kg' of 5 or less`."""
+    """What to change: `give --mass-kg of 5 or less`."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def steps_per_row(timestep_s: float) -> int:
     """
     steps = round(IMU_PERIOD_S / timestep_s)
     if steps < 1 or abs(steps * timestep_s - IMU_PERIOD_S) > _ROUNDING_S:
-        msg = f"parameter 'timestep_s' is {timestep_s:g}; it must divide {IMU_PERIOD_S:g} s, as 0.0005 or 0.00025 do"
-        raise ParameterError(msg)
+        problem = f"it must divide {IMU_PERIOD_S:g} s, as 0.0005 or 0.00025 do"
+        raise ParameterError(problem, "timestep_s", timestep_s)
     return steps
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common import names
-from jammkle_common.parameters import ParameterError, parameter, rows
+from jammkle_common.parameters import ParameterError, parameter, rows, typed
 from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
@@ -184,12 +184,11 @@ def check_slides(options: SlipOptions, ankle: AnkleParameters) -> None:
     """
     footing = _footing(options, ankle)
     if options.edge_friction >= footing.wedging_friction:
-        msg = (
-            f"parameter 'edge_friction' is {options.edge_friction:g}; the rigid foot wedges from "
-            f"{footing.wedging_friction:.3f} on at a slope of {options.slope_deg:g} deg and a leg of "
-            f"{options.leg_m:g} m, and no force makes it slide: {_ways_out(options, ankle)}"
+        problem = (
+            f"the rigid foot wedges from {footing.wedging_friction:.3f} on at a slope of {options.slope_deg:g} deg and "
+            f"a leg of {options.leg_m:g} m, and no force makes it slide: {_ways_out(options, ankle)}"
         )
-        raise ParameterError(msg)
+        raise ParameterError(problem, "edge_friction", options.edge_friction)
 
 
 def _footing(options: SlipOptions, ankle: AnkleParameters) -> Footing:
@@ -208,9 +207,8 @@ def _overload_advice(options: SlipOptions, ankle: AnkleParameters) -> str:
             f"{_ways_out(options, ankle)}"
         )
     return (
-        f"the foot wedges between slope and ball joint: give parameter 'slope_deg' of {_SLIDING_SLOPE_DEG:g} or more "
-        f"(it is {options.slope_deg:g}) and parameter 'friction' of {_SLIDING_FRICTION:g} or less (it is "
-        f"{options.friction:g})"
+        f"the foot wedges between slope and ball joint: give {typed('slope_deg', _SLIDING_SLOPE_DEG)} or more "
+        f"(it is {options.slope_deg:g}) and {typed('friction', _SLIDING_FRICTION)} or less (it is {options.friction:g})"
     )
 
 

@@ -82,11 +82,8 @@ def tensile_rig(options: TensileOptions) -> tuple[Rig, Programme]:
 
     """
     if options.membrane == "no" and options.vacuum_pa > 0.0:
-        msg = (
-            f"parameter 'vacuum_pa' is {options.vacuum_pa:g}; without a membrane it must be 0, as nothing holds the "
-            "vacuum (or set membrane to yes)"
-        )
-        raise ParameterError(msg)
+        problem = "without a membrane it must be 0, as nothing holds the vacuum (or set membrane to yes)"
+        raise ParameterError(problem, "vacuum_pa", options.vacuum_pa)
     tendon = tendon_parameters(options.parameter_set, _FIBRES[options.material])
     sensors, pneumatics = SensorParameters(seed=options.seed), PneumaticParameters()
     travel_s = options.extension_m / options.speed_m_s

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from jammkle_common.parameters import typed
 from jammkle_sim.physics.ankle import corner_m
 
 if TYPE_CHECKING:
@@ -86,22 +87,19 @@ def ways_out(footing: Footing, friction: float, steepest_deg: float, longest_m: 
     """
     ways: list[str] = []
     if footing.safe_friction > 0.0:
-        ways.append(f"parameter 'edge_friction' of {footing.safe_friction:g} or less")
+        ways.append(f"{typed('edge_friction', footing.safe_friction)} or less")
     slopes_deg = range(math.ceil(footing.slope_deg), math.floor(steepest_deg) + 1)
     slope_deg = next((each for each in slopes_deg if replace(footing, slope_deg=each).safe_friction >= friction), None)
     if slope_deg is not None:
-        ways.append(f"parameter 'slope_deg' of {slope_deg} or more")
+        ways.append(f"{typed('slope_deg', slope_deg)} or more")
     legs_m = [
         each / _LEGS_PER_M
         for each in range(math.ceil(footing.leg_m * _LEGS_PER_M), math.floor(longest_m * _LEGS_PER_M) + 1)
     ]
     leg_m = next((each for each in legs_m if replace(footing, leg_m=each).safe_friction >= friction), None)
     if leg_m is not None:
-        ways.append(f"parameter 'leg_m' of {leg_m:g} or more")
+        ways.append(f"{typed('leg_m', leg_m)} or more")
     if not ways:
         steep = replace(footing, slope_deg=steepest_deg)
-        ways.append(
-            f"parameter 'slope_deg' of {steepest_deg:g} with parameter 'edge_friction' of {steep.safe_friction:g} or "
-            "less"
-        )
+        ways.append(f"{typed('slope_deg', steepest_deg)} with {typed('edge_friction', steep.safe_friction)} or less")
     return "give " + " or ".join(ways)

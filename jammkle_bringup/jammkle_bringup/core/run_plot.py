@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from html import escape
 from typing import TYPE_CHECKING, Any
 
-from jammkle_bringup.core.panels import COLOURS, Bar, Curve, Mark, Panel, RunPicture
+from plotly import graph_objects as go  # type: ignore[import-untyped]  # carries no types
+from plotly.subplots import make_subplots  # type: ignore[import-untyped]  # carries no types
+
 from jammkle_bringup.core.run_samples import MANIFOLD, MOST_CHANGES, RunSamples
 from jammkle_common.bags.reading import name_of, namespaces_in, opened
 from jammkle_common.bags.times import BagTimes
@@ -18,8 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from jammkle_bringup.core.envelope import Envelope
-    from jammkle_bringup.core.run_samples import Changes, Loop
+    from jammkle_bringup.core.run_samples import Changes, Envelope, Loop
 
 _PA_PER_KPA = 1e3
 _MM_PER_M = 1e3
@@ -200,3 +202,193 @@ def _cut_note(samples: RunSamples) -> str:
     if samples.events.is_cut:
         cut.append("contact events")
     return f"only the first {MOST_CHANGES} changes are drawn of {', '.join(cut)}" if cut else ""
+
+
+COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#9467bd", "#7f7f7f", "#8c564b")
+"""Of curves, one after the other."""
+
+LEAST_S = 1e-3
+"""Shortest time axis, s, of a bag that holds one moment."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line. `dotted` is for what was asked for, `steps` for what holds until it changes."""
+
+    name: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    colour: str
+    dotted: bool = False
+    steps: bool = False
+    width: float = 1.0
+    """Of the line, points."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A stretch of time in a row of a timeline."""
+
+    row: str
+    begin_s: float
+    end_s: float
+    name: str
+    colour: str
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel: curves, or bars in rows. `over_time`: its horizontal axis is the time of the run."""
+
+    y_label: str
+    curves: tuple[Curve, ...] = ()
+    bars: tuple[Bar, ...] = ()
+    over_time: bool = True
+    x_label: str = "time since the start of the bag [s]"
+    with_marks: bool = False
+    """Whether the events of the run are marked in it."""
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Rows of a timeline, from the top."""
+        return tuple(dict.fromkeys(bar.row for bar in self.bars))
+
+
+@dataclass(frozen=True)
+class Mark:
+    """An event."""
+
+    time_s: float
+    name: str
+    colour: str
+
+
+@dataclass(frozen=True)
+class RunPicture:
+    """All panels of a run, and its events."""
+
+    title: str
+    duration_s: float
+    panels: tuple[Panel, ...]
+    marks: tuple[Mark, ...]
+    note: str = ""
+    """What is not in it."""
+
+
+_PANEL_PX, _LOOP_PX = 190, 520
+_MOST_LABELS = 40
+_PAGE = """<!doctype html>
+<html lang="en">
+<head><meta charset="utf-8"><title>{title}</title>
+<style>body {{ font-family: sans-serif; margin: 1em 2em; }} h1 {{ font-size: 1.2em; }} p {{ color: #555; }}</style>
+</head>
+<body>
+<h1>{title}</h1>
+<p>Of each stretch of time the extremes are drawn, so that no peak is lost. {note}</p>
+{figures}
+</body>
+</html>
+"""
+
+
+def write_html(picture: RunPicture, path: Path) -> None:
+    """Write the page.
+
+    Raises:
+        OSError: the file cannot be written.
+
+    """
+    figures = [_over_time(picture), *(_loop(panel) for panel in picture.panels if not panel.over_time)]
+    parts = [
+        figure.to_html(full_html=False, include_plotlyjs=place == 0, config={"displaylogo": False})
+        for place, figure in enumerate(figures)
+    ]
+    page = _PAGE.format(title=escape(picture.title), note=escape(picture.note), figures="\n".join(parts))
+    path.write_text(page, encoding="utf-8")
+
+
+def _over_time(picture: RunPicture) -> go.Figure:
+    panels = [panel for panel in picture.panels if panel.over_time]
+    figure = make_subplots(rows=max(1, len(panels)), cols=1, shared_xaxes=True, vertical_spacing=0.02)
+    for row, panel in enumerate(panels, start=1):
+        for curve in panel.curves:
+            line = {"color": curve.colour, "width": curve.width, "dash": "dot" if curve.dotted else "solid"}
+            line["shape"] = "hv" if curve.steps else "linear"
+            figure.add_trace(
+                go.Scatter(x=curve.x, y=curve.y, name=curve.name, line=line, mode="lines", legend=_legend(row)),
+                row=row,
+                col=1,
+            )
+        _add_bars(figure, panel, row)
+        figure.update_yaxes(title_text=panel.y_label.replace("\n", "<br>"), row=row, col=1)
+        if panel.with_marks:
+            _add_marks(figure, picture, row)
+        if panel.bars:
+            figure.update_yaxes(autorange="reversed", row=row, col=1)
+    if panels:
+        figure.update_xaxes(title_text=panels[-1].x_label, row=len(panels), col=1)
+        figure.update_xaxes(range=[0.0, max(picture.duration_s, LEAST_S)])
+    tops = [figure.layout[f"yaxis{row if row > 1 else ''}"].domain[1] for row in range(1, len(panels) + 1)]
+    legends = {_legend(row): {"y": top, "yanchor": "top", "x": 1.01} for row, top in enumerate(tops, start=1)}
+    figure.update_layout(
+        height=_PANEL_PX * max(1, len(panels)) + 80,
+        margin={"t": 30},
+        barmode="overlay",
+        template="plotly_white",
+        hovermode="x",
+        **legends,
+    )
+    return figure
+
+
+def _legend(row: int) -> str:
+    return "legend" if row == 1 else f"legend{row}"
+
+
+def _add_bars(figure: go.Figure, panel: Panel, row: int) -> None:
+    for name, colour in dict.fromkeys((bar.name, bar.colour) for bar in panel.bars):
+        bars = [bar for bar in panel.bars if bar.name == name]
+        figure.add_trace(
+            go.Bar(
+                y=[bar.row for bar in bars],
+                x=[bar.end_s - bar.begin_s for bar in bars],
+                base=[bar.begin_s for bar in bars],
+                name=name,
+                orientation="h",
+                marker={"color": colour, "line": {"width": 0}},
+                hovertext=[f"{name} from {bar.begin_s:.3f} to {bar.end_s:.3f} s" for bar in bars],
+                hoverinfo="text+y",
+                legend=_legend(row),
+            ),
+            row=row,
+            col=1,
+        )
+
+
+def _add_marks(figure: go.Figure, picture: RunPicture, row: int) -> None:
+    named = len(picture.marks) <= _MOST_LABELS
+    for mark in picture.marks:
+        figure.add_vline(
+            x=mark.time_s,
+            line={"color": mark.colour, "width": 1},
+            annotation={"text": mark.name, "textangle": -90, "font": {"size": 9, "color": mark.colour}}
+            if named
+            else None,
+            row=row,
+            col=1,
+        )
+
+
+def _loop(panel: Panel) -> go.Figure:
+    figure = go.Figure()
+    for curve in panel.curves:
+        line = {"color": curve.colour, "width": curve.width}
+        figure.add_trace(go.Scatter(x=curve.x, y=curve.y, name=curve.name, line=line, mode="lines"))
+    figure.update_layout(
+        height=_LOOP_PX,
+        template="plotly_white",
+        showlegend=True,
+        xaxis_title=panel.x_label,
+        yaxis_title=panel.y_label,
+    )
+    return figure

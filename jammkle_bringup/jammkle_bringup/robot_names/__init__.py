@@ -1,1 +1,0 @@
-"""A node that calls joints and channels as the robot does."""
