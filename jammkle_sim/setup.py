@@ -24,7 +24,7 @@ setup(
     description="Simulation of a jammable ankle, its pneumatics, rigs and sensors in MuJoCo.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["robot = jammkle_sim.robot.__main__:main", "sim = jammkle_sim.__main__:main"],
+        "console_scripts": ["robot = jammkle_sim.robot:main", "sim = jammkle_sim.__main__:main"],
         "jammkle.commands": [
             "rig = jammkle_sim.commands:app",
             "robot = jammkle_sim.commands:app",

@@ -34,7 +34,7 @@ from landing_imu import IMPACT_M_S2, PlayedImu
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from jammkle_sim.core.board_plant import BoardPlant
+    from jammkle_sim.board_bench import BoardPlant
 
 EVERYTHING = 0b111
 SUPPLY_PIN = 4

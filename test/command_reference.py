@@ -9,7 +9,7 @@ from typer.main import get_command
 
 from jammkle_common.command.main import app
 from jammkle_common.parameters import rows, typed_row
-from jammkle_sim.commands.rig_options import rig_app
+from jammkle_sim.commands.rig import rig_app
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_common.names import CHANNELS
 from jammkle_driver.fake.faults import FakeFault
-from jammkle_sim.core.board_plant import BoardPlant
+from jammkle_sim.board_bench import BoardPlant
 
 if TYPE_CHECKING:
     from collections.abc import Callable

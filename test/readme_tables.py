@@ -28,9 +28,8 @@ from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
-from jammkle_sim.robots.alone import ankle_alone
-from jammkle_sim.robots.urdf_control import control_tags
-from jammkle_sim.robots.urdf_names import UrdfNames
+from jammkle_sim.robots.catalogue import ankle_alone
+from jammkle_sim.robots.urdf import UrdfNames, control_tags
 from jammkle_view.foxglove.parameters import FoxgloveParameters
 from jammkle_view.parameters import ViewerParameters
 

@@ -19,8 +19,7 @@ from jammkle_common.names import CHANNELS
 from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
 from jammkle_driver.board.walk import WalkOptions, walk
 from jammkle_driver.board.wiring_file import load_wiring, standard_board_file
-from jammkle_sim.board_bench import BoardBench
-from jammkle_sim.core.board_plant import BoardPlant
+from jammkle_sim.board_bench import BoardBench, BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from board_client import HOST_SILENT, Client
 from boards import AVR
 from graph import COMMAND
 from jammkle_driver.board.wiring_file import load_wiring
-from jammkle_sim.board_bench import BoardBench
-from jammkle_sim.core.board_plant import BoardPlant
+from jammkle_sim.board_bench import BoardBench, BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from terminal import CTRL_C, Terminal
 from test_board_check import OTHER_FIRMWARE

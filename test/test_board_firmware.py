@@ -26,7 +26,7 @@ from board_client import (
 from boards import AVR, board_command, build
 from jammkle_driver.core.registers import default_watchdog_s
 from jammkle_sim.board_bench import BoardBench
-from jammkle_sim.inputs import WATCHDOG_S
+from jammkle_sim.topics import WATCHDOG_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -269,7 +269,7 @@ def test_the_driver_knows_the_simulated_ankle_as_it_is_built() -> None:
 def test_the_robot_description_lets_ask_for_what_the_driver_takes() -> None:
     """The bound of a channel's command in the URDF is the driver's own default."""
     from jammkle_driver.parameters import DriverParameters  # noqa: PLC0415 - after the tests that block modules
-    from jammkle_sim.robots.urdf_control import LARGEST_VACUUM_PA  # noqa: PLC0415 - as above
+    from jammkle_sim.robots.urdf import LARGEST_VACUUM_PA  # noqa: PLC0415 - as above
 
     assert DriverParameters().max_vacuum_pa == LARGEST_VACUUM_PA
 

@@ -24,9 +24,7 @@ PAUSE_S = 1.5
 """Longer than any time-out of driver and board, s of simulated time."""
 
 
-def test_two_simulations_that_make_the_clock_both_say_so(
-    processes: Processes, make_probe: Callable[..., Probe]
-) -> None:
+def test_two_simulations_that_make_the_clock_both_warn(processes: Processes, make_probe: Callable[..., Probe]) -> None:
     """Each warns on diagnostics while there are two, with the way out, and no longer once the other has gone."""
     for name in ("first", "second"):
         processes.start(name, module="jammkle_sim", namespace=f"/{name}")

@@ -219,7 +219,7 @@ def with_legs(options: GraphOptions) -> GraphOptions:
         given = given_values_of(options, entry) if entry.name == CONTROLLER_NODE else {}
         if given.get("use_odometry") is not True:
             continue
-        from jammkle_sim.robots.places import place_of  # noqa: PLC0415 - it loads MuJoCo, which nothing else here needs
+        from jammkle_sim.robots.quadruped import place_of  # noqa: PLC0415 - it loads MuJoCo, which nothing else here needs
 
         fits = {**place_of(entry.within), "odometry_topic": resolved(options.namespace, ODOMETRY.name)}
         for name, value in fits.items():

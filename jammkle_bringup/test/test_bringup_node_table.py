@@ -214,7 +214,7 @@ def test_a_quadruped_is_one_simulation_and_a_set_for_each_ankle(robot_launch_fil
         assert f"__ns:={node.named['namespace']}" in spec.command
         assert spec.name.endswith(node.named["name"])
     installed = (PACKAGE.parent / "jammkle_sim" / "setup.py").read_text()
-    assert f'"{launched[0].named["executable"]} = jammkle_sim.robot.__main__:main"' in installed
+    assert f'"{launched[0].named["executable"]} = jammkle_sim.robot:main"' in installed
 
 
 def test_the_parameter_file_of_robots_is_made_from_the_tables() -> None:

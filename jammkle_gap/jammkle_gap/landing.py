@@ -27,7 +27,7 @@ from jammkle_gap.report import words
 from jammkle_gap.report.parameters import parameter_lines
 from jammkle_gap.report.quantities import probability, times
 from jammkle_sim.rigs.catalogue import run_rig, scattered
-from jammkle_sim.rigs.landing_run import LandingRunOptions
+from jammkle_sim.rigs.landing import LandingRunOptions
 from jammkle_sim.rigs.run import RigCancelledError
 
 if TYPE_CHECKING:

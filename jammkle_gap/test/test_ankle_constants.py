@@ -17,9 +17,8 @@ from jammkle_gap.ankle.priors import PriorParameter
 from jammkle_gap.ankle.runs import recording_of_run
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_sim.rigs.assembly import assembled
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
-from jammkle_sim.rigs.rig import GROUND
+from jammkle_sim.rigs.rig import GROUND, assembled
 
 if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording

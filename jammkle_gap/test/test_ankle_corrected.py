@@ -12,7 +12,7 @@ from jammkle_common.parameters import ParameterError
 from jammkle_gap.ankle.corrected import Correction, corrected_text, load_correction
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_sim.landing import make_simulation
+from jammkle_sim.kinds import make_simulation
 from jammkle_sim.parameters import SimParameters
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
@@ -64,31 +64,31 @@ def test_the_sim_node_takes_the_file(tmp_path: Path) -> None:
     for file in ("", str(tmp_path / "heavy.yaml")):
         simulation = make_simulation(SimParameters(release_time_s=0.0, effects_file=file))
         simulation.advance(3000)
-        heights.append(simulation.joint_positions()[names.CARRIAGE_JOINT])
+        heights.append(simulation.ankle.joint_positions()[names.CARRIAGE_JOINT])
     assert heights[1] < heights[0]
 
     (tmp_path / "late.yaml").write_text(corrected_text(LIBRARY, {"command_delay.delay_s": 0.1}))
     simulation = make_simulation(SimParameters(release_time_s=5.0, effects_file=str(tmp_path / "late.yaml")))
-    simulation.set_pump_duty(1.0)
-    simulation.set_solenoid(names.ACHILLES, energised=True)
-    before = simulation.channel_pressures_pa()[names.ACHILLES]
+    simulation.ankle.set_pump_duty(1.0)
+    simulation.ankle.set_solenoid(names.ACHILLES, energised=True)
+    before = simulation.ankle.channel_pressures_pa()[names.ACHILLES]
     simulation.advance(200)
-    assert simulation.channel_pressures_pa()[names.ACHILLES] == pytest.approx(before, abs=400.0)
+    assert simulation.ankle.channel_pressures_pa()[names.ACHILLES] == pytest.approx(before, abs=400.0)
     simulation.advance(200)
-    assert simulation.channel_pressures_pa()[names.ACHILLES] < before - 5e3
+    assert simulation.ankle.channel_pressures_pa()[names.ACHILLES] < before - 5e3
 
 
 def test_a_reset_forgets_commands_on_their_way(tmp_path: Path) -> None:
     """What was commanded before a reset never arrives after it."""
     (tmp_path / "late.yaml").write_text(corrected_text(LIBRARY, {"command_delay.delay_s": 0.1}))
     simulation = make_simulation(SimParameters(release_time_s=5.0, effects_file=str(tmp_path / "late.yaml")))
-    before = simulation.channel_pressures_pa()[names.ACHILLES]
-    simulation.set_pump_duty(1.0)
-    simulation.set_solenoid(names.ACHILLES, energised=True)
+    before = simulation.ankle.channel_pressures_pa()[names.ACHILLES]
+    simulation.ankle.set_pump_duty(1.0)
+    simulation.ankle.set_solenoid(names.ACHILLES, energised=True)
     simulation.advance(100)
     simulation.reset()
     simulation.advance(1000)
-    assert simulation.channel_pressures_pa()[names.ACHILLES] == pytest.approx(before, abs=400.0)
+    assert simulation.ankle.channel_pressures_pa()[names.ACHILLES] == pytest.approx(before, abs=400.0)
 
 
 def test_the_sim_node_refuses_what_it_cannot_show(tmp_path: Path) -> None:

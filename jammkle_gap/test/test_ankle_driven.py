@@ -13,7 +13,7 @@ from jammkle_gap.ankle.loading import recording_of
 from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
-from jammkle_sim.rigs.driven import Course, following
+from jammkle_sim.rigs.replay import Course, following
 from recorded import SIMULATOR, run, worst_gap
 
 CHANNEL = names.PERONEAL_RIGHT

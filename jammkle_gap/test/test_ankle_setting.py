@@ -17,8 +17,7 @@ from jammkle_gap.ankle.runs import bag_of_run
 from jammkle_gap.ankle.setting import with_settings
 from jammkle_gap.ankle.signals import CARRIAGE
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
-from jammkle_sim.rigs.driven import Course
-from jammkle_sim.rigs.timeline import Timeline
+from jammkle_sim.rigs.replay import Course, Timeline
 
 if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording

@@ -23,7 +23,7 @@ from jammkle_gap import ankle_library, commands
 from jammkle_gap import diagnosing as gap_diagnosing
 from jammkle_gap.ankle.corrected import load_correction
 from jammkle_gap.ankle.sensor_sets import SensorSet
-from jammkle_sim.commands.rig_bag import write_bag
+from jammkle_sim.commands.bag import write_bag
 from jammkle_sim.rigs.catalogue import as_it_is, run_rig
 from jammkle_sim.rigs.pressure import PressureOptions
 

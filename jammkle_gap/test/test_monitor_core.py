@@ -13,7 +13,7 @@ from jammkle_gap.ankle.effects import ankle_library, apply_effects
 from jammkle_gap.ankle.inputs import known_options
 from jammkle_gap.monitor.core.monitor import GapMonitor, GapState, MonitorSettings
 from jammkle_sim.rigs.catalogue import run_rig
-from jammkle_sim.rigs.landing_run import LandingRunOptions
+from jammkle_sim.rigs.landing import LandingRunOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

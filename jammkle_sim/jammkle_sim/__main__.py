@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from jammkle_common.runner import StopFlag
     from jammkle_sim.node import SimNode
 
-LOADED_LATER = ("jammkle_sim.landing", "jammkle_sim.node")
+LOADED_LATER = ("jammkle_sim.kinds", "jammkle_sim.node")
 """See `jammkle_common.processes`."""
 
 
@@ -25,7 +25,7 @@ def main() -> int:
 def _make_node() -> SimNode:
     # Loading the physics takes a second or more; here it happens under the runner's signal handlers, so that Ctrl-C
     # during the start ends the process as cleanly as later.
-    from jammkle_sim.landing import make_simulation  # noqa: PLC0415
+    from jammkle_sim.kinds import make_simulation  # noqa: PLC0415
     from jammkle_sim.node import SimNode  # noqa: PLC0415
 
     return SimNode(make_simulation)

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 
     from std_msgs.msg import Float32
 
-    from jammkle_sim.rigs.base import BaseSample
-    from jammkle_sim.rigs.readout import ImuSample, TendonSample
-    from jammkle_sim.robots.foot_truth import FootTruth
+    from jammkle_sim.rigs.simulation import BaseSample, FootTruth, ImuSample, TendonSample
 
 # Those of ROS for the node; a rig without the graph fills the same where no ROS is installed.
 ActuatorStates = message_class("jammkle_msgs/msg/ActuatorStates")

@@ -1,21 +1,27 @@
-"""What a sim node can simulate: an ankle on its rig, or a robot on its ankles."""
+"""What a sim node simulates, made from its parameters: an ankle on the landing rig, or a robot on its ankles."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jammkle_sim.ankles import RIG_OUTPUTS, ROBOT_OUTPUTS
-from jammkle_sim.landing import landing_options
+from jammkle_common.command.errors import InputError
+from jammkle_common.parameters import ParameterError
+from jammkle_sim.core.engine import Output
 from jammkle_sim.parameters import RobotParameters, RunParameters, SimParameters
-from jammkle_sim.robots.alone import ankle_alone
-from jammkle_sim.walking import robot_options
+from jammkle_sim.rigs.catalogue import as_it_is
+from jammkle_sim.rigs.landing import LandingOptions, landing_built
+from jammkle_sim.rigs.options import checked
+from jammkle_sim.rigs.rig import BadChangeError, load_change
+from jammkle_sim.rigs.simulation import Simulation
+from jammkle_sim.robots.catalogue import ankle_alone, robot
+from jammkle_sim.robots.options import RobotOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
-    from jammkle_sim.ankles import Ankle
-    from jammkle_sim.core.schedule import Output
+    from jammkle_sim.rigs.rig import Machine, Rig
     from jammkle_sim.robots.robot import Robot
 
 
@@ -27,40 +33,82 @@ class SimKind:
     """Table of the node's parameters."""
     outputs: tuple[Output, ...]
     """What each of its ankles can publish."""
-    ankles_of: Callable[[Any], Mapping[str, Ankle]]
-    """Gives the ankles of such a simulation, by namespace below the node's own."""
-    reset_by: Callable[[Any], object]
-    """Gives of the parameters what a reset builds the simulation anew for, once it is something else."""
-    built_of: Callable[[Any], Any]
-    """Gives what `exchange` of another simulation puts in the place of its own."""
+    options_of: Callable[[Any], object]
+    """Gives of the parameters what a reset builds the machine anew for, once it is something else."""
     robot_of: Callable[[Any], Robot]
-    """Gives what its robot description is made from."""
-
-
-def _of_robot(simulation: Any) -> Mapping[str, Ankle]:
-    """Return a robot's ankles by their names; a single one is in the node's own namespace."""
-    ankles: Mapping[str, Ankle] = simulation.ankles
-    return ankles if len(ankles) > 1 else {"": next(iter(ankles.values()))}
-
-
-def _ankle_of_rig(simulation: Any) -> Robot:
-    """Return a rig's ankle by itself: what a rig adds to it is none of a robot's."""
-    return ankle_alone(simulation.rig.parts.get("ankle"))
+    """Gives what the robot description of a machine is made from."""
 
 
 RIG = SimKind(
     SimParameters,
-    RIG_OUTPUTS,
-    lambda simulation: {"": simulation},
-    reset_by=landing_options,
-    built_of=lambda simulation: simulation.rig,
-    robot_of=_ankle_of_rig,
+    tuple(output for output in Output if output not in (Output.TRUE_CONTACT, Output.GAIT)),
+    lambda parameters: _options(LandingOptions, parameters),
+    lambda rig: ankle_alone(rig.parts.get("ankle")),  # what a rig adds to its ankle is none of a robot's
 )
 ROBOT = SimKind(
     RobotParameters,
-    ROBOT_OUTPUTS,
-    _of_robot,
-    reset_by=robot_options,
-    built_of=lambda simulation: simulation.robot,
-    robot_of=lambda simulation: simulation.robot,
+    tuple(output for output in Output if output is not Output.LOAD_CELL),
+    lambda parameters: _options(RobotOptions, parameters),
+    lambda built: built,
 )
+
+
+def make_simulation(parameters: SimParameters) -> Simulation:
+    """Build the landing rig.
+
+    Args:
+        parameters: The node's parameters.
+
+    Raises:
+        ParameterError: the rig refuses a value, or the effects file cannot be used.
+
+    """
+    change = _effects(parameters.effects_file)
+    options = checked(_options(LandingOptions, parameters))
+    return _warmed_up(lambda: change(landing_built(options)))
+
+
+def make_robot(parameters: RobotParameters) -> Simulation:
+    """Build the robot.
+
+    Args:
+        parameters: The node's parameters.
+
+    Raises:
+        ParameterError: the robot refuses a value.
+
+    """
+    return _warmed_up(lambda: robot(parameters.robot, _options(RobotOptions, parameters)))
+
+
+def _warmed_up(build: Callable[[], Machine]) -> Simulation:
+    """Return a simulation at its start.
+
+    The first step of a process compiles or loads the laws. It is taken by a machine that is thrown away, or else the
+    simulated time of the real one would start with a backlog.
+    """
+    Simulation(build()).advance(1)
+    return Simulation(build())
+
+
+def _options(table: type, parameters: RunParameters) -> Any:
+    """Return what the parameters say of the machine; speed and rates are none of its business."""
+    return table(**{field.name: getattr(parameters, field.name) for field in fields(table)})
+
+
+def _effects(file: str) -> Callable[[Rig], Rig]:
+    """Return what the effects of a file do to a rig; nothing without a file.
+
+    Raises:
+        ParameterError: it cannot be read, or holds what cannot be simulated live.
+
+    """
+    if not file:
+        return as_it_is
+    try:
+        change = load_change(Path(file))
+        change.check_live()
+    except (BadChangeError, InputError) as error:
+        msg = f"parameter 'effects_file': {error}"
+        raise ParameterError(msg) from error
+    return change

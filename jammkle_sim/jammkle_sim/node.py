@@ -1,4 +1,4 @@
-"""The sim node: the simulated hardware of one ankle on the graph, and the graph's clock."""
+"""The sim node: simulated hardware on the graph, the graph's clock, and services to pause, step and reset."""
 
 from __future__ import annotations
 
@@ -12,37 +12,45 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
 
 from jammkle_common import names
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
+from jammkle_common.messages import Health, Level
 from jammkle_common.parameters import declare, on_change
 from jammkle_common.qos import publisher_qos
-from jammkle_sim.ankles import Ankles
+from jammkle_msgs.srv import Step
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
-from jammkle_sim.core.engine import Engine
-from jammkle_sim.core.pacing import Pacer
-from jammkle_sim.core.run_control import RunControl, RunState
-from jammkle_sim.core.schedule import Output, steps_per_output
-from jammkle_sim.health import simulation_health
+from jammkle_sim.core.engine import (
+    AS_FAST_AS_POSSIBLE,
+    Engine,
+    Output,
+    Pacer,
+    RefusedError,
+    RunControl,
+    RunState,
+    steps_per_output,
+)
 from jammkle_sim.kinds import RIG, SimKind
-from jammkle_sim.outputs import ClockOutput
-from jammkle_sim.parameters import GAIT_RATE_HZ, MAX_RATE_HZ, PRESSURE_RATE_HZ, WHOLE_RATE_HZ
+from jammkle_sim.parameters import GAIT_RATE_HZ, MACHINE_RATE_HZ, MAX_RATE_HZ, PRESSURE_RATE_HZ
 from jammkle_sim.participants import Participants
 from jammkle_sim.rigs.simulation import UnstableSimulationError
-from jammkle_sim.robots.urdf import robot_urdf
-from jammkle_sim.robots.urdf_names import UrdfNames
-from jammkle_sim.services import Services
-from jammkle_sim.whole import Whole
+from jammkle_sim.robots.urdf import UrdfNames, robot_urdf
+from jammkle_sim.topics import Ankles, ClockOutput, MachineOutputs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Mapping
 
     from rclpy.executors import Executor
+    from rclpy.service import Service
 
-    from jammkle_common.messages import Health
     from jammkle_common.runner import StopFlag
     from jammkle_sim.parameters import RunParameters
+    from jammkle_sim.rigs.simulation import Ankle, Simulation
+
+_SLOW_BELOW = 0.9
+"""Share of the wanted speed below which the simulation counts as too slow. Assumed: clear of measuring noise."""
 
 _LONGEST_WORK_S = 0.001
 """Real time, s, for which outputs are worked off before callbacks are served again, should they be due back to back.
@@ -61,7 +69,7 @@ _STANDING_CLOCK_PERIOD_S = 0.5
 class SimNode(Node):
     """Runs one simulation at its pace and puts it on the graph. `drive` drives it."""
 
-    def __init__(self, make_simulation: Callable[[Any], Any], kind: SimKind = RIG) -> None:
+    def __init__(self, make_simulation: Callable[[Any], Simulation], kind: SimKind = RIG) -> None:
         """Make the node, what it simulates and all its topics and services.
 
         Args:
@@ -90,13 +98,13 @@ class SimNode(Node):
         self._diagnostics = DiagnosticsPublisher(
             self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
         )
-        ankles = kind.ankles_of(self._simulation)
+        ankles = _by_namespace(self._simulation)
         self._participants = Participants(self, ankles, parameters, self._diagnostics.check)
-        self._roll_call = Liveness(self, ankles, self._time_s)
+        self._liveness = Liveness(self, ankles, self._time_s)
         self._ankles = Ankles(self, ankles, kind.outputs, self._diagnostics.check, self._time_s)
-        self._whole = _make_whole(self, kind, self._simulation)
+        self._machine_outputs = self._make_machine_outputs()
         self._describe()
-        self._answers = Services(self, self._engine, self._reset, self._diagnostics.check)
+        self._services = _Services(self, self._engine, self._reset, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._clock_repeater = self.create_timer(_STANDING_CLOCK_PERIOD_S, self._repeat_standing_clock, clock=steady)
         self.add_on_set_parameters_callback(self._refuse_late_start_time)
@@ -120,7 +128,7 @@ class SimNode(Node):
                 if self._participants.to_repeat():
                     self._tick(self._engine.time_ns)
                 return _LONGEST_WAIT_S
-            self._answers.answer_finished_steps()
+            self._services.answer_finished_steps()
             wait_s = self._advance()
             if wait_s > 0 or time.monotonic() >= end_s:
                 return min(wait_s, _LONGEST_WAIT_S)
@@ -135,15 +143,14 @@ class SimNode(Node):
         self._ankles.set_paused(self._engine.time_ns, paused=left_out)
         if not self._engine.begun and self._engine.wait_s() <= 0.0:
             self._ankles.begin()
-        self._ankles.look_for_silence()
-        self._ankles.acknowledge(self._engine.time_ns)
+        self._ankles.before_step(self._engine.time_ns)
         try:
             tick = self._engine.cycle()
             if tick is not None:
                 if Output.PRESSURES in tick.outputs:
                     self._ankles.repeat(tick.time_ns)
                 self._ankles.publish(tick)
-                self._whole.publish(tick, self._simulation, self._kind.ankles_of(self._simulation))
+                self._machine_outputs.publish(tick, self._simulation)
                 if self._engine.control.state is not RunState.RUNNING:
                     self._tick(tick.time_ns)
                 elif self._clock_output.run(tick.time_ns):
@@ -151,7 +158,7 @@ class SimNode(Node):
                 self._diagnostics.at(self._time_s())
         except (UnstableSimulationError, NotFiniteError) as error:
             self._fail(str(error))
-        self._ankles.tell_breaks()
+        self._ankles.report_breaks()
         self._participants.arrived(math.inf if stands else self._engine.next_output_ns())
         return self._engine.wait_s()
 
@@ -174,19 +181,19 @@ class SimNode(Node):
     def _serve_drivers(self, executor: Executor) -> None:
         """Serve what the drivers have sent meanwhile.
 
-        One callback a cycle is too few when time is short, and a driver that is not heard is taken for dead.
+        One callback a cycle is too few when time is short, and a driver whose commands wait is taken for dead.
         """
-        heard = -1
+        received = -1
         for _ in range(_MOST_CALLBACKS):
-            if self._ankles.heard == heard:
+            if self._ankles.received == received:
                 return
-            heard = self._ankles.heard
+            received = self._ankles.received
             executor.spin_once(timeout_sec=0)
 
     def shut_down(self) -> None:
         """Answer whoever still waits for steps."""
         self._engine.fail("the sim node was stopped")
-        self._answers.answer_finished_steps()
+        self._services.answer_finished_steps()
         self._diagnostics.farewell()
 
     def _refuse_late_start_time(self, changes: list[Parameter]) -> SetParametersResult:
@@ -215,38 +222,61 @@ class SimNode(Node):
         self._diagnostics.check()
 
     def _describe(self) -> None:
-        self._description.publish(parameters_message(self._simulation.description()))
+        self._description.publish(parameters_message(self._simulation.machine.description()))
 
     def _reset(self) -> None:
         self._engine.reset()
-        if self._kind.reset_by(self._wanted) != self._kind.reset_by(self._built):
-            self._simulation.exchange(self._kind.built_of(self._make_simulation(self._wanted)))
+        if self._kind.options_of(self._wanted) != self._kind.options_of(self._built):
+            self._simulation.exchange(self._make_simulation(self._wanted).machine)
             self._built = self._wanted
-            self._ankles.show(self._kind.ankles_of(self._simulation))
+            self._ankles.show(_by_namespace(self._simulation))
             self._describe()
         self._ankles.apply()
 
-    def _clocks(self) -> int:
-        """How many simulations make the clock that this one makes; 0: it makes none."""
-        return self.count_publishers(names.CLOCK.name) if self._built.publish_clock else 0
-
     def _health(self) -> list[Health]:
         return [
-            simulation_health(self._engine, self._clocks()),
+            self._simulation_health(),
             self._participants.health(),
             *self._ankles.health(),
-            self._roll_call.health(),
+            self._liveness.health(),
         ]
 
+    def _simulation_health(self) -> Health:
+        """Run state, simulated time and pace, and whether the clock is this simulation's alone."""
+        control, pacer, factor = self._engine.control, self._engine.pacer, self._engine.real_time_factor
+        fastest = pacer.speed == AS_FAST_AS_POSSIBLE
+        values = {
+            "state": control.state.value,
+            "simulated time (s)": f"{self._time_s():.4f}",
+            "target real-time factor": "as fast as possible" if fastest else f"{pacer.speed:g}",
+            "achieved real-time factor": "not measured yet" if math.isnan(factor) else f"{factor:.3f}",
+            "late cycles": str(pacer.late_cycles),
+            "real time given up (s)": f"{pacer.given_up_s:.3f}",
+        }
+        clocks = self.count_publishers(names.CLOCK.name) if self._built.publish_clock else 0
+        level, message = Level.OK, control.state.value
+        if control.state is RunState.FAILED:
+            level, message = Level.ERROR, f"{control.failure}; paused until ~/reset"
+        elif clocks > 1:
+            level, message = Level.WARN, f"{names.CLOCK.name} is made by {clocks} simulations: stop the others, choose "
+            message += "another ROS_DOMAIN_ID, or give all but one publish_clock:=false to live in its time"
+        elif control.state is RunState.RUNNING and factor < _SLOW_BELOW * pacer.speed:
+            level, message = Level.WARN, "slower than wanted; lower the parameter speed"
+        return Health("simulation", level, message, values)
 
-def _make_whole(node: SimNode, kind: SimKind, simulation: Any) -> Whole:
-    """Make what is told of the whole; joints of several ankles together, as a single one tells its own."""
-    robot = kind.robot_of(simulation)
-    told = UrdfNames(robot).told if len(robot.ankles) > 1 else ()
-    return Whole(node, robot_urdf(robot, node.get_namespace()), told)
+    def _make_machine_outputs(self) -> MachineOutputs:
+        """Make what is published of the whole; joints of several ankles together, as a single one reports its own."""
+        robot = self._kind.robot_of(self._simulation.machine)
+        joints = UrdfNames(robot).reported if len(robot.ankles) > 1 else ()
+        return MachineOutputs(self, robot_urdf(robot, self.get_namespace()), joints)
 
 
-def _make_engine(simulation: Any, parameters: RunParameters, outputs: Collection[Output]) -> Engine:
+def _by_namespace(simulation: Simulation) -> Mapping[str, Ankle]:
+    """Return the ankles by namespace below the node's own; a single one is in that."""
+    return simulation.ankles if len(simulation.ankles) > 1 else {"": simulation.ankle}
+
+
+def _make_engine(simulation: Simulation, parameters: RunParameters, outputs: Collection[Output]) -> Engine:
     """Make the engine; that rates and time step fit each other was checked with the parameters."""
     timestep_s = simulation.timestep_s
     state = steps_per_output(parameters.state_rate_hz, timestep_s, MAX_RATE_HZ)
@@ -257,7 +287,7 @@ def _make_engine(simulation: Any, parameters: RunParameters, outputs: Collection
         Output.LOAD_CELL: state,
         Output.TRUE_CONTACT: state,
         Output.GAIT: steps_per_output(GAIT_RATE_HZ, timestep_s, MAX_RATE_HZ),
-        Output.WHOLE: steps_per_output(WHOLE_RATE_HZ, timestep_s, MAX_RATE_HZ),
+        Output.MACHINE: steps_per_output(MACHINE_RATE_HZ, timestep_s, MAX_RATE_HZ),
         Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
     }
     periods = {output: period for output, period in periods.items() if output in outputs}
@@ -265,3 +295,116 @@ def _make_engine(simulation: Any, parameters: RunParameters, outputs: Collection
     engine = Engine(simulation, periods, control, pacer, time.monotonic)
     engine.set_start_time(parameters.start_time_s)
     return engine
+
+
+class _Services:
+    """~/set_paused, ~/reset and ~/step, and the answer that is still owed for steps being taken."""
+
+    def __init__(
+        self, node: Node, engine: Engine, reset: Callable[[], None], on_state_change: Callable[[], None]
+    ) -> None:
+        """Offer the services on `node`.
+
+        Args:
+            node: The node.
+            engine: What is paused, resumed and stepped.
+            reset: Resets machine and commands; may raise RefusedError.
+            on_state_change: Called after every request that was granted.
+
+        """
+        self._engine = engine
+        self._reset_machine = reset
+        self._on_state_change = on_state_change
+        self._steps_asked = 0
+        node.create_service(SetBool, names.SET_PAUSED.name, self._set_paused)
+        node.create_service(Trigger, names.RESET.name, self._reset)
+        self._step_answer = _LateAnswer(node.create_service(Step, names.STEP.name, self._step))
+
+    def answer_finished_steps(self) -> None:
+        """Answer ~/step if its steps are done, or if they never will be."""
+        if self._steps_asked and self._engine.control.state is not RunState.STEPPING:
+            self._step_answer.release(self._fill_step_answer)
+            self._steps_asked = 0
+            self._on_state_change()
+
+    def _set_paused(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        try:
+            if request.data:
+                self._engine.pause()
+            else:
+                self._engine.resume()
+        except RefusedError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        response.message = f"{self._engine.control.state.value} at {self._simulated_s():.4f} s"
+        self._on_state_change()
+        return response
+
+    def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._reset_machine()
+        except RefusedError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        response.message = (
+            f"rig and noise as at the start; simulated time goes on from {self._simulated_s():.4f} s, "
+            f"{self._engine.control.state.value}"
+        )
+        self._on_state_change()
+        return response
+
+    def _step(self, request: Step.Request, response: Step.Response) -> Step.Response:
+        try:
+            self._engine.begin_steps(request.steps)
+        except RefusedError as error:
+            response.message = str(error)
+            response.simulated_time_s = self._simulated_s()
+            return response
+        self._steps_asked = request.steps
+        self._step_answer.hold_next()
+        return response
+
+    def _fill_step_answer(self, response: Step.Response) -> None:
+        failure = self._engine.control.failure
+        response.success = not failure
+        response.message = failure or f"took {self._steps_asked} steps"
+        response.simulated_time_s = self._simulated_s()
+
+    def _simulated_s(self) -> float:
+        return self._engine.time_ns / NANOSECONDS_PER_SECOND
+
+
+class _LateAnswer:
+    """Lets a service answer after its callback has returned, so that a long request does not block the node.
+
+    The executor hands every answer, with the header that says whose it is, to `Service.send_response`; the events
+    executor knows no other way (it does not await coroutines). This stands in between and holds the answer back.
+    """
+
+    def __init__(self, service: Service) -> None:
+        """Stand in front of `service`."""
+        self._send = service.send_response
+        self._hold = False
+        self._held: tuple[object, object] | None = None
+        service.send_response = self._take
+
+    def hold_next(self) -> None:
+        """Hold back the answer that the callback now running returns."""
+        self._hold = True
+
+    def release(self, fill: Callable[[object], None]) -> None:
+        """Send the answer held back, after `fill` has written it; does nothing if there is none."""
+        if self._held is not None:
+            response, header = self._held
+            self._held = None
+            fill(response)
+            self._send(response, header)
+
+    def _take(self, response: object, header: object) -> None:
+        if self._hold:
+            self._hold = False
+            self._held = (response, header)
+        else:
+            self._send(response, header)

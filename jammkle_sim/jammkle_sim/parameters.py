@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jammkle_common.parameters import ParameterError, parameter
-from jammkle_sim.core.schedule import RateError, steps_per_output, timestep_ns
+from jammkle_sim.core.engine import RateError, steps_per_output, timestep_ns
 from jammkle_sim.rigs.options import (
     FROM_RESET,
     drop_height_option,
@@ -26,7 +26,7 @@ PRESSURE_RATE_HZ = 100
 """Rate of every pressure topic, Hz, as agreed for the graph; the regulator counts on it."""
 GAIT_RATE_HZ = 100
 """Rate of gait/phase and gait/contact of a robot that walks, Hz."""
-WHOLE_RATE_HZ = 100
+MACHINE_RATE_HZ = 100
 """Rate of odom, and of the joint_states of several ankles together, Hz: three for each frame of a viewer."""
 
 
@@ -88,7 +88,7 @@ def check_rates(parameters: RunParameters, timestep_s: float) -> None:
     """
     try:
         timestep_ns(timestep_s)
-        fixed_hz = (PRESSURE_RATE_HZ, GAIT_RATE_HZ, WHOLE_RATE_HZ)
+        fixed_hz = (PRESSURE_RATE_HZ, GAIT_RATE_HZ, MACHINE_RATE_HZ)
         for rate_hz in (parameters.imu_rate_hz, parameters.state_rate_hz, *fixed_hz):
             steps_per_output(rate_hz, timestep_s, MAX_RATE_HZ)
     except RateError as error:

@@ -15,11 +15,9 @@ from std_srvs.srv import SetBool, Trigger
 from jammkle_common import names
 from jammkle_common.testing import own_domain
 from jammkle_msgs.srv import Step
-from jammkle_sim.landing import make_simulation
+from jammkle_sim.kinds import make_simulation
 from jammkle_sim.node import SimNode
-from jammkle_sim.rigs.base import BaseSample
-from jammkle_sim.rigs.readout import ImuSample, TendonSample
-from jammkle_sim.rigs.simulation import UnstableSimulationError
+from jammkle_sim.rigs.simulation import BaseSample, ImuSample, TendonSample, UnstableSimulationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -34,9 +32,11 @@ class FakeSimulation:
     """A rig whose values a test sets as it likes."""
 
     timestep_s = 0.0005
-    rig = SimpleNamespace(parts={})
+    machine = SimpleNamespace(parts={}, description=lambda: {"rig": "fake", "options": {"seed": 0}})
 
     def __init__(self, _parameters: SimParameters | None = None) -> None:
+        self.ankle = self
+        self.ankles = {"ankle": self}
         self.steps = 0
         self.rig_steps = 0
         self.duty = 0.0
@@ -85,6 +85,9 @@ class FakeSimulation:
     def joint_velocities(self) -> dict[str, float]:
         return dict.fromkeys((*names.ANKLE_JOINTS, names.CARRIAGE_JOINT), 0.2)
 
+    def joint_efforts(self) -> None:
+        return None
+
     def tendons(self) -> tuple[TendonSample, ...]:
         return tuple(TendonSample(name, 0.01, 0.02, 3.0, name in self.broken) for name in names.TENDONS)
 
@@ -93,9 +96,6 @@ class FakeSimulation:
 
     def load_cell_force_n(self) -> tuple[float, float, float]:
         return (0.0, 0.0, 17.7)
-
-    def description(self) -> dict[str, object]:
-        return {"rig": "fake", "options": {"seed": 0}}
 
 
 class Graph:

@@ -8,10 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jammkle_sim.core.engine import Engine, Tick
-from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE, Pacer
-from jammkle_sim.core.run_control import MAX_STEPS, RefusedError, RunControl, RunState
-from jammkle_sim.core.schedule import STATES, Output
+from jammkle_sim.core.engine import (
+    AS_FAST_AS_POSSIBLE,
+    MAX_STEPS,
+    STATES,
+    Engine,
+    Output,
+    Pacer,
+    RefusedError,
+    RunControl,
+    RunState,
+    Tick,
+)
 
 PERIODS = {Output.IMU: 4, Output.PRESSURES: 20}
 IMU_PERIOD_NS = 2_000_000

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_sim.core.pacing import AS_FAST_AS_POSSIBLE, MAX_BACKLOG_S, Pacer, RealTimeFactor
+from jammkle_sim.core.engine import AS_FAST_AS_POSSIBLE, MAX_BACKLOG_S, Pacer, RealTimeFactor
 
 INTERVAL_S = 0.002
 SPEEDS = st.floats(0.01, 100.0)

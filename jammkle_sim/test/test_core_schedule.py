@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_sim.core.schedule import Output, RateError, Schedule, steps_per_output, timestep_ns
+from jammkle_sim.core.engine import Output, RateError, Schedule, steps_per_output, timestep_ns
 
 PERIODS = st.dictionaries(st.sampled_from(list(Output)), st.integers(1, 40), min_size=1)
 HOURS_LATER = 2000 * 3600 * 100

@@ -22,9 +22,9 @@ from jammkle_sim.conversions import (
     parameters_message,
     time_message,
 )
-from jammkle_sim.landing import make_simulation
+from jammkle_sim.kinds import make_simulation
 from jammkle_sim.parameters import SimParameters
-from jammkle_sim.rigs.readout import ImuSample, TendonSample
+from jammkle_sim.rigs.simulation import ImuSample, TendonSample
 
 FINITE = st.floats(-1e6, 1e6)
 VECTOR = st.tuples(FINITE, FINITE, FINITE)
@@ -129,6 +129,6 @@ def test_a_duty_is_taken_or_refused_with_its_limit(value: float) -> None:
 
 def test_sim_parameters_are_yaml_that_reads_back() -> None:
     """A bag's reader gets every parameter of the rig back from the text."""
-    description = yaml.safe_load(parameters_message(make_simulation(SimParameters(seed=7)).description()).data)
+    description = yaml.safe_load(parameters_message(make_simulation(SimParameters(seed=7)).machine.description()).data)
     assert description["rig"] == "landing"
     assert description["options"]["seed"] == 7

@@ -101,7 +101,7 @@ def test_no_graphics_library_is_loaded() -> None:
     """Nothing that draws is imported or mapped by a process that simulates: it starts without a display."""
     program = (
         "import sys\n"
-        "from jammkle_sim.landing import make_simulation\n"
+        "from jammkle_sim.kinds import make_simulation\n"
         "from jammkle_sim.node import SimNode\n"
         "from jammkle_sim.parameters import SimParameters\n"
         "make_simulation(SimParameters()).advance(10)\n"

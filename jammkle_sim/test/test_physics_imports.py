@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numba
 
-from jammkle_sim.physics.compiled import compiled
+from jammkle_sim.physics.kernels import compiled
 
 if TYPE_CHECKING:
     import pytest

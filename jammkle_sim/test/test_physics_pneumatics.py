@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jammkle_sim.physics import hose
+from jammkle_sim.physics import pneumatics
 from jammkle_sim.physics.kernels import orifice_flow_kg_s
 from jammkle_sim.physics.pneumatics import PneumaticParameters, Pneumatics
 
@@ -173,11 +173,11 @@ def test_a_pump_whose_mass_flow_falls_in_proportion_draws_more_at_depth() -> Non
 def test_a_longer_hose_holds_more_passes_less_and_takes_longer() -> None:
     """None more is no change; each metre of 4/2.5 mm holds 4.9 ml; a metre alone lets through some 0.4 dm3/(s bar)."""
     valve = 0.1e-8
-    assert hose.behind(valve, 0.0) == pytest.approx(valve, rel=1e-12)
-    through = [hose.behind(valve, length_m) for length_m in (0.0, 0.01, 1.0, 3.0, 6.0)]
+    assert pneumatics.conductance_behind_hose(valve, 0.0) == pytest.approx(valve, rel=1e-12)
+    through = [pneumatics.conductance_behind_hose(valve, length_m) for length_m in (0.0, 0.01, 1.0, 3.0, 6.0)]
     assert np.all(np.diff(through) < 0.0)
     assert through[-1] > 0.9 * valve
     # In series with one of no resistance at all, what is left is the hose's own.
-    assert 0.3e-8 < hose.behind(1.0, 1.0) < 0.6e-8
-    assert hose.held_m3(1.0) == pytest.approx(4.9e-6, rel=0.01)
-    assert hose.travel_s(3.43) == pytest.approx(0.01)
+    assert 0.3e-8 < pneumatics.conductance_behind_hose(1.0, 1.0) < 0.6e-8
+    assert pneumatics.hose_volume_m3(1.0) == pytest.approx(4.9e-6, rel=0.01)
+    assert pneumatics.hose_travel_s(3.43) == pytest.approx(0.01)

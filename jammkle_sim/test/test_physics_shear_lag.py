@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from jammkle_sim.physics import shear_lag
 from jammkle_sim.physics.constants import TENDON_SETS, Fibre, tendon_parameters
-from jammkle_sim.physics.materials.elastic import force_table_n, yeoh_nominal_stress_pa, yeoh_tangent_pa
 from jammkle_sim.physics.shear_lag import (
     PRINTED_FRICTION,
     Friction,
@@ -22,6 +21,7 @@ from jammkle_sim.physics.shear_lag import (
     hexagonal_packing,
     line_force_n_m,
 )
+from jammkle_sim.physics.tendon import force_table_n, yeoh_nominal_stress_pa, yeoh_tangent_pa
 
 FIBRES = TENDON_SETS["fitted"].fibres
 PRINTED = TENDON_SETS["as_printed"].fibres

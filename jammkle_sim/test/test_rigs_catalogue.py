@@ -69,9 +69,9 @@ def test_recording_does_not_disturb(name: str) -> None:
     recorded.record(300, 2)
     recorded.record(450, 3)
     advanced.advance(1950)
-    assert recorded.joint_positions() == advanced.joint_positions()
-    assert recorded.tendons() == advanced.tendons()
-    assert recorded.imu() == advanced.imu()
+    assert recorded.ankle.joint_positions() == advanced.ankle.joint_positions()
+    assert recorded.ankle.tendons() == advanced.ankle.tendons()
+    assert recorded.ankle.imu() == advanced.ankle.imu()
 
 
 @pytest.mark.parametrize("name", RIGS)

@@ -10,9 +10,9 @@ import pytest
 from jammkle_common import names
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.rigs import replay
-from jammkle_sim.rigs.assembly import assembled
 from jammkle_sim.rigs.catalogue import RIGS
-from jammkle_sim.rigs.driven import Course, following, is_driven, let_go, started_at
+from jammkle_sim.rigs.replay import Course, following, is_driven, let_go, started_at
+from jammkle_sim.rigs.rig import assembled
 
 if TYPE_CHECKING:
     from jammkle_sim.rigs.rig import Rig
@@ -56,8 +56,8 @@ def test_a_driven_rig_starts_on_its_course_with_its_tendon_at_rest() -> None:
     rig = started_at(built("tensile"), 0.01)
     parts = assembled(rig)
     assert parts.data.joint(names.CARRIAGE_JOINT).qpos[0] == pytest.approx(0.01)
-    law, state = parts.laws.tendons[0], parts.start.tendons[0]
-    assert parts.body.length_m[0] - law["free_length_m"] == pytest.approx(0.01, abs=1e-6)
+    law, state = parts.ankle.laws.tendons[0], parts.ankle.states.tendons[0]
+    assert parts.ankle.body.length_m[0] - law["free_length_m"] == pytest.approx(0.01, abs=1e-6)
     assert state["static_n"] > 1.0
     course = Course(np.array([0.0, 1.0]), np.array([0.01, 0.01]))
     _, found_m = carriage_m(following(rig, course), 0.5)

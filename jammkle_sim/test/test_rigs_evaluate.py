@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from jammkle_sim.rigs.evaluate import peak_deceleration_m_s2, rebound_m, smoothed, work_j
+from jammkle_sim.rigs.recording import peak_deceleration_m_s2, rebound_m, smoothed, work_j
 from jammkle_sim.rigs.run import Series
 
 forces_n = st.lists(st.floats(-200.0, 200.0), min_size=5, max_size=60)

@@ -35,21 +35,23 @@ class Record:
 def snapshot(simulation: Simulation) -> tuple[object, ...]:
     """Everything that the sensors and the state show now."""
     return (
-        simulation.imu(),
-        simulation.channel_pressures_pa(),
-        simulation.manifold_pressure_pa(),
-        simulation.joint_positions(),
-        simulation.joint_velocities(),
-        simulation.tendons(),
-        simulation.load_cell_force_n(),
+        simulation.ankle.imu(),
+        simulation.ankle.channel_pressures_pa(),
+        simulation.ankle.manifold_pressure_pa(),
+        simulation.ankle.joint_positions(),
+        simulation.ankle.joint_velocities(),
+        simulation.ankle.tendons(),
+        simulation.ankle.load_cell_force_n(),
     )
 
 
 def jam(simulation: Simulation, vacuum_pa: float) -> None:
     """Hold all channels near a vacuum with the pump on or off, as a driver would; one time step."""
     for channel in CHANNELS:
-        simulation.set_solenoid(channel, energised=True)
-    simulation.set_pump_duty(1.0 if simulation.manifold_pressure_pa() > STANDARD_ATMOSPHERE_PA - vacuum_pa else 0.0)
+        simulation.ankle.set_solenoid(channel, energised=True)
+    simulation.ankle.set_pump_duty(
+        1.0 if simulation.ankle.manifold_pressure_pa() > STANDARD_ATMOSPHERE_PA - vacuum_pa else 0.0
+    )
 
 
 def land(options: LandingOptions, duration_s: float, vacuum_pa: float = 0.0) -> Record:
@@ -60,15 +62,15 @@ def land(options: LandingOptions, duration_s: float, vacuum_pa: float = 0.0) -> 
         if vacuum_pa > 0.0:
             jam(simulation, vacuum_pa)
         simulation.advance(1)
-        joints = simulation.joint_positions()
+        joints = simulation.ankle.joint_positions()
         rows.append(
             (
                 simulation.time_s,
-                simulation.imu().specific_force_m_s2[2] - STANDARD_GRAVITY_M_S2,
+                simulation.ankle.imu().specific_force_m_s2[2] - STANDARD_GRAVITY_M_S2,
                 joints["ankle_pitch"],
                 joints["carriage"],
-                simulation.load_cell_force_n()[2],
-                max(tendon.extension_m for tendon in simulation.tendons()),
+                simulation.ankle.load_cell_force_n()[2],
+                max(tendon.extension_m for tendon in simulation.ankle.tendons()),
             )
         )
     return Record(*np.array(rows).T)
@@ -166,13 +168,13 @@ def test_a_landing_from_a_little_higher_is_another_by_a_little() -> None:
 def test_same_seed_same_bytes_however_it_is_cut() -> None:
     """Two runs of a seed agree to the last bit, in one piece or step by step, read often or once."""
     whole, pieces = landing_simulation(OPTIONS), landing_simulation(OPTIONS)
-    whole.set_pump_duty(1.0)
-    pieces.set_pump_duty(1.0)
+    whole.ankle.set_pump_duty(1.0)
+    pieces.ankle.set_pump_duty(1.0)
     whole.advance(1500)
     for steps in (1, 699, 0, 600, 200):
         pieces.advance(steps)
-        pieces.imu()
-        pieces.channel_pressures_pa()
+        pieces.ankle.imu()
+        pieces.ankle.channel_pressures_pa()
     assert snapshot(whole) == snapshot(pieces)
 
 
@@ -181,10 +183,10 @@ def test_another_seed_changes_noise_only() -> None:
     one, other = landing_simulation(OPTIONS), landing_simulation(dataclasses.replace(OPTIONS, seed=1))
     one.advance(1400)
     other.advance(1400)
-    assert one.joint_positions() == other.joint_positions()
-    assert one.tendons() == other.tendons()
-    assert one.imu() != other.imu()
-    assert one.manifold_pressure_pa() != other.manifold_pressure_pa()
+    assert one.ankle.joint_positions() == other.ankle.joint_positions()
+    assert one.ankle.tendons() == other.ankle.tendons()
+    assert one.ankle.imu() != other.ankle.imu()
+    assert one.ankle.manifold_pressure_pa() != other.ankle.manifold_pressure_pa()
 
 
 def test_reset_brings_the_same_run_back_while_time_goes_on() -> None:
@@ -195,8 +197,8 @@ def test_reset_brings_the_same_run_back_while_time_goes_on() -> None:
         simulation.advance(100)
         first.append(snapshot(simulation))
     for channel in CHANNELS:
-        simulation.set_solenoid(channel, energised=True)
-    simulation.set_pump_duty(1.0)
+        simulation.ankle.set_solenoid(channel, energised=True)
+    simulation.ankle.set_pump_duty(1.0)
     simulation.advance(333)
     before_s = simulation.time_s
     simulation.reset()
@@ -210,7 +212,7 @@ def test_reset_brings_the_same_run_back_while_time_goes_on() -> None:
 def test_slow_path_does_the_same_as_the_compiled_one() -> None:
     """Where MuJoCo's library cannot be called directly, stepping from Python gives the same bytes."""
     fast, slow = landing_simulation(OPTIONS), landing_simulation(OPTIONS)
-    slow._body.addresses[0] = 0
+    slow._parts[0].body.addresses[0] = 0
     fast.advance(1500)
     slow.advance(1500)
     assert snapshot(fast) == snapshot(slow)
@@ -219,16 +221,16 @@ def test_slow_path_does_the_same_as_the_compiled_one() -> None:
 def test_solenoids_pull_the_right_tendons_down() -> None:
     """Energising one channel lowers its pressure alone; releasing it brings it back."""
     simulation = landing_simulation(OPTIONS)
-    simulation.set_pump_duty(1.0)
-    simulation.set_solenoid("achilles", energised=True)
+    simulation.ankle.set_pump_duty(1.0)
+    simulation.ankle.set_solenoid("achilles", energised=True)
     simulation.advance(800)
-    pressures_pa = simulation.channel_pressures_pa()
+    pressures_pa = simulation.ankle.channel_pressures_pa()
     assert pressures_pa["achilles"] < 60e3
     assert min(pressures_pa["peroneal_left"], pressures_pa["peroneal_right"]) > 100e3
-    assert [tendon.name for tendon in simulation.tendons()] == list(TENDONS)
-    simulation.set_solenoid("achilles", energised=False)
+    assert [tendon.name for tendon in simulation.ankle.tendons()] == list(TENDONS)
+    simulation.ankle.set_solenoid("achilles", energised=False)
     simulation.advance(800)
-    assert simulation.channel_pressures_pa()["achilles"] > 100e3
+    assert simulation.ankle.channel_pressures_pa()["achilles"] > 100e3
 
 
 @pytest.mark.parametrize("advance_in_python", [False, True])
@@ -236,9 +238,9 @@ def test_blow_up_is_reported_with_what_was_simulated(*, advance_in_python: bool)
     """A state beyond all bounds raises one line with rig, options, time and speed; a reset makes it whole again."""
     simulation = landing_simulation(dataclasses.replace(OPTIONS, slope_deg=45.0))
     if advance_in_python:
-        simulation._body.addresses[:] = 0
+        simulation._parts[0].body.addresses[:] = 0
     simulation.advance(10)
-    simulation._body.speed[1] = 1e6
+    simulation._parts[0].body.speed[1] = 1e6
     with pytest.raises(UnstableSimulationError) as caught:
         simulation.advance(100)
     assert str(caught.value) == (
@@ -247,7 +249,7 @@ def test_blow_up_is_reported_with_what_was_simulated(*, advance_in_python: bool)
     )
     simulation.reset()
     simulation.advance(100)
-    assert simulation.joint_positions()["carriage"] > 0.1
+    assert simulation.ankle.joint_positions()["carriage"] > 0.1
 
 
 @pytest.mark.parametrize(
@@ -275,9 +277,9 @@ def test_bad_commands_are_named_and_change_nothing() -> None:
     simulation, untouched = landing_simulation(OPTIONS), landing_simulation(OPTIONS)
     for duty in (1.5, -0.1, float("nan")):
         with pytest.raises(ValueError, match="it must be 0 to 1"):
-            simulation.set_pump_duty(duty)
+            simulation.ankle.set_pump_duty(duty)
     with pytest.raises(ValueError, match=r"'heel'.*peroneal_left"):
-        simulation.set_solenoid("heel", energised=True)
+        simulation.ankle.set_solenoid("heel", energised=True)
     with pytest.raises(ValueError, match="steps is -1"):
         simulation.advance(-1)
     simulation.advance(200)
@@ -288,7 +290,7 @@ def test_bad_commands_are_named_and_change_nothing() -> None:
 @pytest.mark.parametrize("parameter_set", ["fitted", "as_printed"])
 def test_description_says_everything_in_plain_types(parameter_set: str) -> None:
     """Rig, options and every constant are in the description, and it can be written as text."""
-    description = landing_simulation(dataclasses.replace(OPTIONS, parameter_set=parameter_set)).description()
+    description = landing_simulation(dataclasses.replace(OPTIONS, parameter_set=parameter_set)).machine.description()
     text = json.dumps(description)
     assert description["rig"] == "landing"
     for word in (parameter_set, "slope_deg", "c1_pa", "pump_free_flow_l_min", "achilles_arm_m", "imu_bandwidth_hz"):

@@ -103,9 +103,9 @@ def test_a_reset_brings_the_same_trajectory_back(
     simulation = Simulation(rig)
 
     def trajectory() -> Any:
-        simulation.set_pump_duty(duty)
-        simulation.set_solenoid(channel, energised=True)
-        return simulation.record(rows_before, 2).tobytes()
+        simulation.ankle.set_pump_duty(duty)
+        simulation.ankle.set_solenoid(channel, energised=True)
+        return simulation.record(rows_before, 2)["ankle"].tobytes()
 
     try:
         first = trajectory()

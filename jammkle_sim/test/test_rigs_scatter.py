@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from jammkle_common.parameters import from_mapping
 from jammkle_sim.physics.feet import JAMMED, SQUASH_BALL, UNJAMMED
-from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
-from jammkle_sim.rigs.scatter import scatter_numbers, scatter_seed
+from jammkle_sim.rigs.catalogue import RIGS, run_rig, scatter_numbers, scatter_seed, scattered
 
 PAPER_REPEATS = 5
 SEEDS = range(4)

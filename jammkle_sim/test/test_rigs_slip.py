@@ -16,8 +16,7 @@ from jammkle_sim.rigs import slip
 from jammkle_sim.rigs.catalogue import run_rig, scattered
 from jammkle_sim.rigs.run import run
 from jammkle_sim.rigs.simulation import OverloadError, Simulation, UnstableSimulationError
-from jammkle_sim.rigs.slip import SlipOptions
-from jammkle_sim.rigs.wedging import Footing
+from jammkle_sim.rigs.slip import Footing, SlipOptions
 from studies.paper.tables import SIGNIFICANT, are_similar
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pytest
 
 from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_sim.physics.constants import TENDON_SETS
-from jammkle_sim.physics.materials.elastic import force_table_n
+from jammkle_sim.physics.tendon import force_table_n
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 from jammkle_sim.rigs.tensile import TensileOptions
 from studies.paper.tables import is_reproduced

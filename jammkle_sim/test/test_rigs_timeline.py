@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from jammkle_sim.physics import kernels
 from jammkle_sim.physics.pneumatics import PneumaticParameters, pneumatic_law, vented_state
-from jammkle_sim.rigs.timeline import Timeline, valve_timeline
+from jammkle_sim.rigs.replay import Timeline, valve_timeline
 
 DT_S = 0.0005
 STEPS = 400

@@ -8,10 +8,9 @@ import pytest
 from jammkle_common.names import ACHILLES, CHANNELS
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.robots.attach import AnkleFitting, attach_ankle
+from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.options import ImuPlace
-from jammkle_sim.robots.robot import robot_of
-from jammkle_sim.robots.simulation import RobotSimulation
+from jammkle_sim.robots.robot import AnkleFitting, attach_ankle, robot_of
 
 BIPED = """
 <mujoco model="biped">
@@ -53,7 +52,7 @@ def test_two_calls_make_a_biped_stand_on_ankles_that_jam() -> None:
     robot = robot_of(spec, ankles)
     assert robot.model.body_mass.sum() == pytest.approx(bare_kg + 2 * ANKLE_KG)
     assert robot.model.joint("left_knee").range == pytest.approx(np.radians([-30.0, 60.0]))
-    simulation = RobotSimulation(robot)
+    simulation = Simulation(robot)
     simulation.ankles["left_ankle"].hold_vacuum(dict.fromkeys(CHANNELS, 50e3))
     simulation.data.ctrl[robot.model.actuator("left_motor").id] = 0.1  # the user's own actuator is the user's
     *_, last = simulation.samples(1.5, 100)

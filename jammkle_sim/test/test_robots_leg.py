@@ -12,10 +12,10 @@ from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.catalogue import robot, robot_simulation
 from jammkle_sim.robots.limb import HIP, KNEE, LimbParameters
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_sim.robots.simulation import RobotSimulation
 
 ANKLE = "ankle"
 SETTLED_S = 0.5
@@ -154,7 +154,7 @@ def test_bad_input_is_refused_in_one_line() -> None:
         robot("hexapod", RobotOptions())
     with pytest.raises(ParameterError, match="'slope_deg' is 50"):
         robot("leg", RobotOptions(slope_deg=50.0))
-    simulation = RobotSimulation(robot("leg", RobotOptions()))
+    simulation = Simulation(robot("leg", RobotOptions()))
     with pytest.raises(ValueError, match="rate of 300 Hz does not fit"):
         next(simulation.samples(1.0, 300))
     with pytest.raises(ValueError, match="vacuum of achilles is -1"):
@@ -195,7 +195,7 @@ def test_another_ground_is_put_under_it() -> None:
     simulation = robot_simulation("leg", RobotOptions(friction=0.5))
     simulation.advance(300)
     simulation.exchange(robot("leg", steep))
-    assert simulation.robot_time_s == 0.0
+    assert simulation.elapsed_s == 0.0
     fresh = robot_simulation("leg", steep)
     simulation.advance(700)
     fresh.advance(700)

@@ -11,13 +11,10 @@ from jammkle_common.command.main import main
 from jammkle_common.names import ANKLE_JOINTS, CHANNELS, FOOT_FRAME, IMU_FRAME, MANIFOLD_FRAME, QUADRUPED_ANKLES
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.robots.alone import ankle_alone
-from jammkle_sim.robots.attach import attach_ankle
-from jammkle_sim.robots.catalogue import robot
+from jammkle_sim.robots.catalogue import ankle_alone, robot
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
-from jammkle_sim.robots.robot import Robot, robot_of
-from jammkle_sim.robots.urdf import BETWEEN_SHARE, robot_urdf
-from jammkle_sim.robots.urdf_names import UrdfNames
+from jammkle_sim.robots.robot import Robot, attach_ankle, robot_of
+from jammkle_sim.robots.urdf import BETWEEN_SHARE, UrdfNames, robot_urdf
 
 FOOT_INERTIA_KG_M2 = 1.3e-4
 """Largest of the foot about its joint."""

@@ -25,8 +25,7 @@ from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import Recording, Signal
 from jammkle_gap.core.features import features_of, layout_of, measured
 from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
-from jammkle_sim.rigs.replay import CommandTrack
-from jammkle_sim.rigs.timeline import Timeline
+from jammkle_sim.rigs.replay import CommandTrack, Timeline
 from studies.blind.ceiling_machine import DAY, built, with_planned
 from studies.blind.reality.faults import Era
 from studies.blind.reality.machine import STILL

@@ -14,7 +14,7 @@ from jammkle_controller.core.detector_settings import Mount
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_sim.robots.places import place_of
+from jammkle_sim.robots.quadruped import place_of
 from studies.contact.labelled import (
     CLOCK_START_S,
     Drives,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from jammkle_controller.core.imu import ImuSample
     from jammkle_controller.core.leg_load import LegReading
-    from jammkle_sim.robots.simulation import RobotSample, RobotSimulation
+    from jammkle_sim.rigs.simulation import Sample, Simulation
 
 RATE_HZ = 1000
 LEG_JOINTS = ("hip", "knee")
@@ -80,7 +80,7 @@ class Keeper:
         """Keep nothing yet."""
         self._rows: dict[str, list[tuple[Any, ...]]] = {}
 
-    def keep(self, sample: RobotSample) -> None:
+    def keep(self, sample: Sample) -> None:
         """Keep a sample."""
         for name, ankle in sample.ankles.items():
             foot = ankle.foot
@@ -108,9 +108,7 @@ class Keeper:
         return made
 
 
-def run(
-    simulation: RobotSimulation, duration_s: float, act: Callable[[RobotSample], None] | None = None
-) -> dict[str, Traces]:
+def run(simulation: Simulation, duration_s: float, act: Callable[[Sample], None] | None = None) -> dict[str, Traces]:
     """Run a robot and keep what its ankles felt and did.
 
     Args:

@@ -15,8 +15,7 @@ from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.feet import HardContact, SquashBallParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.drop import DROP_ANKLE, HEIGHT_SCATTER_M, PRETENSION_SCATTER_M, DropOptions
-from jammkle_sim.rigs.slip import SlipOptions
-from jammkle_sim.rigs.wedging import Footing
+from jammkle_sim.rigs.slip import Footing, SlipOptions
 from studies.paper.runs import PARAMETER_SETS
 from studies.paper.tables import DROP_TEST, RELATIVE, ROWS, SLIP_CLAIMS, STANDARD_ERRORS, TENSILE_TEST
 

@@ -17,7 +17,7 @@ from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.parameters import from_mapping
 from jammkle_common.processes import end_with_parent
 from jammkle_sim.rigs.catalogue import rig_kind, run_rig, scattered
-from jammkle_sim.rigs.evaluate import smoothed
+from jammkle_sim.rigs.recording import smoothed
 from studies.paper.tables import DROP_ROWS, DROP_TEST, SLIP_TEST, TENSILE_ROWS, TENSILE_TEST
 
 if TYPE_CHECKING:

@@ -36,15 +36,15 @@ def measure_memory() -> Memory:
         samples = round(RESET_S / (STEPS_PER_SAMPLE * simulation.timestep_s))
         for _ in range(round(number * 60.0 / RESET_S)):
             simulation.reset()
-            simulation.set_pump_duty(1.0)
-            simulation.set_solenoid("achilles", energised=True)
+            simulation.ankle.set_pump_duty(1.0)
+            simulation.ankle.set_solenoid("achilles", energised=True)
             for _ in range(samples):
                 simulation.advance(STEPS_PER_SAMPLE)
-                simulation.imu()
-                simulation.joint_positions()
-                simulation.joint_velocities()
-                simulation.tendons()
-                simulation.load_cell_force_n()
+                simulation.ankle.imu()
+                simulation.ankle.joint_positions()
+                simulation.ankle.joint_velocities()
+                simulation.ankle.tendons()
+                simulation.ankle.load_cell_force_n()
 
     def grown(number: int) -> float:
         gc.collect()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from graph import COMMAND, environment
 
 TRIALS = 5
-LOAD = "import jammkle_sim.landing, jammkle_sim.node"
+LOAD = "import jammkle_sim.kinds, jammkle_sim.node"
 UP = "jammkle: up"
 
 

@@ -35,8 +35,8 @@ def measure_steps() -> StepRates:
     The bare run is `mj_step` with `nstep`: a loop in C that never returns to Python, the fastest there is.
     """
     simulation = landing_simulation(LandingOptions(release_time_s=0.0))
-    simulation.set_pump_duty(1.0)
-    simulation.set_solenoid("achilles", energised=True)
+    simulation.ankle.set_pump_duty(1.0)
+    simulation.ankle.set_solenoid("achilles", energised=True)
     steps = round(SIMULATED_S / simulation.timestep_s)
     model = simulation.model
     data = mujoco.MjData(model)

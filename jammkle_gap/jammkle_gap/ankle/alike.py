@@ -19,8 +19,7 @@ from jammkle_sim.rigs.catalogue import rig_kind
 if TYPE_CHECKING:
     from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.core.data import Recording
-    from jammkle_sim.rigs.driven import Course
-    from jammkle_sim.rigs.timeline import Timeline
+    from jammkle_sim.rigs.replay import Course, Timeline
 
 TIME_TOLERANCE_S = 0.25
 """What switchings, releases and turns of repeats may differ by, s. Assumed: the jitter of a person at a switch."""

@@ -10,7 +10,7 @@ import numpy as np
 from jammkle_common import names
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_gap.ankle.phases import pressure_signals
-from jammkle_sim.rigs.timeline import Timeline
+from jammkle_sim.rigs.replay import Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

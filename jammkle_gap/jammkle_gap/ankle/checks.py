@@ -17,9 +17,8 @@ if TYPE_CHECKING:
 
     from jammkle_gap.ankle.told import Told
     from jammkle_gap.core.data import Signal
-    from jammkle_sim.rigs.replay import CommandTrack
+    from jammkle_sim.rigs.replay import CommandTrack, Timeline
     from jammkle_sim.rigs.rig import Rig
-    from jammkle_sim.rigs.timeline import Timeline
 
 SHORTEST_S = 1.0
 """Shortest recording that is taken. Assumed: less holds nothing to test a fit on."""

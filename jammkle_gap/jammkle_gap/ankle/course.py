@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_sim.rigs.driven import Course
+from jammkle_sim.rigs.replay import Course
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

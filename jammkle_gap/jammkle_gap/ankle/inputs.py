@@ -12,7 +12,7 @@ from jammkle_common import names
 from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_sim.rigs.catalogue import rig_kind
-from jammkle_sim.rigs.driven import following, let_go, started_at, true_time_s
+from jammkle_sim.rigs.replay import following, let_go, started_at, true_time_s
 from jammkle_sim.rigs.rig import ACCELEROMETER
 
 if TYPE_CHECKING:
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from jammkle_sim.rigs.driven import Course
-    from jammkle_sim.rigs.replay import CommandTrack
+    from jammkle_sim.rigs.replay import CommandTrack, Course
     from jammkle_sim.rigs.rig import Rig
 
 Options = tuple[tuple[str, Any], ...]

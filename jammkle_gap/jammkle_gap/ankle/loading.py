@@ -37,10 +37,8 @@ from jammkle_gap.ankle.spans import (
 )
 from jammkle_gap.ankle.told import told_by
 from jammkle_gap.core.data import BadRecordingError, Recording
-from jammkle_sim.rigs.assembly import assembled
-from jammkle_sim.rigs.driven import is_driven
-from jammkle_sim.rigs.replay import CommandTrack, timestep_s
-from jammkle_sim.rigs.timeline import Timeline
+from jammkle_sim.rigs.replay import CommandTrack, Timeline, is_driven, timestep_s
+from jammkle_sim.rigs.rig import assembled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,7 +9,7 @@ import numpy as np
 
 from jammkle_common import names
 from jammkle_gap.core.data import Phase
-from jammkle_sim.rigs.timeline import Timeline
+from jammkle_sim.rigs.replay import Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

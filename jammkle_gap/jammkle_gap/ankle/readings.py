@@ -11,7 +11,7 @@ import numpy as np
 from jammkle_common import names
 from jammkle_gap.ankle.instruments import ACCELERATION, ANGLE, EXTENSION, FORCE, PRESSURE, RATE, SLIDE, quantity_of
 from jammkle_sim.physics import kernels
-from jammkle_sim.rigs.assembly import imu_at_rest, laws_of
+from jammkle_sim.rigs.rig import imu_at_rest, laws_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_gap.ankle.corrected import Correction, check_live, load_correction
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_sim.rigs.changes import BadChangeError
+from jammkle_sim.rigs.rig import BadChangeError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,7 +13,7 @@ from jammkle_gap.ankle.effects import AnkleEffect, apply_effects
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.instruments import ACCELERATION, FORCE, PRESSURE, RATE, quantity_of
 from jammkle_gap.ankle.truth import inputs_of
-from jammkle_sim.rigs.assembly import laws_of
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

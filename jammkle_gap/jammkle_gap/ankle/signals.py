@@ -10,8 +10,7 @@ import numpy as np
 from jammkle_common import names
 from jammkle_gap.ankle.instruments import UNITS, quantity_of
 from jammkle_gap.core.data import BadRecordingError, Signal
-from jammkle_sim.rigs.replay import CommandTrack
-from jammkle_sim.rigs.timeline import Timeline
+from jammkle_sim.rigs.replay import CommandTrack, Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -13,7 +13,7 @@ from jammkle_gap.ankle.inputs import AnkleInputs, motion_key, moved_as_recorded,
 from jammkle_gap.ankle.readings import Truth
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs import replay
-from jammkle_sim.rigs.assembly import laws_of
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

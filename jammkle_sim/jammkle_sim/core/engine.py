@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import enum
+import math
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_sim.core.pacing import Pacer, RealTimeFactor
-from jammkle_sim.core.run_control import RunControl, RunState
-from jammkle_sim.core.schedule import STATES, Output, Schedule, timestep_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -243,3 +243,332 @@ class Engine:
 
     def _time_s_at(self, step: int) -> float:
         return self._course.time_ns_at(step) / NANOSECONDS_PER_SECOND
+
+
+MAX_STEPS = 100_000
+"""Most steps of one request, as jammkle_msgs/Step says; 50 s of simulated time at 0.5 ms."""
+
+
+class RunState(enum.Enum):
+    """What simulated time does."""
+
+    RUNNING = "running"
+    PAUSED = "paused"
+    STEPPING = "stepping"
+    """Paused, and taking a number of steps that somebody asked for."""
+    FAILED = "failed"
+    """Paused because the simulation became unstable; only a reset helps."""
+
+
+class RefusedError(Exception):
+    """A request that is refused. The message names the state, or the value and its limit, and the way out."""
+
+
+class RunControl:
+    """State machine of the simulated time."""
+
+    def __init__(self, *, start_paused: bool) -> None:
+        """Start running, or paused."""
+        self._state = RunState.PAUSED if start_paused else RunState.RUNNING
+        self._steps_left = 0
+        self._failure = ""
+
+    @property
+    def state(self) -> RunState:
+        """What simulated time does."""
+        return self._state
+
+    @property
+    def steps_left(self) -> int:
+        """Steps still to take while stepping, else 0."""
+        return self._steps_left
+
+    @property
+    def failure(self) -> str:
+        """Why the simulation failed, in one line; empty if it did not."""
+        return self._failure
+
+    def pause(self) -> None:
+        """Stop simulated time; nothing changes if it stands already.
+
+        Raises:
+            RefusedError: steps are being taken, which ends in a pause anyway.
+
+        """
+        self._refuse_while_stepping("pause")
+        if self._state is RunState.RUNNING:
+            self._state = RunState.PAUSED
+
+    def resume(self) -> None:
+        """Let simulated time run; nothing changes if it runs already.
+
+        Raises:
+            RefusedError: steps are being taken, or the simulation has failed.
+
+        """
+        self._refuse_while_stepping("resume")
+        self._refuse_after_failure("resume")
+        self._state = RunState.RUNNING
+
+    def begin_steps(self, steps: int) -> None:
+        """Take steps while paused.
+
+        Args:
+            steps: How many, 1 to MAX_STEPS.
+
+        Raises:
+            RefusedError: the number is out of range, or simulated time is not paused.
+
+        """
+        self._refuse_while_stepping("step")
+        self._refuse_after_failure("step")
+        if self._state is RunState.RUNNING:
+            msg = "cannot step while running; pause first with ~/set_paused"
+            raise RefusedError(msg)
+        if not 1 <= steps <= MAX_STEPS:
+            msg = f"steps is {steps}; it must be 1 to {MAX_STEPS}; ask several times for more"
+            raise RefusedError(msg)
+        self._steps_left = steps
+        self._state = RunState.STEPPING
+
+    def steps_taken(self, steps: int) -> None:
+        """Note that steps were taken; the last one ends in a pause."""
+        if self._state is RunState.STEPPING:
+            self._steps_left -= steps
+            if self._steps_left <= 0:
+                self._steps_left = 0
+                self._state = RunState.PAUSED
+
+    def fail(self, why: str) -> None:
+        """Stop simulated time for good, until a reset."""
+        self._state = RunState.FAILED
+        self._steps_left = 0
+        self._failure = why
+
+    def reset(self) -> None:
+        """Forget a failure, and stay paused after it; else go on as before.
+
+        Raises:
+            RefusedError: steps are being taken.
+
+        """
+        self._refuse_while_stepping("reset")
+        if self._state is RunState.FAILED:
+            self._state = RunState.PAUSED
+        self._failure = ""
+
+    def _refuse_while_stepping(self, request: str) -> None:
+        if self._state is RunState.STEPPING:
+            msg = f"cannot {request} while {self._steps_left} steps are still to take; wait for the answer of ~/step"
+            raise RefusedError(msg)
+
+    def _refuse_after_failure(self, request: str) -> None:
+        if self._state is RunState.FAILED:
+            msg = f"cannot {request}: {self._failure}; call ~/reset"
+            raise RefusedError(msg)
+
+
+AS_FAST_AS_POSSIBLE = 0.0
+"""The speed that stands for no pacing at all."""
+
+MAX_BACKLOG_S = 0.1
+"""Real time that may be caught up, s. Assumed: longer than any usual pause of the machine, and short enough that
+catching up is no burst that a 100 Hz regulator would feel."""
+
+_FACTOR_WINDOW_S = 2.0
+_FACTOR_SAMPLE_S = 0.05
+_FACTOR_SHORTEST_S = 0.25
+
+
+class Pacer:
+    """Maps simulated time to the real time at which it is due, without drift: due times count from one fixed anchor.
+
+    Simulated time never runs ahead of real time x speed. When the machine falls behind by more than
+    `max_backlog_s` of real time, the excess is given up for good instead of being caught up in a rush.
+    """
+
+    def __init__(self, speed: float, max_backlog_s: float = MAX_BACKLOG_S) -> None:
+        """Make a pacer; `restart` it before use.
+
+        Args:
+            speed: Simulated seconds per real second; 0 is as fast as possible.
+            max_backlog_s: Real time that may be caught up, s.
+
+        """
+        self._max_backlog_s = max_backlog_s
+        self._late_cycles = 0
+        self._given_up_s = 0.0
+        self._speed = speed
+        self._anchor_real_s = 0.0
+        self._anchor_simulated_s = 0.0
+        self._last_simulated_s = 0.0
+
+    @property
+    def speed(self) -> float:
+        """Simulated seconds per real second; 0 is as fast as possible."""
+        return self._speed
+
+    @property
+    def late_cycles(self) -> int:
+        """How many cycles began only when the one after them was due already."""
+        return self._late_cycles
+
+    @property
+    def given_up_s(self) -> float:
+        """Real time, s, that was lost for good because the backlog had grown beyond its bound."""
+        return self._given_up_s
+
+    def restart(self, simulated_s: float, now_s: float, speed: float | None = None) -> None:
+        """Begin anew: `simulated_s` is due at `now_s`. After a pause, a change of speed, or whatever stopped time."""
+        self._anchor_real_s = now_s
+        self._anchor_simulated_s = simulated_s
+        self._last_simulated_s = simulated_s
+        if speed is not None:
+            self._speed = speed
+
+    def wait_s(self, simulated_s: float, now_s: float) -> float:
+        """Real time, s, until `simulated_s` is due; 0 when it is due, never negative."""
+        if self._speed == AS_FAST_AS_POSSIBLE:
+            return 0.0
+        return max(0.0, self._due_s(simulated_s) - now_s)
+
+    def begin(self, simulated_s: float, now_s: float) -> None:
+        """Note that the cycle which ends at `simulated_s` begins now; keeps the count of late ones and the backlog."""
+        if self._speed == AS_FAST_AS_POSSIBLE:
+            return
+        late_s = now_s - self._due_s(simulated_s)
+        if late_s > (simulated_s - self._last_simulated_s) / self._speed:
+            self._late_cycles += 1
+        self._last_simulated_s = simulated_s
+        if late_s > self._max_backlog_s:
+            self._given_up_s += late_s - self._max_backlog_s
+            self._anchor_real_s += late_s - self._max_backlog_s
+
+    def _due_s(self, simulated_s: float) -> float:
+        return self._anchor_real_s + (simulated_s - self._anchor_simulated_s) / self._speed
+
+
+class RealTimeFactor:
+    """Simulated time per real time, measured over the last two seconds of real time."""
+
+    def __init__(self) -> None:
+        """Make a meter that has measured nothing."""
+        self._samples: deque[tuple[float, float]] = deque()
+
+    def restart(self) -> None:
+        """Forget everything: time stood still, and a mean across that would mean nothing."""
+        self._samples.clear()
+
+    def note(self, simulated_s: float, now_s: float) -> None:
+        """Note where simulated time stands at real time `now_s`."""
+        samples = self._samples
+        if samples and now_s - samples[-1][0] < _FACTOR_SAMPLE_S:
+            return
+        samples.append((now_s, simulated_s))
+        while now_s - samples[0][0] > _FACTOR_WINDOW_S:
+            samples.popleft()
+
+    def value(self) -> float:
+        """Simulated seconds per real second; NaN while less than a quarter of a second has been measured."""
+        if not self._samples:
+            return math.nan
+        (first_s, first_simulated_s), (last_s, last_simulated_s) = self._samples[0], self._samples[-1]
+        span_s = last_s - first_s
+        return (last_simulated_s - first_simulated_s) / span_s if span_s >= _FACTOR_SHORTEST_S else math.nan
+
+
+_RATE_TOLERANCE = 1e-9
+
+
+class Output(enum.Enum):
+    """What the sim node publishes at rates of their own. Listed in the order of publishing."""
+
+    JOINT_STATES = "joint_states"
+    TENDON_STATES = "tendon_states"
+    LOAD_CELL = "load_cell"
+    TRUE_CONTACT = "true_contact"
+    GAIT = "gait"
+    """What the robot's gait plans of the foot."""
+    MACHINE = "machine"
+    """Where the base is, and the joints of all ankles together."""
+    PRESSURES = "pressures"
+    IMU = "imu"
+
+
+STATES = (Output.JOINT_STATES, Output.TENDON_STATES)
+"""Outputs that are states and not readings: looking at them once more, between two due times, disturbs nothing."""
+
+
+class RateError(ValueError):
+    """A rate that the time step does not divide. The message is one line with the rates that would do."""
+
+
+def timestep_ns(timestep_s: float) -> int:
+    """Return the time step in whole nanoseconds, so that every stamp is exact.
+
+    Raises:
+        RateError: it is not a whole number of nanoseconds.
+
+    """
+    nanoseconds = timestep_s * NANOSECONDS_PER_SECOND
+    if round(nanoseconds) < 1 or abs(nanoseconds - round(nanoseconds)) > _RATE_TOLERANCE * nanoseconds:
+        msg = f"timestep_s is {timestep_s!r}; it must be a whole number of nanoseconds, as 0.0005 is"
+        raise RateError(msg)
+    return round(nanoseconds)
+
+
+def steps_per_output(rate_hz: int, timestep_s: float, max_rate_hz: int) -> int:
+    """Whole number of steps between two outputs.
+
+    Args:
+        rate_hz: Rate wanted, Hz.
+        timestep_s: Simulation step, s.
+        max_rate_hz: Highest rate to name in the error, Hz.
+
+    Raises:
+        RateError: the rate is not the step rate divided by a whole number.
+
+    """
+    steps_per_second = 1.0 / timestep_s
+    steps = steps_per_second / rate_hz
+    if steps < 1 - _RATE_TOLERANCE or abs(steps - round(steps)) > _RATE_TOLERANCE * steps:
+        fitting = [
+            rate
+            for rate in range(1, max_rate_hz + 1)
+            if abs(steps_per_second / rate - round(steps_per_second / rate)) <= _RATE_TOLERANCE * steps_per_second
+        ]
+        below, above = [rate for rate in fitting if rate < rate_hz], [rate for rate in fitting if rate > rate_hz]
+        neighbours = " or ".join(str(rate) for rate in below[-1:] + above[:1])
+        way_out = f"as {neighbours} Hz" if neighbours else "which none does: change timestep_s, 0.0005 s is usual"
+        msg = (
+            f"an output rate of {rate_hz} Hz does not fit timestep_s of {timestep_s:g} s; "
+            f"the rate must divide {steps_per_second:g} Hz, {way_out}"
+        )
+        raise RateError(msg)
+    return round(steps)
+
+
+class Schedule:
+    """Outputs by step, counted from the last (re)start of the rig. An output of period n is due at n, 2n, 3n ..."""
+
+    def __init__(self, periods: Mapping[Output, int]) -> None:
+        """Take the periods.
+
+        Args:
+            periods: Steps between two of each output, each at least 1.
+
+        """
+        if not periods or min(periods.values()) < 1:
+            msg = f"every output needs a period of at least one step, not {dict(periods)}"
+            raise ValueError(msg)
+        # An enum's members iterate in the order of their definition, which is the order of publishing.
+        self._periods = tuple((output, periods[output]) for output in Output if output in periods)
+        self._distinct = tuple(sorted(set(periods.values())))
+
+    def due(self, step: int) -> tuple[Output, ...]:
+        """Outputs due at `step`, in the order of publishing."""
+        return tuple([output for output, period in self._periods if step % period == 0])
+
+    def steps_to_next(self, step: int) -> int:
+        """Steps from `step` to the next one, after it, at which something is due."""
+        return min([period - step % period for period in self._distinct])

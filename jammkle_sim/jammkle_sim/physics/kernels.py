@@ -6,13 +6,16 @@ They stand in one module because numba's cache knows only the file that holds a 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
-from jammkle_sim.physics.compiled import call_with_two_pointers, compiled
+import numba
+from llvmlite import ir  # type: ignore[import-untyped]  # carries no types
+from numba import types
+from numba.extending import intrinsic
+
 from jammkle_sim.physics.records import (
     BRANCHES,
     CONTACT_COLUMNS,
-    CONTACT_SLOTS,
     ELEMENTS,
     IMU_AXES,
     LOAD_CELL_AXES,
@@ -22,7 +25,48 @@ from jammkle_sim.physics.records import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from jammkle_sim.physics.records import Ankle, Body, Laws, Probe, States
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function of scalars and arrays at its first call, and keep the result on disk for the next process.
+
+    Numba keeps it beside the source or, where that is read-only, in the user's cache folder. Where neither can be
+    written the function is compiled anew in every process. Numba looks only at the age of the file that holds the
+    function, so compiled functions that call one another stand in one module.
+    """
+    try:
+        return cast("Callable[P, R]", numba.njit(function, cache=True, error_model="numpy", nogil=True))
+    except RuntimeError:  # "no locator available": no folder for the cache
+        return cast("Callable[P, R]", numba.njit(function, error_model="numpy", nogil=True))
+
+
+def _call_with_two_pointers(_context: Any, _function: Any, _first: Any, _second: Any) -> Any:
+    """Write the machine code of `call_with_two_pointers`; numba's interface for that."""
+    signature = types.void(types.intp, types.intp, types.intp)
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        pointer = ir.IntType(8).as_pointer()
+        function_type = ir.FunctionType(ir.VoidType(), [pointer, pointer])
+        function = builder.inttoptr(arguments[0], function_type.as_pointer())
+        builder.call(function, [builder.inttoptr(argument, pointer) for argument in arguments[1:]])
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+call_with_two_pointers = cast("Callable[[int, int, int], None]", intrinsic(_call_with_two_pointers))
+"""Call the C function `void f(void*, void*)` at an address, from compiled code: address, first and second pointer.
+
+Addresses come as arguments, not as constants, so that the compiled code can be kept for other processes.
+"""
+
 
 SMALLEST_SHARE = 1e-6
 """Share of a time step below which a valve does not begin to move: the rounding of times that are whole steps."""
@@ -338,34 +382,6 @@ def is_stable(speed: Any) -> bool:
 
 
 @compiled
-def advance_ankle(laws: Laws, states: States, body: Body, white: Any) -> int:
-    """Advance everything by one step per row of `white`, calling MuJoCo from compiled code.
-
-    The laws stand between mj_step1 and mj_step2, so that they see lengths of the same instant.
-
-    Args:
-        laws: Constants.
-        states: Memory, changed in place.
-        body: MuJoCo's side.
-        white: Standard normal numbers for the IMU, shape (steps, 6).
-
-    Returns:
-        Steps taken; fewer than asked if the simulation became unstable.
-
-    """
-    step_1, step_2, model, data = body.addresses
-    for step in range(white.shape[0]):
-        if not is_stable(body.speed):
-            return step
-        call_with_two_pointers(step_1, model, data)
-        act(laws, states, body)
-        call_with_two_pointers(step_2, model, data)
-        filter_imu(laws.imu[0], states.imu[0], body.raw_imu, white[step])
-    taken: int = white.shape[0] if is_stable(body.speed) else white.shape[0] - 1
-    return taken
-
-
-@compiled
 def watch_foot(contacts: Any, truth: Any) -> None:
     """Take note of how hard a foot stands on the ground, and how it slides there.
 
@@ -373,12 +389,12 @@ def watch_foot(contacts: Any, truth: Any) -> None:
     which Coulomb friction takes energy away. A foot that rolls over its rounded corners does not slide.
 
     Args:
-        contacts: Shape (CONTACT_SLOTS * CONTACT_COLUMNS,), as `records.Ankle` has them.
+        contacts: As `records.Ankle` has them.
         truth: One record of FOOT_TRUTH, changed in place.
 
     """
     normal_n, power_w = 0.0, 0.0
-    for slot in range(CONTACT_SLOTS):
+    for slot in range(contacts.shape[0] // CONTACT_COLUMNS):
         at = slot * CONTACT_COLUMNS
         force_n = abs(contacts[at])
         normal_n += force_n
@@ -391,23 +407,26 @@ def watch_foot(contacts: Any, truth: Any) -> None:
 
 
 @compiled
-def advance_robot(ankles: tuple[Ankle, ...], addresses: Any, speed: Any, white: Any) -> int:
-    """Advance a robot and all its ankles, as `advance_ankle` does one.
+def advance(ankles: tuple[Ankle, ...], white: Any, begin: int, end: int) -> int:
+    """Advance a machine and all its ankles by one step per row of `white`, calling MuJoCo from compiled code.
+
+    The laws stand between mj_step1 and mj_step2, so that they see lengths of the same instant.
 
     Args:
-        ankles: Constants, memory and MuJoCo's side of each.
-        addresses: mj_step1, mj_step2, model, data.
-        speed: Joint speeds of the whole robot.
-        white: Standard normal numbers for the IMUs, shape (ankles, steps, 6).
+        ankles: Constants, memory, which is changed in place, and MuJoCo's side of each.
+        white: Standard normal numbers for the IMUs, shape (ankles, rows, 6).
+        begin: First row that is used.
+        end: Row after the last one.
 
     Returns:
         Steps taken; fewer than asked if the simulation became unstable.
 
     """
-    step_1, step_2, model, data = addresses
-    for step in range(white.shape[1]):
+    step_1, step_2, model, data = ankles[0].body.addresses
+    speed = ankles[0].body.speed
+    for step in range(begin, end):
         if not is_stable(speed):
-            return step
+            return step - begin
         call_with_two_pointers(step_1, model, data)
         for ankle in ankles:
             act(ankle.laws, ankle.states, ankle.body)
@@ -416,7 +435,7 @@ def advance_robot(ankles: tuple[Ankle, ...], addresses: Any, speed: Any, white: 
             ankle = ankles[i]
             filter_imu(ankle.laws.imu[0], ankle.states.imu[0], ankle.body.raw_imu, white[i, step])
             watch_foot(ankle.contacts, ankle.truth[0])
-    taken: int = white.shape[1] if is_stable(speed) else white.shape[1] - 1
+    taken: int = end - begin if is_stable(speed) else end - begin - 1
     return taken
 
 
@@ -453,29 +472,27 @@ def record_row(states: States, probe: Probe, row: Any) -> None:
 
 
 @compiled
-def advance_and_record(laws: Laws, states: States, body: Body, probe: Probe, white: Any, rows: Any) -> int:
-    """Do what `advance_ankle` does, and record a row after every so many steps.
+def advance_and_record(ankles: tuple[Ankle, ...], white: Any, rows: Any) -> int:
+    """Do what `advance` does, and record a row of every ankle after every so many steps.
 
     Args:
-        laws: Constants.
-        states: Memory, changed in place.
-        body: MuJoCo's side, what the laws need.
-        probe: MuJoCo's side, what is recorded.
-        white: Standard normal numbers for the IMU, shape (steps, 6); a whole number of steps per row.
-        rows: Shape (n, records.row_width(joints, tendons)), written.
+        ankles: As for `advance`.
+        white: Standard normal numbers for the IMUs, shape (ankles, steps, 6); a whole number of steps per row.
+        rows: Shape (ankles, n, width), written; the width is at least records.row_width(joints, tendons) of each.
 
     Returns:
         Steps taken; fewer than asked if the simulation became unstable.
 
     """
-    every = white.shape[0] // rows.shape[0]
-    for i in range(rows.shape[0]):
-        taken = advance_ankle(laws, states, body, white[i * every : (i + 1) * every])
+    every = white.shape[1] // rows.shape[1]
+    for row in range(rows.shape[1]):
+        taken = advance(ankles, white, row * every, (row + 1) * every)
         if taken != every:
-            before: int = i * every
+            before: int = row * every
             return before + taken
-        record_row(states, probe, rows[i])
-    steps: int = rows.shape[0] * every
+        for i in range(len(ankles)):
+            record_row(ankles[i].states, ankles[i].probe, rows[i, row])
+    steps: int = rows.shape[1] * every
     return steps
 
 

@@ -198,18 +198,6 @@ FOOT_TRUTH = np.dtype(
 normal force and speed, and the way that it has slid since the start."""
 
 
-class Ankle(NamedTuple):
-    """One ankle of a robot, with all that is advanced with it."""
-
-    laws: Laws
-    states: States
-    body: Body
-    contacts: NDArray[np.float64]
-    """Contacts of the foot with the ground, shape (CONTACT_SLOTS * CONTACT_COLUMNS,), zeros where there are fewer."""
-    truth: NDArray[Any]
-    """Shape (1,) of FOOT_TRUTH."""
-
-
 class Probe(NamedTuple):
     """Where MuJoCo keeps what a recording holds beside the states: views of its own arrays."""
 
@@ -222,7 +210,21 @@ class Probe(NamedTuple):
     speed_index: NDArray[np.intp]
     """Which of the speeds are recorded, shape (joints,)."""
     load_cell_n: NDArray[np.float64]
-    """Force in the load cell: shape (3,), or (1,) for a cell that measures along z alone."""
+    """Force in the load cell: shape (3,), (1,) for a cell that measures along z alone, (0,) without one."""
+
+
+class Ankle(NamedTuple):
+    """One ankle of a machine, with all that is advanced with it."""
+
+    laws: Laws
+    states: States
+    body: Body
+    probe: Probe
+    contacts: NDArray[np.float64]
+    """Contacts of the foot with the ground, shape (CONTACT_SLOTS * CONTACT_COLUMNS,), zeros where there are fewer; of
+    shape (0,) where nobody looks at them."""
+    truth: NDArray[Any]
+    """Shape (1,) of FOOT_TRUTH."""
 
 
 LOAD_CELL_AXES = 3

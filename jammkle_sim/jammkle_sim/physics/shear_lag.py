@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import solveh_banded  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.physics.constants import FIBRE_COUNT, FIBRE_DIAMETER_M
-from jammkle_sim.physics.materials.elastic import yeoh_nominal_stress_pa, yeoh_tangent_pa
+from jammkle_sim.physics.tendon import yeoh_nominal_stress_pa, yeoh_tangent_pa
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

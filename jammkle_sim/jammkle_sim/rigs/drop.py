@@ -28,7 +28,6 @@ from jammkle_sim.physics.feet import (
 )
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.rigs.evaluate import peak_deceleration_m_s2, rebound_m, smoothed
 from jammkle_sim.rigs.model import (
     add_carriage,
     add_hold,
@@ -52,8 +51,9 @@ from jammkle_sim.rigs.options import (
     run_timestep_option,
     seed_option,
 )
+from jammkle_sim.rigs.recording import Series, peak_deceleration_m_s2, rebound_m, smoothed
 from jammkle_sim.rigs.rig import Event, Rig
-from jammkle_sim.rigs.run import LEG_TOPICS, Programme, Series, TravelLimit
+from jammkle_sim.rigs.run import LEG_TOPICS, Programme, RigKind, TravelLimit
 from jammkle_sim.rigs.vacuum import all_channels
 
 if TYPE_CHECKING:
@@ -213,3 +213,13 @@ def _results(topics: Mapping[str, Series]) -> dict[str, float]:
         "lowest_height_m": float(height_m.min()),
         "rebound_m": rebound_m(height_m),
     }
+
+
+RIG = RigKind(
+    "drop",
+    "drop a leg on level ground, with one of five feet",
+    DropOptions,
+    drop_rig,
+    scattered,
+    DROP_ANKLE,
+)

@@ -25,7 +25,7 @@ from jammkle_sim.rigs.model import (
 )
 from jammkle_sim.rigs.options import parameter_set_option, replaced_within_range, run_timestep_option, seed_option
 from jammkle_sim.rigs.rig import Rig
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import Programme, RigKind
 from jammkle_sim.rigs.vacuum import VacuumStep
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
     import numpy as np
     from numpy.typing import NDArray
+
+    from jammkle_sim.rigs.recording import Series
 
 _ALL = "all"
 _START_S = 0.2
@@ -158,3 +160,13 @@ def _results(
 def _first_s(time_s: NDArray[np.float64], happened: NDArray[np.bool_]) -> list[float]:
     """Return when something first happened, s, as a list of one; empty if it never did."""
     return [float(time_s[int(happened.argmax())])] if happened.any() else []
+
+
+RIG = RigKind(
+    "pressure",
+    "jam and vent the channels of a hanging ankle",
+    PressureOptions,
+    pressure_rig,
+    scattered,
+    AnkleParameters(),
+)

@@ -1,4 +1,4 @@
-"""Run a rig without the graph, as fast as it can, and keep what it measured, topic by topic."""
+"""Run a rig or a robot without the graph, as fast as it can, and keep what it measured, topic by topic."""
 
 from __future__ import annotations
 
@@ -16,25 +16,18 @@ from jammkle_sim.rigs.vacuum import VacuumKeeper
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from jammkle_common.parameters import ParameterClass
+    from jammkle_sim.physics.ankle import AnkleParameters
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.vacuum import VacuumStep
 
-__all__ = [
-    "CONTROL_ROWS",
-    "IMU_PERIOD_S",
-    "LEG_TOPICS",
-    "STATE_ROWS",
-    "Programme",
-    "RigCancelledError",
-    "RigRun",
-    "RunInProgress",
-    "Series",
-    "run",
-    "steps_per_row",
-]
-
 LEG_TOPICS = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name)
 """What a rig with a whole leg has sensors for, beside pressures and commands."""
+PRESSURE_RATE_HZ = 100
+"""Rate of every pressure of a robot and of what its gait plans, Hz, as on the graph."""
+_ROBOT_TOPICS = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name)
+_LOOKS_PER_S = 10
+"""How often progress is reported and it is asked whether to go on, per simulated second."""
 _ACCELERATIONS = 3
 """Columns of the IMU that are accelerations; angular rates come after them."""
 _IMU_NOISE_M_S2 = 0.05
@@ -81,15 +74,33 @@ class Programme:
 
 
 @dataclass(frozen=True)
+class RigKind:
+    """One rig as it is registered in `jammkle_sim.rigs.catalogue`."""
+
+    name: str
+    title: str
+    """What it does, in one line."""
+    options: type[ParameterClass]
+    """Frozen dataclass made of `jammkle_common.parameters.parameter` fields."""
+    build: Callable[..., tuple[Rig, Programme]]
+    """Makes rig and programme from checked options, with another `ankle` if that is given too; raises ParameterError
+    where they do not fit together."""
+    scatter: Callable[[Any, tuple[float, float]], Any]
+    """Makes the options of one repeat, from the options and two standard normal numbers."""
+    ankle: AnkleParameters | None = None
+    """Constants of the ankle that it is built with; None: it has none."""
+
+
+@dataclass(frozen=True)
 class RigRun:
-    """One finished run."""
+    """One finished run of a rig, or of one ankle of a robot."""
 
     rig: str
     options: Any
     """The options dataclass of the rig."""
     topics: dict[str, Series]
-    """By the name of the topic. IMU 1 kHz; joint states, tendon states, load cell 500 Hz; pressures 100 Hz; pump duty
-    and solenoids at the start and on change."""
+    """By the name of the topic. Of a rig: IMU 1 kHz; joint states, tendon states, load cell 500 Hz; pressures 100 Hz;
+    pump duty and solenoids at the start and on change."""
     description: dict[str, object]
     """Everything that was simulated, plain types."""
     results: dict[str, float]
@@ -102,18 +113,17 @@ class RigRun:
     """URDF, of a robot."""
 
 
-def steps_per_row(timestep_s: float) -> int:
-    """Return how many time steps one row of the IMU takes.
+def check_timestep(timestep_s: float) -> None:
+    """Refuse a time step of which no whole number makes a row of the IMU.
 
     Raises:
-        ParameterError: not a whole number.
+        ParameterError: it does not divide the period of the IMU.
 
     """
     steps = round(IMU_PERIOD_S / timestep_s)
     if steps < 1 or abs(steps * timestep_s - IMU_PERIOD_S) > _ROUNDING_S:
         problem = f"it must divide {IMU_PERIOD_S:g} s, as 0.0005 or 0.00025 do"
         raise ParameterError(problem, "timestep_s", timestep_s)
-    return steps
 
 
 def run(
@@ -139,151 +149,157 @@ def run(
         ParameterError: the time step does not divide the period of the IMU.
 
     """
-    running = RunInProgress(rig, programme, options)
-    while not running.is_finished:
-        if running.rows_done % (CONTROL_ROWS * CONTROL_ROWS) == 0:
-            on_progress(running.share_done)
+    check_timestep(float(rig.model.opt.timestep))
+    simulation = Simulation(rig)
+    recorder = Recorder(simulation, IMU_PERIOD_S)
+    keeper = VacuumKeeper(programme.vacuum, rig.pneumatics.ambient_pa)
+    limits = _Limits(rig, programme, simulation)
+    (name,) = simulation.ankles
+    rows = CONTROL_ROWS * max(1, round(programme.duration_s / (CONTROL_ROWS * IMU_PERIOD_S)))
+    for row in range(0, rows, STATE_ROWS):
+        if row % round(1.0 / (IMU_PERIOD_S * _LOOKS_PER_S)) == 0:
+            on_progress(row / rows)
             if cancelled():
-                time_s = running.simulation.rig_time_s
-                msg = f"rig '{rig.name}' was cancelled after {time_s:g} s of {programme.duration_s:g} s"
+                msg = f"rig '{rig.name}' was cancelled after {simulation.elapsed_s:g} s of {programme.duration_s:g} s"
                 raise RigCancelledError(msg)
-        running.advance(STATE_ROWS)
+        if row % CONTROL_ROWS == 0:
+            _control(simulation, recorder, keeper)
+        recorder.advance(STATE_ROWS)
+        recorder.note_load_cell(programme.watched)
+        limits.check()
     on_progress(1.0)
-    return running.result()
+    topics = recorder.topics(name, programme.topics, state_rows=STATE_ROWS, wiring=rig.wiring)
+    watched = {GROUND_CLEARANCE: recorder.clearance(name, programme.watched)} if programme.watched else {}
+    return RigRun(
+        rig=rig.name,
+        options=options,
+        topics=topics,
+        description=rig.description(),
+        results=programme.evaluate({**topics, **watched}),
+        broken=tuple(tendon.name for tendon in simulation.ankle.tendons() if tendon.broken),
+        clipped=_clipped(rig, topics),
+    )
 
 
-class RunInProgress:
-    """One run, taken forward in rows of the IMU, so that others can look at it between two of them."""
+def _control(simulation: Simulation, recorder: Recorder, keeper: VacuumKeeper) -> None:
+    """Measure the pressures, and command pump and solenoids."""
+    ((name, ankle),) = simulation.ankles.items()
+    channels, manifold = ankle.channel_pressures_pa(), ankle.manifold_pressure_pa()
+    commands = keeper.commands(simulation.elapsed_s, channels, manifold, CONTROL_ROWS * IMU_PERIOD_S)
+    recorder.note_pressures()
+    recorder.note_commands(name, commands.pump_duty, commands.energised)
+    ankle.set_pump_duty(commands.pump_duty)
+    for channel, energised in zip(names.CHANNELS, commands.energised, strict=True):
+        ankle.set_solenoid(channel, energised)
 
-    def __init__(self, rig: Rig, programme: Programme, options: Any) -> None:
-        """Start the rig.
 
-        Args:
-            rig: What is simulated.
-            programme: What it does.
-            options: What both were made from; kept with the run.
+class _Limits:
+    """Ends a run where its forces or ways mean nothing any more."""
 
-        Raises:
-            ParameterError: the time step does not divide the period of the IMU.
-
-        """
-        self._rig = rig
-        self._programme = programme
-        self._options = options
-        self._simulation = Simulation(rig)
-        self._recorder = Recorder(rig, self._simulation, programme.watched)
-        self._keeper = VacuumKeeper(programme.vacuum, rig.pneumatics.ambient_pa)
-        self._steps = steps_per_row(self._simulation.timestep_s)
-        self._rows = CONTROL_ROWS * max(1, round(programme.duration_s / (CONTROL_ROWS * IMU_PERIOD_S)))
-        self._done = 0
+    def __init__(self, rig: Rig, programme: Programme, simulation: Simulation) -> None:
+        self._rig, self._programme, self._simulation = rig, programme, simulation
         self._start_m = self._height_m()
 
-    @property
-    def simulation(self) -> Simulation:
-        """What is simulated, to look at."""
-        return self._simulation
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topics, beside pressures and commands, that the rig has sensors for; tendon_states only with a tendon."""
-        has_tendons = bool(self._rig.tendon_names)
-        return tuple(topic for topic in self._programme.topics if has_tendons or topic != names.TENDON_STATES.name)
-
-    @property
-    def rows_done(self) -> int:
-        """Rows of the IMU, IMU_PERIOD_S each, taken so far."""
-        return self._done
-
-    @property
-    def share_done(self) -> float:
-        """How much of the run is done, 0 to 1."""
-        return self._done / self._rows
-
-    @property
-    def is_finished(self) -> bool:
-        """Whether the programme is at its end."""
-        return self._done >= self._rows
-
-    def advance(self, rows: int) -> None:
-        """Go on by rows of the IMU, however many there are left; the result does not depend on the portions.
+    def check(self) -> None:
+        """Look at load cell and travel.
 
         Raises:
-            UnstableSimulationError: the simulation blew up; an OverloadError: past the range of the load cell, where
-                the programme does not allow for it, or past its travel limit.
+            OverloadError: past a limit.
 
         """
-        while rows > 0 and not self.is_finished:
-            if self._done % CONTROL_ROWS == 0:
-                self._control()
-            portion = min(rows, STATE_ROWS - self._done % STATE_ROWS)
-            self._recorder.record_rows(portion, self._steps)
-            self._done += portion
-            rows -= portion
-            if self._done % STATE_ROWS == 0:
-                self._recorder.note_load_cell()
-                self._check_load()
-                self._check_travel()
-
-    def result(self) -> RigRun:
-        """Return what was measured; to be asked when the run is finished."""
-        topics = self._recorder.topics(self._programme.topics)
-        watched = {GROUND_CLEARANCE: self._recorder.clearance()} if self._programme.watched else {}
-        return RigRun(
-            rig=self._rig.name,
-            options=self._options,
-            topics=topics,
-            description=self._simulation.description(),
-            results=self._programme.evaluate({**topics, **watched}),
-            broken=tuple(tendon.name for tendon in self._simulation.tendons() if tendon.broken),
-            clipped=self._clipped(topics),
-        )
-
-    def _clipped(self, topics: Mapping[str, Series]) -> tuple[str, ...]:
-        """Say which sensors were at the end of their range; the IMU's filter adds its noise to it."""
-        sensors, found = self._rig.sensors, []
-        cell, imu = topics.get(names.LOAD_CELL.name), topics.get(names.IMU.name)
-        if cell is not None and np.abs(cell.values).max() >= sensors.load_cell_limit_n:
-            found.append(f"the load cell at {sensors.load_cell_limit_n:g} N")
-        if imu is not None:
-            limit_m_s2 = sensors.acceleration_limit_m_s2
-            if np.abs(imu.values[:, :_ACCELERATIONS]).max() >= limit_m_s2 - _IMU_NOISE_M_S2:
-                found.append(f"the IMU at {limit_m_s2:.2f} m/s^2 with gravity")
-        return tuple(found)
-
-    def _height_m(self) -> float:
-        return self._simulation.joint_positions()[names.CARRIAGE_JOINT]
-
-    def _check_load(self) -> None:
-        """End the run where its forces mean nothing any more."""
-        if self._programme.overload_advice and self._simulation.is_load_cell_overloaded():
+        programme, simulation, name = self._programme, self._simulation, self._rig.name
+        if programme.overload_advice and simulation.ankle.is_load_cell_overloaded():
             descent_mm = 1e3 * (self._start_m - self._height_m())
             msg = (
-                f"rig '{self._rig.name}': the force passed {self._rig.sensors.load_cell_limit_n:g} N, the range of the "
-                f"load cell, at a descent of {descent_mm:.1f} mm; {self._programme.overload_advice}"
+                f"rig '{name}': the force passed {self._rig.sensors.load_cell_limit_n:g} N, the range of the "
+                f"load cell, at a descent of {descent_mm:.1f} mm; {programme.overload_advice}"
             )
             raise OverloadError(msg)
-
-    def _check_travel(self) -> None:
-        """End the run where a joint went further than what it stands for can."""
-        limit = self._programme.travel_limit
-        if limit is None:
-            return
-        travel_m = self._simulation.joint_position(limit.joint)
-        if travel_m > limit.largest_m:
+        limit = programme.travel_limit
+        if limit is not None and (travel_m := simulation.joint_position(limit.joint)) > limit.largest_m:
             msg = (
-                f"rig '{self._rig.name}': the {limit.what}: by {1e3 * travel_m:.1f} mm "
-                f"{self._simulation.rig_time_s:.3f} s after the start, the limit is {1e3 * limit.largest_m:.1f} mm; "
-                f"{limit.advice}"
+                f"rig '{name}': the {limit.what}: by {1e3 * travel_m:.1f} mm {simulation.elapsed_s:.3f} s after the "
+                f"start, the limit is {1e3 * limit.largest_m:.1f} mm; {limit.advice}"
             )
             raise OverloadError(msg)
 
-    def _control(self) -> None:
-        """Measure the pressures, and command pump and solenoids."""
-        simulation = self._simulation
-        channels, manifold = simulation.channel_pressures_pa(), simulation.manifold_pressure_pa()
-        commands = self._keeper.commands(simulation.rig_time_s, channels, manifold, CONTROL_ROWS * IMU_PERIOD_S)
-        self._recorder.note_pressures((manifold, *channels.values()))
-        self._recorder.note_commands(commands)
-        simulation.set_pump_duty(commands.pump_duty)
-        for channel, energised in zip(names.CHANNELS, commands.energised, strict=True):
-            simulation.set_solenoid(channel, energised)
+    def _height_m(self) -> float:
+        return self._simulation.joint_position(names.CARRIAGE_JOINT)
+
+
+def _clipped(rig: Rig, topics: Mapping[str, Series]) -> tuple[str, ...]:
+    """Say which sensors were at the end of their range; the IMU's filter adds its noise to it."""
+    sensors, found = rig.sensors, []
+    cell, imu = topics.get(names.LOAD_CELL.name), topics.get(names.IMU.name)
+    if cell is not None and np.abs(cell.values).max() >= sensors.load_cell_limit_n:
+        found.append(f"the load cell at {sensors.load_cell_limit_n:g} N")
+    if imu is not None:
+        limit_m_s2 = sensors.acceleration_limit_m_s2
+        if np.abs(imu.values[:, :_ACCELERATIONS]).max() >= limit_m_s2 - _IMU_NOISE_M_S2:
+            found.append(f"the IMU at {limit_m_s2:.2f} m/s^2 with gravity")
+    return tuple(found)
+
+
+def run_robot(
+    simulation: Simulation,
+    duration_s: float,
+    rate_hz: int,
+    on_progress: Callable[[float], None],
+    cancelled: Callable[[], bool],
+    urdf: str = "",
+) -> dict[str, RigRun]:
+    """Let a robot go on for a time, and return what every ankle measured, by its name.
+
+    Args:
+        simulation: The robot, at its start, with whatever its ankles were commanded.
+        duration_s: How long, simulated, s.
+        rate_hz: Rate of IMU, joints, tendons and the truth; a multiple of 100 that divides the step rate.
+        on_progress: Called with the share done, 0 to 1.
+        cancelled: Asked as often; true ends the run.
+        urdf: Its description, kept with the runs.
+
+    Raises:
+        ValueError: the rate does not fit.
+        RigCancelledError: it was cancelled.
+        UnstableSimulationError: the simulation blew up.
+
+    """
+    if rate_hz % PRESSURE_RATE_HZ:
+        msg = f"a rate of {rate_hz} Hz does not fit the pressures' {PRESSURE_RATE_HZ} Hz; it must be a multiple"
+        raise ValueError(msg)
+    machine = simulation.machine
+    recorder = Recorder(simulation, simulation.steps_per(rate_hz) * simulation.timestep_s)
+    for index in range(1, round(duration_s * rate_hz) + 1):
+        recorder.advance(1)
+        recorder.note_contacts()
+        if index % (rate_hz // PRESSURE_RATE_HZ) == 0:
+            recorder.note_pressures()
+            recorder.note_base_and_plans()
+        for name, ankle in simulation.ankles.items():
+            recorder.note_commands(name, ankle.pump_duty, ankle.energised)
+        if index % (rate_hz // _LOOKS_PER_S) == 0:
+            on_progress(simulation.elapsed_s / duration_s)
+            if cancelled():
+                msg = f"robot '{machine.name}' was cancelled after {simulation.elapsed_s:g} s of {duration_s:g} s"
+                raise RigCancelledError(msg)
+    description, runs = machine.description(), {}
+    for name, ankle in simulation.ankles.items():
+        topics = recorder.topics(name, _ROBOT_TOPICS)
+        broken = tuple(tendon.name for tendon in ankle.tendons() if tendon.broken)
+        figures = _robot_figures(topics)
+        runs[name] = RigRun(machine.name, machine.options, topics, description, figures, broken, (), urdf)
+    return runs
+
+
+def _robot_figures(topics: Mapping[str, Series]) -> dict[str, float]:
+    truth = topics[names.TRUE_CONTACT.name]
+    force_m_s2 = np.linalg.norm(topics[names.IMU.name].values[:, :_ACCELERATIONS], axis=1)
+    stands = truth.column("stands")
+    return {
+        "peak_specific_force_m_s2": float(force_m_s2.max()),
+        "peak_normal_force_n": float(truth.column("normal_force_n").max()),
+        "standing_share": float(stands.mean()),
+        "touch_downs": float((np.diff(stands) > 0.0).sum()),
+        "sliding_distance_m": float(truth.column("sliding_distance_m")[-1]),
+        "peak_sliding_speed_m_s": float(truth.column("sliding_speed_m_s").max()),
+    }

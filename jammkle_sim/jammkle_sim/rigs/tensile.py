@@ -14,11 +14,11 @@ from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.physics.tendon import tendon_law
-from jammkle_sim.rigs.evaluate import smoothed, work_j
 from jammkle_sim.rigs.model import add_carriage, add_drive, add_imu_sensors, new_spec, set_speed
 from jammkle_sim.rigs.options import parameter_set_option, replaced_within_range, run_timestep_option, seed_option
+from jammkle_sim.rigs.recording import Series, smoothed, work_j
 from jammkle_sim.rigs.rig import LOAD_CELL, Event, Rig
-from jammkle_sim.rigs.run import Programme, Series
+from jammkle_sim.rigs.run import Programme, RigKind
 from jammkle_sim.rigs.vacuum import VacuumStep
 
 if TYPE_CHECKING:
@@ -177,3 +177,12 @@ def _results(topics: Mapping[str, Series], tendon_name: str, start_s: float, tur
         stretched_m = tendon.column(f"{tendon_name}.extension_m")
         results["break_extension_m"] = float(stretched_m[max(first - 1, 0) : first + 1].mean())
     return results
+
+
+RIG = RigKind(
+    "tensile",
+    "pull one tendon at constant speed and come back",
+    TensileOptions,
+    tensile_rig,
+    scattered,
+)

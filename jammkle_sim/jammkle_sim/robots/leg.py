@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.physics.ankle import AnkleParameters
@@ -14,12 +14,13 @@ from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import new_spec, weigh
 from jammkle_sim.rigs.options import checked
-from jammkle_sim.robots.gait import START_S, FootPlan, Gait
-from jammkle_sim.robots.ground import Ground
-from jammkle_sim.robots.limb import HIP, KNEE, Fitting, LimbParameters, add_limb, make_servo
+from jammkle_sim.robots.ground import HOLD, IMPEDANCE_RATIO, Ground, compiled_on, events_of
+from jammkle_sim.robots.limb import HIP, KNEE, START_S, Fitting, Gait, LimbParameters, add_limb, make_servo
 from jammkle_sim.robots.options import Behaviour, RobotOptions
-from jammkle_sim.robots.placing import HOLD, IMPEDANCE_RATIO, compiled_on, events_of
 from jammkle_sim.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from jammkle_sim.rigs.rig import FootPlan
 
 ANKLE = "ankle"
 """Name of its ankle."""

@@ -1,21 +1,68 @@
-"""A limb of our robots: thigh and shank with servos at hip and knee, and an ankle at its end."""
+"""A limb of our robots: its angles, its gait, thigh and shank with servos at hip and knee, and an ankle at its end."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common.names import LEG_JOINTS
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.robots.attach import AnkleFitting, attach_ankle
-from jammkle_sim.robots.kinematics import Segments
+from jammkle_sim.rigs.rig import FootPlan
 from jammkle_sim.robots.options import AnkleKind, ImuPlace
+from jammkle_sim.robots.robot import AnkleFitting, attach_ankle
 
 if TYPE_CHECKING:
     from jammkle_sim.physics.ankle import AnkleParameters
     from jammkle_sim.physics.sensors import SensorParameters
-    from jammkle_sim.robots.attach import AttachedAnkle
     from jammkle_sim.robots.options import RobotOptions
+    from jammkle_sim.robots.robot import AttachedAnkle
+
+
+_STRAIGHTEST = 0.999
+"""Longest reach, as a share of a straight leg: there the knee's angle still says where the ankle is."""
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Lengths of a leg."""
+
+    thigh_m: float
+    """From hip to knee."""
+    shank_m: float
+    """From knee to ankle."""
+
+    def angles_rad(self, forward_m: float, up_m: float) -> tuple[float, float]:
+        """Return hip and knee angle that bring the ankle to a place in the leg's plane, or as near as it reaches.
+
+        Args:
+            forward_m: Forward of the hip, m.
+            up_m: Above the hip, m; negative.
+
+        """
+        straight_m = self.thigh_m + self.shank_m
+        distance_m = min(max(math.hypot(forward_m, up_m), abs(self.thigh_m - self.shank_m)), _STRAIGHTEST * straight_m)
+        product = 2.0 * self.thigh_m * self.shank_m
+        bend = math.acos((distance_m**2 - self.thigh_m**2 - self.shank_m**2) / product)
+        backward = math.atan2(-forward_m, -up_m)
+        ahead = math.atan2(self.shank_m * math.sin(bend), self.thigh_m + self.shank_m * math.cos(bend))
+        return backward + ahead, -bend
+
+
+def abducted(segments: Segments, offset_m: float, place_m: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return abduction, hip and knee angle that bring the ankle to a place.
+
+    Args:
+        segments: Lengths.
+        offset_m: How far to the left of the abduction axis the leg's plane is; negative: to the right.
+        place_m: Of the ankle, in the frame of the hip.
+
+    """
+    forward_m, left_m, up_m = place_m
+    along_m = -math.sqrt(max(left_m**2 + up_m**2 - offset_m**2, 0.0))
+    abduction = math.atan2(up_m, left_m) - math.atan2(along_m, offset_m)
+    return math.remainder(abduction, 2.0 * math.pi), *segments.angles_rad(forward_m, along_m)
+
 
 ABDUCTION, HIP, KNEE = LEG_JOINTS
 
@@ -154,3 +201,69 @@ def make_servo(servo: Any, stiffness: float, damping: float, largest: float) -> 
     servo.biasprm[:3] = (0.0, -stiffness, -damping)
     servo.forcelimited = True
     servo.forcerange = (-largest, largest)
+
+
+START_S = 0.5
+"""How long a robot stands before it walks, s."""
+STRAIGHT_SHARE = 0.25
+"""Share of a swing for which a foot only rises, and again only comes down. Assumed."""
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A gait, as seen from the hips."""
+
+    speed_m_s: float
+    period_s: float
+    height_m: float
+    """How high a foot is lifted."""
+    touch_down_m_s: float
+    """Speed at which it is put down."""
+    bearing_share: float
+    """Share of the period for which a foot stands."""
+    push_m: float = 0.0
+    """How much further down a foot is asked to be while it stands."""
+
+    def plan(self, time_s: float, phase: float) -> FootPlan:
+        """Return what is planned of a foot.
+
+        Args:
+            time_s: Since the robot's start.
+            phase: Of the foot: by which share of a period it is ahead.
+
+        """
+        if time_s < START_S:
+            return FootPlan(bears=True)
+        at = self._phase(time_s, phase)
+        return FootPlan(at < self.bearing_share, at)
+
+    def place_m(self, time_s: float, phase: float) -> tuple[float, float]:
+        """Return how far forward and up, m, an ankle is of where it stands still; both grow over the first period.
+
+        While it stands it goes back as fast as the robot goes forward. It is lifted straight off its place and put
+        down straight onto the next, so that it need not slide where legs give; in between it flies (smoothstep).
+
+        Args:
+            time_s: Since the robot's start.
+            phase: As for `plan`.
+
+        """
+        if time_s < START_S:
+            return 0.0, -self.push_m
+        grown = min((time_s - START_S) / self.period_s, 1.0)
+        speed_m_s = grown * self.speed_m_s
+        at = self._phase(time_s, phase)
+        half_m = speed_m_s * self.bearing_share * self.period_s / 2.0
+        if at < self.bearing_share:
+            return half_m - speed_m_s * at * self.period_s, -self.push_m
+        swing_s = (1.0 - self.bearing_share) * self.period_s
+        share = (at - self.bearing_share) / (1.0 - self.bearing_share)
+        flown = min(max((share - STRAIGHT_SHARE) / (1.0 - 2.0 * STRAIGHT_SHARE), 0.0), 1.0)
+        over_ground_m = speed_m_s * self.period_s * flown**2 * (3.0 - 2.0 * flown)
+        forward_m = over_ground_m - half_m - speed_m_s * swing_s * share
+        up_m = self.height_m * (1.0 - math.cos(2.0 * math.pi * share)) / 2.0
+        up_m += self.touch_down_m_s * swing_s * share**2 * (1.0 - share)
+        return forward_m, grown * up_m - self.push_m * abs(2.0 * share - 1.0)
+
+    def _phase(self, time_s: float, phase: float) -> float:
+        return ((time_s - START_S) / self.period_s + phase) % 1.0

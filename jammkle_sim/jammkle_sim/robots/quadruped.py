@@ -15,16 +15,15 @@ from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import new_spec
 from jammkle_sim.rigs.options import checked
-from jammkle_sim.robots.gait import FootPlan, Gait
-from jammkle_sim.robots.ground import Ground
-from jammkle_sim.robots.kinematics import abducted
-from jammkle_sim.robots.limb import ABDUCTION, HIP, KNEE, Fitting, LimbParameters, add_limb, add_servo
+from jammkle_sim.robots.ground import HOLD, IMPEDANCE_RATIO, Ground, compiled_on, events_of
+from jammkle_sim.robots.limb import ABDUCTION, HIP, KNEE, Fitting, Gait, LimbParameters, abducted, add_limb, add_servo
 from jammkle_sim.robots.options import Behaviour, RobotOptions
-from jammkle_sim.robots.placing import HOLD, IMPEDANCE_RATIO, compiled_on, events_of
 from jammkle_sim.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from jammkle_sim.robots.attach import AttachedAnkle
+    from jammkle_sim.rigs.rig import FootPlan
+    from jammkle_sim.robots.robot import AttachedAnkle
+
 
 _TRUNK = "trunk"
 
@@ -221,3 +220,18 @@ def _add_hold(spec: Any, contact_time_s: float) -> None:
     hold.name1 = _TRUNK
     hold.solref = (contact_time_s, 1.0)
     hold.solimp[:2] = 0.9999  # MuJoCo's hardest, so that it does not sag
+
+
+def place_of(ankle: str) -> dict[str, float]:
+    """Return parameters of the controller of an ankle, by its name; of a leg's none: its hip is its base's origin."""
+    quadruped = QuadrupedParameters()
+    return {
+        name: value
+        for corner in CORNERS
+        if corner.ankle == ankle
+        for name, value in (
+            ("hip_x_m", corner.forward * quadruped.forward_m),
+            ("hip_y_m", corner.left * quadruped.left_m),
+            ("hip_offset_m", corner.left * quadruped.offset_m),
+        )
+    }

@@ -11,28 +11,36 @@ Format: http://wiki.ros.org/urdf/XML. Where the two differ:
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from jammkle_common.names import (
+    ANKLE_JOINTS,
     BASE_FRAME,
     CHANNELS,
     IMU_FRAME,
+    JOINT_STATES,
     LOAD_CELL_FRAME,
     MANIFOLD_FRAME,
     TENDONS_OF_CHANNEL,
+    frame,
+    resolved,
 )
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.kernels import LARGEST_SPEED
-from jammkle_sim.robots.urdf_control import control_tags
-from jammkle_sim.robots.urdf_names import UrdfNames
-from jammkle_sim.robots.urdf_shapes import STILL, add_shapes, origin
 
 if TYPE_CHECKING:
-    from jammkle_sim.robots.robot import Robot
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.robots.robot import AttachedAnkle, Robot
+
 
 BETWEEN_SHARE = 1e-3
 """Share of a body's mass and inertia that goes to each link between two of its hinges: some simulators refuse or drop
@@ -180,3 +188,210 @@ def _largest_effort(model: Any, joint: int) -> float:
 
 def _text(value: float) -> str:
     return f"{float(value):.9g}"
+
+
+_JOINT_PREFIX = "ankle_"
+"""What the names of an ankle's own joints begin with, whatever the ankle is called."""
+
+
+@dataclass(frozen=True)
+class ReportedJoint:
+    """One joint that is in joint_states."""
+
+    ankle: str
+    """Name of the ankle that reports it."""
+    name: str
+    """Name in the joint_states of that ankle."""
+    joint: str
+    """Name in the model."""
+    unique: str
+    """Name in the whole robot: in its URDF, and in the joint_states of all of it."""
+
+
+class UrdfNames:
+    """Names of one robot's parts."""
+
+    def __init__(self, robot: Robot, namespace: str = "/") -> None:
+        """Take the robot's ankles.
+
+        Args:
+            robot: The robot.
+            namespace: Normalised ROS namespace of the robot, which its frames begin with.
+
+        """
+        self._namespace = namespace
+        self._ankles = robot.ankles
+        self.reported: tuple[ReportedJoint, ...] = tuple(_reported(robot))
+        """Every joint that is in joint_states."""
+        self._joints = {joint.joint: joint.unique for joint in self.reported}
+
+    def within(self, ankle: AttachedAnkle) -> str:
+        """Return the namespace of an ankle below the robot's; a single one is in that."""
+        return ankle.name if len(self._ankles) > 1 else ""
+
+    def link(self, body: str) -> str:
+        """Return the frame of a body, by its name in the model."""
+        ankle, _, part = body.rpartition("/")
+        single = len(self._ankles) == 1 and ankle == self._ankles[0].name
+        return self.frame(part if single else body)
+
+    def frame(self, name: str, ankle: AttachedAnkle | None = None) -> str:
+        """Return a frame of the robot, or of one of its ankles."""
+        return frame(self._namespace, frame(self.within(ankle), name) if ankle is not None else name)
+
+    def joint(self, joint: str) -> str:
+        """Return the name of a joint by its name in the model; one that nobody reports keeps that."""
+        return self._joints.get(joint, joint)
+
+
+def _reported(robot: Robot) -> Iterator[ReportedJoint]:
+    several = len(robot.ankles) > 1
+    for ankle in robot.ankles:
+        for joint in ANKLE_JOINTS:
+            alone = f"{ankle.name}_{joint.removeprefix(_JOINT_PREFIX)}"
+            yield ReportedJoint(ankle.name, joint, ankle.named(joint), alone if several else joint)
+        for name, joint in ankle.joints.items():
+            yield ReportedJoint(ankle.name, name, joint, joint if several else name)
+
+
+_SPHERE, _BOX = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_BOX)
+_CYLINDER, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+_SOLE_CORNERS = 4
+"""A body with so many balls is a foot, and is drawn as the box around them up to its joint."""
+STILL = np.array((1.0, 0.0, 0.0, 0.0))
+"""Quaternion of what is not turned."""
+_ROD_M, _BALL_M = 0.006, 0.03
+"""Radius of the rod that stands for what is between two ends of tendons, and of a base without a shape of its own."""
+_TINTS = {"printed": "0.27 0.29 0.32 1", "metal": "0.69 0.71 0.74 1"}
+
+
+def add_shapes(link: ET.Element, model: Any, body: int) -> None:
+    """Add visual and collision elements to a link.
+
+    Args:
+        link: Where they go.
+        model: The mujoco.MjModel.
+        body: Number of the body.
+
+    """
+    geoms = [index for index in range(model.ngeom) if int(model.geom_bodyid[index]) == body]
+    balls = [index for index in geoms if int(model.geom_type[index]) == _SPHERE]
+    if len(balls) >= _SOLE_CORNERS:
+        _add_sole(link, model, balls)
+    for index in geoms:
+        if len(balls) < _SOLE_CORNERS or index not in balls:
+            _add_geom(link, "visual", model, index)
+        if model.geom_contype[index] or model.geom_conaffinity[index]:
+            _add_geom(link, "collision", model, index)
+    if not geoms:
+        _add_stand_in(link, model, body)
+
+
+def origin(parent: ET.Element, place_m: Any, turn: Any) -> None:
+    """Add the origin of something: m, and roll, pitch, yaw about fixed axes, rad, from a quaternion (w, x, y, z)."""
+    xyz = " ".join(f"{float(value):.9g}" for value in place_m)
+    rpy = " ".join(f"{value + 0.0:.9g}" for value in _roll_pitch_yaw(turn))  # no -0
+    ET.SubElement(parent, "origin", xyz=xyz, rpy=rpy)
+
+
+def _roll_pitch_yaw(turn: Any) -> tuple[float, float, float]:
+    nine = np.zeros(9)
+    mujoco.mju_quat2Mat(nine, np.asarray(turn, dtype=np.float64))
+    rotation = nine.reshape(3, 3)
+    pitch = math.asin(float(np.clip(-rotation[2, 0], -1.0, 1.0)))
+    if math.hypot(rotation[0, 0], rotation[1, 0]) < 1e-9:  # noqa: PLR2004 - straight up or down: yaw and roll are one
+        return 0.0, pitch, math.atan2(-rotation[0, 1], rotation[1, 1])
+    return math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+
+
+def _add_geom(link: ET.Element, kind: str, model: Any, index: int) -> None:
+    size, shape = model.geom_size[index], int(model.geom_type[index])
+    if shape == _SPHERE:
+        words, sizes = "sphere", {"radius": size[0]}
+    elif shape in (_CYLINDER, _CAPSULE):  # a capsule without its ends, which URDF has not
+        words, sizes = "cylinder", {"radius": size[0], "length": 2.0 * size[1]}
+    elif shape == _BOX:
+        _add(link, kind, model.geom_pos[index], model.geom_quat[index], "box", {"size": _numbers(2.0 * size)})
+        return
+    else:
+        return
+    text = {name: f"{float(value):.9g}" for name, value in sizes.items()}
+    _add(link, kind, model.geom_pos[index], model.geom_quat[index], words, text)
+
+
+def _add_sole(link: ET.Element, model: Any, balls: list[int]) -> None:
+    """Draw a foot: a box around its rounded corners, up to its joint."""
+    low = (model.geom_pos[balls] - model.geom_size[balls, :1]).min(axis=0)
+    high = (model.geom_pos[balls] + model.geom_size[balls, :1]).max(axis=0)
+    high[2] = 0.0
+    _add(link, "visual", (low + high) / 2.0, STILL, "box", {"size": _numbers(high - low)})
+
+
+def _add_stand_in(link: ET.Element, model: Any, body: int) -> None:
+    """Draw a body that has no geom: a rod up to the ends of its tendons, or a ball where it has mass alone."""
+    sites = [index for index in range(model.nsite) if int(model.site_bodyid[index]) == body]
+    height_m = max((float(model.site_pos[index][2]) for index in sites), default=0.0)
+    if height_m > 0.0:
+        sizes = {"radius": f"{_ROD_M:g}", "length": f"{height_m:.9g}"}
+        _add(link, "visual", (0.0, 0.0, height_m / 2.0), STILL, "cylinder", sizes)
+    elif model.body_mass[body] > 0.0:
+        _add(link, "visual", (0.0, 0.0, 0.0), STILL, "sphere", {"radius": f"{_BALL_M:g}"})
+
+
+def _add(link: ET.Element, kind: str, place_m: Any, turn: Any, shape: str, sizes: dict[str, str]) -> None:
+    part = ET.SubElement(link, kind)
+    origin(part, place_m, turn)
+    ET.SubElement(ET.SubElement(part, "geometry"), shape, sizes)
+    if kind == "visual":
+        name = "metal" if shape == "cylinder" else "printed"
+        ET.SubElement(ET.SubElement(part, "material", name=name), "color", rgba=_TINTS[name])
+
+
+def _numbers(values: NDArray[np.float64]) -> str:
+    return " ".join(f"{float(value):.9g}" for value in values)
+
+
+VACUUM, STATE = "vacuum", "state"
+"""Interfaces of a channel: Pa below ambient, and jammkle_msgs/ChannelJamState as a number."""
+_JOINT_PLUGIN = "joint_state_topic_hardware_interface/JointStateTopicSystem"
+_GPIO_PLUGIN = "cm_topic_hardware_component/CMTopicSystem"
+LARGEST_VACUUM_PA = 70e3
+"""Most that the driver takes, unless its parameter `max_vacuum_pa` says otherwise."""
+_UNUSED = "unused_joint_commands"
+"""Topic of commands that the joints' plugin asks for; nobody commands them."""
+
+
+def control_tags(robot: Robot, names: UrdfNames, namespace: str) -> tuple[ET.Element, ET.Element]:
+    """Return the tags of the joints and of the channels.
+
+    Args:
+        robot: The robot.
+        names: Of its parts.
+        namespace: Normalised ROS namespace of the robot.
+
+    """
+    owner = namespace.strip("/").replace("/", "_") or robot.name
+    joints = _system(f"{owner}_joints", _JOINT_PLUGIN)
+    hardware = joints[0]
+    for parameter, topic in (("joint_states_topic", JOINT_STATES.name), ("joint_commands_topic", _UNUSED)):
+        ET.SubElement(hardware, "param", name=parameter).text = resolved(namespace, topic)
+    for reported in names.reported:
+        joint = ET.SubElement(joints, "joint", name=reported.unique)
+        for interface in ("position", "velocity"):
+            ET.SubElement(joint, "state_interface", name=interface)
+    air = _system(f"{owner}_air", _GPIO_PLUGIN)
+    for ankle in robot.ankles:
+        for channel in CHANNELS:
+            gpio = ET.SubElement(air, "gpio", name="_".join(part for part in (names.within(ankle), channel) if part))
+            command = ET.SubElement(gpio, "command_interface", name=VACUUM)
+            for bound, value_pa in (("min", 0.0), ("max", LARGEST_VACUUM_PA)):
+                ET.SubElement(command, "param", name=bound).text = f"{value_pa:g}"
+            for interface in (VACUUM, STATE):
+                ET.SubElement(gpio, "state_interface", name=interface)
+    return joints, air
+
+
+def _system(name: str, plugin: str) -> ET.Element:
+    system = ET.Element("ros2_control", name=name, type="system")
+    ET.SubElement(ET.SubElement(system, "hardware"), "plugin").text = plugin
+    return system

@@ -11,10 +11,9 @@ import yaml
 from jammkle_common import names
 from jammkle_common.command.errors import InputError
 from jammkle_common.parameters import ParameterError
-from jammkle_sim.rigs.simulation import UnstableSimulationError
+from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_sim.robots.simulation import RobotSimulation
 from jammkle_view.core.models import setting_of
 from jammkle_view.playback.commands import commands_of
 from jammkle_view.playback.overlay import Gap, Overlay, SimulatedRun
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.robots.ankle_view import AnkleView
+    from jammkle_sim.rigs.simulation import Ankle
     from jammkle_view.core.models import Naming
     from jammkle_view.playback.commands import Told
     from jammkle_view.playback.recorded import Recorded
@@ -97,7 +96,7 @@ def _content(recorded: Recorded) -> Mapping[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _simulation(recorded: Recorded) -> RobotSimulation:
+def _simulation(recorded: Recorded) -> Simulation:
     """Return the robot at its start, with sensors that have neither noise nor offset."""
     content = _content(recorded)
     known = {field.name for field in dataclasses.fields(RobotOptions)}
@@ -114,11 +113,11 @@ def _simulation(recorded: Recorded) -> RobotSimulation:
         pressure_noise_pa=0.0,
         pressure_offset_pa=0.0,
     )
-    return RobotSimulation(dataclasses.replace(built, sensors=sensors))
+    return Simulation(dataclasses.replace(built, sensors=sensors))
 
 
 def _run(
-    simulation: RobotSimulation,
+    simulation: Simulation,
     told: Sequence[Told],
     end_s: float,
     rows: _Rows,
@@ -147,7 +146,7 @@ def _run(
             on_progress(tick * _IMU_PERIOD_S / end_s)
 
 
-def _command(simulation: RobotSimulation, told: Told) -> None:
+def _command(simulation: Simulation, told: Told) -> None:
     view = simulation.ankles[told.ankle]
     if told.channel:
         view.set_solenoid(told.channel, told.value > 0.0)
@@ -158,7 +157,7 @@ def _command(simulation: RobotSimulation, told: Told) -> None:
 class _Rows:
     """What one ankle and the robot around it do, as it comes."""
 
-    def __init__(self, view: AnkleView) -> None:
+    def __init__(self, view: Ankle) -> None:
         self._view = view
         self._imu: list[list[float]] = []
         self._pressures_pa: list[list[float]] = []
@@ -166,7 +165,7 @@ class _Rows:
         self._base: list[list[float]] = []
         self._joints: list[list[float]] = []
 
-    def note(self, simulation: RobotSimulation, *, with_state: bool) -> None:
+    def note(self, simulation: Simulation, *, with_state: bool) -> None:
         """Take a sample of the IMU, and of everything else where it is due."""
         imu = self._view.imu()
         self._imu.append([*imu.specific_force_m_s2, *imu.angular_velocity_rad_s])
@@ -179,9 +178,7 @@ class _Rows:
                 [angle for view in simulation.ankles.values() for angle in view.joint_positions().values()]
             )
 
-    def run(
-        self, simulation: RobotSimulation, shown: str, namings: Mapping[str, Naming], start_s: float
-    ) -> SimulatedRun:
+    def run(self, simulation: Simulation, shown: str, namings: Mapping[str, Naming], start_s: float) -> SimulatedRun:
         """Return all of it, in the time of the recording."""
         time_s = _IMU_PERIOD_S * _STATE_TICKS * np.arange(1.0, len(self._base) + 1.0) - start_s
         imu_s = _IMU_PERIOD_S * np.arange(1.0, len(self._imu) + 1.0) - start_s

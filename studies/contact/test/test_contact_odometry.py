@@ -14,7 +14,7 @@ from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_sim.robots.places import place_of
+from jammkle_sim.robots.quadruped import place_of
 from studies.contact.labelled import CLOCK_START_S, Drives, Estimator, LabelledRecording, read_body, read_leg, read_pose
 from studies.contact.robots import POSE_JOINTS, Keeper, slides_of
 from studies.contact.trial import told_by_ours

@@ -23,8 +23,7 @@ from jammkle_common.command.main import run
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.constants import TENDON_SETS
-from jammkle_sim.rigs.slip import SlipOptions
-from jammkle_sim.rigs.wedging import Footing
+from jammkle_sim.rigs.slip import Footing, SlipOptions
 from studies.paper import __main__ as paper_command
 from studies.paper.comparison import Outcomes, RowComparison, Statistic, compare_claims
 from studies.paper.figures import deformation

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_common.names import CHANNELS
-from jammkle_sim.physics import hose
+from jammkle_sim.physics import pneumatics
 from jammkle_sim.physics.pneumatics import REFERENCE_DENSITY_KG_M3, conductance_kg_s_pa, stable_substeps
-from jammkle_sim.rigs.assembly import laws_of
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -65,9 +65,10 @@ def lengthen_hose(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     length_m, i, density_kg_m3 = values["length_m"], CHANNELS.index(place), REFERENCE_DENSITY_KG_M3
 
     def change(law: Any) -> None:
-        law["volume_m3"][i + 1] += hose.held_m3(length_m)
-        law["valve_kg_s_pa"][i] = density_kg_m3 * hose.behind(law["valve_kg_s_pa"][i] / density_kg_m3, length_m)
-        law["valve_dead_time_s"][i] += hose.travel_s(length_m)
+        law["volume_m3"][i + 1] += pneumatics.hose_volume_m3(length_m)
+        before_m3_s_pa = law["valve_kg_s_pa"][i] / density_kg_m3
+        law["valve_kg_s_pa"][i] = density_kg_m3 * pneumatics.conductance_behind_hose(before_m3_s_pa, length_m)
+        law["valve_dead_time_s"][i] += pneumatics.hose_travel_s(length_m)
 
     return with_air(rig, change)
 

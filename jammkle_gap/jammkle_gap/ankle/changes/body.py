@@ -10,7 +10,7 @@ from jammkle_common.names import ANKLE_JOINTS
 from jammkle_sim.physics.ankle import joint_law
 from jammkle_sim.physics.contact import Softening, soften
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.rigs.assembly import laws_of
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

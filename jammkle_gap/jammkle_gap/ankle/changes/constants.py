@@ -15,8 +15,8 @@ from jammkle_gap.ankle.changes.body import present
 from jammkle_gap.ankle.changes.sensing import delay_sensors
 from jammkle_gap.ankle.changes.tendon import branch_times_s, with_tendons
 from jammkle_sim.physics.contact import Softening, soften
-from jammkle_sim.rigs.assembly import laws_of
-from jammkle_sim.rigs.driven import is_driven
+from jammkle_sim.rigs.replay import is_driven
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_common.names import CHANNELS
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_sim.rigs.catalogue import rig_kind
-from jammkle_sim.rigs.driven import is_driven
+from jammkle_sim.rigs.replay import is_driven
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_sim.rigs.assembly import laws_of
-from jammkle_sim.rigs.rig import ACCELEROMETER
+from jammkle_sim.rigs.rig import ACCELEROMETER, laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -12,9 +12,8 @@ from jammkle_gap.monitor.core.followed import Residual
 from jammkle_gap.monitor.core.subsystem import Subsystem
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.pneumatics import vented_state
-from jammkle_sim.rigs.assembly import laws_of
-from jammkle_sim.rigs.replay import CommandTrack, actuation, timestep_s
-from jammkle_sim.rigs.timeline import Timeline
+from jammkle_sim.rigs.replay import CommandTrack, Timeline, actuation, timestep_s
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from typing import Any

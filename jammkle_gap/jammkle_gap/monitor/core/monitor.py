@@ -18,9 +18,8 @@ from jammkle_gap.monitor.core.sensing import SensingFollower
 from jammkle_gap.monitor.core.tendons import TendonFollower
 from jammkle_gap.monitor.core.tracks import Tracks
 from jammkle_gap.monitor.core.window import GapWindow
-from jammkle_sim.rigs.replay import CommandTrack, timestep_s
+from jammkle_sim.rigs.replay import CommandTrack, Timeline, timestep_s
 from jammkle_sim.rigs.simulation import UnstableSimulationError
-from jammkle_sim.rigs.timeline import Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

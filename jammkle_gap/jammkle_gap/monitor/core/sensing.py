@@ -11,8 +11,8 @@ from jammkle_gap.ankle.instruments import ACCELERATION, RATE, declared_noise
 from jammkle_gap.monitor.core.followed import Residual, Stretch
 from jammkle_gap.monitor.core.motion import phase_of_motion
 from jammkle_gap.monitor.core.subsystem import Subsystem
-from jammkle_sim.rigs.assembly import imu_at_rest, laws_of
 from jammkle_sim.rigs.replay import timestep_s
+from jammkle_sim.rigs.rig import imu_at_rest, laws_of
 
 if TYPE_CHECKING:
     from jammkle_gap.monitor.core.tracks import Tracks

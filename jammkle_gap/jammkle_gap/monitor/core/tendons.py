@@ -13,8 +13,8 @@ from jammkle_gap.monitor.core.motion import phase_of_motion
 from jammkle_gap.monitor.core.subsystem import Subsystem
 from jammkle_sim.physics import kernels
 from jammkle_sim.physics.tendon import relaxed_state
-from jammkle_sim.rigs.assembly import laws_of
 from jammkle_sim.rigs.replay import timestep_s
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from jammkle_gap.monitor.core.followed import Stretch

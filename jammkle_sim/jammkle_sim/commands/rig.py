@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.markup import escape
 from rich.table import Table
 
@@ -13,28 +16,90 @@ from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
+from jammkle_common.command.options import JsonOption, NamespaceOption
 from jammkle_common.command.results import progress_bar
 from jammkle_common.constants import MAX_REPEATS
 from jammkle_common.names import normalised
 from jammkle_common.parameters import ParameterError, as_typed
-from jammkle_sim.commands.rig_bag import write_bag
-from jammkle_sim.commands.rig_options import RigRequest, rig_app
+from jammkle_sim.commands.bag import write_bag
+from jammkle_sim.commands.table import Option, command_of
 from jammkle_sim.conversions import NotFiniteError
-from jammkle_sim.effects_file import load_change
-from jammkle_sim.rigs.catalogue import as_it_is, run_rig, save_mjcf, scattered
-from jammkle_sim.rigs.changes import BadChangeError
+from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig, save_mjcf, scattered
+from jammkle_sim.rigs.rig import BadChangeError, load_change
 from jammkle_sim.rigs.run import RigCancelledError
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.run import RigRun
 
 _RUN_SHARE = 0.5
 """Share of the time of one repeat that the run takes; the rest is the bag. Measured, roughly."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RigRequest:
+    """One call of `jammkle rig`."""
+
+    rig: str
+    options: Any
+    """The options dataclass of the rig."""
+    bag: Path | None
+    """Folder of the bag; with repeats the name that each one's number is put behind."""
+    repeats: int
+    namespace: str
+    json: Path | None
+    mjcf: Path | None
+    effects: Path | None = None
+    """File of effects that are put into the rig."""
+
+
+_COMMON: dict[str, Option] = {
+    "output": (
+        Annotated[
+            Path | None,
+            typer.Option(
+                "-o",
+                "--output",
+                help="Folder of the new bag; with --repeats one each: NAME_0, NAME_1, ...",
+                metavar="DIR",
+            ),
+        ],
+        None,
+    ),
+    "repeats": (
+        Annotated[
+            int,
+            typer.Option(help=f"Runs, 1 to {MAX_REPEATS}; more than one scatter as the rig does, drawn from --seed."),
+        ],
+        1,
+    ),
+    "namespace": (NamespaceOption, "/"),
+    "effects": (
+        Annotated[
+            Path | None,
+            typer.Option(
+                help="File of effects to put into the rig, such as the corrected.yaml of a gap diagnosis.",
+                metavar="FILE",
+            ),
+        ],
+        None,
+    ),
+    "json": (JsonOption, None),
+    "save_mjcf": (
+        Annotated[
+            Path | None,
+            typer.Option(
+                help="Write the model that is simulated to this file (MJCF): bodies and contacts, without the law of "
+                "the tendons, the air, or the release and drive of the carriage.",
+                metavar="FILE",
+            ),
+        ],
+        None,
+    ),
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +115,37 @@ def rig(arguments: list[str]) -> int:
     """Run `jammkle rig` with its arguments and return the exit code."""
     code = rig_app(run_request)(arguments or ["--help"], prog_name="jammkle rig", standalone_mode=False)
     return code if isinstance(code, int) else 0
+
+
+def rig_app(run: Callable[[RigRequest], int]) -> typer.Typer:
+    """Return the command line of all rigs; `run` gets what was asked for and returns the exit code."""
+    app = typer.Typer(
+        help="Run a rig without the graph, as fast as it can, and write a bag.",
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        add_completion=False,
+    )
+    for kind in RIGS.values():
+
+        def asked(given: dict[str, Any], options: Any, *, name: str) -> int:
+            return run(
+                RigRequest(
+                    rig=name,
+                    options=options,
+                    bag=given["output"],
+                    repeats=given["repeats"],
+                    namespace=given["namespace"],
+                    json=given["json"],
+                    mjcf=given["save_mjcf"],
+                    effects=given["effects"],
+                )
+            )
+
+        command = command_of(kind.options, _COMMON, partial(asked, name=kind.name))
+        app.command(kind.name, help=f"{kind.title[0].upper()}{kind.title[1:]}.")(command)
+    # A single command would swallow its own name.
+    app.callback()(lambda: None)
+    return app
 
 
 def run_request(request: RigRequest) -> int:

@@ -6,13 +6,12 @@ import sys
 from typing import TYPE_CHECKING
 
 from jammkle_common.runner import run
-from jammkle_sim.__main__ import drive, shut_down
+from jammkle_sim.__main__ import LOADED_LATER, drive, shut_down
 
 if TYPE_CHECKING:
     from jammkle_sim.node import SimNode
 
-LOADED_LATER = ("jammkle_sim.kinds", "jammkle_sim.node", "jammkle_sim.walking")
-"""See `jammkle_common.processes`."""
+__all__ = ["LOADED_LATER", "main"]
 
 
 def main() -> int:
@@ -22,9 +21,8 @@ def main() -> int:
 
 def _make_node() -> SimNode:
     # As in __main__: physics is loaded under the runner's signal handlers.
-    from jammkle_sim.kinds import ROBOT  # noqa: PLC0415
+    from jammkle_sim.kinds import ROBOT, make_robot  # noqa: PLC0415
     from jammkle_sim.node import SimNode  # noqa: PLC0415
-    from jammkle_sim.walking import make_robot  # noqa: PLC0415
 
     return SimNode(make_robot, ROBOT)
 

@@ -1,16 +1,21 @@
-"""Between a finished run of a rig and the messages of a bag: types, units, stamps. The only place for both."""
+"""Write the run of a rig or a robot as a bag that looks as if the graph had been recorded: types, units, stamps."""
 
 from __future__ import annotations
 
 import functools
 import heapq
+import json
+import operator
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.bags.definitions import Serialiser
+from jammkle_common.bags.writing import BagLog, bag_delivery
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.messages import Health, Level, diagnostic_array, message_class
 from jammkle_common.names import (
     CHANNELS,
+    CLOCK,
     DIAGNOSTICS,
     GAIT_PHASE,
     IMU,
@@ -19,27 +24,116 @@ from jammkle_common.names import (
     MANIFOLD_FRAME,
     MANIFOLD_PRESSURE,
     ODOMETRY,
+    OF_THE_WHOLE,
     PLANNED_CONTACT,
     PRESSURES,
     PUMP_DUTY,
     ROBOT_DESCRIPTION,
+    ROBOT_TOPICS,
     SIM_NODE,
     SIM_PARAMETERS,
     SOLENOIDS,
     TENDON_STATES,
     TENDONS,
+    TOPICS,
     TRUE_CONTACT,
     Topic,
+    below,
+    published,
+    resolved,
 )
 from jammkle_sim.conversions import OutgoingMessages, parameters_message, time_message
-from jammkle_sim.rigs.base import BaseSample
-from jammkle_sim.rigs.readout import ImuSample, TendonSample
-from jammkle_sim.robots.foot_truth import FootTruth
+from jammkle_sim.rigs.simulation import BaseSample, FootTruth, ImuSample, TendonSample
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
 
+    from rosbags.interfaces import Qos
+
+    from jammkle_common.bags.definitions import MessageDefinitions
+    from jammkle_common.bags.writing import BagCounts
     from jammkle_sim.rigs.run import RigRun, Series
+
+
+RESULTS_KEY = "rig_results"
+"""Custom data of a bag that holds what the rig itself measured, as JSON."""
+
+_OF_SIMULATION = (*OF_THE_WHOLE, DIAGNOSTICS)
+"""What one simulation says for all of its ankles."""
+
+
+def write_bag(run: RigRun, path: Path, namespace: str, definitions: MessageDefinitions) -> BagCounts:
+    """Write every topic of a run, /clock after all else of its time, and the parameters as custom data.
+
+    Args:
+        run: The run. Its time zero is the bag's.
+        path: Folder of the bag; it must not exist.
+        namespace: Normalised namespace of the ankle.
+        definitions: Where message definitions come from.
+
+    Raises:
+        InputError: the path exists or cannot be made.
+        NotFiniteError: the run holds NaN or infinity; the bag ends before it.
+
+    """
+    return write_bags({"": run}, path, namespace, definitions)
+
+
+def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitions: MessageDefinitions) -> BagCounts:
+    """Write what several ankles of one robot measured in the same time into one bag; as `write_bag` otherwise.
+
+    Args:
+        runs: By namespace of each ankle below `namespace`; a single one may be in that, under an empty name.
+        path: As for `write_bag`.
+        namespace: Normalised namespace of the robot.
+        definitions: As for `write_bag`.
+
+    """
+    log = BagLog(path, definitions)
+    serialiser = Serialiser(definitions)
+    of_robot = [topic for topic in ROBOT_TOPICS if any(topic.name in run.topics for run in runs.values())]
+    for ankle in runs:
+        for topic in (*TOPICS, *of_robot):
+            name = _name(topic, ankle, namespace)
+            log.add_topic(name, topic.message_type, functools.partial(_offered, topic))
+    clock = OutgoingMessages(())
+
+    def write(name: str, topic: Topic, message: Any) -> None:
+        log.write(name, serialiser.serialised(topic.message_type, message), at_ns)
+
+    at_ns = 0
+    streams = [_stream(run, ankle, namespace, is_first=i == 0) for i, (ankle, run) in enumerate(runs.items())]
+    try:
+        for time_ns, name, topic, message in heapq.merge(*streams, key=operator.itemgetter(0)):
+            if time_ns > at_ns:
+                write(CLOCK.name, CLOCK, clock.clock(at_ns))
+                at_ns = time_ns
+            write(name, topic, message)
+            if topic is SIM_PARAMETERS:
+                log.set_custom_data(SIM_PARAMETERS.name, message.data)
+        write(CLOCK.name, CLOCK, clock.clock(at_ns))
+        results = {ankle: run.results for ankle, run in runs.items()}
+        log.set_custom_data(RESULTS_KEY, json.dumps(results.get("", results)))
+    finally:
+        counts = log.close()
+    return counts
+
+
+def _stream(run: RigRun, ankle: str, namespace: str, *, is_first: bool) -> Iterator[tuple[int, str, Topic, Any]]:
+    """Give the messages of one ankle with their full names; of what the one simulation says, only the first's."""
+    for time_ns, topic, message in messages(run, resolved(namespace, ankle).rstrip("/") or "/", namespace):
+        if is_first or topic not in _OF_SIMULATION:
+            yield time_ns, _name(topic, ankle, namespace), topic, message
+
+
+def _name(topic: Topic, ankle: str, namespace: str) -> str:
+    return resolved(namespace, topic.name if topic in _OF_SIMULATION else below(ankle, topic))
+
+
+def _offered(topic: Topic) -> Sequence[Qos]:
+    return [bag_delivery(published(topic))]
+
 
 Bool = message_class("std_msgs/msg/Bool")
 Float32 = message_class("std_msgs/msg/Float32")
@@ -90,7 +184,7 @@ def messages(run: RigRun, namespace: str, robot_namespace: str = "") -> Iterator
     ]
     streams = [_parameters(run), _diagnostics(run, namespace, len(makers) + 1)]
     streams += [
-        _stream(run.topics[topic.name], rank, topic, make)
+        _timed(run.topics[topic.name], rank, topic, make)
         for rank, (topic, make) in enumerate(makers, start=1)
         if topic.name in run.topics
     ]
@@ -99,7 +193,7 @@ def messages(run: RigRun, namespace: str, robot_namespace: str = "") -> Iterator
         yield time_ns, topic, make_message()
 
 
-def _stream(series: Series, rank: int, topic: Topic, make: Callable[[int, dict[str, float]], Any]) -> Iterator[Timed]:
+def _timed(series: Series, rank: int, topic: Topic, make: Callable[[int, dict[str, float]], Any]) -> Iterator[Timed]:
     for time_s, values in zip(series.time_s.tolist(), series.values.tolist(), strict=True):
         time_ns = _nanoseconds(time_s)
         row = dict(zip(series.columns, values, strict=True))
@@ -113,7 +207,7 @@ def _parameters(run: RigRun) -> Iterator[Timed]:
 
 
 def _diagnostics(run: RigRun, namespace: str, rank: int) -> Iterator[Timed]:
-    """Tell of the tendons once a second, and when one tears."""
+    """Report the tendons once a second, and when one tears."""
     torn_s = _torn_times_s(run)
     end_s = max(float(series.time_s[-1]) for series in run.topics.values())
     regular_s = [period * _DIAGNOSTICS_PERIOD_S for period in range(int(end_s / _DIAGNOSTICS_PERIOD_S) + 1)]

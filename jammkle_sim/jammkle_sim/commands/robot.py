@@ -1,0 +1,145 @@
+"""`jammkle robot`: run a leg or a quadruped, write a bag, say what its feet did. `jammkle urdf`: its description."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.writing import check_free
+from jammkle_common.command import results
+from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
+from jammkle_common.command.results import progress_bar
+from jammkle_common.names import CHANNELS, normalised
+from jammkle_common.parameters import ParameterError, as_typed, in_si
+from jammkle_sim.commands.bag import write_bags
+from jammkle_sim.commands.table import checked
+from jammkle_sim.conversions import NotFiniteError
+from jammkle_sim.rigs.run import RigCancelledError, run_robot
+from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
+from jammkle_sim.robots.catalogue import ANKLE, ankle_alone
+from jammkle_sim.robots.catalogue import robot as robot_of_ours
+from jammkle_sim.robots.options import ROBOTS, RobotOptions
+from jammkle_sim.robots.urdf import robot_urdf
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from jammkle_sim.rigs.run import RigRun
+
+_LONGEST_S, _SHORTEST_S = 3600.0, 0.1
+_RATES_HZ = (100, 200, 500, 1000)
+_LARGEST_VACUUM_KPA = 75.0
+_RUN_SHARE = 0.5
+"""Share of the time that the run takes; the rest is the bag. Measured, roughly."""
+
+
+def robot(given: dict[str, Any], options: RobotOptions) -> int:
+    """Check everything, run the robot, write its bag, and show the figures.
+
+    Args:
+        given: What was asked for, beside the robot's own options, by name.
+        options: Of the robot.
+
+    Raises:
+        InputError: something cannot be as asked for; nothing was written.
+        GraphError: the simulation blew up.
+        Interrupted: asked to stop.
+
+    """
+    _check(given)
+    name, bag, namespace = given["robot"], given["output"], normalised(given["namespace"])
+    results.check_writable(given["json"])
+    check_free(bag)
+    with progress_bar(f"robot {name}") as show:
+        runs = _run(given, options, lambda share: show(_RUN_SHARE * share, ""), namespace)
+        # as on the graph: a single ankle is in the robot's own namespace, several are below it
+        placed = runs if len(runs) > 1 else {"": next(iter(runs.values()))}
+        try:
+            counts = write_bags(placed, bag, namespace, MessageDefinitions(share_folders()))
+        except NotFiniteError as error:
+            msg = f"robot {name}: {error}; {bag} ends before it"
+            raise GraphError(msg) from error
+    _show(name, runs)
+    results.console().print(f"{counts.messages} messages are in {bag}", markup=False)
+    ankles = {ankle: {"results": run.results, "broken": list(run.broken)} for ankle, run in runs.items()}
+    content = {"robot": name, "bag": str(bag), "options": dataclasses.asdict(options), "ankles": ankles}
+    results.write_json(given["json"], content)
+    return 0
+
+
+def _check(values: dict[str, Any]) -> None:
+    """Refuse what is no robot's own option and out of range."""
+    if values["robot"] not in ROBOTS:
+        msg = f"ROBOT '{values['robot']}' does not exist; it must be {' or '.join(ROBOTS)}"
+        raise InputError(msg)
+    if not _SHORTEST_S <= values["duration_s"] <= _LONGEST_S:
+        msg = f"--duration-s {values['duration_s']:g} must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
+        raise InputError(msg)
+    if values["imu_rate_hz"] not in _RATES_HZ:
+        msg = f"--imu-rate-hz {values['imu_rate_hz']} must be one of {', '.join(map(str, _RATES_HZ))} Hz"
+        raise InputError(msg)
+    if not 0.0 <= values["vacuum_kpa"] <= _LARGEST_VACUUM_KPA:
+        msg = f"--vacuum-kpa {values['vacuum_kpa']:g} must be 0 to {_LARGEST_VACUUM_KPA:g} kPa"
+        raise InputError(msg)
+
+
+def _run(
+    given: dict[str, Any], options: RobotOptions, on_progress: Callable[[float], None], namespace: str
+) -> dict[str, RigRun]:
+    try:
+        built = robot_of_ours(given["robot"], options)
+        simulation = Simulation(built)
+        for ankle in simulation.ankles.values():
+            ankle.hold_vacuum(dict.fromkeys(CHANNELS, float(in_si("vacuum_pa", given["vacuum_kpa"]))))
+        duration_s, rate_hz, urdf_text = given["duration_s"], given["imu_rate_hz"], robot_urdf(built, namespace)
+        return run_robot(simulation, duration_s, rate_hz, on_progress, StopRequest(), urdf_text)
+    except ParameterError as error:
+        raise InputError(as_typed(error)) from error
+    except ValueError as error:
+        msg = f"--imu-rate-hz {given['imu_rate_hz']}: {error}"
+        raise InputError(msg) from error
+    except RigCancelledError as error:
+        raise Interrupted from error
+    except UnstableSimulationError as error:
+        raise GraphError(as_typed(error)) from error
+
+
+def _show(name: str, runs: dict[str, RigRun]) -> None:
+    table = Table(title=f"Robot {name}", title_justify="left")
+    table.add_column("figure")
+    for ankle in runs:
+        table.add_column(ankle, justify="right")
+    for figure in next(iter(runs.values())).results:
+        table.add_row(figure, *(f"{run.results[figure]:.5g}" for run in runs.values()))
+    console = results.console()
+    console.print(table)
+    for ankle, run in runs.items():
+        if run.broken:
+            console.print(f"broken at {ankle}: {', '.join(run.broken)} tore; without force from there on")
+
+
+def urdf(robot: str, namespace: str, options: Mapping[str, Any]) -> int:
+    """Print the URDF.
+
+    Args:
+        robot: An ankle by itself, or one of our robots.
+        namespace: Normalised ROS namespace that the frames begin with.
+        options: Of the robot, by name; an ankle has none, and may be given the defaults alone.
+
+    Raises:
+        InputError: there is no such robot, or an option out of range.
+
+    """
+    if robot not in {ANKLE, *ROBOTS}:
+        msg = f"ROBOT '{robot}' does not exist; it must be {', '.join((ANKLE, *ROBOTS))}"
+        raise InputError(msg)
+    chosen = checked(RobotOptions, dict(options))
+    if robot == ANKLE and chosen != RobotOptions():
+        msg = "--imu and --payload-kg need ROBOT leg or quadruped: an ankle by itself carries nothing but its IMU"
+        raise InputError(msg)
+    sys.stdout.write(robot_urdf(ankle_alone() if robot == ANKLE else robot_of_ours(robot, chosen), namespace))
+    return 0

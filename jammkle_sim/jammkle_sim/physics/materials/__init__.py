@@ -1,1 +1,0 @@
-"""Materials of the tendon's fibres."""

@@ -1,1 +1,0 @@
-"""The sim node of a leg or a quadruped: `python -m jammkle_sim.robot`."""
