@@ -13,9 +13,8 @@ setup(
     version=VERSION,
     packages=find_packages(exclude=["test"]),
     package_data={
-        f"{NAME}.ankle": ["library/*.yaml", "*.yaml"],
+        f"{NAME}.ankle": ["library/*.yaml"],
         f"{NAME}.report": ["*.j2"],
-        f"{NAME}.report.sections": ["*.j2"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -31,6 +30,6 @@ setup(
     entry_points={
         "console_scripts": ["gap_monitor = jammkle_gap.monitor.__main__:main"],
         "jammkle.commands": ["gap = jammkle_gap.commands:app"],
-        "jammkle.effects_file": ["load = jammkle_gap.ankle.rig_change:load_change"],
+        "jammkle.effects_file": ["load = jammkle_gap.ankle.corrected:load_change"],
     },
 )

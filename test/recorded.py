@@ -9,8 +9,8 @@ import numpy as np
 
 from jammkle_common import names
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.ankle.instruments import PRESSURE, quantity_of
-from jammkle_gap.ankle.runs import bag_of_run
+from jammkle_gap.ankle.recording import bag_of_run
+from jammkle_gap.ankle.sensors import PRESSURE, quantity_of
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.catalogue import RIGS, run_rig

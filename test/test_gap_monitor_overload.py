@@ -15,8 +15,8 @@ from jammkle_common import names
 from jammkle_common.diagnostics import PERIOD_S
 from jammkle_common.qos import publisher_qos
 from jammkle_common.runner import StopFlag
-from jammkle_gap.monitor.core.monitor import GapMonitor
 from jammkle_gap.monitor.node import GapMonitorNode
+from jammkle_gap.monitor.twin import GapMonitor
 from jammkle_msgs.msg import SimulatorGap
 
 if TYPE_CHECKING:

@@ -193,14 +193,14 @@ def demo(
     """Land a simulated ankle on a 40 degree slope, record it, and diagnose what is wrong with it."""
     from jammkle_bringup.demo import demo as land
     from jammkle_bringup.demo import fresh_folder, summary_table
-    from jammkle_gap import Riddle
+    from jammkle_gap import HiddenEffect
 
     results.check_writable(json)
     if no_effect and effect is not None:
         return failed(f"--effect {effect} and --no-effect exclude each other: give one of them", EXIT_BAD_INPUT)
-    riddle = Riddle.nothing() if no_effect else Riddle.drawn(effect, seed)
+    hidden = HiddenEffect.nothing() if no_effect else HiddenEffect.drawn(effect, seed)
     today = dt.datetime.now(tz=dt.timezone.utc).astimezone().date()
-    result = land(lambda: fresh_folder(output, today), normalised(namespace), riddle, StopRequest())
+    result = land(lambda: fresh_folder(output, today), normalised(namespace), hidden, StopRequest())
     console = results.console()
     console.print(summary_table(result.summary))
     for line in result.summary.missing:
@@ -217,6 +217,7 @@ def demo(
 def info(bag: BagArgument, verbose: AllOption = False, json: JsonOption = None) -> int:  # noqa: FBT002 - a switch
     """Show what a bag holds, and whether it is whole: duration, topics, types, counts, rates, QoS, custom data."""
     from jammkle_bringup.core.bag_info import bag_info, custom_lines, info_line, info_table
+    from jammkle_common.bags.run_sheet import TEMPLATE
 
     results.check_writable(json)
     with results.progress_bar(f"reading {bag}") as show:
@@ -226,6 +227,9 @@ def info(bag: BagArgument, verbose: AllOption = False, json: JsonOption = None) 
     console.print(info_table(found))
     for line in custom_lines(found, verbose=verbose):
         console.print(line, markup=False)
+    if not found.has_run_sheet:
+        console.print("no run sheet: neither the bag nor a file says what was done to the machine. As a template:")
+        console.print(TEMPLATE, markup=False, highlight=False)
     results.write_json(json, dataclasses.asdict(found))
     return 0
 

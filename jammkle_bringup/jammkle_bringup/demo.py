@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from jammkle_bringup.core.landing import RunSummary
     from jammkle_bringup.core.node_table import ParameterValue
     from jammkle_bringup.core.supervisor import Death
-    from jammkle_gap import Riddle
+    from jammkle_gap import HiddenEffect
 
 LANDING_TIMEOUT_S = 8.0
 """Simulated time, s, until the impact was felt, everything is jammed and the body is at rest. It falls at 1 s, and is
@@ -54,7 +54,7 @@ class DemoResult:
     page: Path
     """Of the gap, `gap.html`."""
     ending: Any
-    """What was said of the ankle, what was true; see `Riddle`."""
+    """What was said of the ankle, what was true; see `HiddenEffect`."""
     exit_code: int
 
 
@@ -73,14 +73,14 @@ class _Seen:
 
 
 def demo(
-    make_folder: Callable[[], Path], namespace: str, riddle: Riddle, asked_to_stop: Callable[[], bool]
+    make_folder: Callable[[], Path], namespace: str, hidden: HiddenEffect, asked_to_stop: Callable[[], bool]
 ) -> DemoResult:
     """Run the demo.
 
     Args:
         make_folder: Makes the run's folder; called once it is known that the demo can start.
         namespace: Normalised namespace.
-        riddle: What is done to the simulated ankle; the diagnosis is not told.
+        hidden: What is done to the simulated ankle; the diagnosis is not told.
         asked_to_stop: Ends the demo early once it returns True.
 
     Raises:
@@ -90,11 +90,11 @@ def demo(
 
     """
     say("a simulated ankle is dropped onto a slope of 40 degrees, recorded, and diagnosed; this takes half a minute")
-    with tempfile.TemporaryDirectory() as hidden:
+    with tempfile.TemporaryDirectory() as scratch:
         of_sim: dict[str, ParameterValue] = {"start_paused": True}
-        if riddle.effects_file:
-            effects = Path(hidden) / "effects.yaml"
-            effects.write_text(riddle.effects_file, encoding="utf-8")
+        if hidden.effects_file:
+            effects = Path(scratch) / "effects.yaml"
+            effects.write_text(hidden.effects_file, encoding="utf-8")
             of_sim["effects_file"] = str(effects)
         values = {SIM_NODE: of_sim}
         options = beside_others(GraphOptions(namespace, values=values), asked_to_stop)
@@ -112,7 +112,7 @@ def demo(
 
     draw(run, summary, picture)
     exit_code = say_verdict(summary)
-    ending = riddle.solved(bag, namespace, asked_to_stop)
+    ending = hidden.diagnosed(bag, namespace, asked_to_stop)
     return DemoResult(summary, picture, ending.write_page(folder), ending, exit_code)
 
 
@@ -186,14 +186,14 @@ def record_landing(
         Interrupted: asked to stop.
 
     """
-    with tempfile.TemporaryDirectory() as hidden:
+    with tempfile.TemporaryDirectory() as scratch:
         values: dict[str, ParameterValue] = {**of_sim, "start_paused": True}
         if effects:
-            file = Path(hidden) / "effects.yaml"
+            file = Path(scratch) / "effects.yaml"
             file.write_text(effects, encoding="utf-8")
             values["effects_file"] = str(file)
         options = beside_others(GraphOptions("/", values={SIM_NODE: values}), asked_to_stop)
-        with (Path(hidden) / "graph.log").open("w+", encoding="utf-8") as log:
+        with (Path(scratch) / "graph.log").open("w+", encoding="utf-8") as log:
             bad = land(replace(options, bag=bag), log, asked_to_stop)
             if bad:
                 msg = f"the graph did not stop well while a case was recorded: {bad[0]}"

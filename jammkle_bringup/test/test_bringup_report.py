@@ -60,7 +60,7 @@ def test_status_shows_values_where_something_is_wrong() -> None:
 
 def test_info_is_short_unless_asked() -> None:
     """First a line; of what the recorder added, what takes many lines is counted, and shown with verbose."""
-    info = BagInfo("bag", 5.0, 1.0, 1.0, 2, (), {"rig": "drop", "parameters": "a: 1\nb: 2\n"})
+    info = BagInfo("bag", 5.0, 1.0, 1.0, 2, (), {"rig": "drop", "parameters": "a: 1\nb: 2\n"}, has_run_sheet=True)
     assert info_line(info) == "bag: 2 messages on 0 topics in 1.000 s from ROS time 5.000 s"
     assert custom_lines(info, verbose=False) == ["rig: drop", "parameters: 2 lines (--verbose shows them)"]
     assert custom_lines(info, verbose=True) == ["rig: drop", "parameters:\na: 1\nb: 2"]

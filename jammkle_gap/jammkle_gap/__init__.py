@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jammkle_gap.ankle.effects import ankle_library
-    from jammkle_gap.ankle.loading import load_recordings
     from jammkle_gap.ankle.problem import ankle_problem
-    from jammkle_gap.ankle.rerun import Rerun, rerun
-    from jammkle_gap.ankle.setting import with_settings
-    from jammkle_gap.core.as_json import as_dict
+    from jammkle_gap.ankle.recording import load_recordings
+    from jammkle_gap.ankle.repeats import with_settings
+    from jammkle_gap.ankle.simulator import Rerun, rerun
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import BadRecordingError, Phase, Recording, Signal
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.diagnose import diagnose
     from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library, Nuisance
-    from jammkle_gap.core.result import Diagnosis, Verdict
+    from jammkle_gap.core.result import Diagnosis, Verdict, as_dict
     from jammkle_gap.core.simulate import InfeasibleError, Problem, SimulatorError
-    from jammkle_gap.landing import Riddle
+    from jammkle_gap.landing import HiddenEffect
 
 _HOMES = {
     "BadEffectError": "core.effects",
@@ -35,18 +34,18 @@ _HOMES = {
     "Phase": "core.data",
     "Problem": "core.simulate",
     "Recording": "core.data",
-    "Rerun": "ankle.rerun",
-    "Riddle": "landing",
+    "Rerun": "ankle.simulator",
+    "HiddenEffect": "landing",
     "Signal": "core.data",
     "SimulatorError": "core.simulate",
     "Verdict": "core.result",
     "ankle_library": "ankle.effects",
     "ankle_problem": "ankle.problem",
-    "as_dict": "core.as_json",
+    "as_dict": "core.result",
     "diagnose": "core.diagnose",
-    "load_recordings": "ankle.loading",
-    "rerun": "ankle.rerun",
-    "with_settings": "ankle.setting",
+    "load_recordings": "ankle.recording",
+    "rerun": "ankle.simulator",
+    "with_settings": "ankle.repeats",
 }
 
 __all__ = [
@@ -57,6 +56,7 @@ __all__ = [
     "Effect",
     "EffectParameter",
     "Experiment",
+    "HiddenEffect",
     "InfeasibleError",
     "Library",
     "Nuisance",
@@ -64,7 +64,6 @@ __all__ = [
     "Problem",
     "Recording",
     "Rerun",
-    "Riddle",
     "Signal",
     "SimulatorError",
     "Verdict",

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import typer
 
-from jammkle_common.command.errors import InputError
 from jammkle_common.command.options import ON_THE_GAP, JsonOption
 
 gap_app = typer.Typer(
@@ -28,7 +27,7 @@ LibraryOption = Annotated[
 
 
 class Sensors(enum.Enum):
-    """Values of `ankle.sensor_sets.SensorSet`, which takes longer to load than `--help` may."""
+    """Values of `ankle.sensors.SensorSet`, which takes longer to load than `--help` may."""
 
     ROBOT = "robot"
     RIG = "rig"
@@ -46,19 +45,10 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
         ),
     ] = None,
     rig: Annotated[
-        list[str] | None,
+        str | None,
         typer.Option(
-            metavar="RIG|BAG=RIG",
-            help="Rig that was recorded, where the bags do not tell: tensile, pressure, drop, slip, landing; "
-            "of one bag as BAG=RIG; may be repeated.",
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            help="NAME=VALUE, or BAG:NAME=VALUE for one bag, names as in `jammkle rig RIG --help`: how the simulated "
-            "rig is set, whatever bags say; may be repeated.",
+            help="Rig that was recorded, where a bag has no run sheet: tensile, pressure, drop, slip, landing. "
+            "How it was set is written into run.yaml; `jammkle info` prints a template."
         ),
     ] = None,
     library: LibraryOption = None,
@@ -76,7 +66,6 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
             show_default="robot; rig where a load cell was recorded",
         ),
     ] = None,
-    simulate: Annotated[str | None, typer.Option(hidden=True)] = None,
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder of the page, gap.html, and of corrected.yaml.", metavar="DIR")
     ] = Path("runs/gap"),
@@ -89,20 +78,15 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
 
     Ctrl-C ends the search and keeps what is known by then.
     """
-    from jammkle_gap.ankle.sensor_sets import SensorSet
-    from jammkle_gap.diagnose_command import DiagnoseRequest
-    from jammkle_gap.diagnose_command import diagnose as run
+    from jammkle_gap.ankle.sensors import SensorSet
+    from jammkle_gap.diagnosing import DiagnoseRequest
+    from jammkle_gap.diagnosing import diagnose as run
 
-    if simulate is not None:
-        msg = f"--simulate {simulate} is gone: the whole machine is simulated, from its commands"
-        msg += "; leave it out, and choose with --sensors which measurements count"
-        raise InputError(msg)
     return run(
         DiagnoseRequest(
             bags,
             reference or [],
-            rig or [],
-            settings or [],
+            rig,
             namespace,
             library,
             output,
@@ -122,6 +106,6 @@ def effects(
     json: JsonOption = None,
 ) -> int:
     """List the effects that a diagnosis may name, with what it fits of each."""
-    from jammkle_gap.effects import effects as show_effects
+    from jammkle_gap.diagnosing import list_effects
 
-    return show_effects(library, json)
+    return list_effects(library, json)

@@ -1,44 +1,78 @@
-"""The demo's riddle: an effect hidden in a simulated ankle, a diagnosis of its landing, and then the truth."""
+"""The demo's diagnosis: an effect hidden in a simulated ankle, a diagnosis of its landing, and then the truth."""
 
 from __future__ import annotations
 
 import dataclasses
+import enum
 import random
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_common.command.errors import GraphError, Interrupted
+from jammkle_common.command.errors import GraphError, InputError, Interrupted
 from jammkle_common.command.results import progress_bar
 from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.ankle.loading import load_recording
 from jammkle_gap.ankle.problem import ankle_problem
-from jammkle_gap.ankle.runs import recording_of_run
-from jammkle_gap.ankle.sensor_sets import headline_set, selected
+from jammkle_gap.ankle.recording import load_recording, recording_of_run
+from jammkle_gap.ankle.sensors import headline_set, selected
 from jammkle_gap.backend import backend
-from jammkle_gap.core.as_json import as_dict
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.diagnose_command import PAGE_NAME, write_page
-from jammkle_gap.diagnosing import diagnosis_of
-from jammkle_gap.landing_effects import Outcome, Secret, draw, outcome
+from jammkle_gap.core.result import Verdict, as_dict
+from jammkle_gap.diagnosing import PAGE_NAME, diagnosis_of, write_page
 from jammkle_gap.report import words
-from jammkle_gap.report.parameters import parameter_lines
-from jammkle_gap.report.quantities import probability, times
+from jammkle_gap.report.words import parameter_lines, probability, times
 from jammkle_sim.rigs.catalogue import run_rig, scattered
 from jammkle_sim.rigs.landing import LandingRunOptions
 from jammkle_sim.rigs.run import RigCancelledError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from rich.console import Console
 
     from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.effects import Library
     from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.core.simulate import Problem
+
+
+@dataclass(frozen=True)
+class DemoEffect:
+    """One effect of the library with the sizes that it may have."""
+
+    name: str
+    parameter: str
+    smallest: float
+    largest: float
+    """In the parameter's unit; within them, a landing still jams every channel."""
+
+
+EFFECTS: tuple[DemoEffect, ...] = (
+    DemoEffect("tendon_stiffness", "scale", 1.2, 1.6),
+    DemoEffect("jamming_friction", "scale", 0.3, 0.7),
+    DemoEffect("fibre_loss_achilles_left", "lost", 0.2, 0.5),
+    DemoEffect("fibre_loss_achilles_right", "lost", 0.2, 0.5),
+    DemoEffect("imu_offset", "z_m_s2", 0.15, 0.5),
+    DemoEffect("line_leak_achilles", "conductance_dm3_s_bar", 0.001, 0.003),
+    DemoEffect("pump_wear", "flow_scale", 0.6, 0.85),
+    DemoEffect("valve_dead_time", "extra_s", 0.006, 0.02),
+)
+"""Of air, tendons and IMU. At rest an IMU that sits crooked reads as one with an offset along the floor, and so only
+that upwards is among these. Where its foot sticks and slips, a landing tells nothing of mass and friction: such effects
+are not among these."""
+
+
+class Outcome(enum.Enum):
+    """How the diagnosis did."""
+
+    RIGHT = "right"
+    AMONG_SEVERAL = "among several"
+    MISSED = "missed"
+    WRONG = "wrong"
+
 
 REFERENCES = 5
 """Landings of the healthy ankle that the recorded one is compared with."""
@@ -104,13 +138,14 @@ class Ending:
 
 
 @dataclass(frozen=True)
-class Riddle:
-    """What the demo hides in its simulated ankle, and has diagnosed."""
+class HiddenEffect:
+    """What the demo puts into its simulated ankle without saying so, and has diagnosed."""
 
-    secret: Secret
+    values: Mapping[str, float]
+    """By `effect.parameter`; empty: nothing."""
 
     @classmethod
-    def drawn(cls, effect: str | None, seed: int | None = None) -> Riddle:
+    def drawn(cls, effect: str | None, seed: int | None = None) -> HiddenEffect:
         """Hide an effect of a drawn size.
 
         Args:
@@ -122,20 +157,54 @@ class Riddle:
 
         """
         draws = random.SystemRandom() if seed is None else random.Random(seed)  # noqa: S311 - no secret of that kind
-        return cls(draw(draws, effect))
+        known = {each.name: each for each in EFFECTS}
+        if effect is not None and effect not in known:
+            msg = f"--effect '{effect}' is none that a landing can show; choose one of: {', '.join(known)}"
+            raise InputError(msg)
+        chosen = draws.choice(EFFECTS) if effect is None else known[effect]
+        return cls({f"{chosen.name}.{chosen.parameter}": draws.uniform(chosen.smallest, chosen.largest)})
 
     @classmethod
-    def nothing(cls) -> Riddle:
+    def nothing(cls) -> HiddenEffect:
         """Hide nothing: the ankle is as its simulator has it."""
-        return cls(Secret({}))
+        return cls({})
+
+    @property
+    def name(self) -> str:
+        """Name of the effect; empty without one."""
+        return next(iter(self.values), "").partition(".")[0]
 
     @property
     def effects_file(self) -> str:
         """Content of the file that the sim node loads; empty: nothing is hidden."""
-        return corrected_text(ankle_library(), self.secret.values) if self.secret.values else ""
+        return corrected_text(ankle_library(), self.values) if self.values else ""
 
-    def solved(self, bag: Path, namespace: str, asked_to_stop: Callable[[], bool]) -> Ending:
-        """Diagnose a landing's bag; the secret is looked at afterwards, to judge.
+    def text(self, library: Library) -> str:
+        """Say what it was, with value and unit."""
+        if not self.values:
+            return "nothing: the simulated ankle was as its simulator has it"
+        key, value = next(iter(self.values.items()))
+        parameter = next(each for each in library.effect(self.name).parameters if key.endswith(f".{each.name}"))
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        return f"{self.name}, {parameter.name} {value:.3g}{unit} (null at {parameter.null:g})"
+
+    def outcome(self, diagnosis: Diagnosis) -> Outcome:
+        """Judge a diagnosis; an equivalence class that the truth is in is named with it."""
+        if diagnosis.verdict is Verdict.NO_GAP:
+            return Outcome.MISSED if self.values else Outcome.RIGHT
+        if diagnosis.verdict is Verdict.UNKNOWN:
+            return Outcome.MISSED if self.values else Outcome.WRONG
+        if not self.values:
+            return Outcome.WRONG
+        named = [(each.names, *((other,) for other in each.equivalents)) for each in diagnosis.candidates]
+        if diagnosis.verdict is Verdict.EFFECTS:
+            if named[0] == ((self.name,),):
+                return Outcome.RIGHT
+            return Outcome.AMONG_SEVERAL if len(named[0][0]) == 1 and (self.name,) in named[0] else Outcome.WRONG
+        return Outcome.AMONG_SEVERAL if any((self.name,) in each for each in named) else Outcome.WRONG
+
+    def diagnosed(self, bag: Path, namespace: str, asked_to_stop: Callable[[], bool]) -> Ending:
+        """Diagnose a landing's bag; the truth is looked at afterwards, to judge.
 
         Raises:
             GraphError: the bag cannot be diagnosed.
@@ -157,9 +226,7 @@ class Riddle:
             diagnosis = diagnosis_of([recorded], references, problem, jobs, asked_to_stop)
         if asked_to_stop():
             raise Interrupted
-        found = outcome(self.secret, diagnosis)
-        text = self.secret.text(problem.library)
-        return Ending(diagnosis, found, text, [recorded], references, problem)
+        return Ending(diagnosis, self.outcome(diagnosis), self.text(problem.library), [recorded], references, problem)
 
 
 def until_vented(recording: Recording) -> Recording:

@@ -11,10 +11,9 @@ import pytest
 
 from jammkle_common import names
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_gap.ankle.effects import AnkleEffect, ankle_library, machine_constants, run_scatter
+from jammkle_gap.ankle.effects import AnkleEffect, PriorParameter, ankle_library, machine_constants, run_scatter
 from jammkle_gap.ankle.inputs import nominal_rig
-from jammkle_gap.ankle.priors import PriorParameter
-from jammkle_gap.ankle.runs import recording_of_run
+from jammkle_gap.ankle.recording import recording_of_run
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.effects import BadEffectError
 from jammkle_sim.rigs.catalogue import RIGS, run_rig

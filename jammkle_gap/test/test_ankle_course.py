@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jammkle_gap.ankle.course import course_of, reading_noise_m
+from jammkle_gap.ankle.inputs import course_of, reading_noise_m
 
 TIME_S = np.arange(0.0, 8.0, 0.002)
 PULLS_M = np.interp(TIME_S, [1.0, 2.0004, 3.0, 4.0, 5.0, 5.5, 6.0], [0.0, 0.02, 0.0, 0.01, 0.0, 0.02, 0.0])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from jammkle_common import names
+from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_gap.ankle.bag import Bag, Samples
-from jammkle_gap.ankle.loading import recording_of
-from jammkle_gap.ankle.runs import bag_of_run
+from jammkle_gap.ankle.recording import bag_of_run, recording_of
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 from jammkle_sim.rigs.replay import Course, following
@@ -22,7 +22,7 @@ PULLS = Course(np.array([0.0, 1.2, 1.6, 1.9, 2.3, 2.9, 3.6]), np.array([0.0, 0.0
 
 
 def foreign(bag: Bag, *, later_s: float = 1.7e9, noise_m: float = 0.0) -> Bag:
-    """Return what another recorder makes of a run: standard types, wall clock, no description, a scale with noise."""
+    """Return what another recorder makes of a run: standard types, wall clock, a scale with noise."""
     topics = {}
     for name, each in bag.topics.items():
         if name == names.TENDON_STATES.name:
@@ -33,7 +33,7 @@ def foreign(bag: Bag, *, later_s: float = 1.7e9, noise_m: float = 0.0) -> Bag:
             slide = columns["carriage/position"]
             columns["carriage/position"] = slide + noise_m * draw.standard_normal(len(slide))
         topics[name] = Samples(each.log_s + later_s, each.stamp_s + later_s, columns)
-    return Bag("foreign", topics, None, None)
+    return Bag("foreign", topics, RunSheet("", {"channel": CHANNEL}) if bag.sheet.rig == "tensile" else RunSheet())
 
 
 def pulled(course: Course, **options: object) -> Bag:
@@ -47,7 +47,7 @@ def pulled(course: Course, **options: object) -> Bag:
 
 @pytest.mark.parametrize("noise_m", [0.0, 5e-6])
 def test_a_pull_of_any_course_is_run_again_to_its_noise(noise_m: float) -> None:
-    """Several pulls in one bag, by somebody else's recorder, with nothing said of them but the rig."""
+    """Several pulls in one bag, by somebody else's recorder, with nothing known of them but rig and channel."""
     recording = recording_of(foreign(pulled(PULLS), noise_m=noise_m), "tensile")
     assert worst_gap(recording) < 1.5
     assert "carriage/position" not in {each.name for each in recording.signals}
@@ -57,25 +57,10 @@ def test_a_pull_of_any_course_is_run_again_to_its_noise(noise_m: float) -> None:
     assert np.abs(default_n - force.values).max() > 20.0
 
 
-@pytest.mark.parametrize("channel", names.CHANNELS)
-def test_the_channel_that_is_evacuated_is_that_of_the_tendon(channel: str) -> None:
-    """Commands and pressures say which; the simulated tendon stiffens with that channel."""
-    recording = recording_of(foreign(pulled(PULLS, channel=channel)), "tensile")
-    assert dict(recording.inputs.options)["channel"] == channel
-    assert worst_gap(recording) < 1.5
-    wrong = recording_of(foreign(pulled(PULLS, channel=channel)), "tensile", {"channel": names.CHANNELS[
-        names.CHANNELS.index(channel) - 1]})  # fmt: skip
-    assert worst_gap(wrong) > 20.0
-
-
-def test_of_several_evacuated_channels_the_deepest_is_taken_and_said() -> None:
-    """With the way out: name it."""
-    bag = foreign(pulled(PULLS))
-    given = bag.topics[names.SOLENOIDS[CHANNEL].name]
-    both = {**bag.topics, names.SOLENOIDS[names.ACHILLES].name: given}
-    recording = recording_of(dataclasses.replace(bag, topics=both), "tensile")
-    assert dict(recording.inputs.options)["channel"] == CHANNEL
-    assert any("--set channel=" in note for note in recording.notes)
+def test_the_channel_that_the_tendon_hangs_on_is_that_of_the_run_sheet() -> None:
+    """The simulated tendon stiffens with that channel, and with no other."""
+    assert worst_gap(recording_of(foreign(pulled(PULLS)), "tensile", {"channel": CHANNEL})) < 1.5
+    assert worst_gap(recording_of(foreign(pulled(PULLS)), "tensile", {"channel": names.ACHILLES})) > 20.0
 
 
 @pytest.mark.parametrize("foot", ["jammed", "unjammed"])
@@ -104,7 +89,7 @@ def test_times_count_alike_however_early_a_recorder_was_switched_on() -> None:
             continue
         columns = {key: np.concatenate((np.full(300, values[0]), values)) for key, values in each.columns.items()}
         early[name] = Samples(np.concatenate((first, each.log_s)), np.concatenate((first, each.stamp_s)), columns)
-    long = recording_of(Bag("long", early, None, None), "tensile")
+    long = recording_of(Bag("long", early, bag.sheet), "tensile")
     moved_s = [float(np.interp(0.008, each.inputs.course.position_m[:4], each.inputs.course.time_s[:4]))
                for each in (plain, long)]  # fmt: skip
     assert moved_s[0] == pytest.approx(moved_s[1], abs=0.003)
@@ -120,7 +105,7 @@ def test_a_recording_may_begin_in_the_middle_of_a_pull() -> None:
     bag = foreign(pulled(PULLS))
     late = {name: each.chosen(each.stamp_s > 1.7e9 + 1.5) if "data" not in each.columns else each
             for name, each in bag.topics.items()}  # fmt: skip
-    recording = recording_of(Bag("late", late, None, None), "tensile")
+    recording = recording_of(Bag("late", late, bag.sheet), "tensile")
     assert recording.inputs.course.start_m == pytest.approx(PULLS.at(np.array([1.502]))[0], abs=1e-4)
     assert any("stretched by 12.1 mm as the recording begins" in note for note in recording.notes)
     simulated = SIMULATOR(recording, {})
@@ -131,13 +116,13 @@ def test_a_recording_may_begin_in_the_middle_of_a_pull() -> None:
 def test_a_carriage_that_was_not_recorded_must_be_described() -> None:
     """Refused with the topic to record and the options that stand in for it."""
     bag = foreign(pulled(PULLS))
-    blind = Bag("blind", {k: v for k, v in bag.topics.items() if k != names.JOINT_STATES.name}, None, None)
+    blind = Bag("blind", {k: v for k, v in bag.topics.items() if k != names.JOINT_STATES.name})
     with pytest.raises(
-        BadRecordingError, match=r"how the carriage of rig 'tensile' was driven; record 'carriage' .*--set"
+        BadRecordingError, match=r"how the carriage of rig 'tensile' was driven; record 'carriage' .*run.yaml"
     ):
         recording_of(blind, "tensile")
-    told = recording_of(blind, "tensile", {"extension_m": 0.01, "speed_m_s": 0.01})
-    assert told.inputs.course is None
+    known = recording_of(blind, "tensile", {"extension_m": 0.01, "speed_m_s": 0.01})
+    assert known.inputs.course is None
 
 
 def test_a_crosshead_far_from_any_tendon_is_another_rig() -> None:

@@ -15,18 +15,8 @@ from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_gap.ankle.corrected import Correction
 from jammkle_gap.ankle.effects import AnkleEffect, ankle_library, try_changes
 from jammkle_gap.ankle.inputs import nominal_rig
-from jammkle_gap.ankle.instruments import (
-    ACCELERATION,
-    ANGLE,
-    EXTENSION,
-    FORCE,
-    PRESSURE,
-    RATE,
-    SLIDE,
-    TENSION,
-    quantity_of,
-)
-from jammkle_gap.ankle.runs import recording_of_run
+from jammkle_gap.ankle.recording import recording_of_run
+from jammkle_gap.ankle.sensors import ACCELERATION, ANGLE, EXTENSION, FORCE, PRESSURE, RATE, SLIDE, TENSION, quantity_of
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.effects import BadEffectError
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig

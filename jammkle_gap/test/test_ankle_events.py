@@ -12,7 +12,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from jammkle_gap.ankle.events import (
+from jammkle_gap.ankle.alignment import (
+    BREAKAWAY,
+    REBOUND,
+    SLIDE_ONSET,
+    TOUCH_DOWN,
+    AnkleAlignment,
     falls_of_imu,
     falls_of_slide,
     jolt_s,
@@ -21,10 +26,8 @@ from jammkle_gap.ankle.events import (
     touch_down_s,
     touch_downs_s,
 )
-from jammkle_gap.ankle.loading import recording_of
-from jammkle_gap.ankle.registrar import BREAKAWAY, REBOUND, SLIDE_ONSET, TOUCH_DOWN, AnkleRegistrar
-from jammkle_gap.ankle.runs import bag_of_run
-from jammkle_gap.ankle.sensor_sets import SensorSet, selected
+from jammkle_gap.ankle.recording import bag_of_run, recording_of
+from jammkle_gap.ankle.sensors import SensorSet, selected
 from recorded import SIMULATOR, run
 
 RELEASE_S = 1.0
@@ -156,7 +159,7 @@ def test_a_fall_at_an_end_of_the_readings_is_half_known() -> None:
 def test_a_slip_test_touches_and_slides(speed_m_s: float) -> None:
     """First contact comes a millimetre of clearance after the start, in force and angle; the slide is a jolt."""
     recording = recording_of(bag_of_run(run("slip", foot="jammed", speed_m_s=speed_m_s)))
-    found = AnkleRegistrar().events(recording, {each.name: each.values for each in recording.signals})
+    found = AnkleAlignment().events(recording, {each.name: each.values for each in recording.signals})
     touch_s = 1.0 + 0.001 / speed_m_s
     assert found[TOUCH_DOWN] == pytest.approx(touch_s, abs=0.06)
     force = recording.signal("load_cell/force_z")
@@ -168,7 +171,7 @@ def test_a_slip_test_touches_and_slides(speed_m_s: float) -> None:
     assert found[BREAKAWAY] == pytest.approx(fastest_s, abs=0.08)
     assert found[BREAKAWAY] > found[SLIDE_ONSET]
     robot = selected(recording, SensorSet.ROBOT)
-    by_angles = AnkleRegistrar().events(robot, {each.name: each.values for each in robot.signals})
+    by_angles = AnkleAlignment().events(robot, {each.name: each.values for each in robot.signals})
     assert by_angles[TOUCH_DOWN] == pytest.approx(touch_s, abs=0.1)
     assert by_angles[BREAKAWAY] == found[BREAKAWAY]
     assert SLIDE_ONSET not in by_angles
@@ -179,12 +182,12 @@ def test_measured_and_simulated_runs_meet_at_the_touch_down(case: int) -> None:
     """The same function of either: without noise and gap the event is the same to a tenth of a sample."""
     rig, options = DROPS[case]
     recording = recording_of(bag_of_run(run(rig, **options)))
-    registrar, simulated = AnkleRegistrar(), SIMULATOR(recording, {})
-    measured = registrar.events(recording, {each.name: each.values for each in recording.signals})
-    assert registrar.events(recording, simulated)[TOUCH_DOWN] == pytest.approx(measured[TOUCH_DOWN], abs=1e-4)
+    alignment, simulated = AnkleAlignment(), SIMULATOR(recording, {})
+    measured = alignment.events(recording, {each.name: each.values for each in recording.signals})
+    assert alignment.events(recording, simulated)[TOUCH_DOWN] == pytest.approx(measured[TOUCH_DOWN], abs=1e-4)
     higher = SIMULATOR(recording, {"run_height.extra_m": 0.005})
     later_s = np.sqrt(2.0 * 0.055 / STANDARD_GRAVITY_M_S2) - FALL_S
-    moved_s = registrar.events(recording, higher)[TOUCH_DOWN] - measured[TOUCH_DOWN]
+    moved_s = alignment.events(recording, higher)[TOUCH_DOWN] - measured[TOUCH_DOWN]
     assert moved_s == pytest.approx(later_s, abs=0.0006)
 
 
@@ -199,7 +202,7 @@ def test_a_slow_imu_leaves_the_touch_down_to_a_faster_carriage() -> None:
     )
     slow = dataclasses.replace(recording, signals=thin)
     values = {each.name: each.values for each in slow.signals}
-    assert AnkleRegistrar().events(slow, values)[TOUCH_DOWN] == pytest.approx(RELEASE_S + FALL_S, abs=0.002)
+    assert AnkleAlignment().events(slow, values)[TOUCH_DOWN] == pytest.approx(RELEASE_S + FALL_S, abs=0.002)
 
 
 @pytest.mark.parametrize("left", [("imu/",), ("imu/", "carriage/")])
@@ -207,17 +210,17 @@ def test_without_an_imu_other_sensors_see_the_touch_down(left: tuple[str, ...]) 
     """The carriage, or without it the ankle that begins to turn."""
     recording = recording_of(bag_of_run(run("drop", foot="unjammed")))
     values = {each.name: each.values for each in recording.signals if not each.name.startswith(left)}
-    assert AnkleRegistrar().events(recording, values)[TOUCH_DOWN] == pytest.approx(RELEASE_S + FALL_S, abs=0.004)
+    assert AnkleAlignment().events(recording, values)[TOUCH_DOWN] == pytest.approx(RELEASE_S + FALL_S, abs=0.004)
 
 
 def test_what_is_registered_at_which_event() -> None:
     """Bodies at their contacts, air at its commands; rigs without contact at none."""
-    registrar, drop = AnkleRegistrar(), recording_of(bag_of_run(run("drop", foot="unjammed")))
-    assert registrar.events_of(drop, "imu/specific_force_z") == (TOUCH_DOWN, REBOUND)
-    assert registrar.events_of(drop, "achilles/pressure") == ()
+    alignment, drop = AnkleAlignment(), recording_of(bag_of_run(run("drop", foot="unjammed")))
+    assert alignment.events_of(drop, "imu/specific_force_z") == (TOUCH_DOWN, REBOUND)
+    assert alignment.events_of(drop, "achilles/pressure") == ()
     slip = recording_of(bag_of_run(run("slip", foot="jammed", speed_m_s=0.05)))
-    assert registrar.events_of(slip, "load_cell/force_z") == (TOUCH_DOWN, BREAKAWAY)
-    assert registrar.events_of(slip, "imu/specific_force_z") == ()
+    assert alignment.events_of(slip, "load_cell/force_z") == (TOUCH_DOWN, BREAKAWAY)
+    assert alignment.events_of(slip, "imu/specific_force_z") == ()
     pull = recording_of(bag_of_run(run("tensile", vacuum_pa=50e3, speed_m_s=0.02)))
-    assert registrar.events_of(pull, "load_cell/force_z") == ()
-    assert registrar.events(pull, {each.name: each.values for each in pull.signals}) == {}
+    assert alignment.events_of(pull, "load_cell/force_z") == ()
+    assert alignment.events(pull, {each.name: each.values for each in pull.signals}) == {}

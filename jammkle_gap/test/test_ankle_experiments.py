@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from jammkle_gap.ankle.experiments import experiments
-from jammkle_gap.report.quantities import times
+from jammkle_gap.ankle.problem import experiments
+from jammkle_gap.report.words import times
 
 if TYPE_CHECKING:
     from jammkle_gap.core.design import Experiment

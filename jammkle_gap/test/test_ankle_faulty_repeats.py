@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from jammkle_common import names
-from jammkle_gap.ankle.alike import difference
 from jammkle_gap.ankle.bag import Bag, Samples
-from jammkle_gap.ankle.loading import recordings_of
+from jammkle_gap.ankle.recording import recordings_of
+from jammkle_gap.ankle.repeats import difference
 from studies.blind.reality.faults import FaultSetting
 from studies.blind.reality.record import Plan
 from studies.blind.reality.run import run
@@ -66,7 +66,7 @@ def recorded(rig: str, seed: int, fault: str = "", end: str = "") -> Recording:
     wrong = (FaultSetting(fault, sizes),) if fault else ()
     found = run(Plan(rig, PLANS[rig]), machine(3), wrong, seed)
     topics = {name: samples(track) for name, track in found.topics.items() if name != names.TENDON_STATES.name}
-    (recording,) = recordings_of(Bag(f"{rig} {fault}", topics, None, None), rig)
+    (recording,) = recordings_of(Bag(f"{rig} {fault}", topics), rig)
     return recording
 
 

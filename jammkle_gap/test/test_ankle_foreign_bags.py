@@ -12,9 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag, Samples, read_bag
-from jammkle_gap.ankle.loading import load_recording, recording_of
-from jammkle_gap.ankle.runs import bag_of_run
-from jammkle_gap.ankle.signals import signals_of
+from jammkle_gap.ankle.recording import bag_of_run, load_recording, recording_of, signals_of
 from jammkle_gap.core.data import BadRecordingError
 from recorded import ACHILLES, SIMULATOR, bag, bias_of, run, unbiased
 
@@ -79,13 +77,13 @@ def write_foreign(path: Path, run: RigRun, offset_s: float, namespace: str = "")
 
 
 def test_a_bag_of_somebody_elses_recorder_is_enough(tmp_path: Path) -> None:
-    """Standard types, wall clock, another namespace, no description: with --rig it is run again."""
+    """Standard types, wall clock, another namespace, no run sheet: with --rig it is run again."""
     write_foreign(tmp_path / "bag", run("landing"), 0.37, "/lf_ankle")
     recording = load_recording(tmp_path / "bag", "landing")
     residual = unbiased(recording.signal(ACHILLES), SIMULATOR(recording, {})[ACHILLES])
     assert np.sqrt(np.mean(residual**2)) < 2.0 * recording.signal(ACHILLES).noise
     assert any("imu/data" in note and "tendon_states" not in note for note in recording.notes)
-    assert any("defaults" in note for note in recording.notes)
+    assert any("by default; write run.yaml" in note for note in recording.notes)
     with pytest.raises(BadRecordingError, match="name it with --rig, one of: tensile, pressure"):
         load_recording(tmp_path / "bag")
     with pytest.raises(BadRecordingError, match="lf_ankle"):
@@ -125,8 +123,8 @@ def test_the_weather_is_taken_from_a_foreign_bag() -> None:
         else each
         for name, each in given.topics.items()
     }
-    for description in (None, given.description):
-        recording = recording_of(Bag("mountain", mountain, description, None), "pressure", {"cycles": 1})
+    for simulated in (False, True):
+        recording = recording_of(Bag("mountain", mountain, given.sheet, None, simulated))
         assert recording.inputs.ambient_pa == pytest.approx(93_325.0, abs=300.0)
         assert any("atmosphere taken from the vented pressures" in note for note in recording.notes)
     assert recording_of(given).inputs.ambient_pa is None
@@ -137,10 +135,7 @@ def test_the_weather_of_a_foreign_bag_is_that_of_its_vented_channels() -> None:
     given = bag_of_run(run("pressure", cycles=1))
     bad = given.topics[ACHILLES]
     low = dataclasses.replace(bad, columns={"pressure": bad.columns["pressure"] - 4e3})
-    found = [
-        recording_of(Bag("here", {**given.topics, ACHILLES: each}, None, None), "pressure").inputs
-        for each in (bad, low)
-    ]
+    found = [recording_of(Bag("here", {**given.topics, ACHILLES: each}), "pressure").inputs for each in (bad, low)]
     first_pa = [float(np.mean(given.topics[topic.name].columns["pressure"][:15])) for topic in names.PRESSURES.values()]
     assert found[0].ambient_pa == pytest.approx(np.median(first_pa), abs=30.0)
     assert found[1].ambient_pa == pytest.approx(found[0].ambient_pa, abs=500.0)
@@ -148,7 +143,7 @@ def test_the_weather_of_a_foreign_bag_is_that_of_its_vented_channels() -> None:
 
 
 def cut(bag: Bag, from_s: float) -> Bag:
-    """Leave out what came before a time; commands as a latched topic gives them, and no description."""
+    """Leave out what came before a time; commands as a latched topic gives them."""
     topics = {}
     for name, each in bag.topics.items():
         kept = each.stamp_s >= from_s
@@ -158,7 +153,7 @@ def cut(bag: Bag, from_s: float) -> Bag:
         kept[max(int(np.searchsorted(each.log_s, from_s, side="right")) - 1, 0)] = True
         times = np.maximum(each.log_s[kept], from_s)
         topics[name] = Samples(times, times, {key: values[kept] for key, values in each.columns.items()})
-    return Bag(bag.name, topics, None, None)
+    return Bag(bag.name, topics)
 
 
 def test_a_recording_may_begin_evacuated() -> None:

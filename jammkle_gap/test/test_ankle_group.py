@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from jammkle_common import names
-from jammkle_gap.ankle.group import group_of
-from jammkle_gap.ankle.runs import recording_of_run
-from jammkle_gap.ankle.setting import setting_text
+from jammkle_gap.ankle.recording import recording_of_run
+from jammkle_gap.ankle.repeats import group_of, setting_text
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 
 if TYPE_CHECKING:

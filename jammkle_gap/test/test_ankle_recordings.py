@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from jammkle_gap.ankle.bag import Samples
-from jammkle_gap.ankle.loading import recording_of
-from jammkle_gap.ankle.runs import bag_of_run
+from jammkle_gap.ankle.recording import bag_of_run, recording_of
 from recorded import ACHILLES, SIMULATOR, run, worst_gap
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from jammkle_common import names
+from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_gap.ankle.bag import Bag, Samples
-from jammkle_gap.ankle.loading import load_recording, recording_of
+from jammkle_gap.ankle.recording import load_recording, recording_of
 from jammkle_gap.core.data import BadRecordingError
 from recorded import ACHILLES, bag
 
@@ -130,8 +131,17 @@ BAD: dict[str, tuple[Callable[[Bag], Bag], str, str]] = {
         "without a reset",
     ),
     "short": (short, "too short to hold anything out", "record at least"),
-    "no yaml": (lambda bag: dataclasses.replace(bag, description="a: b: c"), "not YAML", "YAML"),
-    "no such rig": (lambda bag: dataclasses.replace(bag, description="rig: catapult"), "catapult", "known are"),
+    "no such rig": (lambda bag: dataclasses.replace(bag, sheet=RunSheet("catapult")), "catapult", "known are"),
+    "no such option": (
+        lambda bag: dataclasses.replace(bag, sheet=RunSheet("pressure", {"colour": "red"}), simulated=False),
+        "colour is no option of rig pressure",
+        "it has: channel",
+    ),
+    "no such value": (
+        lambda bag: dataclasses.replace(bag, sheet=RunSheet("pressure", {"vacuum_pa": -5.0})),
+        "'vacuum_pa' is -5",
+        "it must be 6000 to",
+    ),
 }
 
 
@@ -181,8 +191,8 @@ def test_log_times_of_a_simulation_say_nothing() -> None:
     ("rig", "said"), [("tensile", "no tendon"), ("drop", "slide starts at"), ("slip", "slide starts at")]
 )
 def test_a_rig_that_does_not_match_is_refused(rig: str, said: str) -> None:
-    """A foreign bag cannot be from a rig with other tendons or another start; a told rig is not overruled."""
-    foreign = dataclasses.replace(bag(), description=None)
+    """A foreign bag cannot be from a rig with other tendons or another start; a rig that is known is not overruled."""
+    foreign = dataclasses.replace(bag(), sheet=RunSheet(), simulated=False)
     with pytest.raises(BadRecordingError, match=said):
         recording_of(foreign, rig)
     with pytest.raises(BadRecordingError, match=f"recorded on rig 'pressure', not '{rig}'"):

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from jammkle_common import names
+from jammkle_gap.ankle.alignment import TOUCH_DOWN, AnkleAlignment
 from jammkle_gap.ankle.bag import Bag, Samples
-from jammkle_gap.ankle.loading import recording_of, recordings_of
-from jammkle_gap.ankle.registrar import TOUCH_DOWN, AnkleRegistrar
-from jammkle_gap.ankle.runs import bag_of_run
-from jammkle_gap.ankle.setting import with_settings
+from jammkle_gap.ankle.recording import bag_of_run, recording_of, recordings_of
+from jammkle_gap.ankle.repeats import with_settings
 from jammkle_gap.core.data import BadRecordingError, Recording
 from recorded import SIMULATOR, run
 
@@ -23,10 +22,10 @@ LIFT_S = 1.0
 
 @lru_cache(maxsize=8)
 def one(rig: str, height_m: float, **options: object) -> Bag:
-    """Return one run as somebody else's recorder has it: standard types, no description."""
+    """Return one run as somebody else's recorder has it: standard types, no run sheet."""
     bag = bag_of_run(run(rig, drop_height_m=height_m, **options))
     topics = {name: each for name, each in bag.topics.items() if name != names.TENDON_STATES.name}
-    return Bag(rig, topics, None, None)
+    return Bag(rig, topics)
 
 
 def in_a_row(bags: list[Bag], begin_s: float = 100.0) -> Bag:
@@ -44,7 +43,7 @@ def in_a_row(bags: list[Bag], begin_s: float = 100.0) -> Bag:
                 ways = {key: np.linspace(values[-1], following[key][0], count) for key, values in each.columns.items()}
                 parts.append(Samples(time_s, time_s, ways))
         begin_s += end_s + LIFT_S
-    return Bag("row", {name: joined(parts) for name, parts in topics.items()}, None, None)
+    return Bag("row", {name: joined(parts) for name, parts in topics.items()})
 
 
 def joined(parts: list[Samples]) -> Samples:
@@ -60,10 +59,10 @@ def without(bag: Bag, *topics: str) -> Bag:
 
 
 def apart(recording: Recording, name: str, from_s: float, to_s: float) -> float:
-    """Largest difference of measured and simulated within a stretch, registered at the touch-down."""
-    registrar, simulated = AnkleRegistrar(), SIMULATOR(recording, {})
+    """Largest difference of measured and simulated within a stretch, aligned at the touch-down."""
+    alignment, simulated = AnkleAlignment(), SIMULATOR(recording, {})
     measured = {each.name: each.values for each in recording.signals}
-    late_s = registrar.events(recording, simulated)[TOUCH_DOWN] - registrar.events(recording, measured)[TOUCH_DOWN]
+    late_s = alignment.events(recording, simulated)[TOUCH_DOWN] - alignment.events(recording, measured)[TOUCH_DOWN]
     signal = recording.signal(name)
     inside = (signal.time_s > from_s) & (signal.time_s < to_s)
     return float(
@@ -72,69 +71,17 @@ def apart(recording: Recording, name: str, from_s: float, to_s: float) -> float:
 
 
 @pytest.mark.parametrize("rig", ["drop", "landing"])
-@pytest.mark.parametrize("height_m", [0.02, 0.05, 0.12])
 @pytest.mark.parametrize("left", [(), (names.IMU.name,), (names.JOINT_STATES.name, names.LOAD_CELL.name)])
-def test_release_and_height_are_the_recordings(rig: str, height_m: float, left: tuple[str, ...]) -> None:
-    """Whoever saw it, carriage or IMU, and whatever the rig's default is: to 2 ms, and 0.1 mm or 2.5 mm."""
-    recording = recording_of(without(one(rig, height_m), *left), rig)
+def test_the_release_is_the_recordings_and_the_height_that_of_the_run_sheet(rig: str, left: tuple[str, ...]) -> None:
+    """Whoever saw the release, carriage or IMU: to 2 ms."""
+    recording = recording_of(without(one(rig, 0.08), *left), rig, {"drop_height_m": 0.08})
     assert recording.inputs.release_s == pytest.approx(1.0, abs=0.002)
     seen_by = names.IMU.name if names.JOINT_STATES.name in left else names.JOINT_STATES.name
     assert recording.inputs.release_seen_by == seen_by
-    known_m = 0.0025 if seen_by == names.IMU.name else 1e-4
-    assert dict(recording.inputs.options)["drop_height_m"] == pytest.approx(height_m, abs=known_m)
-    how = "the time of the fall" if seen_by == names.IMU.name else "where the carriage hung"
-    assert any(f"drop height by {how}" in note for note in recording.notes)
-
-
-def test_a_carriage_with_another_zero_shows_how_far_it_fell() -> None:
-    """Zeroed at its rest, say: the way to the touch-down then tells, and that it was taken is said."""
-    bag = one("landing", 0.08)
-    joints = bag.topics[names.JOINT_STATES.name]
-    columns = {**joints.columns, "carriage/position": joints.columns["carriage/position"] - 0.04}
-    moved = {**bag.topics, names.JOINT_STATES.name: dataclasses.replace(joints, columns=columns)}
-    recording = recording_of(dataclasses.replace(bag, topics=moved), "landing")
-    assert dict(recording.inputs.options)["drop_height_m"] == pytest.approx(0.08, abs=0.0025)
-    assert any("whose zero is not that of the rig" in note for note in recording.notes)
-
-
-@pytest.mark.parametrize("rig", ["drop", "landing"])
-def test_a_fall_from_an_unsaid_height_is_simulated_as_it_was(rig: str) -> None:
-    """Laid over each other at the touch-down, carriage and angle of 80 mm agree to a millimetre and 1.5 degrees."""
-    recording = recording_of(one(rig, 0.08), rig)
-    assert apart(recording, "carriage/position", 0.0, 1.2) < 1e-3
-    assert apart(recording, "ankle_pitch/position", 0.0, 1.2) < np.radians(1.5)
-
-
-def test_a_foot_that_hangs_otherwise_is_simulated_so() -> None:
-    """A pitch of 30 degrees that nobody tells of is measured; one that the user gives is kept."""
-    bag = one("drop", 0.05, pitch_deg=30.0)
-    assert dict(recording_of(bag, "drop").inputs.options)["pitch_deg"] == pytest.approx(30.0, abs=0.5)
-    assert dict(recording_of(bag, "drop", {"pitch_deg": 40.0}).inputs.options)["pitch_deg"] == 40.0
-    assert dict(recording_of(one("drop", 0.05), "drop").inputs.options)["pitch_deg"] == 40.0
-
-
-def test_a_pitch_that_each_run_shows_a_little_otherwise_is_one_setting() -> None:
-    """What was set once is common to the repeats, so that a fault that tilts the foot stays visible."""
-    runs = [recording_of(one("drop", 0.05, pitch_deg=pitch_deg), "drop") for pitch_deg in (30.0, 31.0, 26.0)]
-    found = with_settings(runs)
-    assert len({each.setting for each in found}) == 1
-    assert len({dict(each.inputs.options)["pitch_deg"] for each in found}) == 1
-    assert dict(found[0].inputs.options)["pitch_deg"] == pytest.approx(30.0, abs=0.3)
-
-
-def test_what_the_user_says_of_a_height_counts() -> None:
-    """Even where the fall says otherwise."""
-    recording = recording_of(one("drop", 0.08), "drop", {"drop_height_m": 0.05})
-    assert dict(recording.inputs.options)["drop_height_m"] == 0.05
-
-
-def test_a_described_height_counts_if_the_fall_agrees() -> None:
-    """A recorder that wrote its default in is overruled by the fall."""
-    described = "rig: drop\noptions: {foot: unjammed, drop_height_m: 0.05}\n"
-    for height_m, taken_m in ((0.0504, 0.05), (0.08, 0.08)):
-        bag = dataclasses.replace(one("drop", height_m), description=described)
-        found_m = dict(recording_of(bag).inputs.options)["drop_height_m"]
-        assert found_m == pytest.approx(taken_m, abs=0.0 if taken_m == 0.05 else 1e-4)
+    assert dict(recording.inputs.options)["drop_height_m"] == 0.08
+    if not left:  # aligned at the touch-down, carriage and angle agree to a millimetre and 1.5 degrees
+        assert apart(recording, "carriage/position", 0.0, 1.2) < 1e-3
+        assert apart(recording, "ankle_pitch/position", 0.0, 1.2) < np.radians(1.5)
 
 
 HEIGHTS_M = (0.05, 0.03, 0.08)
@@ -142,13 +89,12 @@ HEIGHTS_M = (0.05, 0.03, 0.08)
 
 @pytest.mark.parametrize("left", [(), (names.IMU.name,), (names.JOINT_STATES.name,)])
 def test_every_release_of_a_bag_is_a_recording(left: tuple[str, ...]) -> None:
-    """Three drops from three heights in one bag, lifted by hand between: one recording each, with its own start."""
+    """Three drops in one bag, lifted by hand between: one recording each, with its own start."""
     row = without(in_a_row([one("drop", height_m) for height_m in HEIGHTS_M]), *left)
     found = recordings_of(row, "drop")
     assert [each.name for each in found] == ["row#1", "row#2", "row#3"]
-    for recording, height_m in zip(found, HEIGHTS_M, strict=True):
+    for recording in found:
         assert recording.inputs.release_s == pytest.approx(1.0, abs=0.002)
-        assert dict(recording.inputs.options)["drop_height_m"] == pytest.approx(height_m, abs=0.0025)
         end_s = max(float(each.time_s[-1]) for each in recording.signals)
         assert 2.0 < end_s < 2.5 + LIFT_S
         assert min(float(each.time_s[0]) for each in recording.signals) >= 0.0
@@ -172,7 +118,7 @@ def test_a_jammed_run_after_another_begins_with_its_own_pressures() -> None:
     late = {
         name: each.chosen(each.stamp_s > 0.6) if name not in COMMANDS else each for name, each in jammed.topics.items()
     }
-    recording = recording_of(Bag("late", late, None, None), "drop")
+    recording = recording_of(Bag("late", late), "drop")
     assert recording.inputs.start_pa is not None
     name = names.PRESSURES[names.ACHILLES].name
     assert apart(recording, name, 0.0, 2.5) < 2e3
@@ -204,7 +150,7 @@ def test_a_bag_in_which_nothing_falls_is_refused() -> None:
     held = {
         name: each.chosen(each.stamp_s < 0.99) if name not in COMMANDS else each for name, each in bag.topics.items()
     }
-    longer = in_a_row([Bag("held", held, None, None)] * 2)
+    longer = in_a_row([Bag("held", held)] * 2)
     with pytest.raises(
         BadRecordingError, match=r"holds no release: neither carriage nor imu/data .* or name another rig"
     ):
@@ -215,8 +161,8 @@ def test_a_late_sensor_saw_the_release_late() -> None:
     """With its delay as an effect the leg is let go earlier, and other sensors see it so."""
     recording = recording_of(without(one("drop", 0.05), names.LOAD_CELL.name), "drop")
     nominal, late = (SIMULATOR(recording, values) for values in ({}, {"joint_delay.delay_s": 0.01}))
-    registrar = AnkleRegistrar()
-    sooner_s = registrar.events(recording, nominal)[TOUCH_DOWN] - registrar.events(recording, late)[TOUCH_DOWN]
+    alignment = AnkleAlignment()
+    sooner_s = alignment.events(recording, nominal)[TOUCH_DOWN] - alignment.events(recording, late)[TOUCH_DOWN]
     assert sooner_s == pytest.approx(0.01, abs=2e-4)
     slide = recording.signal("carriage/position")
     falling = (slide.time_s > 1.0) & (slide.time_s < 1.1)
@@ -227,8 +173,8 @@ def test_a_start_that_scatters_moves_a_release_that_was_seen() -> None:
     """By as much, while commands and pressures stay where they were."""
     recording = recording_of(one("landing", 0.05), "landing")
     nominal, later = (SIMULATOR(recording, values) for values in ({}, {"run_start.late_s": 0.004}))
-    registrar = AnkleRegistrar()
-    moved_s = registrar.events(recording, later)[TOUCH_DOWN] - registrar.events(recording, nominal)[TOUCH_DOWN]
+    alignment = AnkleAlignment()
+    moved_s = alignment.events(recording, later)[TOUCH_DOWN] - alignment.events(recording, nominal)[TOUCH_DOWN]
     assert moved_s == pytest.approx(0.004, abs=2e-4)
     pressure = recording.signal("manifold/pressure")
     assert np.abs(later[pressure.name] - nominal[pressure.name]).max() < pressure.noise

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from jammkle_gap.ankle.loading import recording_of
-from jammkle_gap.ankle.runs import bag_of_run
-from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set, selected
+from jammkle_gap.ankle.recording import bag_of_run, recording_of
+from jammkle_gap.ankle.sensors import SensorSet, headline_set, selected
 from jammkle_gap.core.data import BadRecordingError
 from recorded import run
 

@@ -40,6 +40,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
     bag, whole = tmp_path / "slow", gap_diagnosing.diagnose_recordings
     rig = ["rig", "pressure", "--cycles", "2", "--jam-time-s", "0.8", "--vent-time-s", "0.4", "--channel", "achilles"]
     assert main([*rig, "--valve-dead-time-s", "0.05", "-o", str(bag)]) == 0
+    (bag / "run.yaml").write_text("options: {valve_dead_time_s: 0.01}", encoding="utf-8")
     killed: list[int] = []
 
     def losing_a_worker(*arguments: Any, progress: Callable[[str, float], None], **options: Any) -> Any:
@@ -57,7 +58,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / f"cache_{name}"))
         if name == "there":
             monkeypatch.setattr(gap_diagnosing, "diagnose_recordings", losing_a_worker)
-        said = ["--set", "valve_dead_time_s=0.01", "-o", str(tmp_path / name), "--json", str(tmp_path / f"{name}.json")]
+        said = ["-o", str(tmp_path / name), "--json", str(tmp_path / f"{name}.json")]
         assert main(["gap", "diagnose", str(bag), *offered, *options, *said]) == 0
         # Sums of floats depend in their last digits, and so do zeros, on how many threads a process has.
         text = (tmp_path / f"{name}.json").read_text(encoding="utf-8")

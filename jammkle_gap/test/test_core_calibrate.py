@@ -22,8 +22,7 @@ from jammkle_gap import (
     diagnose,
 )
 from jammkle_gap.core.calibrate import calibrate
-from jammkle_gap.core.compare import settings_of
-from jammkle_gap.core.scatter import Scatter
+from jammkle_gap.core.scatter import Scatter, settings_of
 from jammkle_gap.core.simulate import Runner
 from pendulums import PROBLEM, machine, simulate
 

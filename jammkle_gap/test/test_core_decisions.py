@@ -10,14 +10,20 @@ import pytest
 from scipy import stats
 
 from jammkle_gap import Constants, Library, Problem
-from jammkle_gap.core.compare import Difference, Residuals, beside, difference_of, settings_of
-from jammkle_gap.core.conformal import nonconformity, p_values
-from jammkle_gap.core.detect import detect, probability_of_gap, spread_along
-from jammkle_gap.core.equivalence import class_names, classes_of
+from jammkle_gap.core.calibrate import Discrepancy
+from jammkle_gap.core.detect import class_names, classes_of, detect, probability_of_gap, spread_along
 from jammkle_gap.core.fit import Fit
-from jammkle_gap.core.grids import grid_of
-from jammkle_gap.core.own_error import OwnError
 from jammkle_gap.core.posterior import NONE_OF_THEM, credible_set, posterior_of
+from jammkle_gap.core.scatter import (
+    Difference,
+    Residuals,
+    Scatter,
+    SettingScatter,
+    difference_of,
+    settings_of,
+    with_discrepancy,
+)
+from jammkle_gap.core.signatures import grid_of
 from pendulums import LIBRARY, PROBLEM, TWIN, machine
 
 CONSTANTS = Constants()
@@ -92,9 +98,11 @@ def test_a_gap_that_no_effect_explains_is_seen_altogether() -> None:
 
 def scattered_along(random: np.random.Generator, *spreads: float) -> Difference:
     """Return settings of eight healthy runs each that scatter along their first feature alone."""
-    deviations = tuple(spread * random.normal(size=(8, 1)) * np.array([[1.0, 0.0]]) for spread in spreads)
-    count = len(spreads)
-    return Difference(np.zeros(2 * count), (), (1.0,) * count, (2,) * count, deviations, (8,) * count, (), (), ())
+    none, settings = np.zeros((2, 0)), []
+    for spread in spreads:
+        deviations = spread * random.normal(size=(8, 1)) * np.array([[1.0, 0.0]])
+        settings.append(SettingScatter(1.0, 8, deviations, Scatter(np.ones(2), none, 8, np.zeros(0)), none, none))
+    return Difference(np.zeros(2 * len(spreads)), (), tuple(settings))
 
 
 def test_scatter_in_one_setting_has_the_freedom_of_its_runs() -> None:
@@ -138,29 +146,6 @@ def left_by(*lefts: float, names: tuple[str, ...] = ("one", "two", "three"), fea
 def posterior(length: float, fitted: list[Fit], classes: dict[str, str] | None = None):  # noqa: ANN201 - in a test
     """Return the posterior of candidates in four hundred features."""
     return posterior_of(length, 400, 1.0, 32.0, fitted, {}, classes or {}, CONSTANTS)
-
-
-def test_conformal_p_values_of_true_causes_are_uniform() -> None:
-    """Effects that the library has slightly wrong: as many lie below a level as it says, whatever their scale."""
-    random = np.random.default_rng(4)
-
-    def left(share: float) -> tuple[Difference, Fit]:
-        difference = whitened(random, 40.0)
-        noise = difference.healthy * difference.whitened.size
-        beyond = float(difference.whitened @ difference.whitened) - noise
-        return difference, replace(fits(difference)[0], left=noise + share * beyond)
-
-    shares = random.gamma(2.0, 0.05, 400)
-    known = [nonconformity(*left(share), CONSTANTS) for share in shares[:200]]
-    found = []
-    for share in shares[200:]:
-        difference, fit = left(share)
-        found.append(p_values(difference, [fit], known, CONSTANTS)["e0"])
-    assert stats.kstest(found, "uniform").pvalue > 0.01
-    difference, fit = left(0.99)
-    assert p_values(difference, [fit], known, CONSTANTS)["e0"] == pytest.approx(1 / 201)
-    assert p_values(difference, [fit], [*known, np.inf], CONSTANTS)["e0"] == pytest.approx(2 / 202)
-    assert p_values(difference, [fit], [], CONSTANTS) == {}
 
 
 def test_the_larger_a_gap_the_more_a_second_effect_must_explain() -> None:
@@ -255,7 +240,7 @@ def test_the_simulators_own_error_leaves_scatter_and_constants_their_priors() ->
         ]
         residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
         difference = difference_of(settings, residuals, columns, none, none, CONSTANTS)
-        own = OwnError(settings, residuals, difference, CONSTANTS)
+        own = Discrepancy(settings, residuals, difference, CONSTANTS)
         explained = tuple(height * floor for floor in floors)
         blank = np.zeros(sum(sizes))
         fit = Fit(("offset",), {"offset.p": height}, blank, 0.0, blank[:, np.newaxis], blank, explained)
@@ -281,7 +266,7 @@ def test_the_simulators_own_error_hides_no_effect_elsewhere_and_is_none_itself()
     step = [1000.0 * floor * (np.arange(len(floor)) < len(floor) // 4) for floor in floors]
     rows = [one + two for one, two in zip(error, step, strict=True)]
     residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
-    own = OwnError(settings, residuals, difference_of(settings, residuals, none, none, none, CONSTANTS), CONSTANTS)
+    own = Discrepancy(settings, residuals, difference_of(settings, residuals, none, none, none, CONSTANTS), CONSTANTS)
 
     def explaining(features: list[np.ndarray]) -> Fit:
         return Fit(("e",), {"e.p": 1.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(features))
@@ -295,12 +280,13 @@ def test_beside_no_error_the_difference_is_as_it_was() -> None:
     """An own error of 0 changes nothing."""
     difference = whitened(np.random.default_rng(5))
     residuals = []
-    for setting, size in zip(SETTINGS, difference.sizes, strict=True):
+    for setting, own in zip(SETTINGS, difference.settings, strict=True):
+        size = own.size
         runs = np.random.default_rng(size).normal(size=(8, size)) * setting.layout.floor
         residuals.append(Residuals(runs[:3], runs[3:], runs[0]))
-    found = beside(difference, residuals, [np.zeros(size) for size in difference.sizes])
+    found = with_discrepancy(difference, residuals, [np.zeros(each.size) for each in difference.settings])
     assert found.whitened == pytest.approx(difference.whiten([each.difference for each in residuals]))
-    wider = beside(difference, residuals, [np.full(size, 1.0) for size in difference.sizes])
+    wider = with_discrepancy(difference, residuals, [np.full(each.size, 1.0) for each in difference.settings])
     pairs = itertools.pairwise([found.whitened @ found.whitened, wider.whitened @ wider.whitened])
     assert all(later < earlier for earlier, later in pairs)
 

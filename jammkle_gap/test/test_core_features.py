@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from jammkle_gap import BadRecordingError, Recording, Signal
-from jammkle_gap.core.features import features_of, layout_of, measured, registered_s
-from jammkle_gap.core.noise import noise_of
+from jammkle_gap.core.features import aligned_s, features_of, layout_of, measured, noise_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -65,10 +64,10 @@ def test_time_is_stretched_between_events_and_shifted_outside() -> None:
     """Two events on two clocks; one that comes in the wrong order, or that a run lacks, is passed over."""
     own_s, common_s = {"touch": 1.0, "slip": 2.0}, {"touch": 1.5, "slip": 3.5}
     times_s = np.array([0.0, 1.0, 1.5, 2.0, 2.4])
-    assert registered_s(times_s, ("touch", "slip"), own_s, common_s) == pytest.approx([0.5, 1.5, 2.5, 3.5, 3.9])
-    assert registered_s(times_s, ("slip", "touch"), own_s, common_s) == pytest.approx(times_s + 1.5)
-    assert registered_s(times_s, ("touch", "slip"), {"touch": 1.0}, common_s) == pytest.approx(times_s + 0.5)
-    assert registered_s(times_s, (), own_s, common_s) is times_s
+    assert aligned_s(times_s, ("touch", "slip"), own_s, common_s) == pytest.approx([0.5, 1.5, 2.5, 3.5, 3.9])
+    assert aligned_s(times_s, ("slip", "touch"), own_s, common_s) == pytest.approx(times_s + 1.5)
+    assert aligned_s(times_s, ("touch", "slip"), {"touch": 1.0}, common_s) == pytest.approx(times_s + 0.5)
+    assert aligned_s(times_s, (), own_s, common_s) is times_s
 
 
 def test_bins_are_means_and_those_without_samples_are_interpolated() -> None:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from jammkle_gap import Constants, Effect, EffectParameter
-from jammkle_gap.core.fit import refine
-from jammkle_gap.core.grids import grid_of
-from jammkle_gap.core.profiles import Profiles
+from jammkle_gap.core.fit import Profiles, refine
+from jammkle_gap.core.signatures import grid_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

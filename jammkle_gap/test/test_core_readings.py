@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from jammkle_gap import Constants, Library, Problem, Recording, Signal
-from jammkle_gap.core.compare import difference_of, residuals_of, settings_of
-from jammkle_gap.core.readings import sensed_difference, with_readings
-from jammkle_gap.core.response import Signatures
+from jammkle_gap.core.fit import Signatures
+from jammkle_gap.core.scatter import difference_of, residuals_of, settings_of
+from jammkle_gap.core.signatures import sensed_difference, with_readings
 from jammkle_gap.core.simulate import Runner
 from pendulums import effect
 

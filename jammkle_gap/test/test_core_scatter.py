@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from jammkle_gap import Constants
-from jammkle_gap.core.compare import difference_of, residuals_of, settings_of
 from jammkle_gap.core.features import Layout
-from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
+from jammkle_gap.core.scatter import Repeats, Whitener, difference_of, fit_scatter, residuals_of, settings_of
 from jammkle_gap.core.simulate import Runner
 from pendulums import PROBLEM, machine
 
@@ -61,8 +60,8 @@ def test_columns_that_settings_share_are_whitened_together() -> None:
     shared = [random.normal(size=(size, 3)) for size in sizes]
     found = difference_of(settings, residuals, own, contact, shared, CONSTANTS)
     parts = [
-        factor * (np.diag(each.variance) + each.columns @ each.columns.T + more @ more.T)
-        for factor, each, more in zip(found.factors, found.scatter, contact, strict=True)
+        each.factor * (np.diag(own.variance) + own.columns @ own.columns.T + more @ more.T)
+        for each, own, more in ((each, each.scatter, more) for each, more in zip(found.settings, contact, strict=True))
     ]
     whole = np.zeros((sum(sizes), sum(sizes)))
     whole[: sizes[0], : sizes[0]], whole[sizes[0] :, sizes[0] :] = parts

@@ -52,4 +52,4 @@ def test_a_stop_ends_a_long_run_and_keeps_what_was_done(
 
 
 class _Sendable:
-    simulator = registrar = None
+    simulator = alignment = None

@@ -11,14 +11,14 @@ import pytest
 from jammkle_common import names
 from jammkle_gap.ankle.effects import ankle_library, apply_effects
 from jammkle_gap.ankle.inputs import known_options
-from jammkle_gap.monitor.core.monitor import GapMonitor, GapState, MonitorSettings
+from jammkle_gap.monitor.twin import GapMonitor, GapState, MonitorSettings
 from jammkle_sim.rigs.catalogue import run_rig
 from jammkle_sim.rigs.landing import LandingRunOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_gap.monitor.core.monitor import SubsystemReport
+    from jammkle_gap.monitor.twin import SubsystemReport
     from jammkle_sim.rigs.rig import Rig
 
 SETTINGS = MonitorSettings(window_s=2.0, limit=4.0, hold_s=0.3, silence_s=1.0, command_jitter_s=0.005)

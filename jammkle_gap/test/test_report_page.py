@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-import importlib.resources
 import math
 import re
 from html.parser import HTMLParser
@@ -34,14 +33,10 @@ from jammkle_gap.core.result import (
     Trace,
     Verdict,
 )
-from jammkle_gap.corrected_file import corrected_file
+from jammkle_gap.diagnosing import corrected_file
 from jammkle_gap.report import screen, words
-from jammkle_gap.report.asked import Asked
-from jammkle_gap.report.page import page
-from jammkle_gap.report.quantities import percent, percents, probability, quantities, quantity, span
-from jammkle_gap.report.sections.posterior import MOST_BARS, bars_of
-from jammkle_gap.report.sections.traces import MOST_TRACES
-from jammkle_gap.report.sections.where import heat_map
+from jammkle_gap.report.page import MOST_BARS, MOST_TRACES, bars_of, heat_map, page
+from jammkle_gap.report.words import Asked, percent, percents, probability, quantities, quantity, span
 
 LIMIT_BYTES = 5e6
 PREFIX = {"k": 1e3, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
@@ -107,7 +102,6 @@ def made_up(verdict: Verdict, signals: int = 2, samples: int = 400, settings: in
         reasons=("because",),
         candidates=candidates,
         posterior=dict(sorted(posterior.items(), key=lambda item: -item[1])),
-        conformal={"line_leak_achilles": 0.43},
         gap_probability=0.999,
         p_value=0.001 if verdict is not Verdict.NO_GAP else 0.4,
         false_alarm_rate=0.01,
@@ -187,13 +181,6 @@ def test_the_words_are_those_of_the_field(verdict: Verdict, capsys: pytest.Captu
     screen.show(made_up(verdict), ASKED, Path("gap.html"))
     for text in (Reader(page(made_up(verdict), ASKED)).words, capsys.readouterr().out):
         assert not UNWANTED.search(text)
-
-
-def test_every_section_has_its_template_beside_it() -> None:
-    """A section is one module and one template of the same name."""
-    files = [each.name for each in importlib.resources.files("jammkle_gap.report.sections").iterdir()]
-    modules = {name.removesuffix(".py") for name in files if name.endswith(".py")} - {"__init__"}
-    assert modules == {name.removesuffix(".html.j2") for name in files if name.endswith(".html.j2")} == SECTIONS
 
 
 def test_a_name_is_only_given_where_something_is_named() -> None:
@@ -279,7 +266,6 @@ def test_the_posterior_keeps_all_of_its_probability() -> None:
     assert sum(each.probability for each in bars) == pytest.approx(1.0)
     assert len(bars) <= MOST_BARS + 2
     assert words.NONE_OF_THEM in [each.label for each in bars]
-    assert bars_of(made_up(Verdict.EFFECTS))[0].conformal == pytest.approx(0.43)
 
 
 def test_what_a_whole_set_holds_is_said_once() -> None:

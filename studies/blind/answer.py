@@ -10,16 +10,15 @@ from jammkle_common.command.errors import Interrupted, StopRequest
 from jammkle_common.command.results import commit
 from jammkle_gap.ankle.effects import ankle_library
 from jammkle_gap.ankle.problem import ankle_problem
-from jammkle_gap.ankle.sensor_sets import SensorSet, headline_set, selected
+from jammkle_gap.ankle.sensors import SensorSet, headline_set, selected
 from jammkle_gap.backend import backend
-from jammkle_gap.core.as_json import as_dict
 from jammkle_gap.core.conclude import conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.diagnose import evidence_of
+from jammkle_gap.core.result import as_dict
 from jammkle_gap.core.signatures import cache_folder
 from jammkle_gap.core.simulate import Runner
-from jammkle_gap.diagnosing import failures_told
-from jammkle_gap.inputs import asked_of, in_settings, library_of, recordings_of
+from jammkle_gap.diagnosing import command_errors, in_settings, library_of, recordings_of
 from studies.blind import files
 from studies.blind.baselines import baselines
 from studies.blind.ceiling import CEILING_CONSTANTS, ceiling_problem
@@ -30,8 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from jammkle_gap.core.conclude import Evidence
     from jammkle_gap.core.data import Recording
-    from jammkle_gap.core.evidence import Evidence
     from jammkle_gap.core.simulate import Problem
     from studies.blind.questions import Questions
 
@@ -62,7 +61,7 @@ def answer(request: AnswerRequest) -> int:
     case = _Case(asked)
     with backend(request.jobs, request.scheduler) as jobs:
         for way in asked.ways:
-            with failures_told():
+            with command_errors():
                 content = case.said(way, -1 if jobs is None else jobs)
             if case.stop():
                 raise Interrupted
@@ -107,11 +106,9 @@ class _Case:
     def _recordings(self, way: Way) -> tuple[list[Recording], list[Recording]]:
         """Return runs and references with all of their signals."""
         bags, given = self._asked.bags, self._asked.references if way.takes_references else ()
-        rigs = () if self._asked.rig is None else (self._asked.rig,)
-        requests = asked_of(bags, given, rigs, self._asked.settings)
-        for paths, request in zip((bags, given), requests, strict=True):
+        for paths in (bags, given):
             if paths not in self._read:
-                found = recordings_of(paths, request, self.stop, sensors=SensorSet.INSTRUMENTED)
+                found = recordings_of(paths, self._asked.rig, self.stop, sensors=SensorSet.INSTRUMENTED)
                 self._read[paths] = found
                 self._remembering.know(found)
         return self._read[bags], self._read[given]

@@ -17,8 +17,7 @@ import numpy as np
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.constants import Constants
-from jammkle_gap.core.profiles import Profiles
-from jammkle_gap.core.response import Signatures, grid_signatures
+from jammkle_gap.core.fit import Profiles, Signatures, grid_signatures
 from jammkle_gap.core.scatter import Whitener
 from jammkle_gap.core.search import fit_place
 from jammkle_gap.core.signatures import grids_of
@@ -28,9 +27,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.compare import Difference
-    from jammkle_gap.core.evidence import Evidence
-    from jammkle_gap.core.profiles import Place
+    from jammkle_gap.core.conclude import Evidence
+    from jammkle_gap.core.fit import Place
+    from jammkle_gap.core.scatter import Difference
 
 _FITTED = 4
 """Single effects that are fitted with the simulator: the best on their grids. Chosen: more change no first place."""
@@ -87,7 +86,8 @@ def in_noise(evidence: Evidence) -> Difference:
     whiteners = tuple(
         Whitener(np.square(setting.layout.floor), np.zeros((setting.layout.size, 0))) for setting in evidence.settings
     )
-    plain = dataclasses.replace(evidence.difference, whiteners=whiteners, factors=(1.0,) * len(whiteners))
+    alone = tuple(dataclasses.replace(each, factor=1.0) for each in evidence.difference.settings)
+    plain = dataclasses.replace(evidence.difference, whiteners=whiteners, settings=alone)
     whitened = plain.whiten([each.difference for each in evidence.residuals])
     return dataclasses.replace(plain, whitened=whitened)
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from jammkle_gap.ankle.group import group_of
+from jammkle_gap.ankle.alignment import AnkleAlignment
+from jammkle_gap.ankle.inputs import inputs_of
 from jammkle_gap.ankle.problem import bin_s
-from jammkle_gap.ankle.registrar import AnkleRegistrar
-from jammkle_gap.ankle.truth import inputs_of
+from jammkle_gap.ankle.repeats import group_of
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.effects import Effect, EffectParameter, Library
 from jammkle_gap.core.simulate import InfeasibleError, Problem
@@ -70,7 +70,7 @@ def ceiling_problem() -> Problem:
         library=Library(tuple(_effect(name) for name in _NAMED)),
         scatter=DAY,
         constants=CONSTANTS,
-        registrar=AnkleRegistrar(),
+        alignment=AnkleAlignment(),
         bin_s=bin_s,
         version=_version(),
         group_of=group_of,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.response import grid_signatures
+from jammkle_gap.core.fit import grid_signatures
 from jammkle_gap.core.signatures import grids_of
 from studies.blind.answers import NO_GAP
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.compare import Setting
-    from jammkle_gap.core.evidence import Evidence
+    from jammkle_gap.core.conclude import Evidence
+    from jammkle_gap.core.scatter import Setting
 
 _BLOCKS = 8
 """Of time, per signal and setting. Chosen: as the diagnosis's own smooth scatter."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from jammkle_common.command import LANDING, provided
 from jammkle_gap.ankle.corrected import corrected_text
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.landing_effects import draw
+from jammkle_gap.landing import HiddenEffect
 from studies.blind.files import BAGS, CaseNote
 from studies.blind.key import Kind, Rung, TrueEffect, Truth
 from studies.blind.redacted import redacted
@@ -56,7 +56,8 @@ class LiveCase:
 
         """
         generator = random.Random(self.trial_seed * 1000 + self.number)  # noqa: S311 - to be drawn the same again
-        values = {} if self.number % _CALM_EVERY == 0 else draw(generator, None).values
+        calm = self.number % _CALM_EVERY == 0
+        values = {} if calm else HiddenEffect.drawn(None, generator.randrange(_LARGEST_SEED)).values
         settings = settings_of(self.trial_seed, _RIG)
         chosen = settings[self.number % len(settings)]
         bags = []

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 from markupsafe import Markup
 
-from jammkle_gap.report.quantities import digits, percent, percents
+from jammkle_gap.report.words import digits, percent, percents
 from studies.blind.aims import AIMS, BY_RIG, OTHERS, Aim
 from studies.blind.key import Rung
 from studies.blind.pictures import calibration_svg, detection_svg

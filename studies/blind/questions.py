@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from jammkle_common.command.errors import InputError
-from jammkle_gap.ankle.sensor_sets import SensorSet
+from jammkle_gap.ankle.sensors import SensorSet
 from studies.blind import files
 
 

@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_gap.ankle.alignment import AnkleAlignment
 from jammkle_gap.ankle.inputs import AnkleInputs
-from jammkle_gap.ankle.instruments import RESOLUTION, UNITS, quantity_of
 from jammkle_gap.ankle.problem import bin_s
-from jammkle_gap.ankle.registrar import AnkleRegistrar
-from jammkle_gap.ankle.sensor_sets import SensorSet, set_of
+from jammkle_gap.ankle.sensors import RESOLUTION, UNITS, SensorSet, quantity_of, set_of
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import Recording, Signal
 from jammkle_gap.core.features import features_of, layout_of, measured
@@ -103,7 +102,7 @@ class IdealDetector:
 
         """
         runs = [recording_of_real(run, "healthy") for run in healthy]
-        self._registrar = AnkleRegistrar()
+        self._registrar = AnkleAlignment()
         self._layout = layout_of(runs, bin_s(runs[0]), self._registrar)
         features = np.array([self._features(run) for run in runs])
         deviations = features - features.mean(axis=0)

@@ -20,10 +20,10 @@ from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carr
 
 from jammkle_gap import Constants, ankle_library, ankle_problem, diagnose
 from jammkle_gap.ankle.corrected import Correction
-from jammkle_gap.ankle.runs import recording_of_run
-from jammkle_gap.ankle.setting import with_settings
+from jammkle_gap.ankle.recording import recording_of_run
+from jammkle_gap.ankle.repeats import with_settings
 from jammkle_gap.core.diagnose import evidence_of
-from jammkle_gap.core.response import Signatures
+from jammkle_gap.core.fit import Signatures
 from jammkle_gap.core.simulate import Runner
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 

@@ -9,8 +9,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from jammkle_common.bags.reading import opened
+from jammkle_common.bags.run_sheet import read_sheet
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import SIM_PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,6 +64,8 @@ class BagInfo:
     messages: int
     topics: tuple[TopicInfo, ...]
     custom_data: dict[str, str]
+    has_run_sheet: bool
+    """Whether the bag, or a file in it or beside it, says what was done to the machine."""
 
 
 @dataclass
@@ -106,6 +110,7 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
             whole.take(message.time_ns)
             if number % _PROGRESS_MESSAGES == 0:
                 on_progress(number / reader.message_count)
+        is_described = any(each.topic.rpartition("/")[2] == SIM_PARAMETERS.name for each in reader.connections)
         return BagInfo(
             bag=str(path),
             start_s=0.0 if empty else reader.start_time / NANOSECONDS_PER_SECOND,
@@ -117,6 +122,7 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
                 for connection in sorted(reader.connections, key=lambda connection: connection.topic)
             ),
             custom_data=reader.custom_data,
+            has_run_sheet=is_described or bool(read_sheet(path, None).rig),
         )
 
 

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_common import names
-from jammkle_common.parameters import typed_name
-from jammkle_gap.ankle.instruments import ANGLE, PRESSURE, quantity_of
-from jammkle_gap.ankle.signals import CARRIAGE
+from jammkle_common.bags.run_sheet import FILE_NAME
+from jammkle_gap.ankle.bag import CARRIAGE
+from jammkle_gap.ankle.sensors import ANGLE, PRESSURE, quantity_of
 from jammkle_gap.core.data import BadRecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from jammkle_gap.ankle.told import Told
+    from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.core.data import Signal
     from jammkle_sim.rigs.replay import CommandTrack, Timeline
     from jammkle_sim.rigs.rig import Rig
@@ -49,12 +49,12 @@ def check_commands_from_start(bag: str, signals: Mapping[str, Signal], commands:
         BadRecordingError: as said.
 
     """
-    told: dict[str, tuple[str, Timeline | None]] = {
+    lines: dict[str, tuple[str, Timeline | None]] = {
         names.PRESSURES[channel].name: (topic.name, commands.solenoids.get(channel))
         for channel, topic in names.SOLENOIDS.items()
     }
-    told[names.MANIFOLD_PRESSURE.name] = (names.PUMP_DUTY.name, commands.duty)
-    for pressure, (command, line) in told.items():
+    lines[names.MANIFOLD_PRESSURE.name] = (names.PUMP_DUTY.name, commands.duty)
+    for pressure, (command, line) in lines.items():
         signal, first_s = signals.get(pressure), np.inf if line is None else float(line.time_s[0])
         before = np.zeros(0) if signal is None else signal.values[signal.time_s < first_s - _HEARD_S]
         if len(before) and before[0] - before.min() > _FALLS_PA:
@@ -96,19 +96,19 @@ def refuse_no_release(bag: str, rig: str) -> None:
     raise BadRecordingError(msg)
 
 
-def check_course_is_known(bag: str, told: Told) -> None:
-    """Refuse a run of a driven rig without its carriage, unless the user says how it was driven.
+def check_course_is_known(bag: str, inputs: AnkleInputs) -> None:
+    """Refuse a run of a driven rig without its carriage, unless the run sheet says how it was driven.
 
     Raises:
         BadRecordingError: as said.
 
     """
-    needed = sorted({"speed_m_s", "extension_m", "descent_m"} & {name for name, _ in told.options})
-    missing = [name for name in needed if name not in told.given]
+    needed = sorted({"speed_m_s", "extension_m", "descent_m"} & {name for name, _ in inputs.options})
+    missing = [name for name in needed if name not in inputs.known]
     if missing:
-        msg = f"bag {bag} does not tell how the carriage of rig '{told.rig}' was driven"
+        msg = f"bag {bag} does not say how the carriage of rig '{inputs.rig}' was driven"
         msg += f"; record '{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}"
-        msg += f", or give --set {typed_name(missing[0])}=..."
+        msg += f", or write {missing[0]} into {FILE_NAME}"
         raise BadRecordingError(msg)
 
 
@@ -228,5 +228,5 @@ def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[s
             problem = f"its slide starts at {start_m:.3f} m, the recording's at {float(slide.values[0]):.3f} m"
     if problem:
         msg = f"bag {bag} cannot be from rig '{rig.name}': {problem}"
-        msg += "; name the rig that it was recorded on with --rig"
+        msg += f"; name the rig that it was recorded on with --rig, and write how it was set into {FILE_NAME}"
         raise BadRecordingError(msg)

@@ -1,19 +1,22 @@
 """`corrected.yaml`: effects that bring the simulation closer to the robot, as people read and simulators load them.
 
-library: my_effects.yaml          # optional: effects beside those of the package
-line_leak_achilles:
-conductance_dm3_s_bar: 0.0021   # dm3/(s bar), 0 to 0.01, off at 0
+    library: my_effects.yaml          # optional: effects beside those of the package
+    line_leak_achilles:
+      conductance_dm3_s_bar: 0.0021   # dm3/(s bar), 0 to 0.01, off at 0
+
+`jammkle rig --effects` and the sim node load it through an entry point.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jammkle_gap.ankle.effects import ankle_library, apply_effects
-from jammkle_gap.ankle.entries import read_yaml
+from jammkle_gap.ankle.effects import ankle_library, apply_effects, read_yaml
 from jammkle_gap.core.effects import BadEffectError
+from jammkle_sim.rigs.rig import BadChangeError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -117,3 +120,47 @@ def load_correction(file: Path) -> Correction:
 
 def _is_on(effect: Effect, values: Mapping[str, float]) -> bool:
     return any(values.get(effect.key(each), each.null) != each.null for each in effect.parameters)
+
+
+@dataclass(frozen=True)
+class RigChange:
+    """Effects of a file."""
+
+    correction: Correction
+
+    def __call__(self, rig: Rig) -> Rig:
+        """Return a rig with the effects in it.
+
+        Raises:
+            BadChangeError: the rig has not what an effect changes.
+
+        """
+        try:
+            return self.correction(rig)
+        except BadEffectError as error:
+            raise BadChangeError(str(error)) from error
+
+    def check_live(self) -> None:
+        """Refuse effects that only a recording can show.
+
+        Raises:
+            BadChangeError: there are such in the file.
+
+        """
+        try:
+            check_live(self.correction)
+        except BadEffectError as error:
+            raise BadChangeError(str(error)) from error
+
+
+def load_change(file: Path) -> RigChange:
+    """Read the file.
+
+    Raises:
+        BadChangeError: it cannot be used.
+
+    """
+    try:
+        return RigChange(load_correction(file))
+    except BadEffectError as error:
+        raise BadChangeError(str(error)) from error

@@ -1,25 +1,45 @@
-"""The ankle as a problem for the diagnosis: its simulator, effects, nuisances, sensors and events."""
+"""The ankle as a problem for the diagnosis: its simulator, effects, nuisances, sensors, events and experiments."""
 
 from __future__ import annotations
 
 import hashlib
-from functools import lru_cache
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from importlib import metadata, resources
 from typing import TYPE_CHECKING
 
-from jammkle_gap.ankle.conformity import known_nonconformity
-from jammkle_gap.ankle.effects import ankle_library, machine_constants, run_scatter
-from jammkle_gap.ankle.group import group_of
-from jammkle_gap.ankle.priors import PriorParameter
-from jammkle_gap.ankle.registrar import AnkleRegistrar
-from jammkle_gap.ankle.sensing import AnkleSensing
+import numpy as np
+
+from jammkle_common import names
+from jammkle_common.parameters import from_mapping
+from jammkle_gap.ankle.alignment import AnkleAlignment
+from jammkle_gap.ankle.effects import (
+    AnkleEffect,
+    PriorParameter,
+    ankle_library,
+    apply_effects,
+    machine_constants,
+    run_scatter,
+)
+from jammkle_gap.ankle.inputs import inputs_of, nominal_rig
+from jammkle_gap.ankle.recording import recording_of_run
+from jammkle_gap.ankle.repeats import group_of
+from jammkle_gap.ankle.sensors import ACCELERATION, FORCE, PRESSURE, RATE, quantity_of
 from jammkle_gap.ankle.simulator import AnkleSimulator
-from jammkle_gap.ankle.truth import inputs_of
+from jammkle_gap.core.design import Experiment
 from jammkle_gap.core.effects import Library, Nuisance
 from jammkle_gap.core.simulate import Problem
+from jammkle_sim.rigs.catalogue import rig_kind, run_rig
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from numpy.typing import NDArray
+
     from jammkle_gap.core.data import Recording
+    from jammkle_sim.rigs.rig import Rig
 
 _BIN_S, _SLOW_BIN_S = 0.02, 0.05
 """Length of a bin, s, and on the slip rig, whose runs are slow."""
@@ -39,11 +59,10 @@ def ankle_problem(library: Library | None = None) -> Problem:
         scatter=_nuisances(run_scatter()),
         constants=_nuisances(machine_constants()),
         sensing=AnkleSensing(library),
-        registrar=AnkleRegistrar(),
+        alignment=AnkleAlignment(),
         bin_s=bin_s,
         version=version(),
         group_of=group_of,
-        conformity=known_nonconformity,
     )
 
 
@@ -74,3 +93,138 @@ def _nuisances(library: Library) -> tuple[Nuisance, ...]:
         for each in effect.parameters
         if isinstance(each, PriorParameter)
     )
+
+
+_CHANGES = frozenset({
+    "delay_imu", "delay_joints", "delay_load_cell", "delay_pressures", "delay_sensors", "misalign_imu", "offset_gyro",
+    "offset_imu", "offset_pressure", "saturate_imu", "scale_load_cell", "skew_clock",
+})  # fmt: skip
+"""Changes of the package that touch sensors alone."""
+_DELAYS_OF_COMMANDS = frozenset({"delay_commands"})
+"""Changes that pressures answer as they answer a late sensor: air does the same, later. Assumed: that bodies move it by
+their motion is left out, as it is little."""
+_VOLUMES = (names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[channel].name for channel in names.CHANNELS))
+_IMU = {ACCELERATION: ("specific_force", slice(0, 3)), RATE: ("angular_velocity", slice(3, 6))}
+
+
+@dataclass(frozen=True)
+class AnkleSensing:
+    """Fulfils `core.simulate.Sensing`."""
+
+    library: Library
+
+    @cached_property
+    def effects(self) -> frozenset[str]:
+        """Names of the effects that touch sensors alone, and of delays of all commands."""
+        return self._by_change(_CHANGES | _DELAYS_OF_COMMANDS)
+
+    @cached_property
+    def _delays_of_commands(self) -> frozenset[str]:
+        return self._by_change(_DELAYS_OF_COMMANDS)
+
+    def _by_change(self, changes: frozenset[str]) -> frozenset[str]:
+        return frozenset(
+            effect.name
+            for effect in self.library
+            if isinstance(effect, AnkleEffect) and not effect.file and effect.function in changes
+        )
+
+    def knows(self, effect: str, signal: str) -> bool:
+        """Return whether it says what an effect makes of a signal; see `core.simulate.Sensing`."""
+        return effect not in self._delays_of_commands or quantity_of(signal) == PRESSURE
+
+    def __call__(
+        self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return what would have been read had the sensors been like this; see `core.simulate.Sensing`."""
+        inputs = inputs_of(recording)
+        before = nominal_rig(inputs)
+        after = apply_effects(before, self.library, values)
+        delays_s = _delays_s(before, after)
+        turned = _turned(measured, before, after)
+        skew = after.wiring.clock_skew - before.wiring.clock_skew
+        found = {}
+        for signal in recording.signals:
+            if signal.name not in measured:
+                continue
+            quantity = quantity_of(signal.name)
+            read = turned[signal.name] * (_gain(before, after) if quantity == FORCE else 1.0)
+            delay_s = delays_s.get(quantity, delays_s[""])
+            if delay_s or skew:
+                read = np.interp(signal.time_s / (1.0 + skew) - delay_s, signal.time_s, read)
+            if signal.name in _VOLUMES:
+                i = _VOLUMES.index(signal.name)
+                read = read + after.wiring.pressure_offset_pa[i] - before.wiring.pressure_offset_pa[i]
+            found[signal.name] = read
+        return found
+
+
+def _delays_s(before: Rig, after: Rig) -> dict[str, float]:
+    """Return by how much later each quantity is read, s; those not named as joints are."""
+    old, new = before.wiring, after.wiring
+    imu_s = new.imu_delay_s - old.imu_delay_s
+    return {
+        "": new.joint_delay_s - old.joint_delay_s,
+        PRESSURE: new.pressure_delay_s - old.pressure_delay_s + new.command_delay_s - old.command_delay_s,
+        ACCELERATION: imu_s,
+        RATE: imu_s,
+        FORCE: new.load_cell_delay_s - old.load_cell_delay_s,
+    }
+
+
+def _gain(before: Rig, after: Rig) -> float:
+    return after.wiring.load_cell_gain / before.wiring.load_cell_gain
+
+
+def _turned(measured: Mapping[str, NDArray[np.float64]], before: Rig, after: Rig) -> dict[str, NDArray[np.float64]]:
+    """Return all signals, those of the IMU turned on its mount, with its offsets, and clipped at its range."""
+    old, new = laws_of(before).imu[0], laws_of(after).imu[0]
+    turn = new["turn"] @ old["turn"].T
+    found = dict(measured)
+    for column, axes in _IMU.values():
+        signals = [f"{names.IMU.name.partition('/')[0]}/{column}_{axis}" for axis in "xyz"]
+        if not all(signal in measured for signal in signals):
+            continue
+        rows = turn @ np.array([measured[signal] for signal in signals])
+        rows = rows + (new["offset"][axes] - old["offset"][axes])[:, np.newaxis]
+        limit = np.minimum(new["limit"][axes], np.inf)[:, np.newaxis]
+        rows = np.clip(rows, -limit, limit)
+        found |= dict(zip(signals, rows, strict=True))
+    return found
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """One run that could be made."""
+
+    rig: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def command(self) -> str:
+        """How to simulate it, which also says what to do with the robot."""
+        shown = {name: f"{value:g}" if isinstance(value, float) else value for name, value in self.settings.items()}
+        options = (f"--{name.replace('_', '-')} {value}" for name, value in shown.items())
+        return " ".join(("rig", self.rig, *options))
+
+    def recording(self) -> Recording:
+        """Return the recording as it would be with nothing wrong."""
+        options = from_mapping(rig_kind(self.rig).options, dict(self.settings))
+        return recording_of_run(run_rig(self.rig, options, lambda _: None, lambda: False), self.command)
+
+
+_PLANS = (
+    _Plan("pressure", {"jam_time_s": 4.0, "vent_time_s": 1.0, "cycles": 2}),
+    _Plan("pressure", {"vacuum_pa": 20e3, "cycles": 3}),
+    _Plan("tensile", {"vacuum_pa": 50e3}),
+    _Plan("tensile", {"vacuum_pa": 0.0, "speed_m_s": 0.1}),
+    _Plan("drop", {"foot": "unjammed"}),
+    _Plan("drop", {"foot": "jammed"}),
+    _Plan("slip", {"foot": "unjammed", "speed_m_s": 0.02}),
+)
+"""Slow and fast, soft and jammed, in the air and on the ground: what parts most pairs of effects. Assumed."""
+
+
+def experiments() -> tuple[Experiment, ...]:
+    """Return the runs on offer; each is planned only when a diagnosis asks for it."""
+    return tuple(Experiment(each.command, each.recording) for each in _PLANS)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.conformal import p_values
 from jammkle_gap.core.design import next_experiment
-from jammkle_gap.core.detect import detect
-from jammkle_gap.core.equivalence import class_names, class_of
-from jammkle_gap.core.fitted import candidate_of, explained_by, freedom_of, left_by
-from jammkle_gap.core.held_out import held_out
+from jammkle_gap.core.detect import class_names, class_of, detect
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
 from jammkle_gap.core.posterior import NONE_OF_THEM, by_class, posterior_of
-from jammkle_gap.core.reference_notes import reference_notes
 from jammkle_gap.core.result import (
+    Candidate,
     Diagnosis,
+    FittedEffect,
+    FittedParameter,
+    HeldOutSetting,
     SignalGap,
     Spent,
     Trace,
@@ -25,17 +25,166 @@ from jammkle_gap.core.result import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.detect import Detection
-    from jammkle_gap.core.evidence import Evidence
-    from jammkle_gap.core.fit import Fit
+    from jammkle_gap.core.fit import Fit, GridFeatures
     from jammkle_gap.core.posterior import Posterior
-    from jammkle_gap.core.simulate import Runner
+    from jammkle_gap.core.scatter import Difference, Residuals, Setting
+    from jammkle_gap.core.search import Candidates
+    from jammkle_gap.core.simulate import Problem, Runner
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that a diagnosis is concluded from."""
+
+    problem: Problem
+    settings: tuple[Setting, ...]
+    nominal: tuple[Residuals, ...]
+    """Of the machine as drawn."""
+    residuals: tuple[Residuals, ...]
+    """Of the machine that signatures were simulated with."""
+    calibration: Calibration
+    machine: Mapping[str, float]
+    """Constants that signatures were simulated with: calibrated, or none where the nominal machine explains more."""
+    difference: Difference
+    """Whitened by scatter alone."""
+    noticed: Candidates
+    """Fitted to it: whether there is a gap."""
+    candidates: Candidates
+    """Fitted beside model discrepancy where references are missing: which effect it is."""
+    own: Mapping[tuple[str, ...], float]
+    """Log-likelihood of each candidate in the settings without references, and of none of them, ()."""
+    classes: tuple[tuple[str, ...], ...]
+    grids: GridFeatures
+
+
+_Z90 = 1.645
+"""Half of a 90 % interval, in standard deviations."""
+_AT_BOUND = 0.01
+"""Share of a parameter's range from a bound within which it counts as at it."""
+_DETECTABLE = (stats.norm.ppf(0.99) + stats.norm.ppf(0.99)) ** 2
+"""Squared whitened length that is detected with 99 % power at 1 % false alarms along a known direction."""
+
+
+def candidate_of(
+    evidence: Evidence,
+    fit: Fit | None,
+    names: tuple[str, ...],
+    probability: float,
+    constants: Constants,
+) -> Candidate:
+    """Return what is said of a candidate.
+
+    Args:
+        evidence: What was gathered.
+        fit: Of the candidate; None: none of the effects on offer.
+        names: Of its effects.
+        probability: Of the candidate.
+        constants: Of the model.
+
+    """
+    if fit is None:
+        return Candidate(names, probability, 0.0, ())
+    others = {
+        other for members in evidence.classes for other in members if set(members) & set(names) and other not in names
+    }
+    return Candidate(
+        names,
+        probability,
+        explained_by(evidence, fit),
+        _fitted(evidence, fit, constants),
+        tuple(sorted(others)),
+    )
+
+
+def left_by(evidence: Evidence, fit: Fit | None) -> NDArray[np.float64]:
+    """Return what a candidate leaves of the difference, whitened by scatter alone."""
+    whole = evidence.difference
+    return whole.whitened - (whole.whiten(fit.features) if fit is not None and fit.features else 0.0)
+
+
+def explained_by(evidence: Evidence, fit: Fit) -> float:
+    """Return the share of the squared whitened difference that a candidate explains."""
+    left, whole = left_by(evidence, fit), evidence.difference.whitened
+    return 1.0 - float(left @ left) / float(whole @ whole)
+
+
+def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedEffect, ...]:
+    library = evidence.problem.library
+    half = _half_widths(evidence, fit, constants)
+    found = []
+    for name in fit.names:
+        effect = library.effect(name)
+        parameters = []
+        for each in effect.parameters:
+            key = effect.key(each)
+            value, index = fit.values[key], list(fit.values).index(key)
+            span = each.maximum - each.minimum
+            low, high = max(value - half[index], each.minimum), min(value + half[index], each.maximum)
+            bound = min(value - each.minimum, each.maximum - value) < _AT_BOUND * span and value != each.null
+            seen = float(np.linalg.norm(fit.jacobian[:, index]))
+            step = np.sqrt(_DETECTABLE) / seen if seen > 0.0 else np.nan
+            detectable = each.null + np.sign(value - each.null) * step
+            inside = each.minimum <= detectable <= each.maximum
+            parameters.append(
+                FittedParameter(
+                    each.name, each.unit, value, (low, high), bool(bound), float(detectable) if inside else np.nan
+                )
+            )
+        found.append(FittedEffect(name, effect.subsystem, effect.sentence, tuple(parameters)))
+    return tuple(found)
+
+
+def freedom_of(evidence: Evidence, constants: Constants) -> float:
+    """Return the degrees of freedom of model discrepancy: at most one a signal and block of time."""
+    blocks = constants.blocks * sum(len(setting.layout.signals) for setting in evidence.settings)
+    return min(constants.discrepancy_freedom, float(blocks))
+
+
+def _half_widths(evidence: Evidence, fit: Fit, constants: Constants) -> NDArray[np.float64]:
+    """Return half of each parameter's 90 % interval: curvature, times what the fit leaves beyond healthy scatter.
+
+    What is left is model discrepancy, which hangs together over time: see `freedom_of`.
+    """
+    size = evidence.difference.whitened.size
+    beyond = max(fit.left / size / evidence.difference.healthy - 1.0, 0.0)
+    inflation = 1.0 + beyond * size / freedom_of(evidence, constants)
+    scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-12)
+    normal = (fit.jacobian / scale).T @ (fit.jacobian / scale)
+    variance = np.diag(np.linalg.pinv(normal, rcond=1e-8)) / scale**2
+    half: NDArray[np.float64] = _Z90 * np.sqrt(np.maximum(variance, 0.0) * inflation)
+    return half
+
+
+def held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tuple[HeldOutSetting, ...]:
+    """Return how far the gap closes in each setting with parameters fitted to the others, by one Gauss-Newton step."""
+    if best is None or len(evidence.settings) < 2:  # noqa: PLR2004 - one alone cannot be held out
+        return ()
+    whole = evidence.difference
+    parts, slopes = whole.split(best.whitened - best.signature), whole.split(best.jacobian)
+    wholes = whole.split(best.whitened)
+    found = []
+    for k, setting in enumerate(evidence.settings):
+        others = [i for i in range(len(parts)) if i != k]
+        jacobian = np.concatenate([slopes[i] for i in others])
+        rest = np.concatenate([parts[i] for i in others])
+        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
+        step = np.linalg.lstsq(jacobian / scale, rest, rcond=1e-6)[0] / scale
+        single = replace(whole, whitened=wholes[k], settings=(whole.settings[k],))
+        closing = closing_of(single, parts[k] - slopes[k] @ step, [setting], constants.blocks)
+        found.append(HeldOutSetting(setting.name, closing))
+    return tuple(found)
+
+
+_ENOUGH = 5
+"""References that are asked for: their mean is then known to half of one run's scatter."""
 
 
 def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runner, constants: Constants) -> Diagnosis:
@@ -52,7 +201,9 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     fits = {fit.names: fit for fit in (*candidates.singles, *candidates.pairs)}
     detection = detect(difference, evidence.noticed.singles, constants)
     # Settings without references have a likelihood of their own.
-    referenced = np.repeat([bool(setting.references) for setting in evidence.settings], difference.sizes)
+    referenced = np.repeat(
+        [bool(setting.references) for setting in evidence.settings], [each.size for each in difference.settings]
+    )
     classes = class_names(evidence.classes)
     posterior = posterior_of(
         _squared(difference.whitened, referenced),
@@ -80,8 +231,6 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         chosen = [fits[names] for names in named]
         following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
-    # Without references the simulator's own error does not cancel: what was known with them is no measure.
-    known = evidence.problem.conformity(evidence.settings[0].faulty[0]) if referenced.all() else ()
     left = left_by(evidence, best)
     return Diagnosis(
         verdict=verdict,
@@ -90,11 +239,10 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
             candidate_of(evidence, fits.get(names), names, likely[names], constants) for names in credible
         ),
         posterior=posterior.probabilities,
-        conformal=p_values(difference, candidates.singles, known, constants),
         gap_probability=detection.probability,
         p_value=detection.p_value,
         false_alarm_rate=constants.false_alarm_rate,
-        where=places_of(evidence.settings, difference, evidence.problem.registrar, constants.blocks),
+        where=places_of(evidence.settings, difference, evidence.problem.alignment, constants.blocks),
         subsystems=_subsystems(evidence, posterior),
         gap=closing_of(difference, left, evidence.settings, constants.blocks),
         signals=_signals(evidence, best),
@@ -105,7 +253,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         references_left=evidence.calibration.after,
         traces=_traces(evidence, best),
         next_experiment=following,
-        notes=_notes(evidence, constants),
+        notes=_notes(evidence),
         spent=Spent(0.0, runner.runs, runner.simulated_s),
         finished=candidates.finished,
     )
@@ -155,7 +303,7 @@ def _subsystems(evidence: Evidence, posterior: Posterior) -> dict[str, float]:
 def _signatures(evidence: Evidence, best: Fit | None) -> list[NDArray[np.float64]]:
     """Return what the best candidate makes of the features of each setting, in their units."""
     if best is None:
-        return [np.zeros(size) for size in evidence.difference.sizes]
+        return [np.zeros(each.size) for each in evidence.difference.settings]
     return list(best.features)
 
 
@@ -165,16 +313,11 @@ def _signals(evidence: Evidence, best: Fit | None) -> tuple[SignalGap, ...]:
 
 def _traces(evidence: Evidence, best: Fit | None) -> tuple[Trace, ...]:
     found = []
-    for setting, each, scatter, signature, factor in zip(
-        evidence.settings,
-        evidence.residuals,
-        evidence.difference.scatter,
-        _signatures(evidence, best),
-        evidence.difference.factors,
-        strict=True,
+    for setting, each, own, signature in zip(
+        evidence.settings, evidence.residuals, evidence.difference.settings, _signatures(evidence, best), strict=True
     ):
         layout = setting.layout
-        deviation = np.sqrt(factor * (scatter.variance + np.square(scatter.columns).sum(axis=1)))
+        deviation = np.sqrt(own.variance)
         tables = [
             layout.by_signal(row)
             for row in (each.difference, deviation, signature, setting.faulty_features.mean(axis=0), each.simulated)
@@ -184,12 +327,17 @@ def _traces(evidence: Evidence, best: Fit | None) -> tuple[Trace, ...]:
     return tuple(found)
 
 
-def _notes(evidence: Evidence, constants: Constants) -> tuple[str, ...]:
-    notes = list(reference_notes(evidence, constants))
+def _notes(evidence: Evidence) -> tuple[str, ...]:
+    notes = [
+        f"setting '{setting.name}' has no reference: an error of the simulator cannot be distinguished from a fault, "
+        f"except by the priors of the machine's constants; record {_ENOUGH} runs of the healthy machine"
+        for setting in evidence.settings
+        if not setting.references
+    ]
     moved = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     if moved:
-        told = ", ".join(f"{name} {x:+.1f}" for name, x in sorted(moved.items(), key=lambda item: -abs(item[1])))
-        notes.append(f"calibrated to the references, in standard deviations of their priors: {told}")
+        found = ", ".join(f"{name} {x:+.1f}" for name, x in sorted(moved.items(), key=lambda item: -abs(item[1])))
+        notes.append(f"calibrated to the references, in standard deviations of their priors: {found}")
     runs = [run for setting in evidence.settings for run in (*setting.faulty, *setting.references)]
     notes += [f"{run.name}: {note}" for run in runs for note in run.notes]
     return tuple(dict.fromkeys(notes))

@@ -72,13 +72,13 @@ class Constants:
     # flat, over the 57 cases with a visible cause of 78 of the reality with development seed 11: five rigs, 35 single
     # effects, 12 pairs, 10 causes outside the library.
     discrepancy_freedom: float = 16.0
-    """Degrees of freedom of the simulator's own error; fewer where signals and blocks of time together are. Learned."""
+    """Degrees of freedom of model discrepancy; fewer where signals and blocks of time together are. Learned."""
     discrepancy_share: float = 0.3
     """Prior scale of what the true effect leaves per feature, in what healthy runs leave. Learned."""
     discrepancy_of_gap: float = 0.1
     """The same in the gap's own square: a large effect is off by more than a small one. Learned."""
-    own_error_share: float = 1.0
-    """Prior scale of the simulator's own error in a block without references, in the variance of scatter there. Chosen:
+    discrepancy_of_block: float = 1.0
+    """Prior scale of model discrepancy in a block without references, in the variance of scatter there. Chosen:
     as much as scatter, since nothing cancels it."""
     reweighings: int = 2
     """Times that a candidate is fitted anew beside its own error. Chosen: a third changes no verdict on real data."""

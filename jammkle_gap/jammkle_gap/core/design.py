@@ -55,7 +55,7 @@ def next_experiment(
     if len(fits) < 2 or not experiments:  # noqa: PLR2004 - one needs no splitting
         return None
     plans = [(each.name, each.plan()) for each in experiments]
-    layouts = [layout_of([run], problem.bin_s(run), problem.registrar) for _, run in plans]
+    layouts = [layout_of([run], problem.bin_s(run), problem.alignment) for _, run in plans]
     tasks = [
         Task(run, layout, {**machine, **fit.values})
         for (_, run), layout in zip(plans, layouts, strict=True)

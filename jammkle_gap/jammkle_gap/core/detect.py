@@ -1,4 +1,4 @@
-"""Is there a gap: how long the whitened difference is, along each effect and altogether, against healthy runs."""
+"""What can be seen at all: whether there is a gap, and which effects these recordings cannot distinguish."""
 
 from __future__ import annotations
 
@@ -9,13 +9,84 @@ import numpy as np
 from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.compare import Difference
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.fit import Fit
+    from jammkle_gap.core.scatter import Difference
+    from jammkle_gap.core.signatures import Grid
+
+_TYPICAL = 400.0
+"""Squared length at which signatures are compared. Chosen: twenty standard deviations, a clear gap."""
+
+
+def classes_of(
+    grids: Mapping[str, Grid], signatures: Mapping[str, NDArray[np.float64]], constants: Constants
+) -> tuple[tuple[str, ...], ...]:
+    """Return classes of effects whose signatures can each be had from the others', up to a small share.
+
+    Two effects are equivalent if each, at a typical size, leaves less than `class_distance` of its squared length when
+    the other is fitted to it (isolability by the angle between signatures; Basseville 1988, Automatica 24:309).
+
+    Args:
+        grids: By effect.
+        signatures: Whitened, of the grids' points, shape (points, n), by effect.
+        constants: Distance.
+
+    Returns:
+        Classes of two or more, in the order of the effects.
+
+    """
+    names = list(signatures)
+    typical = {name: _typical(signatures[name]) for name in names}
+    stacked = {name: signatures[name] for name in names}
+    left = np.ones((len(names), len(names)))
+    for j, name in enumerate(names):
+        gram = stacked[name] @ stacked[name].T
+        weights = grids[name].weights
+        quadratic = np.einsum("ij,jk,ik->i", weights, gram, weights, optimize=True)
+        for i, other in enumerate(names):
+            target = typical[other]
+            gains = 2.0 * weights @ (stacked[name] @ target) - quadratic
+            left[i, j] = 1.0 - float(gains.max()) / float(target @ target)
+    near = (left < constants.class_distance) & (constants.class_distance > left.T)
+    found: list[list[int]] = []
+    for i in range(len(names)):
+        for members in found:
+            # All of a class are equivalent to each other: a chain of neighbours is none.
+            if near[i, members].all():
+                members.append(i)
+                break
+        else:
+            found.append([i])
+    return tuple(tuple(names[i] for i in members) for members in found if len(members) > 1)
+
+
+def class_names(classes: Sequence[Sequence[str]]) -> dict[str, str]:
+    """Return the name of the class of each effect that is in one: that of its first member."""
+    return {name: members[0] for members in classes for name in members}
+
+
+def class_of(names: Sequence[str], classes: Mapping[str, str]) -> tuple[str, ...]:
+    """Return a candidate's effects by the names of their classes, sorted: the same for all that data cannot part.
+
+    Args:
+        names: Of its effects.
+        classes: Name of the class of each effect that is in one, as `class_names` returns them.
+
+    """
+    return tuple(sorted(classes.get(name, name) for name in names))
+
+
+def _typical(signatures: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the signature of the smallest grid point that makes a clear gap, or of the largest."""
+    squared = np.square(signatures).sum(axis=1)
+    clear = np.flatnonzero(squared >= _TYPICAL)
+    chosen = clear[int(np.argmin(squared[clear]))] if len(clear) else int(np.argmax(squared))
+    row: NDArray[np.float64] = signatures[chosen]
+    return row
 
 
 @dataclass(frozen=True)
@@ -112,13 +183,11 @@ def spread_along(difference: Difference, signature: NDArray[np.float64], constan
     """
     squared = float(signature @ signature)
     total = uncertainty = 0.0
-    begin = 0
-    for size, deviations, own in zip(difference.sizes, difference.deviations, difference.freedom, strict=True):
-        part = signature[begin : begin + size]
-        begin += size
+    for setting, part in zip(difference.settings, difference.split(signature), strict=True):
+        own = setting.freedom
         length = float(np.linalg.norm(part))
         if length > 0.0 and own:
-            weighted = length**2 / squared * float(np.square(deviations @ (part / length)).sum()) / own
+            weighted = length**2 / squared * float(np.square(setting.deviations @ (part / length)).sum()) / own
             total += weighted
             uncertainty += weighted**2 / own
     freedom = total**2 / uncertainty if uncertainty > 0.0 else 0.0
@@ -130,11 +199,11 @@ def spread_along(difference: Difference, signature: NDArray[np.float64], constan
 def _altogether(difference: Difference, ratio: float, constants: Constants) -> float:
     """Return the probability of such a ratio in a healthy machine."""
     own = [
-        np.log(np.maximum(np.square(each).mean(axis=1), 1e-12))
-        for each, freedom in zip(difference.deviations, difference.freedom, strict=True)
-        if freedom
+        np.log(np.maximum(np.square(each.deviations).mean(axis=1), 1e-12))
+        for each in difference.settings
+        if each.freedom
     ]
-    freedom = sum(difference.freedom)
+    freedom = sum(each.freedom for each in difference.settings)
     prior, expected = constants.length_prior_freedom, constants.length_spread**2
     total = sum(float(np.square(each - each.mean()).sum()) for each in own)
     variance = (prior * expected + total) / (prior + freedom)

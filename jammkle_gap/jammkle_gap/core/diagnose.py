@@ -8,19 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.calibrate import calibrate, runnable, uncalibrated
-from jammkle_gap.core.compare import beside, difference_of, residuals_of, settings_of
-from jammkle_gap.core.conclude import conclude
+from jammkle_gap.core.calibrate import Discrepancy, calibrate, runnable, uncalibrated
+from jammkle_gap.core.conclude import Evidence, conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.core.equivalence import classes_of
-from jammkle_gap.core.evidence import Evidence
-from jammkle_gap.core.own_error import OwnError
-from jammkle_gap.core.readings import with_readings
-from jammkle_gap.core.response import grid_features, grid_signatures
-from jammkle_gap.core.screen import screen
+from jammkle_gap.core.detect import classes_of
+from jammkle_gap.core.fit import grid_features, grid_signatures, screen
+from jammkle_gap.core.scatter import difference_of, residuals_of, settings_of, with_discrepancy
 from jammkle_gap.core.search import reweighed, search
-from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of
+from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of, with_readings
 from jammkle_gap.core.simulate import Runner, StoppedError, Task, UnrunnableError
 
 if TYPE_CHECKING:
@@ -30,12 +26,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.core.calibrate import Calibration
-    from jammkle_gap.core.compare import Difference, Residuals, Setting
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
-    from jammkle_gap.core.response import GridFeatures
+    from jammkle_gap.core.fit import GridFeatures, Screening
     from jammkle_gap.core.result import Diagnosis
-    from jammkle_gap.core.screen import Screening
+    from jammkle_gap.core.scatter import Difference, Residuals, Setting
     from jammkle_gap.core.search import Candidates, Provisional
     from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Progress, Stop
@@ -120,7 +115,9 @@ def evidence_of(
     slopes = [
         _laid(each.constants, each, setting, problem) for each, setting in zip(dictionaries, settings, strict=True)
     ]
-    calibration = calibrate(settings, difference.scatter, slopes, problem, runner, constants)
+    calibration = calibrate(
+        settings, [each.scatter for each in difference.settings], slopes, problem, runner, constants
+    )
     calibration, calibrated = runnable(calibration, settings, nominal, problem, runner)
     machine: Mapping[str, float] = {}
     complete = all(setting.references for setting in settings)
@@ -151,8 +148,10 @@ def evidence_of(
     own: dict[tuple[str, ...], float] = {}
     if not complete and candidates.finished:
         try:
-            error = OwnError(settings, residuals, difference, constants)
-            candidates, own = _beside_own_error(problem, settings, error, grids, machine, candidates, runner, constants)
+            error = Discrepancy(settings, residuals, difference, constants)
+            candidates, own = _search_with_discrepancy(
+                problem, settings, error, grids, machine, candidates, runner, constants
+            )
         except StoppedError:
             candidates = replace(candidates, finished=False)
     return Evidence(
@@ -171,23 +170,23 @@ def evidence_of(
     )
 
 
-def _beside_own_error(
+def _search_with_discrepancy(
     problem: Problem,
     settings: Sequence[Setting],
-    error: OwnError,
+    error: Discrepancy,
     grids: GridFeatures,
     machine: Mapping[str, float],
     noticed: Candidates,
     runner: Runner,
     constants: Constants,
 ) -> tuple[Candidates, dict[tuple[str, ...], float]]:
-    """Search again beside the simulator's own error, and weigh what was found in both searches.
+    """Search again beside model discrepancy, and weigh what was found in both searches.
 
     Raises:
         StoppedError: asked to stop.
 
     """
-    weighed = error.beside(())
+    weighed = error.difference_with(())
     screening = screen(problem, settings, grid_signatures(grids, weighed), weighed, machine, runner)
     candidates = search(problem, settings, screening, weighed, machine, runner, constants)
     return reweighed(problem, settings, error, machine, (noticed, candidates), runner, constants)
@@ -270,7 +269,7 @@ def _linearised(
     asked = [
         replace(setting, references=setting.faulty, reference_features=setting.faulty_features) for setting in settings
     ]
-    found = calibrate(asked, difference.scatter, slopes, problem, runner, constants)
+    found = calibrate(asked, [each.scatter for each in difference.settings], slopes, problem, runner, constants)
     if not found.values:
         return list(residuals), difference, {}
     try:
@@ -280,8 +279,9 @@ def _linearised(
     shared = _shared(settings, problem, runner, replace(uncalibrated(problem), values=found.values))
     place = np.array([found.deviations[each.name] for each in problem.constants])
     moved = [replace(each, faulty=each.faulty + columns @ place) for each, columns in zip(made, shared, strict=True)]
-    none = [np.zeros(size) for size in difference.sizes]
-    return moved, beside(replace(difference, shared=tuple(shared)), moved, none), found.values
+    none = [np.zeros(each.size) for each in difference.settings]
+    parts = tuple(replace(each, shared=columns) for each, columns in zip(difference.settings, shared, strict=True))
+    return moved, with_discrepancy(replace(difference, settings=parts), moved, none), found.values
 
 
 def _shared(

@@ -1,10 +1,7 @@
-"""Features: means over bins of time, registered at the events of a run.
+"""Features: what recordings are compared by. Means over bins of time, aligned at events, and the noise of each.
 
-Raw samples have correlated noise and jitter in time; means over bins have neither to a degree that matters. In a run
-with contact, a touch-down that comes 2 ms later moves every peak. So signals that follow events are laid over each
-other there, in all runs, measured or simulated: time is stretched linearly from one event to the next and shifted
-outside (landmark registration: Ramsay and Silverman, Functional Data Analysis, 2nd ed., sec. 7.3). The time of each
-event is a feature of its own.
+Means over time bins, not raw samples: timing jitter and correlated noise stay finite. Signals that jump at an event are
+aligned there, and when it came is a feature of its own.
 """
 
 from __future__ import annotations
@@ -15,8 +12,6 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.core.noise import noise_of
-from jammkle_gap.core.quantisation import mean_error, varying
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,14 +20,99 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.data import Recording, Signal
 
+BLOCKS = 8
+"""Stretches of time of which the median is taken: motion faster than the samples in fewer than half does not count."""
+_WEIGHTS = np.array([0.5, -1.0, 0.5])
+"""A sample less what its neighbours promise: a straight line gives 0, white noise 1.5 times its variance."""
+
+
+def noise_of(signal: Signal) -> tuple[float, float]:
+    """Return standard deviation from sample to sample, and smallest step, in the signal's unit.
+
+    As declared; where neither is, the noise is estimated by differences of neighbouring samples, which cancel whatever
+    changes slowly (Rice 1984, Ann. Stat. 12:1215; of second order: Gasser, Sroka and Jennen-Steinmetz 1986, Biometrika
+    73:625), and the smallest step that occurs is the resolution.
+    """
+    if signal.noise > 0.0 or signal.resolution > 0.0:
+        return signal.noise, signal.resolution
+    if signal.values.size < BLOCKS + len(_WEIGHTS) - 1:
+        return 0.0, 0.0
+    second = np.convolve(signal.values, _WEIGHTS, "valid")
+    variances = [np.square(block).mean() for block in np.array_split(second, BLOCKS)]
+    return float(np.sqrt(np.median(variances) / np.square(_WEIGHTS).sum())), _smallest_step(signal.values)
+
+
+def _smallest_step(values: NDArray[np.float64]) -> float:
+    """Return the smallest difference of two values; 0 for a constant."""
+    steps = np.diff(np.unique(values))
+    return float(steps.min()) if steps.size else 0.0
+
+
+_SCATTER = np.linspace(0.0, 1.0, 201)
+"""t in steps; beyond the last, S is below the rounding of a number."""
+_ORDERS = np.arange(1, 501)[:, np.newaxis]
+"""Terms of the sum; those left out are a thousandth of it where all readings stand on one code, and less elsewhere."""
+_SHARED = (np.exp(-4.0 * np.square(np.pi * _ORDERS * _SCATTER)) / (2.0 * np.square(np.pi * _ORDERS))).sum(axis=0)
+_SHARED *= 1.0 / 12.0 / _SHARED[0]
+_VARIANCE = np.square(_SCATTER) + 1.0 / 12.0 - _SHARED
+SIDE = 4
+"""Bins on either side whose readings tell how much they vary. A slow motion crosses a step in few bins, and errs in all
+of them. Chosen: a motion of a quarter of a step in a bin crosses one in them."""
+
+
+def mean_error(variance: NDArray[np.float64], step: float, count: float) -> NDArray[np.float64]:
+    """Return the mean square error that rounding leaves in the mean of a bin, per bin, in the unit's square.
+
+    Args:
+        variance: Of rounded readings about their bin's mean, shape (bins,), in the unit's square.
+        step: Of the sensor, above 0.
+        count: Readings in a bin, 1 or more.
+
+    """
+    shared = np.interp(variance / step**2, _VARIANCE, _SHARED)
+    found: NDArray[np.float64] = step**2 * (shared + (1.0 / 12.0 - shared) / count)
+    return found
+
+
+def varying(
+    runs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], bin_s: float, bins: int
+) -> NDArray[np.float64]:
+    """Return the variance of all runs' readings about the mean of their bin, shape (bins,), in the unit's square.
+
+    Bins before and bins after are taken by themselves, each with the bin, and the less counts: a machine that stands
+    still until it is let go is not said to move before.
+
+    Args:
+        runs: Times, s, and values of one signal in each run.
+        bin_s: Length of a bin, s.
+        bins: How many.
+
+    """
+    squares, freedom = np.zeros(bins), np.zeros(bins)
+    for time_s, values in runs:
+        at = np.floor(time_s / bin_s).astype(int)
+        inside = (at >= 0) & (at < bins)
+        at, read = at[inside], values[inside]
+        count = np.bincount(at, minlength=bins)
+        means = np.bincount(at, weights=read, minlength=bins) / np.maximum(count, 1)
+        squares += np.bincount(at, weights=np.square(read - means[at]), minlength=bins)
+        freedom += np.maximum(count - 1, 0)
+    sides = []
+    for offset in (0, SIDE):
+        sums = [np.convolve(np.pad(each, SIDE), np.ones(SIDE + 1), "valid") for each in (squares, freedom)]
+        sides.append((sums[0] / np.maximum(sums[1], 1.0))[offset : offset + bins])
+    found: NDArray[np.float64] = np.minimum(*sides)
+    return found
+
+
 FEWEST_BINS = 8
 """Bins that the runs of a setting must have in common. Chosen: one per block of smooth scatter."""
 EVENT_NOISE_S = 0.001
 """Standard deviation of the time of an event by itself, s. Chosen: a sample of a 1 kHz sensor either way."""
 
 
-class Registrar(Protocol):
-    """Finds the events that signals are registered at."""
+class Alignment(Protocol):
+    """Finds the events that signals are aligned at."""
 
     def events(self, recording: Recording, values: Mapping[str, NDArray[np.float64]]) -> Mapping[str, float]:
         """Return the times of events by name, s; an event that did not happen is left out.
@@ -44,7 +124,7 @@ class Registrar(Protocol):
         """
 
     def events_of(self, recording: Recording, signal: str) -> tuple[str, ...]:
-        """Return the events that a signal is registered at, as they follow each other; none: the recording's clock."""
+        """Return the events that a signal is aligned at, as they follow each other; none: the recording's clock."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +157,13 @@ class Layout:
         return features[..., :count].reshape(*features.shape[:-1], len(self.signals), self.bins)
 
 
-def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registrar | None) -> Layout:
+def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignment | None) -> Layout:
     """Return the features that all runs of a setting have.
 
     Args:
         recordings: Of one setting.
         bin_s: Length of a bin, s.
-        registrar: Finds events; without one every signal is taken by the clock.
+        alignment: Finds events; without one every signal is taken by the clock.
 
     Raises:
         BadRecordingError: they have no signal in common, or hardly overlap.
@@ -97,15 +177,15 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registra
         names = ", ".join(each.name for each in recordings)
         msg = f"the recordings {names} have no signal in common; record the same topics in all runs of a setting"
         raise BadRecordingError(msg)
-    found = [{} if registrar is None else dict(registrar.events(each, measured(each))) for each in recordings]
+    found = [{} if alignment is None else dict(alignment.events(each, measured(each))) for each in recordings]
     everywhere = set.intersection(*map(set, found))
     event_s = {name: float(np.median([each[name] for each in found])) for name in sorted(everywhere)}
     end_s = np.inf
     for each, events in zip(recordings, found, strict=True):
         for signal in signals:
-            asked = () if registrar is None else registrar.events_of(each, signal.name)
+            asked = () if alignment is None else alignment.events_of(each, signal.name)
             last_s = each.signal(signal.name).time_s[-1:]
-            end_s = min(end_s, float(registered_s(last_s, asked, events, event_s)[0]))
+            end_s = min(end_s, float(aligned_s(last_s, asked, events, event_s)[0]))
     bins = int(end_s / bin_s)
     if bins < FEWEST_BINS:
         names = ", ".join(each.name for each in recordings)
@@ -116,9 +196,9 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, registrar: Registra
     for signal in signals:
         runs = []
         for each, events in zip(recordings, found, strict=True):
-            asked = () if registrar is None else registrar.events_of(each, signal.name)
+            asked = () if alignment is None else alignment.events_of(each, signal.name)
             read = each.signal(signal.name)
-            runs.append((registered_s(read.time_s, asked, events, event_s), read))
+            runs.append((aligned_s(read.time_s, asked, events, event_s), read))
         floors.append(_floor(runs, bin_s, bins))
     floors.append(np.full(len(event_s), EVENT_NOISE_S))
     shared, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)
@@ -155,7 +235,7 @@ def features_of(
     layout: Layout,
     recording: Recording,
     values: Mapping[str, NDArray[np.float64]],
-    registrar: Registrar | None,
+    alignment: Alignment | None,
 ) -> NDArray[np.float64]:
     """Return the features of one run, measured or simulated.
 
@@ -163,27 +243,27 @@ def features_of(
         layout: Of its setting.
         recording: Times of the samples.
         values: By signal, at the recording's times. What a simulator does not give, a signal or an event, stays NaN.
-        registrar: As the layout was made with.
+        alignment: As the layout was made with.
 
     Returns:
         Shape (layout.size,), in the units of the signals and s; bins without a sample are interpolated.
 
     """
-    events = {} if registrar is None else registrar.events(recording, values)
+    events = {} if alignment is None else alignment.events(recording, values)
     features = np.full(layout.size, np.nan)
     table = layout.by_signal(features)
     for i, name in enumerate(layout.signals):
         if name not in values:
             continue
-        asked = () if registrar is None else registrar.events_of(recording, name)
-        time_s = registered_s(recording.signal(name).time_s, asked, events, layout.event_s)
+        asked = () if alignment is None else alignment.events_of(recording, name)
+        time_s = aligned_s(recording.signal(name).time_s, asked, events, layout.event_s)
         table[i] = _binned(time_s, np.asarray(values[name]), layout)
     for i, name in enumerate(layout.event_s):
         features[len(layout.signals) * layout.bins + i] = events.get(name, np.nan)
     return features
 
 
-def registered_s(
+def aligned_s(
     time_s: NDArray[np.float64], asked: Sequence[str], own_s: Mapping[str, float], common_s: Mapping[str, float]
 ) -> NDArray[np.float64]:
     """Return times of one run on the clock on which events fall together, shape (n,), s.

@@ -1,4 +1,4 @@
-"""Fitting effects to a whitened difference with the simulator itself."""
+"""Fitting: effects and pairs of them to the whitened difference, on their grids by algebra, then with the simulator."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import orth  # type: ignore[import-untyped]  # carries no types
 from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_gap.core.signatures import grids_of, known_features, sensed_difference
+from jammkle_gap.core.simulate import Made, Task, run_task
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +19,9 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.effects import EffectParameter
+    from jammkle_gap.core.scatter import Difference, Setting
+    from jammkle_gap.core.signatures import Dictionary, Grid
+    from jammkle_gap.core.simulate import Problem, Runner
 
     Signature = Callable[[Mapping[str, float]], NDArray[np.float64]]
     """Whitened signature of parameters by key, shape (n,)."""
@@ -113,3 +120,320 @@ def refine(
     left = float(np.square(difference - best[1]).sum())
     values = dict(zip(keys, (low + shares * span).tolist(), strict=True))
     return Fit(names, values, best[1], left, -np.asarray(found.jac) / span, difference)
+
+
+_ALTERNATIONS = 3
+"""Times that each half of a pair is profiled anew beside the other."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where on the meshes a candidate fits best."""
+
+    names: tuple[str, ...]
+    values: tuple[NDArray[np.float64], ...]
+    """Parameters of each effect, in its order."""
+    gain: float
+    """By how much it shortens the squared difference; of `seconds`, less its whole length."""
+
+
+class Profiles:
+    """Singles and pairs of effects, fitted on their meshes to one whitened difference."""
+
+    def __init__(
+        self,
+        grids: Mapping[str, Grid],
+        signatures: Mapping[str, NDArray[np.float64]],
+        difference: NDArray[np.float64],
+    ) -> None:
+        """Prepare the Gram matrix.
+
+        Args:
+            grids: By effect.
+            signatures: Whitened, of each grid's points, shape (points, n), by effect.
+            difference: Whitened, shape (n,).
+
+        """
+        self._grids = {name: grids[name] for name in signatures}
+        width = (0, difference.size)
+        stacked = self._stacked = np.vstack([np.zeros(width), *(signatures[name] for name in self._grids)])
+        ends = np.cumsum([len(signatures[name]) for name in self._grids])
+        self._slices = {
+            name: slice(int(end) - len(signatures[name]), int(end)) for name, end in zip(self._grids, ends, strict=True)
+        }
+        self._gram = stacked @ stacked.T
+        self._overlap = stacked @ difference
+        self._quadratic = {
+            name: np.einsum("ij,jk,ik->i", grid.weights, self._gram[part, part], grid.weights, optimize=True)
+            for (name, grid), part in zip(self._grids.items(), self._slices.values(), strict=True)
+        }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effects, in order."""
+        return tuple(self._grids)
+
+    def single(self, name: str) -> Place:
+        """Return the best place of one effect."""
+        weights, values, gain = self._best(name, np.zeros(len(self._overlap)))
+        del weights
+        return Place((name,), (values,), gain)
+
+    def pairs(self, first: Sequence[str], most: int) -> list[Place]:
+        """Return the best pairs, best first.
+
+        Args:
+            first: Effects of which each pair has one.
+            most: Pairs that are returned.
+
+        """
+        found = []
+        for i, one in enumerate(first):
+            for other in self._grids:
+                if other == one or other in first[:i]:
+                    continue
+                found.append(self._pair(one, other))
+        return sorted(found, key=lambda place: -place.gain)[:most]
+
+    def seconds(self, fit: Fit) -> list[Place]:
+        """Return every other effect at its best place beside a fitted one, best first.
+
+        What the first leaves is explained by the grids; its own parameters follow along its Jacobian.
+
+        Args:
+            fit: Of one effect, with the simulator.
+
+        """
+        first = np.array(list(fit.values.values()))
+        basis = orth(fit.jacobian)
+        left = fit.whitened - fit.signature
+        left = left - basis @ (basis.T @ left)
+        found = []
+        for name, grid in self._grids.items():
+            if name in fit.names:
+                continue
+            rows = self._stacked[self._slices[name]]
+            along = rows @ basis
+            gram = self._gram[self._slices[name], self._slices[name]] - along @ along.T
+            quadratic = np.einsum("ij,jk,ik->i", grid.weights, gram, grid.weights, optimize=True)
+            gains = 2.0 * grid.weights @ (rows @ left) - quadratic
+            best = int(np.argmax(gains))
+            found.append(Place((*fit.names, name), (first, grid.mesh[best]), float(gains[best]) - fit.left))
+        return sorted(found, key=lambda place: -place.gain)
+
+    def _pair(self, one: str, other: str) -> Place:
+        empty = np.zeros(len(self._overlap))
+        own = dict.fromkeys((one, other), empty)
+        values: dict[str, NDArray[np.float64]] = {}
+        gain = 0.0
+        for i in range(2 * _ALTERNATIONS):
+            name, beside = ((one, other), (other, one))[i % 2]
+            own[name], values[name], alone = self._best(name, own[beside])
+            given = own[beside]
+            total = alone + float(2.0 * given @ self._overlap - given @ self._gram @ given)
+            if i > 1 and total < gain * (1.0 + 1e-4):
+                break
+            gain = total
+        return Place((one, other), (values[one], values[other]), gain)
+
+    def _best(self, name: str, given: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return weights of all points, parameters and gain of one effect beside others' weights."""
+        grid, part = self._grids[name], self._slices[name]
+        overlap = self._overlap[part] - self._gram[part] @ given
+        gains = 2.0 * grid.weights @ overlap - self._quadratic[name]
+        best = int(np.argmax(gains))
+        weights, values, gain = grid.weights[best], grid.mesh[best], float(gains[best])
+        if grid.axes is not None:
+            straight = grid.straight(self._gram[part, part], overlap)
+            if straight is not None and straight[2] > gain:
+                weights, values, gain = straight
+        everywhere = np.zeros(len(self._overlap))
+        everywhere[part] = weights
+        return everywhere, values, gain
+
+
+_INFEASIBLE = 1e6
+"""Whitened features of parameters that cannot be simulated: far from everything that is measured."""
+SILENT = 1e-6
+"""Whitened feature below which nothing moves: rounding."""
+
+
+class Signatures:
+    """Whitened signatures of parameters, with the simulator at the faulty runs' own inputs; remembers its runs."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        settings: Sequence[Setting],
+        difference: Difference,
+        machine: Mapping[str, float],
+    ) -> None:
+        """Prepare.
+
+        Args:
+            problem: Simulator and sensing.
+            settings: Runs; the first faulty one of each setting is run again.
+            difference: Whitens.
+            machine: Calibrated constants, by name.
+
+        """
+        self._problem = problem
+        self._settings = settings
+        self.difference = difference
+        self._machine = dict(machine)
+        self._known: dict[tuple[int, tuple[tuple[str, float], ...]], NDArray[np.float64]] = {}
+        self.made = Made(0, 0.0)
+
+    def __call__(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the whitened signature of parameters by key; far off where they are infeasible."""
+        parts = self.parts(values)
+        if parts is None:
+            return np.full(self.difference.whitened.size, _INFEASIBLE)
+        return self.difference.whiten(parts)
+
+    def parts(self, values: Mapping[str, float]) -> list[NDArray[np.float64]] | None:
+        """Return the signature in the features of each setting; None where the parameters are infeasible."""
+        parts = []
+        for k, setting in enumerate(self._settings):
+            part = sensed_difference(self._problem, setting, values)
+            # Of each feature the effects that sensing does not know are simulated; most often these are all or none.
+            known = {key: known_features(self._problem, setting.layout, (key.partition(".")[0],)) for key in values}
+            for features in _uniform_parts(list(known.values())):
+                physical = {key: value for key, value in values.items() if not known[key][features].all()}
+                if physical:
+                    change = self._simulated(k, physical) - self._simulated(k, {})
+                    if not np.isfinite(change).any():
+                        return None
+                    part[features] += np.nan_to_num(change[features])
+            parts.append(part)
+        return parts
+
+    def _simulated(self, k: int, values: Mapping[str, float]) -> NDArray[np.float64]:
+        place = (k, tuple(sorted(values.items())))
+        if place not in self._known:
+            setting = self._settings[k]
+            task = Task(setting.faulty[0], setting.layout, {**self._machine, **values})
+            self._known[place] = run_task(self._problem.simulator, self._problem.alignment, task)
+            self.made = Made(self.made.runs + 1, self.made.simulated_s + setting.faulty[0].duration_s)
+        return self._known[place]
+
+
+def _uniform_parts(known: Sequence[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+    """Return the features cut into parts in which every table is all true or all false."""
+    parts = [np.ones(known[0].shape, dtype=bool)]
+    for table in known:
+        parts = [part & each for part in parts for each in (table, ~table) if (part & each).any()]
+    return parts
+
+
+GridFeatures = dict[str, list["NDArray[np.float64]"]]
+"""What every effect's grid points make of the features, by effect; per setting, shape (points, n of the setting)."""
+
+
+def grid_features(problem: Problem, settings: Sequence[Setting], dictionaries: Sequence[Dictionary]) -> GridFeatures:
+    """Return what the grid points of every effect make of the features."""
+    grids = grids_of(problem)
+    found = {}
+    for effect in problem.library:
+        points = grids[effect.name].points
+        keys = [effect.key(each) for each in effect.parameters]
+        parts = []
+        for setting, dictionary in zip(settings, dictionaries, strict=True):
+            rows = np.array(
+                [sensed_difference(problem, setting, dict(zip(keys, point.tolist(), strict=True))) for point in points]
+            )
+            simulated = ~known_features(problem, setting.layout, (effect.name,))
+            if simulated.any() and effect.name in dictionary.effects:
+                own = dictionary.effects[effect.name]
+                rows[:, simulated] = dictionary.laid(setting.layout, own, problem, setting.faulty[0])[:, simulated]
+            parts.append(rows)
+        found[effect.name] = parts
+    return found
+
+
+def grid_signatures(features: GridFeatures, difference: Difference) -> dict[str, NDArray[np.float64]]:
+    """Return whitened signatures of every effect's grid points, shape (points, n), those that move nothing left out."""
+    whitened = {name: difference.whiten(parts) for name, parts in features.items()}
+    return {name: each for name, each in whitened.items() if np.abs(each).max() > SILENT}
+
+
+@dataclass(frozen=True)
+class Screening:
+    """Every effect on its grid, and with one run at the faulty runs' own commands."""
+
+    profiles: Profiles
+    places: Mapping[str, Place]
+    order: tuple[str, ...]
+    """Effects, the most promising first."""
+    gains: Mapping[str, float]
+    """By how much each shortens the squared difference, at the run's own commands where that was simulated."""
+    left: float
+    """Squared length of what the most promising one leaves."""
+
+
+def screen(
+    problem: Problem,
+    settings: Sequence[Setting],
+    signatures: Mapping[str, NDArray[np.float64]],
+    difference: Difference,
+    machine: Mapping[str, float],
+    runner: Runner,
+) -> Screening:
+    """Look at every effect.
+
+    Args:
+        problem: Simulator, library and sensing.
+        settings: Runs.
+        signatures: Whitened, of every effect's grid points; see `grid_signatures`.
+        difference: To be explained.
+        machine: Calibrated constants.
+        runner: Makes the runs.
+
+    """
+    profiles = Profiles(grids_of(problem), signatures, difference.whitened)
+    places = {name: profiles.single(name) for name in profiles.names}
+    screened = _screened(problem, settings, difference, machine, runner, places)
+    gains = {name: max(place.gain, screened.get(name, -np.inf)) for name, place in places.items()}
+    # What was simulated at the run's own commands is what counts; sensors' effects need no simulation.
+    proven = {name: screened.get(name, place.gain) for name, place in places.items()}
+    length = float(difference.whitened @ difference.whitened)
+    order = sorted(gains, key=lambda name: -gains[name])
+    return Screening(profiles, places, tuple(order), proven, length - max(proven.values(), default=0.0))
+
+
+def _screened(
+    problem: Problem,
+    settings: Sequence[Setting],
+    difference: Difference,
+    machine: Mapping[str, float],
+    runner: Runner,
+    places: Mapping[str, Place],
+) -> dict[str, float]:
+    """Return the gain of each effect with one run at the faulty run's own commands, scaled to fit best.
+
+    A regulator answers a fault, so that a grid at healthy commands misleads: a signature is trusted once it was
+    simulated at the commands of the run itself.
+    """
+    known = {name: [known_features(problem, setting.layout, (name,)) for setting in settings] for name in places}
+    names = [name for name in places if not all(each.all() for each in known[name])]
+    values = {}
+    tasks = [Task(setting.faulty[0], setting.layout, dict(machine)) for setting in settings]
+    for name in names:
+        keys = [key for key, _ in problem.library.parameters((name,))]
+        values[name] = dict(zip(keys, places[name].values[0].tolist(), strict=True))
+        tasks += [Task(setting.faulty[0], setting.layout, {**machine, **values[name]}) for setting in settings]
+    made = runner.features(tasks, "screening")
+    count = len(settings)
+    found = {}
+    for i, name in enumerate(names, 1):
+        parts = []
+        for k, setting in enumerate(settings):
+            change = np.nan_to_num(made[count * i + k] - made[k])
+            sensed = sensed_difference(problem, setting, values[name])
+            parts.append(np.where(known[name][k], sensed, change))
+        signature = difference.whiten(parts)
+        squared = float(signature @ signature)
+        # Less than the whole of a signature can be had by a smaller effect; more only up to the bounds.
+        share = float(np.clip(signature @ difference.whitened / squared, 0.0, 1.5)) if squared > SILENT else 0.0
+        found[name] = share * (2.0 * float(signature @ difference.whitened) - share * squared)
+    return found

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.features import registered_s
+from jammkle_gap.core.features import aligned_s
 from jammkle_gap.core.result import Closing, Place, SignalGap
 
 if TYPE_CHECKING:
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.compare import Difference, Residuals, Setting
-    from jammkle_gap.core.features import Registrar
+    from jammkle_gap.core.features import Alignment
+    from jammkle_gap.core.scatter import Difference, Residuals, Setting
 
 _RESAMPLES = 400
 _INTERVAL = (0.05, 0.95)
@@ -27,7 +27,7 @@ EVENT_PHASE, WHOLE_RUN = "event", "whole run"
 def places_of(
     settings: Sequence[Setting],
     difference: Difference,
-    registrar: Registrar | None,
+    alignment: Alignment | None,
     blocks: int,
 ) -> tuple[Place, ...]:
     """Return the share of the squared whitened difference by signal and phase, largest first.
@@ -37,7 +37,7 @@ def places_of(
     Args:
         settings: Runs.
         difference: Whitened.
-        registrar: Tells how far a run was shifted to its events.
+        alignment: Tells how far a run was shifted to its events.
         blocks: Of time, per setting.
 
     """
@@ -51,7 +51,7 @@ def places_of(
         block = np.arange(layout.bins) * blocks // layout.bins + k * blocks
         rows = layout.by_signal(whitened)
         for i, signal in enumerate(layout.signals):
-            for phase, inside in _phases(setting, signal, registrar).items():
+            for phase, inside in _phases(setting, signal, alignment).items():
                 cell = (signal, phase)
                 own = table.setdefault(cell, np.zeros(blocks * len(settings)))
                 np.add.at(own, block[inside], np.square(rows[i][inside]))
@@ -82,13 +82,13 @@ def places_of(
     return tuple(sorted(found, key=lambda place: -place.share))
 
 
-def _phases(setting: Setting, signal: str, registrar: Registrar | None) -> dict[str, NDArray[np.bool_]]:
+def _phases(setting: Setting, signal: str, alignment: Alignment | None) -> dict[str, NDArray[np.bool_]]:
     """Return which bins of a signal lie in which phase of the first faulty run."""
     run, layout = setting.faulty[0], setting.layout
-    asked = registrar.events_of(run, signal) if registrar is not None else ()
+    asked = alignment.events_of(run, signal) if alignment is not None else ()
     count = len(layout.signals) * layout.bins
     own_s = dict(zip(layout.event_s, setting.faulty_features[0, count:].tolist(), strict=True))
-    time_s = registered_s(layout.time_s, asked, layout.event_s, own_s)
+    time_s = aligned_s(layout.time_s, asked, layout.event_s, own_s)
     left = np.ones(layout.bins, dtype=bool)
     found: dict[str, NDArray[np.bool_]] = {}
     for phase in run.phases:
@@ -160,11 +160,9 @@ def signal_gaps(
 
     """
     sums: dict[tuple[str, str], NDArray[np.float64]] = {}
-    for setting, each, scatter, signature, factor in zip(
-        settings, residuals, difference.scatter, signatures, difference.factors, strict=True
-    ):
+    for setting, each, own_scatter, signature in zip(settings, residuals, difference.settings, signatures, strict=True):
         layout = setting.layout
-        variance = factor * (scatter.variance + np.square(scatter.columns).sum(axis=1))
+        variance = own_scatter.variance
         before, after = each.difference, each.difference - signature
         for i, (name, unit) in enumerate(zip(layout.signals, layout.units, strict=True)):
             rows = [layout.by_signal(values)[i] for values in (before, after, variance)]

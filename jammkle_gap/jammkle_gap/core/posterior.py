@@ -1,6 +1,6 @@
 """Which effect: a posterior over single effects, pairs, and none of them.
 
-The library's effect is not the machine's: what the true one leaves beyond healthy scatter is the simulator's own error,
+The library's effect is not the machine's: what the true one leaves beyond healthy scatter is model discrepancy,
 of unknown size. With an inverse-gamma prior on its variance the likelihood of a candidate is that of a multivariate t
 distribution of what it leaves (Gelman et al., Bayesian Data Analysis, 3rd ed., sec. 3.6), in the degrees of freedom
 that such an error really has: it hangs together over time, so they are far fewer than the features. The larger a gap,
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.equivalence import class_of
+from jammkle_gap.core.detect import class_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -58,7 +58,7 @@ def posterior_of(
         length: Squared length of the whitened difference in settings with references.
         features: How many it has.
         healthy: What healthy runs leave per feature.
-        freedom: Degrees of freedom of the simulator's own error in these recordings.
+        freedom: Degrees of freedom of model discrepancy in these recordings.
         fits: Candidates, with what they leave in settings with references.
         own: Log-likelihood of each, and of none of them, in settings without.
         classes: Name of the equivalence class of each effect that is in one: its members count as one candidate.
@@ -81,7 +81,7 @@ def posterior_of(
     unknown = constants.unknown_share * (length - noise)
     scores[NONE_OF_THEM] = _score(unknown, scale, freedom) + own.get(NONE_OF_THEM, 0.0)
     # The same share explained makes it as probable as none of them, however many degrees of freedom there are.
-    # Without references its prior is that of the simulator's own error.
+    # Without references its prior is that of model discrepancy.
     scores[NONE_OF_THEM] -= constants.unknown_penalty * freedom / constants.discrepancy_freedom * bool(features)
     highest = max(scores.values())
     weights = {names: float(np.exp(score - highest)) for names, score in scores.items()}
@@ -91,7 +91,7 @@ def posterior_of(
 
 
 def error_scale(length: float, noise: float, constants: Constants) -> float:
-    """Return the prior scale of the simulator's own error, in squared whitened features.
+    """Return the prior scale of model discrepancy, in squared whitened features.
 
     Args:
         length: Squared length of the difference.

@@ -1,27 +1,29 @@
-"""Scatter of healthy runs: its covariance, fitted to the repeats at hand, and whitening by it.
+"""How runs of one machine scatter, and the whitened difference that is to be explained.
 
-One run's covariance is D + U U'. U has a column for each thing that a rig cannot set or that a machine does not repeat,
-the simulator's difference for one standard deviation, and smooth blocks per signal for what healthy repeats differ by
-otherwise; D is what is left, local in time. Repeats are few, so every variance is moderated: the weighted mean of what
-the repeats show and of its prior, with the degrees of freedom of both as weights (Smyth 2004, Stat. Appl. Genet. Mol.
-Biol. 3:3, eq. 4). Amplitudes of the columns are fitted by expectation maximisation of the marginal likelihood (factor
-analysis with known loadings; Rubin and Thayer 1982, Psychometrika 47:69).
+Of every setting the mean residual of the faulty runs less that of the references, so that what the simulator has wrong
+anyway cancels to first order. Its covariance is (1 / faulty + 1 / references) times that of one run. A setting without
+references keeps the machine's own constants as further columns, the same in all settings.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.core.features import features_of, layout_of, measured
+from jammkle_gap.core.simulate import Task, UnrunnableError
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.data import Recording
     from jammkle_gap.core.features import Layout
+    from jammkle_gap.core.simulate import Problem, Runner
 
 
 @dataclass(frozen=True)
@@ -183,3 +185,262 @@ class Whitener:
         scaled = features * self._scale
         whitened: NDArray[np.float64] = scaled - ((scaled @ self._basis) * self._shrink) @ self._basis.T
         return whitened
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Runs that were made to do the same."""
+
+    name: str
+    layout: Layout
+    faulty: tuple[Recording, ...]
+    references: tuple[Recording, ...]
+    faulty_features: NDArray[np.float64] = field(repr=False)
+    """Measured, shape (runs, n)."""
+    reference_features: NDArray[np.float64] = field(repr=False)
+    readings: tuple[Mapping[str, NDArray[np.float64]], ...] = field(default=(), repr=False)
+    """What healthy sensors would have read in the first faulty run, by signal, at its times; see `readings`."""
+    reading_features: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    """The features of these, shape (readings, n)."""
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of its repeats."""
+        return max(len(self.faulty) - 1, 0) + max(len(self.references) - 1, 0)
+
+    @property
+    def factor(self) -> float:
+        """Variance of its difference, in that of one run."""
+        return 1.0 / len(self.faulty) + (1.0 / len(self.references) if self.references else 0.0)
+
+
+def settings_of(
+    recordings: Sequence[Recording], references: Sequence[Recording], problem: Problem
+) -> tuple[Setting, ...]:
+    """Group runs by their setting; those that name none are by themselves.
+
+    Raises:
+        BadRecordingError: runs of a setting do not overlap, or have no signal in common.
+
+    """
+    groups: dict[str, tuple[list[Recording], list[Recording]]] = {}
+    for i, each in enumerate(recordings):
+        groups.setdefault(each.setting or f"run {i + 1}", ([], []))[0].append(each)
+    for each in references:
+        if each.setting in groups:
+            groups[each.setting][1].append(each)
+    found = []
+    for name, (faulty, healthy) in groups.items():
+        layout = layout_of([*faulty, *healthy], problem.bin_s(faulty[0]), problem.alignment)
+        first, second = (
+            np.array([features_of(layout, each, measured(each), problem.alignment) for each in runs]).reshape(
+                -1, layout.size
+            )
+            for runs in (faulty, healthy)
+        )
+        found.append(Setting(name, layout, tuple(faulty), tuple(healthy), first, second))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What was measured less what a simulator says, in the features of one setting."""
+
+    faulty: NDArray[np.float64]
+    """Shape (runs, n); features that the simulator does not give are 0."""
+    references: NDArray[np.float64]
+    simulated: NDArray[np.float64]
+    """Mean of the faulty runs' simulations, shape (n,)."""
+
+    @property
+    def difference(self) -> NDArray[np.float64]:
+        """What is to be explained, shape (n,)."""
+        difference: NDArray[np.float64] = self.faulty.mean(axis=0)
+        if len(self.references):
+            difference = difference - self.references.mean(axis=0)
+        return difference
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Runs less the mean of their group, shape (runs, n)."""
+        groups = [each - each.mean(axis=0) for each in (self.faulty, self.references) if len(each)]
+        return np.concatenate(groups)
+
+
+def residuals_of(settings: Sequence[Setting], runner: Runner, values: Mapping[str, float]) -> list[Residuals]:
+    """Simulate every run at its own inputs.
+
+    Args:
+        settings: Runs.
+        runner: Makes the runs.
+        values: Constants of the machine, by name; those not named are nominal.
+
+    Raises:
+        UnrunnableError: it gives nothing to compare with.
+
+    """
+    tasks = [
+        Task(recording, setting.layout, values)
+        for setting in settings
+        for recording in (*setting.faulty, *setting.references)
+    ]
+    simulated = iter(runner.features(tasks, "nominal"))
+    found = []
+    for setting in settings:
+        tables = []
+        for runs, features in (
+            (setting.faulty, setting.faulty_features),
+            (setting.references, setting.reference_features),
+        ):
+            made = np.array([next(simulated) for _ in runs]).reshape(-1, setting.layout.size)
+            for run, row in zip(runs, made, strict=True):
+                if not np.isfinite(setting.layout.by_signal(row)).any():
+                    msg = f"without any effect the simulator cannot run recording '{run.name}', or gives none of its "
+                    msg += f"signals ({', '.join(setting.layout.signals)})"
+                    raise UnrunnableError(msg)
+            tables.append((np.nan_to_num(features - made), made))
+        found.append(Residuals(tables[0][0], tables[1][0], tables[0][1].mean(axis=0)))
+    return found
+
+
+@dataclass(frozen=True)
+class SettingScatter:
+    """How runs of one setting scatter, and so their difference."""
+
+    factor: float
+    """Variance of the difference, in that of one run."""
+    freedom: int
+    """Degrees of freedom of the deviations."""
+    deviations: NDArray[np.float64]
+    """Whitened, of single runs from the mean of their group, shape (runs, features)."""
+    scatter: Scatter
+    columns: NDArray[np.float64]
+    """Of the covariance of the difference, shape (features, columns)."""
+    shared: NDArray[np.float64]
+    """Constants of the machine as columns, the same in all settings, shape (features, constants)."""
+
+    @property
+    def size(self) -> int:
+        """Features of the setting."""
+        return len(self.columns)
+
+    @property
+    def variance(self) -> NDArray[np.float64]:
+        """Of each feature of the difference by the scatter of runs, shape (features,)."""
+        scatter = self.scatter
+        variance: NDArray[np.float64] = self.factor * (scatter.variance + np.square(scatter.columns).sum(axis=1))
+        return variance
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The whitened difference of all settings, one after the other, and what whitens it."""
+
+    whitened: NDArray[np.float64]
+    """Shape (n of all settings,)."""
+    whiteners: tuple[Whitener, ...]
+    """One per setting; one for all where they share columns."""
+    settings: tuple[SettingScatter, ...]
+
+    def whiten(self, parts: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return whitened features.
+
+        Args:
+            parts: Per setting, shape (..., features).
+
+        Returns:
+            Shape (..., features of all settings).
+
+        """
+        scaled = [part / np.sqrt(own.factor) for part, own in zip(parts, self.settings, strict=True)]
+        if len(self.whiteners) == len(scaled):
+            each = [whitener(part) for whitener, part in zip(self.whiteners, scaled, strict=True)]
+            return np.concatenate(each, axis=-1)
+        return self.whiteners[0](np.concatenate(scaled, axis=-1))
+
+    def split(self, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Return the rows of each setting of a vector or table of all features."""
+        return np.split(values, np.cumsum([each.size for each in self.settings])[:-1])
+
+    @property
+    def healthy(self) -> float:
+        """What healthy runs leave per feature: 1 if the covariance is right, less where data sheets are cautious."""
+        freedom = sum(each.freedom for each in self.settings)
+        if freedom == 0:
+            return 1.0
+        total = sum(float(np.square(each.deviations).sum()) / each.size for each in self.settings)
+        return float(total / freedom)
+
+
+def difference_of(
+    settings: Sequence[Setting],
+    residuals: Sequence[Residuals],
+    nuisances: Sequence[NDArray[np.float64]],
+    contact: Sequence[NDArray[np.float64]],
+    shared: Sequence[NDArray[np.float64]],
+    constants: Constants,
+) -> Difference:
+    """Fit the scatter and whiten the difference by it.
+
+    Args:
+        settings: Runs.
+        residuals: Of each setting.
+        nuisances: Differences for one standard deviation each, shape (n, nuisances), per setting.
+        contact: Further columns of scatter, shape (n, columns), per setting.
+        shared: Columns of the machine's constants, shape (n, constants), per setting, 0 where there are references.
+        constants: Of the model.
+
+    """
+    repeats = [
+        Repeats(setting.layout, each.deviations, setting.freedom, columns)
+        for setting, each, columns in zip(settings, residuals, nuisances, strict=True)
+    ]
+    scatter = fit_scatter(repeats, constants)
+    found = []
+    for setting, each, own, more, constant in zip(settings, residuals, scatter, contact, shared, strict=True):
+        columns = np.hstack([own.columns, more])
+        deviations = Whitener(own.variance, columns)(each.deviations)
+        scaled = columns * np.sqrt(setting.factor)
+        found.append(SettingScatter(setting.factor, setting.freedom, deviations, own, scaled, constant))
+    return with_discrepancy(
+        Difference(np.zeros(0), (), tuple(found)), residuals, [np.zeros(each.size) for each in found]
+    )
+
+
+def with_discrepancy(
+    difference: Difference, residuals: Sequence[Residuals], own: Sequence[NDArray[np.float64]]
+) -> Difference:
+    """Return the difference whitened by its scatter together with model discrepancy.
+
+    Args:
+        difference: With its scatter.
+        residuals: Of each setting.
+        own: Variance of model discrepancy in each feature of one run, per setting.
+
+    """
+    settings = difference.settings
+    variances = [each.scatter.variance + more for each, more in zip(settings, own, strict=True)]
+    columns = [each.columns / np.sqrt(each.factor) for each in settings]
+    whiteners = tuple(Whitener(variance, each) for variance, each in zip(variances, columns, strict=True))
+    if any(np.abs(each.shared).max(initial=0.0) > 0.0 for each in settings):
+        shared = [each.shared / np.sqrt(each.factor) for each in settings]
+        whiteners = (_stacked(variances, columns, shared),)
+    found = replace(difference, whiteners=whiteners)
+    return replace(found, whitened=found.whiten([each.difference for each in residuals]))
+
+
+def _stacked(
+    variances: Sequence[NDArray[np.float64]],
+    columns: Sequence[NDArray[np.float64]],
+    shared: Sequence[NDArray[np.float64]],
+) -> Whitener:
+    """Return the whitener of all settings at once."""
+    total = sum(map(len, variances))
+    width = sum(each.shape[1] for each in columns)
+    table = np.zeros((total, width + shared[0].shape[1]))
+    row = column = 0
+    for own, more in zip(columns, shared, strict=True):
+        table[row : row + len(own), column : column + own.shape[1]] = own
+        table[row : row + len(own), width:] = more
+        row, column = row + len(own), column + own.shape[1]
+    return Whitener(np.concatenate(variances), table)

@@ -9,20 +9,18 @@ import numpy as np
 from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.detect import detect
-from jammkle_gap.core.fit import Fit, refine
+from jammkle_gap.core.fit import Fit, Signatures, refine
 from jammkle_gap.core.posterior import NONE_OF_THEM
-from jammkle_gap.core.response import Signatures
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.core.simulate import StoppedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from jammkle_gap.core.compare import Difference, Setting
+    from jammkle_gap.core.calibrate import Discrepancy
     from jammkle_gap.core.constants import Constants
-    from jammkle_gap.core.own_error import OwnError
-    from jammkle_gap.core.profiles import Place, Profiles
-    from jammkle_gap.core.screen import Screening
+    from jammkle_gap.core.fit import Place, Profiles, Screening
+    from jammkle_gap.core.scatter import Difference, Setting
     from jammkle_gap.core.simulate import Made, Problem, Runner
 
     Provisional = Callable[[Sequence[tuple[str, float]]], None]
@@ -168,19 +166,19 @@ def sharpened_fit(
     return replace(better, features=tuple(signatures.parts(better.values) or ())), signatures.made
 
 
-def fit_beside(
+def fit_with_discrepancy(
     problem: Problem,
     settings: Sequence[Setting],
-    error: OwnError,
+    error: Discrepancy,
     machine: Mapping[str, float],
     fit: Fit,
     constants: Constants,
 ) -> tuple[Fit, Made]:
-    """Return a candidate fitted anew beside the simulator's own error that it leaves, and the runs that it took."""
-    signatures = Signatures(problem, settings, error.beside(fit.features), machine)
+    """Return a candidate fitted anew beside model discrepancy that it leaves, and the runs that it took."""
+    signatures = Signatures(problem, settings, error.difference_with(fit.features), machine)
     parameters = problem.library.parameters(fit.names)
     for _ in range(constants.reweighings):
-        signatures.difference = difference = error.beside(fit.features)
+        signatures.difference = difference = error.difference_with(fit.features)
         fit = refine(difference.whitened, fit.names, parameters, fit.values, signatures, constants)
         fit = replace(fit, features=tuple(signatures.parts(fit.values) or ()))
     return fit, signatures.made
@@ -189,13 +187,13 @@ def fit_beside(
 def reweighed(
     problem: Problem,
     settings: Sequence[Setting],
-    error: OwnError,
+    error: Discrepancy,
     machine: Mapping[str, float],
     candidates: Sequence[Candidates],
     runner: Runner,
     constants: Constants,
 ) -> tuple[Candidates, dict[tuple[str, ...], float]]:
-    """Fit candidates anew, each beside the simulator's own error that it leaves.
+    """Fit candidates anew, each beside model discrepancy that it leaves.
 
     Args:
         problem: Simulator, library and sensing.
@@ -212,7 +210,7 @@ def reweighed(
     """
     work = [fit for each in candidates for fit in (*each.singles, *each.pairs) if fit.features]
     arguments = [(problem, settings, error, dict(machine), fit, constants) for fit in work]
-    answers = runner.map(fit_beside, arguments, "weighing the simulator's own error")
+    answers = runner.map(fit_with_discrepancy, arguments, "weighing the model discrepancy")
     runner.count(made for _, made in answers)
     fits = [fit for fit, _ in answers if fit.features]
     unknown, *scores = error.scores(fits, len(problem.library.effects))

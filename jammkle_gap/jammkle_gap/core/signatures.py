@@ -1,39 +1,243 @@
-"""Signatures: what each effect and each nuisance makes of the features of a setting, kept on disk.
+"""Signatures: what each effect and each nuisance makes of the features of a setting, on grids, kept on disk.
 
 A signature depends on the simulator, on the setting and on the grid, and hardly on the run: it is simulated once per
 setting at the nominal machine, and found again by a digest of all that went into it. Another version of the simulator,
-or other bounds of an effect, have another digest, so that an old dictionary is never used.
+or other bounds of an effect, have another digest, so that an old dictionary is never used. Effects of sensors and
+clocks act on what was measured instead of the simulator: exact however wrong that is.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import os
 import tempfile
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import svd  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.features import Layout, layout_of, registered_s
-from jammkle_gap.core.grids import Grid, grid_of
-from jammkle_gap.core.readings import known_features
-from jammkle_gap.core.simulate import Task
+from jammkle_gap.core.features import Layout, aligned_s, features_of, layout_of, measured
+from jammkle_gap.core.simulate import Made, Task, simulated
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import Recording
-    from jammkle_gap.core.effects import Effect
+    from jammkle_gap.core.effects import Effect, EffectParameter
+    from jammkle_gap.core.scatter import Setting
     from jammkle_gap.core.simulate import Problem, Runner
+
+_SHARES = {1: (0.02, 0.06, 0.15, 0.3, 0.5, 0.75, 1.0), 2: (0.03, 0.12, 0.35, 1.0), 3: (0.3, 1.0)}
+"""Shares of the way from null to a bound, by the number of parameters. Chosen: about geometric, since effects of use
+begin at a few per cent of their range; fewer where there are more axes."""
+_FINE = {1: 8, 2: 4, 3: 2}
+"""Parts that the mesh cuts an interval of the grid into."""
+_MOST_CROSSED = 2
+"""Parameters up to which the grid holds every combination; beyond it, only the axes."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points at which an effect is simulated, and the mesh between them."""
+
+    points: NDArray[np.float64]
+    """Shape (points, parameters), null itself left out."""
+    mesh: NDArray[np.float64]
+    """Shape (mesh, parameters)."""
+    weights: NDArray[np.float64]
+    """Of the points' signatures in that of each place of the mesh, shape (mesh, points)."""
+    axes: tuple[tuple[int, ...], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None = None
+    """Where only axes are simulated: the point nearest to null on each, null, and least and largest parameters."""
+
+    def straight(
+        self, gram: NDArray[np.float64], overlap: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
+        """Return weights, parameters and gain of the least-squares fit with the points nearest to null, if it has one.
+
+        Args:
+            gram: Of the points' signatures, shape (points, points).
+            overlap: Of the points' signatures with the difference, shape (points,).
+
+        """
+        if self.axes is None:
+            return None
+        near, null, low, high = self.axes
+        step = np.array([self.points[point, i] - null[i] for i, point in enumerate(near)])
+        small, right = gram[np.ix_(near, near)], overlap[list(near)]
+        shares = np.linalg.lstsq(small, right, rcond=1e-9)[0]
+        values = np.clip(null + shares * step, low, high)
+        shares = (values - null) / step
+        weights = np.zeros(len(self.points))
+        weights[list(near)] = shares
+        return weights, values, float(2.0 * shares @ right - shares @ small @ shares)
+
+
+def grid_of(effect: Effect) -> Grid:
+    """Return the grid of an effect with one to three parameters."""
+    count = len(effect.parameters)
+    axes = [_axis(each, count) for each in effect.parameters]
+    fine = [_between(nodes, _FINE[count]) for nodes in axes]
+    null = np.array([each.null for each in effect.parameters])
+    if count <= _MOST_CROSSED:
+        points = np.array(list(itertools.product(*axes)))
+        products = [np.array([1.0])]
+        mesh = np.array(list(itertools.product(*(values for values, _ in fine))))
+        for _, weights in fine:
+            products = [np.einsum("ai,bj->abij", *map(np.atleast_2d, (products[0], weights)))]
+            left, right, first, second = products[0].shape
+            products = [products[0].reshape(left * right, first * second)]
+        kept = ~(points == null).all(axis=1)
+        return Grid(points[kept], mesh, products[0][:, kept])
+    rows, columns = [], []
+    for i, nodes in enumerate(axes):
+        for j, value in enumerate(nodes):
+            if value != null[i]:
+                rows.append(np.where(np.arange(count) == i, value, null))
+                columns.append((i, j))
+    mesh_rows, weight_rows = [], []
+    for place in itertools.product(*(range(len(values)) for values, _ in fine)):
+        mesh_rows.append([fine[i][0][at] for i, at in enumerate(place)])
+        weight_rows.append([fine[i][1][place[i], j] for i, j in columns])
+    near = tuple(
+        min((k for k, (axis, _) in enumerate(columns) if axis == i), key=lambda k: abs(rows[k][i] - null[i]))
+        for i in range(count)
+    )
+    low = np.array([each.minimum for each in effect.parameters])
+    high = np.array([each.maximum for each in effect.parameters])
+    return Grid(np.array(rows), np.array(mesh_rows), np.array(weight_rows), (near, null, low, high))
+
+
+def _axis(parameter: EffectParameter, count: int) -> NDArray[np.float64]:
+    """Return the nodes of one parameter, null among them, rising."""
+    ends = [end for end in (parameter.minimum, parameter.maximum) if end != parameter.null]
+    nodes = [parameter.null + share * (end - parameter.null) for end in ends for share in _SHARES[count]]
+    return np.array(sorted({parameter.null, *nodes}))
+
+
+def _between(nodes: NDArray[np.float64], parts: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a finer axis, and the weights of the nodes at each of its places, shape (fine, nodes)."""
+    at = np.arange((len(nodes) - 1) * parts + 1) / parts
+    whole = np.arange(len(nodes))
+    weights = np.maximum(1.0 - np.abs(at[:, np.newaxis] - whole), 0.0)
+    return weights @ nodes, weights
+
+
+_REFERENCES = 2
+"""References whose readings are taken. Chosen: their own scatter is far below an effect."""
+
+
+def with_readings(settings: Sequence[Setting], problem: Problem, runner: Runner) -> tuple[Setting, ...]:
+    """Return the settings with what healthy sensors would have read in the first faulty run of each.
+
+    Args:
+        settings: Runs. Without references the faulty run's own readings stand for them.
+        problem: Simulator and sensing; without sensing nothing is done.
+        runner: Counts the runs.
+
+    Raises:
+        SimulatorError: the simulator failed.
+
+    """
+    if problem.sensing is None:
+        return tuple(settings)
+    found = []
+    for setting in settings:
+        run, references = setting.faulty[0], setting.references[:_REFERENCES]
+        readings = [measured(run)]
+        if references:
+            made, *others = (simulated(problem.simulator, each, {}) for each in (run, *references))
+            runner.count([Made(1, each.duration_s) for each in (run, *references)])
+            readings = [
+                _healthy(problem, run, made, reference, other)
+                for reference, other in zip(references, others, strict=True)
+            ]
+        features = np.array([features_of(setting.layout, run, each, problem.alignment) for each in readings])
+        found.append(replace(setting, readings=tuple(readings), reading_features=features))
+    return tuple(found)
+
+
+def _healthy(
+    problem: Problem,
+    run: Recording,
+    made: Mapping[str, NDArray[np.float64]],
+    reference: Recording,
+    other: Mapping[str, NDArray[np.float64]],
+) -> dict[str, NDArray[np.float64]]:
+    """Return what healthy sensors would have read in a run, by signal, at its times.
+
+    Args:
+        problem: Says which signals are aligned at events; a difference of simulations would double an impact that
+            comes a little later, so that these are as in the reference.
+        run: At whose inputs.
+        made: Its simulation.
+        reference: Whose readings are taken.
+        other: Its simulation.
+
+    """
+    readings = measured(run)
+    for signal in run.signals:
+        name = signal.name
+        if name not in measured(reference):
+            continue
+        known = reference.signal(name)
+        by_clock = problem.alignment is None or not problem.alignment.events_of(run, name)
+        if by_clock and name in made and name in other:
+            left = np.interp(signal.time_s, known.time_s, known.values - other[name])
+            readings[name] = made[name] + left
+        else:
+            readings[name] = np.interp(signal.time_s, known.time_s, known.values)
+    return readings
+
+
+def known_features(problem: Problem, layout: Layout, effects: Iterable[str]) -> NDArray[np.bool_]:
+    """Return which features sensing says for any of some effects, and the simulator does not, shape (n,).
+
+    Args:
+        problem: With or without sensing.
+        layout: Of the features. Events are sensing's where all signals are.
+        effects: By name.
+
+    """
+    known = np.zeros(layout.size, dtype=bool)
+    for effect in effects:
+        if problem.sensing is None or effect not in problem.sensing.effects:
+            continue
+        signals = np.array([problem.sensing.knows(effect, name) for name in layout.signals])
+        known[: layout.bins * len(signals)] |= np.repeat(signals, layout.bins)
+        known[layout.bins * len(signals) :] |= signals.all()
+    return known
+
+
+def sensed_difference(problem: Problem, setting: Setting, values: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return what sensing's effects change in the features of a setting that it knows, shape (n,).
+
+    Args:
+        problem: With or without sensing.
+        setting: With readings.
+        values: Parameters by key; those of other effects are passed over.
+
+    """
+    if problem.sensing is None:
+        return np.zeros(setting.layout.size)
+    values = {key: value for key, value in values.items() if key.partition(".")[0] in problem.sensing.effects}
+    if not values:
+        return np.zeros(setting.layout.size)
+    found, run = [], setting.faulty[0]
+    for before, features in zip(setting.readings, setting.reading_features, strict=True):
+        after = problem.sensing(run, before, values)
+        found.append(features_of(setting.layout, run, after, problem.alignment) - features)
+    mean: NDArray[np.float64] = np.nan_to_num(np.mean(found, axis=0))
+    return mean
+
 
 _FORMAT = 5
 """Of the files."""
@@ -77,8 +281,8 @@ class Dictionary:
         for i, name in enumerate(layout.signals):
             if name not in own.signals:
                 continue
-            asked = problem.registrar.events_of(run, name) if problem.registrar is not None else ()
-            own_s = registered_s(layout.time_s, asked, layout.event_s, own.event_s)
+            asked = problem.alignment.events_of(run, name) if problem.alignment is not None else ()
+            own_s = aligned_s(layout.time_s, asked, layout.event_s, own.event_s)
             at = np.clip(own_s / own.bin_s - 0.5, 0.0, own.bins - 1.0)
             low = np.floor(at).astype(int)
             high = np.minimum(low + 1, own.bins - 1)
@@ -109,7 +313,7 @@ def dictionary_of(
         folder: Where dictionaries are kept; None: nowhere.
 
     """
-    layout = layout_of([recording], problem.bin_s(recording), problem.registrar)
+    layout = layout_of([recording], problem.bin_s(recording), problem.alignment)
     # A group that has no name could be anything.
     kept = folder if problem.version and problem.group_of(recording) else None
     name = _digest(recording, layout, problem, constants)

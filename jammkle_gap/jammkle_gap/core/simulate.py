@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.effects import Library, Nuisance
-    from jammkle_gap.core.features import Layout, Registrar
+    from jammkle_gap.core.features import Alignment, Layout
 
     Progress = Callable[[str, float], None]
     """Told what is being done, and the share of it that is done, 0 to 1."""
@@ -108,15 +108,13 @@ class Problem:
     constants: tuple[Nuisance, ...] = ()
     """What no two machines have the same: calibrated to references, or fitted beside every candidate without them."""
     sensing: Sensing | None = None
-    registrar: Registrar | None = None
+    alignment: Alignment | None = None
     bin_s: Callable[[Recording], float] = lambda _: 0.02
     """Length of a bin, s."""
     version: str = ""
     """What tells this simulator from others and from its other versions; empty: no dictionary is kept on disk."""
     group_of: Callable[[Recording], str] = lambda recording: recording.setting
     """Text that is the same for recordings whose signatures are the same; empty: none is kept on disk."""
-    conformity: Callable[[Recording], Sequence[float]] = lambda _: ()
-    """Nonconformity of true causes on machines like that of a recording; see `conformal`."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ class Runner:
         """Prepare.
 
         Args:
-            problem: Its simulator and registrar.
+            problem: Its simulator and alignment.
             jobs: Runs at a time, as joblib counts; -1: one per core.
             progress: Told of long work.
             stop: Asked after every run.
@@ -179,10 +177,10 @@ class Runner:
         self.runs += len(tasks)
         self.simulated_s += sum(task.recording.duration_s for task in tasks)
         if self._jobs == 1 or len(tasks) == 1:
-            found = (run_task(self._problem.simulator, self._problem.registrar, task) for task in tasks)
+            found = (run_task(self._problem.simulator, self._problem.alignment, task) for task in tasks)
             return self._collected(found, len(tasks), what)
         parallel = Parallel(n_jobs=self._jobs, return_as="generator", pre_dispatch="4*n_jobs")
-        work = (delayed(run_task)(self._problem.simulator, self._problem.registrar, task) for task in tasks)
+        work = (delayed(run_task)(self._problem.simulator, self._problem.alignment, task) for task in tasks)
         return self._collected(parallel(work), len(tasks), what)
 
     def map(self, function: Callable[..., T], arguments: Sequence[tuple[object, ...]], what: str = "") -> list[T]:
@@ -214,7 +212,7 @@ class Runner:
         return collected
 
 
-def run_task(simulator: Simulator, registrar: Registrar | None, task: Task) -> NDArray[np.float64]:
+def run_task(simulator: Simulator, alignment: Alignment | None, task: Task) -> NDArray[np.float64]:
     """Return the features of one run; NaN throughout where it is infeasible.
 
     Raises:
@@ -225,7 +223,7 @@ def run_task(simulator: Simulator, registrar: Registrar | None, task: Task) -> N
         values = simulated(simulator, task.recording, task.values)
     except InfeasibleError:
         return np.full(task.layout.size, np.nan)
-    return features_of(task.layout, task.recording, values, registrar)
+    return features_of(task.layout, task.recording, values, alignment)
 
 
 def simulated(
@@ -251,7 +249,7 @@ def simulated(
 def _sendable(problem: Problem) -> bool:
     """Whether a simulator can be sent to another process."""
     try:
-        cloudpickle.dumps((problem.simulator, problem.registrar))
+        cloudpickle.dumps((problem.simulator, problem.alignment))
     except Exception:  # noqa: BLE001 - whatever pickling a user's object may raise
         return False
     return True

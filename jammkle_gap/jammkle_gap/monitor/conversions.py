@@ -1,13 +1,15 @@
-"""Between ROS messages and the gap monitor's core: the one place where shapes and enums change; all is SI."""
+"""Between the gap monitor's core and ROS: the one place where shapes and enums change; all is SI."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from jammkle_gap.monitor.core.monitor import GapState
+from jammkle_common.bags.run_sheet import read_text
+from jammkle_common.command.errors import InputError
+from jammkle_common.messages import Health, Level
+from jammkle_common.names import SIM_PARAMETERS
+from jammkle_gap.monitor.twin import GapState
 from jammkle_msgs.msg import SimulatorGap, SubsystemGap
 
 if TYPE_CHECKING:
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 
     from builtin_interfaces.msg import Time
 
-    from jammkle_gap.monitor.core.monitor import SubsystemReport
+    from jammkle_gap.monitor.twin import SubsystemReport
 
 _NS = 1e-9
 _NOT_ASKED = ("seed", "release_time_s")
@@ -35,16 +37,12 @@ def stamp_s(message: Any) -> float:
 
 
 def rig_of(description: str) -> tuple[str, dict[str, Any]]:
-    """Return the name of the rig and its options from sim_parameters; an empty name where it does not tell."""
+    """Return the name of the rig and its options from sim_parameters; an empty name where it does not say."""
     try:
-        content = yaml.safe_load(description)
-    except yaml.YAMLError:
+        sheet = read_text(description, SIM_PARAMETERS.name)
+    except InputError:
         return "", {}
-    content = content if isinstance(content, dict) else {}
-    options = dict(content.get("options") or {})
-    for name in _NOT_ASKED:
-        options.pop(name, None)
-    return str(content.get("rig", "")), options
+    return sheet.rig, {name: value for name, value in sheet.options.items() if name not in _NOT_ASKED}
 
 
 def simulator_gap_message(
@@ -65,3 +63,34 @@ def simulator_gap_message(
         for report, text in zip(reports, messages, strict=True)
     ]
     return message
+
+
+_LEVELS = {
+    GapState.WAITING: Level.OK,
+    GapState.CLOSE: Level.OK,
+    GapState.WIDE: Level.WARN,
+    GapState.STALE: Level.STALE,
+}
+
+
+def subsystem_health(report: SubsystemReport, limit: float) -> Health:
+    """Return one line on a subsystem."""
+    values = {"limit (noise units)": f"{limit:g}"}
+    values |= {f"gap of {signal} (noise units)": f"{gap:.2f}" for signal, gap in sorted(report.gaps.items())}
+    return Health(report.name, _LEVELS[report.state], sentence(report), values)
+
+
+def sentence(report: SubsystemReport) -> str:
+    """Say where the robot has left its simulator; it changes only when that does."""
+    if report.state is GapState.STALE:
+        return f"cannot be followed: no {', '.join(report.missing)}"
+    if report.worst is None:
+        return "nothing to compare yet"
+    if report.state is GapState.WIDE:
+        return f"the robot has left its simulator: {report.worst.signal} while {report.worst.phase}"
+    return "as simulated"
+
+
+def unknown_rig_health(why: str) -> Health:
+    """Return the line that stands in for all as long as there is no twin."""
+    return Health("twin", Level.STALE, why)

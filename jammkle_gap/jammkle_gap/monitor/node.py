@@ -17,10 +17,16 @@ from jammkle_common.qos import every_change_qos, every_sample_qos, patient_qos, 
 from jammkle_gap.ankle.bag import TAKERS
 from jammkle_gap.ankle.inputs import known_options
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.monitor.conversions import rig_of, simulator_gap_message, stamp_s
-from jammkle_gap.monitor.core.monitor import GapMonitor
-from jammkle_gap.monitor.health import sentence, subsystem_health, unknown_rig_health
+from jammkle_gap.monitor.conversions import (
+    rig_of,
+    sentence,
+    simulator_gap_message,
+    stamp_s,
+    subsystem_health,
+    unknown_rig_health,
+)
 from jammkle_gap.monitor.parameters import FROM_THE_GRAPH, GapMonitorParameters, monitor_settings
+from jammkle_gap.monitor.twin import GapMonitor
 from jammkle_msgs.msg import ActuatorStates, SimulatorGap
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jammkle_common.parameters import parameter
-from jammkle_gap.monitor.core.monitor import MonitorSettings
+from jammkle_gap.monitor.twin import MonitorSettings
 from jammkle_sim.rigs.catalogue import RIGS
 
 FROM_THE_GRAPH = "from_graph"

@@ -11,16 +11,14 @@ from rich.table import Table
 from jammkle_common.command import results
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
-from jammkle_gap.report.parameters import parameter_lines
-from jammkle_gap.report.quantities import percent, percents, times
-from jammkle_gap.report.sections.closing import signal_lines
-from jammkle_gap.report.sections.posterior import bars_of
+from jammkle_gap.report.page import bars_of, signal_lines
+from jammkle_gap.report.words import parameter_lines, percent, percents, times
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_gap.core.result import Diagnosis
-    from jammkle_gap.report.asked import Asked
+    from jammkle_gap.report.words import Asked
 
 _SIGNALS_SHOWN = 6
 _BARS_SHOWN = 5

@@ -9,7 +9,7 @@ import pytest
 
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.ankle.loading import load_recording
+from jammkle_gap.ankle.recording import load_recording
 from studies.blind.bags import RunWriter
 from studies.blind.ceiling import CeilingSimulator, ceiling_problem
 from studies.blind.ceiling_machine import CONSTANTS, DAY, PLANNED, built

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from jammkle_common.command.main import main, run
 from jammkle_common.command.results import commit
 from jammkle_gap.ankle.effects import ankle_library
-from jammkle_gap.ankle.loading import load_recording
+from jammkle_gap.ankle.recording import load_recording
 from studies.blind import run as blind_run
 from studies.blind.__main__ import app
 from studies.blind.aims import AIMS

@@ -1,22 +1,27 @@
-"""What two runs differ in: what was done with the machine, as far as their bags show.
+"""Which runs are repeats: those whose machine was made to do the same, as far as their bags show.
 
 What counts is what was done: the rig and its known options, when solenoids switched, the vacuum that was held, how a
-carriage was driven, how far it fell. The pump's duty does not: it is the regulator's answer to the machine. Options
-that nobody knows make no two runs equal; they only do not tell them apart.
+carriage was driven. The pump's duty does not count: it is the regulator's answer to the machine. Options that nobody
+knows make no two runs equal; they only do not tell them apart.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jammkle_common import names
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_gap.ankle.truth import inputs_of
+from jammkle_gap.ankle.inputs import inputs_of
 from jammkle_sim.rigs.catalogue import rig_kind
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.replay import Course, Timeline
@@ -31,19 +36,10 @@ RANGE_TOLERANCE = 0.02
 VACUUM_TOLERANCE_PA = 8e3
 """What the held vacuum of repeats may differ by, Pa. Assumed: a regulator lets the manifold go 2 kPa deeper while a
 slow channel follows, and one that is tuned badly overshoots by some more; set points are further apart."""
-HEIGHT_TOLERANCE_M = 0.005
-"""What drop heights of repeats may differ by, m. Assumed: eight times the scatter of a rig."""
-FALL_TOLERANCE_M = 0.015
-"""The same where only the time of the fall tells of them: a bent toe or a tilted floor make it another."""
-PITCH_TOLERANCE_DEG = 8.0
-"""What the measured pitch of the hanging foot may differ by, degrees. Assumed: twice what a tendon of wrong length
-makes of it."""
 _SCATTERS = 6.0
 """Difference of options up to which they scatter, in standard deviations of the rig's own scatter: the most that two
 repeats of `jammkle rig --repeats` differ by."""
 HEIGHT, PITCH = "drop_height_m", "pitch_deg"
-_MEASURED = {HEIGHT: HEIGHT_TOLERANCE_M, PITCH: PITCH_TOLERANCE_DEG, "channel": 0.0}
-"""Options that recordings show, and what those of repeats may differ by."""
 PROGRAMME = frozenset(
     {"speed_m_s", "extension_m", "descent_m", "cycles", "jam_time_s", "vent_time_s", "jam", "release_time_s", "seed"}
 )
@@ -55,6 +51,16 @@ STILL_M = 2e-4
 _DRAWN = ("vented", "drawn")
 COMPARED_S = 0.01
 """Time between two places of a course that are compared, s."""
+_SWITCHED_S = 0.1
+"""Of the times at which solenoids switch, s. Chosen: programmes differ by tenths of a second, their repeats by ms."""
+_COARSE_PA = 5e3
+"""Of pressures, Pa. Chosen: set points are round numbers, and held to 2 kPa."""
+_COARSE_M, _COARSE_DEG = 0.005, 5.0
+"""Of a drop height and of a hanging foot's pitch. Chosen: a tenth of what is usual."""
+_DIGITS = 2
+"""Of way and speed of a carriage that count. Chosen: what a person sets has no more."""
+_LENGTH = math.sqrt(2.0)
+"""Ratio of neighbouring lengths of a recording. Chosen: beyond its end a signature is taken to stay as it is."""
 
 
 def difference(one: Recording, other: Recording) -> str:
@@ -102,8 +108,8 @@ def held_vacuum(recording: Recording) -> tuple[float | None, bool]:
         return None, False
     duty = inputs.commands.duty
     at = np.searchsorted(duty.time_s, np.linspace(from_s, finish_s, 50), side="right")
-    told = np.concatenate(([0.0], duty.values))[at]
-    return float(np.median(levels_pa)), bool(np.median(told) < _REGULATING)
+    duties = np.concatenate(([0.0], duty.values))[at]
+    return float(np.median(levels_pa)), bool(np.median(duties) < _REGULATING)
 
 
 def length_s(recording: Recording) -> float:
@@ -141,22 +147,14 @@ def scatter_of(inputs: AnkleInputs) -> dict[str, float]:
 def _options_differ(first: AnkleInputs, second: AnkleInputs) -> str:
     scatter = scatter_of(first)
     one, other = dict(first.options), dict(second.options)
-    # Of two repeats one may be taken as told and the other as measured, where that hangs by a hair.
-    for name in dict(first.shown).keys() & dict(second.shown).keys():
-        one[name], other[name] = dict(first.shown)[name], dict(second.shown)[name]
     for name, value in one.items():
         if name in PROGRAMME or (name == "channel" and first.rig != "tensile"):
             continue
-        if name in _MEASURED:
-            tolerance = max(_MEASURED[name], _SCATTERS * scatter.get(name, 0.0))
-            if name == HEIGHT and names.IMU.name in {first.release_seen_by, second.release_seen_by}:
-                tolerance = FALL_TOLERANCE_M
-        elif (name in first.known) != (name in second.known):
+        if (name in first.known) != (name in second.known):
             if name == "vacuum_pa":  # what was held is compared
                 continue
             return f"{name} is known of one alone"
-        else:
-            tolerance = _SCATTERS * scatter.get(name, 0.0)
+        tolerance = _SCATTERS * scatter.get(name, 0.0)
         wanted = other[name]
         if value != wanted and (isinstance(value, str) or abs(value - wanted) > tolerance):
             return f"{name} {short(value)}, not {short(wanted)}"
@@ -228,10 +226,10 @@ def _vacuum_differs(one: Recording, other: Recording) -> str:
     (first_pa, first_holds), (second_pa, second_holds) = held_vacuum(one), held_vacuum(other)
     if first_pa is None or second_pa is None:
         return ""  # no channel is drawn in either, or its pressure was not measured
-    alike = (not second_holds or first_pa - second_pa <= VACUUM_TOLERANCE_PA) and (
+    is_same = (not second_holds or first_pa - second_pa <= VACUUM_TOLERANCE_PA) and (
         not first_holds or second_pa - first_pa <= VACUUM_TOLERANCE_PA
     )
-    return "" if alike else f"{1e-3 * first_pa:.1f} kPa held, not {1e-3 * second_pa:.1f}"
+    return "" if is_same else f"{1e-3 * first_pa:.1f} kPa held, not {1e-3 * second_pa:.1f}"
 
 
 def _courses_differ(first: Course | None, second: Course | None, length_s: float) -> str:
@@ -261,3 +259,89 @@ def _releases_differ(first: AnkleInputs, second: AnkleInputs) -> str:
     if abs(first.release_s - second.release_s) <= TIME_TOLERANCE_S:
         return ""
     return f"released at {first.release_s:.2f} s, not {second.release_s:.2f} s"
+
+
+def with_settings(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Return recordings with their settings: the same text for those that are repeats of the first of their kind."""
+    groups: list[list[int]] = []
+    for i, recording in enumerate(recordings):
+        own = next((group for group in groups if not difference(recordings[group[0]], recording)), None)
+        if own is None:
+            groups.append([i])
+        else:
+            own.append(i)
+    found = list(recordings)
+    texts: list[str] = []
+    for group in groups:
+        plain = setting_text(recordings[group[0]])
+        numbered = (f"{plain} ({number})" for number in itertools.count(2))
+        texts.append(next(text for text in itertools.chain([plain], numbered) if text not in texts))
+        for i in group:
+            found[i] = dataclasses.replace(recordings[i], setting=texts[-1])
+    return tuple(found)
+
+
+def setting_text(recording: Recording) -> str:
+    """Return a short text of what a machine was made to do."""
+    inputs = inputs_of(recording)
+    kind = rig_kind(inputs.rig)
+    defaults: dict[str, Any] = dataclasses.asdict(kind.options())
+    hidden = PROGRAMME | set(scatter_of(inputs)) | {"vacuum_pa", HEIGHT, "timestep_s", "parameter_set"}
+    parts = [inputs.rig]
+    for name, value in inputs.options:
+        if name not in hidden and value != defaults[name]:
+            is_word = isinstance(value, str) and value not in {"yes", "no"}
+            parts.append(str(value) if is_word else f"{name} {short(value)}")
+    held_pa, _ = held_vacuum(recording)
+    parts.append("not jammed" if held_pa is None else f"{1e-3 * held_pa:.0f} kPa")
+    if inputs.course is not None:
+        range_m, fast_m_s = driven(inputs.course, length_s(recording))
+        parts.append(f"{1e3 * range_m:.1f} mm at {1e3 * fast_m_s:.3g} mm/s")
+    if HEIGHT in defaults:
+        parts.append(f"{1e3 * float(dict(inputs.options)[HEIGHT]):.0f} mm")
+    return ", ".join(parts)
+
+
+def group_of(recording: Recording) -> str:
+    """Return text that is the same for recordings that share signatures: coarsely the same was done.
+
+    Signatures are simulated once for a group of recordings and kept on disk. Exactly taken, every recording would have
+    signatures of its own. So what was measured is rounded, by what moves a signature by no more than a bin of time or a
+    tenth of its size. Where a setting lies on the edge between two places of the rounding, its recordings fall into two
+    groups.
+    """
+    inputs, end_s = inputs_of(recording), length_s(recording)
+    held_pa, _ = held_vacuum(recording)
+    parts = (
+        inputs.rig,
+        _coarse_options(inputs),
+        inputs.ankle,
+        [(channel, _switched(inputs, channel, end_s)) for channel in names.CHANNELS],
+        None if held_pa is None else round(held_pa / _COARSE_PA),
+        None if inputs.start_pa is None else [round(each / _COARSE_PA) for each in inputs.start_pa.tolist()],
+        None if inputs.ambient_pa is None else round(inputs.ambient_pa / _COARSE_PA),
+        None if inputs.course is None else [f"{each:.{_DIGITS}g}" for each in driven(inputs.course, end_s)],
+        round(math.log(end_s) / math.log(_LENGTH)),
+        (inputs.release_seen_by, inputs.exact),
+    )
+    return repr(parts)
+
+
+def _coarse_options(inputs: AnkleInputs) -> list[tuple[str, object]]:
+    """Return the rig's options, but for its programme, of which the recording has what was done, and for scatter."""
+    coarse = {HEIGHT: _COARSE_M, PITCH: _COARSE_DEG}
+    hidden = (PROGRAMME | {"vacuum_pa"} | set(scatter_of(inputs))) - set(coarse)
+    return [
+        (name, round(float(value) / coarse[name]) if name in coarse else value)
+        for name, value in inputs.options
+        if name not in hidden
+    ]
+
+
+def _switched(inputs: AnkleInputs, channel: str, end_s: float) -> list[tuple[int, float]]:
+    """Return when a solenoid switches, in tenths of a second, and to what; before the start, how it is then."""
+    line = inputs.commands.solenoids.get(channel)
+    if line is None:
+        return []
+    within = [(round(max(time_s, 0.0) / _SWITCHED_S), value) for time_s, value in switchings(line, end_s)]
+    return [(0, line.at(0.0)), *within]

@@ -1,19 +1,26 @@
-"""What the instruments of an ankle are good for: units, and the scatter that they have when nothing is wrong.
+"""Sensors of an ankle: units, scatter when nothing is wrong, and which of them a diagnosis may use.
 
-Pressure, load cell and IMU are those of the simulated sensors (`physics.sensors`). The others are assumed.
+Noise of pressure, load cell and IMU is that of the simulated sensors (`physics.sensors`). The others are assumed.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import enum
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_common import names
 from jammkle_common.names import CARRIAGE_JOINT
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_sim.physics.sensors import SensorParameters, imu_law
 
 if TYPE_CHECKING:
+    from collections.abc import Container
+
+    from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.rig import Rig
 
 _HALF_RISE = 1.678
@@ -103,3 +110,58 @@ def _noise_gain(smoothing: float) -> float:
     taps = np.arange(400)
     response = smoothing**2 * (taps + 1) * (1.0 - smoothing) ** taps
     return float(np.sqrt((response**2).sum()))
+
+
+class SensorSet(enum.Enum):
+    """Sets of sensors, each with those of the one before. Commands and driven motion are inputs in all of them."""
+
+    ROBOT = "robot"
+    """Pressures, IMU, angles of the ankle."""
+    RIG = "rig"
+    """And the load cell, and the carriage where it is not driven."""
+    INSTRUMENTED = "instrumented"
+    """And tension and extension of every tendon, which a simulator knows and no robot measures."""
+
+
+_ADDED = {
+    FORCE: SensorSet.RIG,
+    SLIDE: SensorSet.RIG,
+    TENSION: SensorSet.INSTRUMENTED,
+    EXTENSION: SensorSet.INSTRUMENTED,
+}
+"""Set from which on a quantity is used; those not named are in all."""
+_ORDER = tuple(SensorSet)
+
+
+def set_of(signal: str) -> SensorSet:
+    """Return the smallest set that a signal, by its name, is in."""
+    return _ADDED.get(quantity_of(signal), SensorSet.ROBOT)
+
+
+def selected(recording: Recording, sensors: SensorSet) -> Recording:
+    """Return a recording with the signals of a set alone; its inputs stay.
+
+    Raises:
+        BadRecordingError: it has none of them.
+
+    """
+    allowed = _ORDER[: _ORDER.index(sensors) + 1]
+    signals = tuple(signal for signal in recording.signals if set_of(signal.name) in allowed)
+    if not signals:
+        own = sorted({set_of(signal.name).value for signal in recording.signals})
+        msg = f"recording {recording.name} has no signal of the sensor set '{sensors.value}', only of {', '.join(own)}"
+        msg += "; record pressures, imu/data and joint_states, or use a larger set"
+        raise BadRecordingError(msg)
+    return dataclasses.replace(recording, signals=signals)
+
+
+def headline_set(recording: Recording) -> SensorSet:
+    """Return the set that a diagnosis uses unless asked otherwise: that of a rig where its load cell was recorded."""
+    has_cell = any(quantity_of(signal.name) == FORCE for signal in recording.signals)
+    return SensorSet.RIG if has_cell else SensorSet.ROBOT
+
+
+def pressure_signals(present: Container[str]) -> dict[str, str]:
+    """Return the pressure signals that are there, by channel, and `manifold`."""
+    sources = {"manifold": names.MANIFOLD_PRESSURE.name, **{c: t.name for c, t in names.PRESSURES.items()}}
+    return {where: name for where, name in sources.items() if name in present}

@@ -1,23 +1,225 @@
-"""Phases of a recording: what the air does by command and pressure, and what the bodies do by the slide's motion."""
+"""Where the runs of a bag begin and end, and the phases of each.
+
+There is one run for as long as a machine was driven, jammed and vented, and one per release where it was let go. Times
+of a run count from a start that is the same in all its repeats, whenever their recorders were switched on: the release,
+the first motion or the first command comes when the rig's own programme has it.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_common import names
+from jammkle_gap.ankle.alignment import falls_of_imu, falls_of_slide
+from jammkle_gap.ankle.bag import CARRIAGE, COMMANDS
+from jammkle_gap.ankle.inputs import FALLING_RIGS, reading_noise_m
+from jammkle_gap.ankle.sensors import half_rise_s, pressure_signals
 from jammkle_gap.core.data import Phase
-from jammkle_sim.rigs.replay import Timeline
+from jammkle_sim.rigs.replay import Timeline, timestep_s
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.ankle.bag import Samples
     from jammkle_gap.core.data import Signal
     from jammkle_sim.rigs.replay import CommandTrack
+    from jammkle_sim.rigs.rig import Rig
+
+_SIMULATED_START_S = 60.0
+"""A simulated rig's stamps begin no later than this, s, unless the simulation was reset."""
+_TOLERANCE_S = 0.25
+"""How far a simulated run may begin from when its stamps say. Assumed: beyond every delay of the library."""
+_LANDED_S = 0.5
+"""How long after its touch-down a leg bounces no more as high as half its fall, and nobody has taken it up. Assumed."""
+_CALM_S = 1.0
+"""The same until its IMU is calm. Assumed: no foot of the catalogue bounces for longer."""
+_LIFTED, _LEFT = 0.5, 0.1
+"""Shares of the way from rest back to where it was let go: a slide that comes that high is lifted for the next run, and
+was left alone while it was below the other. Assumed."""
+_HANDLED_M_S2 = 2.5
+"""Difference of specific force from rest from which on a leg that has landed is handled. Assumed: a quarter of 1 g."""
+_PRESSURE_START_S = 0.2
+"""When the first command of a pressure run comes: as in the pressure rig."""
+_MOVED_M = 2e-4
+"""Way after which a driven slide has certainly moved off, at least. Assumed: ten times the noise of a slide."""
+_CLEAR = 6.0
+"""The same in standard deviations of its readings."""
+_FEWEST = 5
+
+
+@dataclass(frozen=True)
+class Span:
+    """One run, by the clock of the stamps."""
+
+    start_s: float
+    """Where its times count from."""
+    end_s: float
+    release_s: float | None = None
+    """When its carriage was let go, where that was seen and is not when the rig's programme has it."""
+    seen_by: str = ""
+    """Topic of the sensor that saw it."""
+
+
+def span_of_simulation(span: Span, first_s: float) -> Span:
+    """Return a run on the simulation's own clock where it begins when that says, within what is seen of it.
+
+    Args:
+        span: As its motion or commands show.
+        first_s: First stamp.
+
+    """
+    if first_s >= _SIMULATED_START_S or abs(span.start_s) > _TOLERANCE_S:
+        return span
+    return dataclasses.replace(span, start_s=0.0)
+
+
+def falling_spans(topics: Mapping[str, Samples], rig: Rig) -> tuple[Span, ...]:
+    """Return one run per release that carriage or IMU show.
+
+    Args:
+        topics: What was measured.
+        rig: Lets its carriage go at its first event.
+
+    """
+    lead_s = _programme_s(rig)
+    _, last_s = _reach(topics)
+    seen, seen_by = _releases(topics, rig)
+    found = []
+    for place, (release_s, fall_s) in enumerate(seen):
+        next_s = seen[place + 1][0] - lead_s if place + 1 < len(seen) else math.inf
+        landed_s = release_s + fall_s + _LANDED_S
+        end_s = min(last_s, max(next_s, landed_s), _handled_s(topics, release_s, landed_s))
+        found.append(Span(release_s - lead_s, end_s, release_s, seen_by))
+    return tuple(found)
+
+
+def not_before(span: Span, first_s: float) -> Span:
+    """Return a run that does not begin before a time: what was evacuated then cannot be followed from earlier."""
+    return dataclasses.replace(span, start_s=max(span.start_s, first_s))
+
+
+def seen_release_s(span: Span, rig: Rig) -> float | None:
+    """Return when the carriage was let go, s since the start; None where it is when the rig does so anyway.
+
+    A rig that describes itself, and keeps its own time, is taken at its word: a sensor that sees it late is late.
+    """
+    if span.release_s is None:
+        return None
+    release_s = span.release_s - span.start_s
+    return None if span.start_s == 0.0 and abs(release_s - _programme_s(rig)) <= _TOLERANCE_S else release_s
+
+
+def driven_span(topics: Mapping[str, Samples], rig: Rig) -> Span:
+    """Return the run of a driven carriage: from a while before it moves to the end of the bag."""
+    first_s, last_s = _reach(topics)
+    moved_s = _moved_off_s(*topics[names.JOINT_STATES.name].readings(CARRIAGE))
+    return Span(first_s if moved_s is None else moved_s - _programme_s(rig), last_s)
+
+
+def commanded_span(topics: Mapping[str, Samples]) -> Span:
+    """Return the run of an ankle that is only commanded: from a while before its first command to the end of the bag.
+
+    Args:
+        topics: With commands among them.
+
+    """
+    first_s, last_s = _reach(topics)
+    commanded_s = [
+        float(samples.log_s[int(np.argmax(samples.columns["data"] > 0.0))])
+        for name, samples in topics.items()
+        if name in COMMANDS and (samples.columns["data"] > 0.0).any()
+    ]
+    if not commanded_s or min(commanded_s) < first_s:
+        return Span(first_s, last_s)
+    return Span(min(commanded_s) - _PRESSURE_START_S, last_s)
+
+
+def whole_span(topics: Mapping[str, Samples]) -> Span:
+    """Return the whole bag as one run."""
+    return Span(*_reach(topics))
+
+
+def _programme_s(rig: Rig) -> float:
+    """Return when a rig's own programme lets go or moves off, s since its start."""
+    return rig.events[0].step * timestep_s(rig) if rig.events else 0.0
+
+
+def _reach(topics: Mapping[str, Samples]) -> tuple[float, float]:
+    """Return first and last stamp of what was measured."""
+    stamps = [each.stamp_s for name, each in topics.items() if name not in COMMANDS and len(each.stamp_s)]
+    return min(float(each[0]) for each in stamps), max(float(each[-1]) for each in stamps)
+
+
+def _releases(topics: Mapping[str, Samples], rig: Rig) -> tuple[list[tuple[float, float]], str]:
+    """Return every release, when and how long it fell, s, 0 where that was not seen, and the topic that shows them.
+
+    That is the slide, if there is one: it sees a release sharper than an IMU.
+    """
+    joints, imu = topics.get(names.JOINT_STATES.name), topics.get(names.IMU.name)
+    if joints is not None and CARRIAGE in joints.columns:
+        falls = falls_of_slide(*joints.readings(CARRIAGE))
+        found = [(fall.release_s, fall.lasts_s or 0.0) for fall in falls if fall.release_s is not None]
+        if found:
+            return found, names.JOINT_STATES.name
+    falls = () if imu is None else falls_of_imu(imu.stamp_s, _specific_force(imu))
+    late_s = half_rise_s(rig)
+    return [
+        (fall.release_s - late_s, fall.lasts_s or 0.0) for fall in falls if fall.release_s is not None
+    ], names.IMU.name
+
+
+def _specific_force(imu: Samples) -> NDArray[np.float64]:
+    return np.column_stack([imu.columns[f"specific_force_{axis}"] for axis in "xyz"])
+
+
+def _handled_s(topics: Mapping[str, Samples], release_s: float, landed_s: float) -> float:
+    """Return when a leg that has landed is taken up again, s; infinite if it is not."""
+    joints, imu = topics.get(names.JOINT_STATES.name), topics.get(names.IMU.name)
+    if joints is not None and CARRIAGE in joints.columns:
+        stamp_s, height_m = joints.readings(CARRIAGE)
+        rest = (stamp_s >= landed_s - 0.2 * _LANDED_S) & (stamp_s < landed_s)
+        if not rest.any():
+            return math.inf
+        rest_m = float(np.median(height_m[rest]))
+        share = (height_m - rest_m) / max(float(np.interp(release_s, stamp_s, height_m)) - rest_m, 1e-6)
+        lifted = np.flatnonzero((stamp_s >= landed_s) & (share > _LIFTED))
+        if not len(lifted):
+            return math.inf
+        alone = np.flatnonzero(share[: lifted[0]] < _LEFT)
+        return float(stamp_s[alone[-1]]) if len(alone) else landed_s
+    if imu is not None:
+        force = _specific_force(imu)
+        apart = np.linalg.norm(force - np.median(force, axis=0), axis=1)
+        handled = (imu.stamp_s >= landed_s - _LANDED_S + _CALM_S) & (apart > _HANDLED_M_S2)
+        if handled.any():
+            return float(imu.stamp_s[int(np.argmax(handled))])
+    return math.inf
+
+
+def _moved_off_s(stamp_s: NDArray[np.float64], position_m: NDArray[np.float64]) -> float | None:
+    """Return the stamp, s, at which a driven slide began to move; None where it never did or was moving from the first.
+
+    A line through where it is a little and twice that off its rest leads back to where it left it.
+    """
+    if len(stamp_s) < 2 * _FEWEST:
+        return None
+    small_m = max(_MOVED_M, _CLEAR * reading_noise_m(position_m))
+    rest_m = float(np.median(position_m[:_FEWEST]))
+    way_m = np.abs(position_m - rest_m)
+    if way_m.max() < 2.0 * small_m:
+        return None
+    far = int(np.argmax(way_m >= 2.0 * small_m))
+    near = int(np.argmax(way_m >= small_m))
+    moved_s = float(2.0 * stamp_s[near] - stamp_s[far])
+    return moved_s if moved_s > stamp_s[_FEWEST] else None
+
 
 _REACHED = 0.95
 """Share of the vacuum of a stretch at which it counts as reached. Assumed."""
@@ -31,17 +233,15 @@ _IMPACT_S = 0.06
 """How long a touch-down counts as impact. Assumed: the first peak of a landing lies within."""
 _AT_REST_M_S = 0.02
 """Speed below which a slide that fell has come to rest. Assumed."""
-FALLING_RIGS = ("drop", "landing")
-"""Rigs whose carriage is let go."""
 
 
 def recording_phases(rig: str, signals: Mapping[str, Signal], commands: CommandTrack) -> tuple[Phase, ...]:
-    """Return the phases of every signal: of pressures by what their channel is told, of the others by the motion.
+    """Return the phases of every signal: of pressures by the commands of their channel, of the others by the motion.
 
     Args:
         rig: Its name.
         signals: What was measured, by name.
-        commands: What was told.
+        commands: Of the run.
 
     """
     phases: list[Phase] = []
@@ -144,12 +344,6 @@ def _falling(carriage: Signal, signals: tuple[str, ...]) -> list[Phase]:
         Phase("still", rest_s, end_s, signals),
     ]
     return [phase for phase in phases if phase.end_s > phase.start_s]
-
-
-def pressure_signals(present: Mapping[str, Signal]) -> dict[str, str]:
-    """Return the pressure signals that are there, by channel, and `manifold`."""
-    sources = {"manifold": names.MANIFOLD_PRESSURE.name, **{c: t.name for c, t in names.PRESSURES.items()}}
-    return {where: name for where, name in sources.items() if name in present}
 
 
 def _rest(time_s: NDArray[np.float64], speed: NDArray[np.float64], after_s: float, end_s: float) -> float:

@@ -1,1 +1,0 @@
-"""Sections of the page: each has a function `section(diagnosis, asked)`, and its template beside it."""
