@@ -28,6 +28,7 @@ from jammkle_common.names import (
     SET_AUTO,
 )
 from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_controller.core.leg import Leg
 from jammkle_msgs.msg import ContactEvent, JamCommand, JamState
 
 if TYPE_CHECKING:
@@ -39,6 +40,34 @@ TIMEOUT_S = 30.0
 INTERVAL_S = 0.004
 FALL_S, LANDED_AT_S = 0.1, 0.5
 GRAVITY_M_S2 = 9.80665
+LEG = Leg(
+    thigh_m=0.15,
+    shank_m=0.15,
+    thigh_kg=0.35,
+    shank_kg=0.502,
+    shank_centre_m=0.107,
+    lean_rad=0.5223,
+    toe_m=0.06,
+    heel_m=0.045,
+    half_width_m=0.03,
+    sole_m=0.02,
+)
+"""As of the simulated legs."""
+LEG_URDF = """<robot name="leg">
+  <link name="base_link"/>
+  <joint name="hip" type="revolute"><parent link="base_link"/><child link="thigh"/><axis xyz="0 1 0"/></joint>
+  <link name="thigh"><inertial><origin xyz="0 0 -0.075"/><mass value="0.35"/></inertial></link>
+  <joint name="knee" type="revolute"><origin xyz="0 0 -0.15"/><parent link="thigh"/><child link="shank"/>
+    <axis xyz="0 1 0"/></joint>
+  <link name="shank"><inertial><origin xyz="0 0 -0.107"/><mass value="0.502"/></inertial></link>
+  <joint name="mount" type="fixed"><origin xyz="0 0 -0.15" rpy="0 0.5223 0"/><parent link="shank"/>
+    <child link="imu"/></joint>
+  <link name="imu"/>
+  <joint name="ankle_pitch" type="revolute"><parent link="imu"/><child link="foot"/><axis xyz="0 1 0"/></joint>
+  <link name="foot"><collision><origin xyz="0.0075 0 -0.01"/><geometry><box size="0.105 0.06 0.02"/></geometry>
+  </collision></link>
+</robot>"""
+"""Of the same leg."""
 
 
 class Bench:

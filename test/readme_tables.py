@@ -20,8 +20,8 @@ from jammkle_common import VERSION
 from jammkle_common.command import COMMANDS, entries
 from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows, typed_row
-from jammkle_controller.core.offered import OFFERS, Detection
-from jammkle_controller.core.transitions import MEANINGS, TRANSITIONS, WISHES
+from jammkle_controller.core.events import OFFERS, Detection
+from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.register_texts import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
@@ -134,7 +134,8 @@ def tables() -> dict[str, str]:
             ("option", "default", "range", "what"), [option_line(row) for row in rows(rig.options)]
         )
     made["states of the policy"] = table(
-        ("state", "tendons", "meaning"), [(state.value, wish.value, MEANINGS[state]) for state, wish in WISHES.items()]
+        ("state", "tendons", "meaning"),
+        [(state.value, wish.value, MEANINGS[state]) for state, wish in SET_POINTS.items()],
     )
     made["transitions of the policy"] = table(
         ("from", "on", "to"),

@@ -27,7 +27,6 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.names import (
     CONTROLLER_NODE,
     DRIVER_NODE,
-    ODOMETRY,
     SIM_NODE,
     VIEWER_NODE,
     relative,
@@ -212,16 +211,14 @@ def with_imu_mount(options: GraphOptions) -> GraphOptions:
 
 
 def with_legs(options: GraphOptions) -> GraphOptions:
-    """Return the options in which controllers that are to use odometry know where their simulated leg is."""
+    """Return the options in which controllers that need their simulated leg find it in robot_description."""
     if options.robot is Robot.ANKLE or options.hardware != SIM_HARDWARE:
         return options
     for entry in options.nodes:
         given = given_values_of(options, entry) if entry.name == CONTROLLER_NODE else {}
-        if given.get("use_odometry") is not True:
+        if not (given.get("use_odometry") or given.get("use_efforts") or given.get("imu_link")):
             continue
-        from jammkle_sim.robots.quadruped import place_of  # noqa: PLC0415 - it loads MuJoCo, which nothing else here needs
-
-        fits = {**place_of(entry.within), "odometry_topic": resolved(options.namespace, ODOMETRY.name)}
+        fits = {"robot_namespace": options.namespace, "joint_prefix": entry.within.removesuffix("ankle")}
         for name, value in fits.items():
             if name not in given:
                 options = with_value(options, entry.path, name, value=value)

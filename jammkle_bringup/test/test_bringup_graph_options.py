@@ -79,21 +79,19 @@ def test_one_controller_that_knows_its_imu_leaves_the_others_as_they_are() -> No
     assert known == ["body", "shank", "shank", "shank"]
 
 
-def test_controllers_that_use_odometry_know_where_their_leg_is() -> None:
-    """Each of a quadruped its own place, and the odometry beside them; what is given wins, the others get nothing."""
+def test_controllers_that_need_their_leg_find_it_in_the_description() -> None:
+    """Each of a quadruped by its own joints, in the robot's namespace; what is given wins, the others get nothing."""
     asked = [
         "controller:use_odometry:=true",
-        "rh_ankle/controller:hip_x_m:=-0.2",
+        "rh_ankle/controller:joint_prefix:=hind_",
         "lh_ankle/controller:use_odometry:=false",
     ]
     values = with_legs(with_given(GraphOptions("/robot", robot=Robot.QUADRUPED), asked)).values
     assert values["rf_ankle/controller"] == {
-        "hip_x_m": 0.19,
-        "hip_y_m": -0.06,
-        "hip_offset_m": -0.05,
-        "odometry_topic": "/robot/odom",
+        "robot_namespace": "/robot",
+        "joint_prefix": "rf_",
     }
-    assert (values["rh_ankle/controller"]["hip_x_m"], values["rh_ankle/controller"]["hip_y_m"]) == (-0.2, -0.06)
+    assert values["rh_ankle/controller"]["joint_prefix"] == "hind_"
     assert values["lh_ankle/controller"] == {"use_odometry": False}
 
 

@@ -38,7 +38,7 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     ] = "4,5,6",
     time: Annotated[str, typer.Option(help="Column of the time, s.", rich_help_panel=_TABLE)] = "",
     contact_force: Annotated[
-        str, typer.Option(help="Column of a force or switch, drawn beside and not heard.", rich_help_panel=_TABLE)
+        str, typer.Option(help="Column of a force or switch, drawn beside and not used.", rich_help_panel=_TABLE)
     ] = "",
     force_unit: Annotated[str, typer.Option(help="m/s^2 or g.", rich_help_panel=_TABLE)] = "m/s^2",
     rate_unit: Annotated[str, typer.Option(help="rad/s or deg/s.", rich_help_panel=_TABLE)] = "rad/s",

@@ -15,10 +15,9 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS, STYLE, check_writable, console, write_json
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.parameters import ParameterError, from_mapping, rows
-from jammkle_controller.core.detector_settings import Mount
 from jammkle_controller.core.events import ContactKind
-from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import Joints, Recording, Replay, TableFormat, read_bag, read_table, replay
+from jammkle_controller.parameters import ControllerParameters, Mount
+from jammkle_controller.recordings import Recording, Replay, TableFormat, read_bag, read_table, replay
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,7 +39,7 @@ def draw(recording: Recording, replay: Replay, path: Path) -> None:
     time_s = np.array([sample.time_ns - samples[0].time_ns for sample in samples]) / NANOSECONDS_PER_SECOND
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11.0, 8.0), layout="constrained")
-        force, rate, swing, wish = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 1.5, 1.5))
+        force, rate, swing, vacuum = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 1.5, 1.5))
         force.plot(time_s, np.linalg.norm(rows[:, 1:4], axis=1), color="#444444", linewidth=0.7)
         force.set_ylabel("|specific force|\n[m/s²]")
         rate.plot(time_s, np.linalg.norm(rows[:, 4:7], axis=1), color="#444444", linewidth=0.7)
@@ -70,17 +69,17 @@ def draw(recording: Recording, replay: Replay, path: Path) -> None:
             )
             beside.set_ylabel("reference")
         changes = [*replay.decisions]
-        for channel in changes[0].wish_pa if changes else ():
+        for channel in changes[0].vacuum_pa if changes else ():
             times = [_seconds(each.time_ns, samples[0].time_ns) for each in changes] + [float(time_s[-1])]
-            values = [each.wish_pa[channel] / _KPA for each in changes]
-            wish.step(times, [*values, values[-1]], where="post", label=channel, color=LINE_COLOURS.get(channel))
-        wish.set_ylabel("wanted vacuum\n[kPa]")
-        wish.set_xlabel("time [s]")
+            values = [each.vacuum_pa[channel] / _KPA for each in changes]
+            vacuum.step(times, [*values, values[-1]], where="post", label=channel, color=LINE_COLOURS.get(channel))
+        vacuum.set_ylabel("wanted vacuum\n[kPa]")
+        vacuum.set_xlabel("time [s]")
         if changes:
-            wish.legend(loc="upper right", ncols=3)
+            vacuum.legend(loc="upper right", ncols=3)
         for at_ns, reason in replay.troubles:
             if reason:
-                wish.axvline(_seconds(at_ns, samples[0].time_ns), color="#c1121f", linestyle=":", linewidth=0.8)
+                vacuum.axvline(_seconds(at_ns, samples[0].time_ns), color="#c1121f", linestyle=":", linewidth=0.8)
         figure.suptitle(f"{recording.name}: {len(replay.events)} events")
         figure.savefig(path, dpi=130)
 
@@ -126,18 +125,11 @@ def detect(request: DetectRequest) -> int:
     if request.recording.suffix.lower() in _TABLES:
         recording = read_table(request.recording, request.layout)
     else:
-        leg = Joints(
-            parameters.abduction_joint,
-            parameters.hip_joint,
-            parameters.knee_joint,
-            efforts=parameters.use_efforts,
-            odometry=parameters.odometry_topic if parameters.use_odometry else "",
-        )
-        recording = read_bag(request.recording, request.topic, request.namespace, leg)
+        recording = read_bag(request.recording, request.topic, request.namespace, parameters)
     if not recording.samples():
         msg = f"{request.recording} holds no sample of an IMU"
         raise InputError(msg)
-    made = replay(recording.heard, parameters)
+    made = replay(recording.received, parameters, recording.leg)
     _check_used(request.recording, made)
     content = as_dict(recording, made, parameters)
     events, picture = request.output / "events.json", request.output / "detect.png"
@@ -236,7 +228,7 @@ def as_dict(recording: Recording, made: Replay, parameters: ControllerParameters
             {
                 "time_s": (each.time_ns - begin_ns) / NANOSECONDS_PER_SECOND,
                 "state": each.state,
-                "vacuum_pa": each.wish_pa,
+                "vacuum_pa": each.vacuum_pa,
             }
             for each in made.decisions
         ],

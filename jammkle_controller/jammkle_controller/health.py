@@ -8,20 +8,17 @@ from typing import TYPE_CHECKING
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.messages import Health, Level
 from jammkle_common.names import SET_CONTACT, WAY_BACK
-from jammkle_controller.core.contact import Contact
+from jammkle_controller.core.events import Contact, Detection, not_felt
+from jammkle_controller.core.imu import ImuTrouble
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.offered import Detection, not_felt
-from jammkle_controller.core.policy import PolicyMode
-from jammkle_controller.core.transitions import PolicyState
-from jammkle_controller.core.watch import ImuTrouble
+from jammkle_controller.core.policy import PolicyState
+from jammkle_controller.parameters import PolicyMode
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_controller.core.controller import AnkleController
-    from jammkle_controller.core.freshness import Freshness
-    from jammkle_controller.core.imu import StreamCounts
-    from jammkle_controller.core.watch import ImuWatch
+    from jammkle_controller.core.imu import Freshness, ImuWatch, StreamCounts
 
 REMEMBERED_S = 5.0
 """How long trouble in the stream is shown after it ended, s."""
@@ -30,7 +27,7 @@ LOOKED_AT_S = 2.0
 """How long contact may be unknown before that is a warning, s: rest is seen after 1 s."""
 SAY_SO = f"{SET_CONTACT.path} says so"
 
-SAFE_MODE = "the last wish is kept"
+SAFE_MODE = "the last set points are kept"
 """What is done where nothing shows contact: what is jammed stays jammed, what is soft stays soft."""
 
 
@@ -52,7 +49,7 @@ class StreamTrouble:
 
 
 def imu_health(controller: AnkleController, freshness: Freshness, topic: str, *, trouble: bool) -> Health:
-    """Tell whether the IMU's samples come in and are fit for use."""
+    """Say whether the IMU's samples come in and are fit for use."""
     counts = controller.gate.counts
     values = {
         "rate (Hz)": f"{controller.gate.rate_hz:.0f}",
@@ -88,7 +85,7 @@ def imu_health(controller: AnkleController, freshness: Freshness, topic: str, *,
 
 
 def _believed_health(watch: ImuWatch, irregular: str, values: Mapping[str, str]) -> Health:
-    """Tell whether samples that come in are believed, and what is irregular about them."""
+    """Say whether samples that come in are believed, and what is irregular about them."""
     if watch.trouble is ImuTrouble.CHECKING:
         return Health("imu", Level.OK, "samples come in, and are looked at first", values)
     if watch.trouble is not None:
@@ -98,29 +95,34 @@ def _believed_health(watch: ImuWatch, irregular: str, values: Mapping[str, str])
     return Health("imu", Level.OK, "samples come in", values)
 
 
-def input_health(controller: AnkleController, time_ns: int, topics: Mapping[Input, str]) -> Health:
-    """Name every input beside the IMU, and whether it is heard; none is needed."""
-    heard = controller.inputs.heard(time_ns)
-    values = {f"{each.value} ({topics[each]})": "heard" if each in heard else "not heard" for each in Input}
-    names = ", ".join(each.value for each in Input if each in heard)
+def input_health(
+    controller: AnkleController, time_ns: int, topics: Mapping[Input, str], leg_trouble: str = ""
+) -> Health:
+    """Name every input beside the IMU, and whether it is received; none is needed."""
+    received = controller.inputs.received(time_ns)
+    values = {f"{each.value} ({topics[each]})": "received" if each in received else "not received" for each in Input}
+    names = ", ".join(each.value for each in Input if each in received)
     missing = ""
-    if not controller.feels(Detection.STEP) and not controller.inputs.tells_contact(time_ns):
+    if not controller.feels(Detection.STEP) and not controller.inputs.shows_contact(time_ns):
         missing = f"; a step is not felt on the {controller.mount.value}: who walks needs gait, efforts, switch or load"
     level = Level.OK
+    if leg_trouble:
+        level = Level.WARN
+        missing += f"; the leg is not known: {leg_trouble}"
     sole = controller.inputs.sole
     if sole is not None:
         for what, count in dataclasses.asdict(sole.counts).items():
             values[f"odometry, {what.replace('_', ' ')}"] = str(count)
-        if Input.ODOMETRY not in heard:
+        if Input.ODOMETRY not in received:
             level = Level.WARN
             missing += (
-                f"; no odometry on {topics[Input.ODOMETRY]} that tells the speed of the sole: slips are the IMU's"
+                f"; no odometry on {topics[Input.ODOMETRY]} that gives the speed of the sole: slips are the IMU's"
             )
     return Health("inputs", level, f"beside the IMU: {names or 'none'}{missing}", values)
 
 
 def contact_health(controller: AnkleController, soft: Sequence[str], *, is_soft_in_stance: bool) -> Health:
-    """Tell what is known of contact; WARN where it is not known for `LOOKED_AT_S`, or the ankle is soft in stance.
+    """Say what is known of contact; WARN where it is not known for `LOOKED_AT_S`, or the ankle is soft in stance.
 
     Args:
         controller: Whose knowledge it is.
@@ -144,7 +146,7 @@ def contact_health(controller: AnkleController, soft: Sequence[str], *, is_soft_
 
 
 def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_hand: Sequence[str] = ()) -> Health:
-    """Tell what the policy wants, and whether it is heard.
+    """Say what the policy wants, and whether the driver follows.
 
     Args:
         controller: Whose policy it is.
@@ -157,7 +159,10 @@ def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_h
         "contact": controller.phase.value,
         "mode": controller.mode.value,
         "state": controller.state.value,
-        **{f"wanted vacuum, {channel} (Pa)": f"{vacuum_pa:.0f}" for channel, vacuum_pa in controller.wish.items()},
+        **{
+            f"wanted vacuum, {channel} (Pa)": f"{vacuum_pa:.0f}"
+            for channel, vacuum_pa in controller.set_points_pa.items()
+        },
     }
     if not auto:
         return Health("policy", Level.OK, f"automatic jamming is off; {WAY_BACK}", values)
@@ -167,5 +172,5 @@ def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_h
         return Health("policy", Level.ERROR, f"fault: nothing shows contact; {SAFE_MODE}", values)
     what = controller.state.value if controller.mode is PolicyMode.AUTO else controller.mode.value
     if by_hand:
-        what += f"; vented by a service: {', '.join(by_hand)}, until the policy changes its wish; {WAY_BACK}"
+        what += f"; vented by a service: {', '.join(by_hand)}, until the policy changes its set points; {WAY_BACK}"
     return Health("policy", Level.OK, f"automatic: {what}", values)

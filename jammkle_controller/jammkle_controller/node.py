@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Bool, Float32
+from std_msgs.msg import Bool, Float32, String
 from std_srvs.srv import SetBool
 
 from jammkle_common import wire
@@ -30,21 +30,23 @@ from jammkle_common.names import (
     LOAD_CELL,
     ODOMETRY,
     PLANNED_CONTACT,
+    ROBOT_DESCRIPTION,
     SET_AUTO,
     SET_CONTACT,
     WAY_BACK,
 )
-from jammkle_common.parameters import declare, on_change
+from jammkle_common.parameters import ParameterError, declare, on_change
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_controller.conversions import (
+    DriverView,
+    Hold,
     contact_event_message,
     contact_state_message,
     driver_view,
     jam_command_message,
 )
 from jammkle_controller.core.controller import AnkleController
-from jammkle_controller.core.driver_view import DriverView, Hold
-from jammkle_controller.core.freshness import Freshness
+from jammkle_controller.core.imu import Freshness
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.reading import (
     body_twist,
@@ -56,9 +58,9 @@ from jammkle_controller.core.reading import (
     load_n,
     nanoseconds,
 )
+from jammkle_controller.core.robot_description import leg_of
 from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import controller_settings
 from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState
 
 if TYPE_CHECKING:
@@ -67,12 +69,13 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter
 
     from jammkle_common.messages import Health
-    from jammkle_controller.core.contact import ContactReport
     from jammkle_controller.core.controller import Reaction
+    from jammkle_controller.core.events import ContactReport
+    from jammkle_controller.core.leg import Leg
 
 HARDWARE_ID = "ankle"
 
-SET_POINTS = ("hold_vacuum_pa", "full_vacuum_pa")
+VACUUM_PARAMETERS = ("hold_vacuum_pa", "full_vacuum_pa")
 """Parameters that the driver must take."""
 
 INPUT_TOPICS = {
@@ -84,12 +87,12 @@ INPUT_TOPICS = {
     Input.EFFORTS: JOINT_STATES.name,
     Input.ODOMETRY: ODOMETRY.name,
 }
-"""Where each of the optional inputs is heard."""
+"""Where each of the optional inputs is received."""
 
 CONTACT_PERIOD_S = 1.0
-"""How often contact_state is told again, s."""
+"""How often contact_state is published again, s."""
 FOLLOW_S = 0.5
-"""How long the driver may take to follow a new wish before that is told, s: ten repeats of jam_command."""
+"""How long the driver may take to follow a new set point before that is reported, s: ten repeats of jam_command."""
 
 
 class ControllerNode(LockstepNode):
@@ -112,19 +115,22 @@ class ControllerNode(LockstepNode):
         super().__init__(CONTROLLER_NODE, **node_options)
         values = declare(self, ControllerParameters)
         self._auto = values.auto_at_start
-        self._controller = AnkleController(controller_settings(values))
+        self._controller = AnkleController(values)
         self._freshness = Freshness(values.imu_timeout_s, self.now_s())
         self._trouble = StreamTrouble()
         self._values = values
-        self._leg = (values.abduction_joint, values.hip_joint, values.knee_joint)
+        self._leg = ("", values.hip_joint, values.knee_joint)
+        self._description = ""
         self._body_frame = ""
-        self._inputs = {**INPUT_TOPICS, Input.ODOMETRY: values.odometry_topic}
+        shared = f"{values.robot_namespace.rstrip('/')}/" if values.robot_namespace else ""
+        self._inputs = {**INPUT_TOPICS, Input.ODOMETRY: shared + ODOMETRY.name}
+        self._leg_trouble = ""
         self._driver = DriverView()
-        self._driver_heard = False
-        self._held_s = self._contact_told_s = self.now_s()
-        self._contact_told: tuple[ContactReport, bool] | None = None
-        self._wished_pa = 0.0
-        self._since_wish_s = self.now_s()
+        self._driver_reported = False
+        self._held_s = self._contact_reported_s = self.now_s()
+        self._contact_reported: tuple[ContactReport, bool] | None = None
+        self._asked_pa = 0.0
+        self._since_asked_s = self.now_s()
         self.add_on_set_parameters_callback(self._refuse_what_the_driver_refuses)
         on_change(self, ControllerParameters, self._configure)
 
@@ -135,21 +141,28 @@ class ControllerNode(LockstepNode):
         self.create_service(SetBool, SET_AUTO.name, self._set_auto)
         self.create_service(SetBool, SET_CONTACT.name, self._set_contact)
         self.every(1.0 / values.command_rate_hz, self._repeat)
-        self._roll_call = Liveness(self)
-        self.create_subscription(JamState, JAM_STATE.name, self._hear_driver, subscriber_qos(JAM_STATE))
-        self.create_subscription(Imu, IMU.name, self._feel, subscriber_qos(IMU), raw=True)
+        self._liveness = Liveness(self)
+        self.create_subscription(JamState, JAM_STATE.name, self._on_driver, subscriber_qos(JAM_STATE))
+        self.create_subscription(Imu, IMU.name, self._on_imu, subscriber_qos(IMU), raw=True)
         for kind, topic, take in (
-            (Bool, FOOT_CONTACT, lambda m, ns: self._controller.hear_switch(closed=m.data, time_ns=ns)),
-            (Bool, PLANNED_CONTACT, lambda m, ns: self._controller.hear_plan(contact=m.data, time_ns=ns)),
-            (Float32, GAIT_PHASE, lambda m, ns: self._controller.hear_phase(m.data, ns)),
+            (Bool, FOOT_CONTACT, lambda m, ns: self._controller.on_switch(closed=m.data, time_ns=ns)),
+            (Bool, PLANNED_CONTACT, lambda m, ns: self._controller.on_plan(contact=m.data, time_ns=ns)),
+            (Float32, GAIT_PHASE, lambda m, ns: self._controller.on_phase(m.data, ns)),
         ):
-            self.create_subscription(kind, topic.name, partial(self._hear, take), subscriber_qos(topic))
-        self.create_subscription(WrenchStamped, LOAD_CELL.name, self._hear_load, subscriber_qos(LOAD_CELL))
-        self.create_subscription(JointState, JOINT_STATES.name, self._hear_joints, subscriber_qos(JOINT_STATES))
+            self.create_subscription(kind, topic.name, partial(self._on_unstamped, take), subscriber_qos(topic))
+        self.create_subscription(WrenchStamped, LOAD_CELL.name, self._on_load, subscriber_qos(LOAD_CELL))
+        self.create_subscription(JointState, JOINT_STATES.name, self._on_joints, subscriber_qos(JOINT_STATES))
         if values.use_odometry:
-            self.create_subscription(Odometry, values.odometry_topic, self._hear_body, subscriber_qos(ODOMETRY))
+            topic = self._inputs[Input.ODOMETRY]
+            self.create_subscription(Odometry, topic, self._on_odometry, subscriber_qos(ODOMETRY))
+        if values.robot_description:
+            self._know(leg_of(values.robot_description, values))
+        elif values.needs_leg:
+            topic = shared + ROBOT_DESCRIPTION.name
+            self._leg_trouble = f"no robot_description on {self.resolve_topic_name(topic)}"
+            self.create_subscription(String, topic, self._on_description, subscriber_qos(ROBOT_DESCRIPTION))
 
-    def _feel(self, serialized: bytes) -> None:
+    def _on_imu(self, serialized: bytes) -> None:
         measured = wire.read(serialized, wire.IMU_DOUBLES)
         if measured is not None:
             self._take(self._controller.update(imu_sample_of(measured)), measured.frame_id)
@@ -157,65 +170,81 @@ class ControllerNode(LockstepNode):
         message = deserialize_message(serialized, Imu)
         self._take(self._controller.update(imu_sample(message)), message.header.frame_id)
 
-    def _hear(self, take: Callable[[Any, int], Reaction], message: Any) -> None:
+    def _on_unstamped(self, take: Callable[[Any, int], Reaction], message: Any) -> None:
         """Take an input without a stamp: it is of now."""
         self._take(take(message, self.get_clock().now().nanoseconds), "")
 
-    def _hear_load(self, message: WrenchStamped) -> None:
-        self._controller.inputs.hear_pull(-load_n(message), nanoseconds(message.header.stamp))
-        reaction = self._controller.hear_load(load_n(message), nanoseconds(message.header.stamp))
+    def _on_load(self, message: WrenchStamped) -> None:
+        self._controller.inputs.on_pull(-load_n(message), nanoseconds(message.header.stamp))
+        reaction = self._controller.on_load(load_n(message), nanoseconds(message.header.stamp))
         self._take(reaction, message.header.frame_id)
 
-    def _hear_joints(self, message: JointState) -> None:
+    def _on_joints(self, message: JointState) -> None:
         roll_rad, time_ns = joint_position(message, ANKLE_JOINTS[0]), nanoseconds(message.header.stamp)
         if roll_rad is not None:
-            self._controller.inputs.hear_joints(roll_rad, time_ns)
+            self._controller.inputs.on_roll(roll_rad, time_ns)
             pitch_rad = joint_position(message, ANKLE_JOINTS[1])
             if pitch_rad is not None:
-                self._controller.inputs.hear_pitch(pitch_rad)
+                self._controller.inputs.on_pitch(pitch_rad)
         if self._values.use_efforts:
             reading = leg_reading(message, self._values.hip_joint, self._values.knee_joint)
             if reading is not None:
-                self._take(self._controller.hear_leg(reading, time_ns), message.header.frame_id)
+                self._take(self._controller.on_leg(reading, time_ns), message.header.frame_id)
         if self._values.use_odometry:
             pose = leg_pose(message, self._leg)
             if pose is not None:
-                self._take(self._controller.hear_pose(pose, time_ns), self._body_frame)
+                self._take(self._controller.on_pose(pose, time_ns), self._body_frame)
 
-    def _hear_body(self, message: Odometry) -> None:
+    def _on_description(self, message: String) -> None:
+        if message.data == self._description:
+            return
+        self._description = message.data
+        try:
+            self._know(leg_of(message.data, self._values))
+        except ParameterError as error:
+            self._leg_trouble = str(error)
+
+    def _know(self, leg: Leg) -> None:
+        self._controller.know(leg)
+        self._leg = (leg.abduction, *self._leg[1:])
+        self._leg_trouble = ""
+
+    def _on_odometry(self, message: Odometry) -> None:
         self._body_frame = message.child_frame_id
         twist = body_twist(message)
-        self._take(self._controller.hear_odometry(twist, twist.time_ns), self._body_frame)
+        self._take(self._controller.on_odometry(twist, twist.time_ns), self._body_frame)
 
     def _take(self, reaction: Reaction, frame_id: str) -> None:
-        if reaction.wish_changed and self._auto:
+        if reaction.changed and self._auto:
             self._command()
         for event in reaction.events:
             self._events.publish(contact_event_message(event, frame_id))
 
     def _command(self, *, anew: bool = False) -> None:
-        self._commands.publish(jam_command_message(self._controller.wish, self.get_clock().now().to_msg(), anew=anew))
+        self._commands.publish(
+            jam_command_message(self._controller.set_points_pa, self.get_clock().now().to_msg(), anew=anew)
+        )
 
     def _repeat(self) -> None:
         if self._auto:
             self._command()
-        self._tell_contact()
+        self._publish_contact()
         self._diagnostics.check()
 
-    def _tell_contact(self) -> None:
+    def _publish_contact(self) -> None:
         """Publish what is known of contact when it has changed, and once a second."""
-        told = (self._controller.contact, self._is_soft_in_stance())
+        now = (self._controller.contact, self._is_soft_in_stance())
         now_s = self.now_s()
-        if told == self._contact_told and now_s - self._contact_told_s < CONTACT_PERIOD_S:
+        if now == self._contact_reported and now_s - self._contact_reported_s < CONTACT_PERIOD_S:
             return
-        self._contact_told, self._contact_told_s = told, now_s
-        report, soft = told
+        self._contact_reported, self._contact_reported_s = now, now_s
+        report, soft = now
         health = contact_health(self._controller, self._driver.soft, is_soft_in_stance=soft)
         self._contact.publish(contact_state_message(report, health, self.get_clock().now().to_msg(), soft=soft))
 
     def _is_soft_in_stance(self) -> bool:
         """Whether it bears, and a channel has not been asked to jam for `FOLLOW_S`."""
-        held = self._driver_heard and not self._driver.soft
+        held = self._driver_reported and not self._driver.soft
         if held or not self._controller.contact.bears:
             self._held_s = self.now_s()
         return self.now_s() - self._held_s >= FOLLOW_S
@@ -231,7 +260,7 @@ class ControllerNode(LockstepNode):
         does = "stands, and is held" if request.data else "does not stand, and is soft"
         manual = "" if self._auto else f"; automatic jamming is off; {WAY_BACK}"
         response.message = f"the foot {does} until something else is felt{manual}"
-        self._tell_contact()
+        self._publish_contact()
         self._diagnostics.check()
         return response
 
@@ -259,10 +288,10 @@ class ControllerNode(LockstepNode):
         """Say that this node ends in order."""
         self._diagnostics.farewell()
 
-    def _hear_driver(self, message: JamState) -> None:
+    def _on_driver(self, message: JamState) -> None:
         self._driver = driver_view(message)
-        if not self._driver_heard:
-            self._driver_heard = True
+        if not self._driver_reported:
+            self._driver_reported = True
             if self._driver.hold is Hold.STREAM:
                 self._controller.inherit_stance()
                 self.get_logger().info("the ankle was held by jam_command: it is held on once the body is at rest")
@@ -270,26 +299,26 @@ class ControllerNode(LockstepNode):
 
     def _refuse_what_the_driver_refuses(self, changes: list[Parameter]) -> SetParametersResult:
         for change in changes:
-            if change.name in SET_POINTS and isinstance(change.value, float):
+            if change.name in VACUUM_PARAMETERS and isinstance(change.value, float):
                 objection = self._driver.objection(f"parameter '{change.name}'", change.value)
                 if objection:
                     return SetParametersResult(successful=False, reason=objection)
         return SetParametersResult(successful=True)
 
     def _trouble_with_driver(self) -> str:
-        for name in SET_POINTS:
+        for name in VACUUM_PARAMETERS:
             objection = self._driver.objection(f"parameter '{name}'", getattr(self._values, name))
             if objection:
                 return objection
-        wished_pa = self._controller.vacuum_pa
-        if wished_pa != self._wished_pa:
-            self._wished_pa, self._since_wish_s = wished_pa, self.now_s()
-        patient = self.now_s() - self._since_wish_s < FOLLOW_S
-        return "" if patient or not self._driver_heard else self._driver.trouble(wished_pa)
+        asked_pa = self._controller.vacuum_pa
+        if asked_pa != self._asked_pa:
+            self._asked_pa, self._since_asked_s = asked_pa, self.now_s()
+        patient = self.now_s() - self._since_asked_s < FOLLOW_S
+        return "" if patient or not self._driver_reported else self._driver.trouble(asked_pa)
 
     def _configure(self, values: ControllerParameters) -> None:
         self._values = values
-        self._controller.configure(controller_settings(values))
+        self._controller.configure(values)
         if self._auto:
             self._command()
 
@@ -303,5 +332,5 @@ class ControllerNode(LockstepNode):
         policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver(), by_hand=by_hand)
         time_ns = max(self.get_clock().now().nanoseconds, self._controller.gate.last_ns or 0)
         contact = contact_health(self._controller, self._driver.soft, is_soft_in_stance=self._is_soft_in_stance())
-        inputs = input_health(self._controller, time_ns, self._inputs)
-        return [imu, inputs, contact, policy, self._roll_call.health()]
+        inputs = input_health(self._controller, time_ns, self._inputs, self._leg_trouble)
+        return [imu, inputs, contact, policy, self._liveness.health()]

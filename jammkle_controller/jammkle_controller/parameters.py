@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 
 from jammkle_common.constants import HELD_VACUUM_PA
 from jammkle_common.parameters import ParameterError, parameter
-from jammkle_controller.core.detector_settings import Mount
-from jammkle_controller.core.policy import PolicyMode
+
+
+class Mount(enum.Enum):
+    """Where the IMU is mounted."""
+
+    FOOT = "foot"
+    """On the foot, or at the end of a shank that ends in a ball."""
+    SHANK = "shank"
+    """On the lower leg, nearer to the knee."""
+    BODY = "body"
+    """On the trunk, or on what stands for it in a rig."""
+
+
+class PolicyMode(enum.Enum):
+    """What automatic jamming does. Manual is without it (`~/set_auto`)."""
+
+    AUTO = "auto"
+    """By what is felt."""
+    ALWAYS_SOFT = "always_soft"
+    """Vented, whatever is felt: a baseline."""
+    ALWAYS_JAMMED = "always_jammed"
+    """Held, whatever is felt: a baseline."""
 
 
 @dataclass(frozen=True)
 class ControllerParameters:
-    """Everything that can be set on the controller."""
+    """Everything that can be set on the controller, as every part of it takes it."""
 
     auto_at_start: bool = parameter(
         default=True, description="Whether jamming is automatic from the start; ~/set_auto changes it later"
@@ -31,12 +52,12 @@ class ControllerParameters:
     imu_rate_hz: float = parameter(
         0.0, "Rate that the IMU is configured to; twice or half of it is an error; 0: any from 50 Hz", "Hz", 0.0, 10e3
     )
-    sole_x_m: float = parameter(0.0, "From the IMU to the sole, along x of the IMU; for slip", "m", -2.0, 2.0)
-    sole_y_m: float = parameter(0.0, "From the IMU to the sole, along y of the IMU; for slip", "m", -2.0, 2.0)
-    sole_z_m: float = parameter(0.0, "From the IMU to the sole, along z of the IMU; for slip", "m", -2.0, 2.0)
+    imu_link: str = parameter(
+        "", "Link of the IMU in robot_description, from which the lever to the sole counts in slips; empty: no lever"
+    )
     stance_share: float = parameter(
         0.5,
-        "Share of the stride that the foot stands, if only gait/phase is heard",
+        "Share of the stride that the foot stands, if only gait/phase is received",
         "1",
         0.05,
         0.95,
@@ -49,24 +70,30 @@ class ControllerParameters:
     )
     use_efforts: bool = parameter(
         default=False,
-        description="Whether efforts of hip and knee in joint_states show contact; the leg's constants below must fit",
-    )
-    hip_joint: str = parameter("hip", "Joint of the thigh in joint_states: pitch, counted from straight down")
-    knee_joint: str = parameter("knee", "Joint of the shank, counted from the thigh")
-    thigh_m: float = parameter(0.15, "From hip to knee; this and what follows is of our simulated legs", "m", 0.02, 2.0)
-    shank_m: float = parameter(0.15, "From knee to ankle", "m", 0.02, 2.0)
-    thigh_kg: float = parameter(0.35, "Mass of the thigh, taken for a rod", "kg", 0.0, 50.0)
-    shank_kg: float = parameter(0.502, "Mass of the shank with ankle and foot, taken for a rod", "kg", 0.0, 50.0)
-    shank_centre_m: float = parameter(0.102, "From the knee to the centre of that mass", "m", 0.0, 2.0)
-    armature_kg_m2: float = parameter(
-        0.004, "Inertia of the motors of hip and knee behind their gears", "kg m^2", 0.0, 1.0
+        description="Whether efforts of hip and knee in joint_states show contact; needs robot_description",
     )
     use_odometry: bool = parameter(
         default=False,
-        description="Whether odom and the leg's joints show slips, by the speed of the sole; geometry below must fit",
+        description="Whether odom and the leg's joints show slips, by the speed of the sole; needs robot_description",
     )
-    odometry_topic: str = parameter(
-        "odom", "Where the odometry of the body is: /odom, for instance, where several ankles share it"
+    robot_description: str = parameter(
+        "", "URDF of the robot, as robot_state_publisher takes it; empty: from the topic robot_description"
+    )
+    robot_namespace: str = parameter(
+        "",
+        "Namespace of odom and robot_description: / where several ankles share them; empty: that of this node",
+    )
+    joint_prefix: str = parameter(
+        "", "What robot_description puts before the names of this leg's joints in joint_states, as lf_"
+    )
+    hip_joint: str = parameter("hip", "Joint of the thigh in joint_states: pitch, counted from straight down")
+    knee_joint: str = parameter("knee", "Joint of the shank, counted from the thigh")
+    armature_kg_m2: float = parameter(
+        0.004,
+        "Inertia of the motors of hip and knee behind their gears, for which URDF has no word; of our simulated legs",
+        "kg m^2",
+        0.0,
+        1.0,
     )
     odometry_spread_m_s: float = parameter(
         0.04,
@@ -76,20 +103,6 @@ class ControllerParameters:
         0.001,
         1.0,
     )
-    abduction_joint: str = parameter("abduction", "Joint of the hip in joint_states, about x; absent: there is none")
-    hip_x_m: float = parameter(0.0, "Axis of abduction, or the hip without one, forward of base_link", "m", -2.0, 2.0)
-    hip_y_m: float = parameter(0.0, "To the left of base_link", "m", -2.0, 2.0)
-    hip_z_m: float = parameter(0.0, "Above base_link", "m", -2.0, 2.0)
-    hip_offset_m: float = parameter(
-        0.0, "From the axis of abduction to the left to the plane of the leg; negative: right", "m", -1.0, 1.0
-    )
-    ankle_lean_rad: float = parameter(
-        0.5223, "Pitch of the ankle's frame against the shank's: the shank's lean as it stands", "rad", -1.6, 1.6
-    )
-    toe_m: float = parameter(0.06, "From the ankle's joint forward to the toe's corners; as of ours", "m", 0.0, 0.5)
-    heel_m: float = parameter(0.045, "From the ankle's joint backward to the heel's corners", "m", 0.0, 0.5)
-    foot_half_width_m: float = parameter(0.03, "From the middle of the sole to its corners, sideways", "m", 0.0, 0.5)
-    sole_depth_m: float = parameter(0.02, "From the ankle's joint down to the sole", "m", 0.0, 0.5)
     command_rate_hz: float = parameter(
         20.0,
         "How often jam_command is repeated, by a steady clock; must be well above the inverse of the driver's "
@@ -101,17 +114,6 @@ class ControllerParameters:
     imu_timeout_s: float = parameter(0.2, "Silence of the IMU that is reported as an error", "s", 0.02, 10.0)
     imu_frozen_s: float = parameter(
         0.3, "Time over which an IMU may repeat one reading before it is frozen", "s", 0.05, 5.0, dynamic=True
-    )
-    imu_recover_s: float = parameter(
-        0.5, "Time for which an IMU must be in order before it is believed again", "s", 0.0, 60.0, dynamic=True
-    )
-    max_gap_s: float = parameter(
-        0.1,
-        "Longest interval between two IMU samples over which they are still compared",
-        "s",
-        0.01,
-        1.0,
-        dynamic=True,
     )
     jam_delay_s: float = parameter(
         0.02,
@@ -172,17 +174,6 @@ class ControllerParameters:
         3.5,
         dynamic=True,
     )
-    flight_confirm_s: float = parameter(
-        0.03,
-        "Time of free fall after which LIFTOFF is reported: a hop of 1 mm lasts as long, and is no reason to vent",
-        "s",
-        0.005,
-        0.2,
-        dynamic=True,
-    )
-    touchdown_threshold_m_s2: float = parameter(
-        4.0, "|specific force| above which a flight has ended in an IMPACT", "m/s^2", 3.6, 9.0, dynamic=True
-    )
     impact_threshold_m_s2: float = parameter(
         6.0,
         "Rise of |specific force| above g that is an IMPACT on a body that stands; vibration of as much raises none",
@@ -191,28 +182,6 @@ class ControllerParameters:
         60.0,
         dynamic=True,
     )
-    refractory_s: float = parameter(
-        0.15,
-        "Time after an IMPACT in which the ground gives no other; a new flight ends it early",
-        "s",
-        0.0,
-        2.0,
-        dynamic=True,
-    )
-    settle_window_s: float = parameter(
-        0.2, "Time for which the body must be quiet to be at rest", "s", 0.05, 5.0, dynamic=True
-    )
-    settle_rms_m_s2: float = parameter(
-        0.5,
-        "Largest rms of | |specific force| - g | at rest; leaves 0.05 g for the bias of a cheap accelerometer",
-        "m/s^2",
-        0.05,
-        3.0,
-        dynamic=True,
-    )
-    settle_rms_rad_s: float = parameter(
-        0.2, "Largest rms of the angular velocity at rest", "rad/s", 0.01, 3.0, dynamic=True
-    )
     slip_speed_m_s: float = parameter(
         0.025,
         "Least speed of the sole that is a SLIP, on a body gained after a step of the acceleration; what shakes by "
@@ -220,22 +189,6 @@ class ControllerParameters:
         "m/s",
         0.01,
         1.0,
-        dynamic=True,
-    )
-    slip_step_m_s2: float = parameter(
-        0.4,
-        "Step of the acceleration that may be a SLIP; a body that sways by 10 mm at 3 Hz makes 0.28 m/s^2",
-        "m/s^2",
-        0.1,
-        10.0,
-        dynamic=True,
-    )
-    landed_slip_speed_m_s: float = parameter(
-        0.25,
-        "Speed along the ground after an impact that is a SLIP of a foot that has not stood",
-        "m/s",
-        0.05,
-        2.0,
         dynamic=True,
     )
     slip_probability: float = parameter(
@@ -261,12 +214,6 @@ class ControllerParameters:
         3.0,
         dynamic=True,
     )
-    stance_probability: float = parameter(
-        0.1, "Probability of swing below which it stands, blow or none", "1", 0.001, 0.5, dynamic=True
-    )
-    touchdown_probability: float = parameter(
-        0.5, "Probability from which on a blow in a swing is a touch-down", "1", 0.05, 0.99
-    )
 
     def __post_init__(self) -> None:
         """Check what two parameters say together.
@@ -281,3 +228,23 @@ class ControllerParameters:
                 f"{self.full_vacuum_pa:g} Pa: raise that first, or lower this"
             )
             raise ParameterError(msg)
+
+    @property
+    def mount(self) -> Mount:
+        """Where the IMU is."""
+        return Mount(self.imu_mount)
+
+    @property
+    def mode(self) -> PolicyMode:
+        """What automatic jamming does."""
+        return PolicyMode(self.policy)
+
+    @property
+    def raised_m(self) -> float:
+        """Height, m, at which what the IMU is on does not stand any more."""
+        return self.raised_body_m if self.mount is Mount.BODY else self.raised_foot_m
+
+    @property
+    def needs_leg(self) -> bool:
+        """Whether the leg must be known from robot_description."""
+        return self.use_efforts or self.use_odometry or bool(self.imu_link)

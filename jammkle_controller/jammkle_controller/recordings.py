@@ -17,11 +17,12 @@ from jammkle_common.bags.reading import name_of, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_common.names import resolved
+from jammkle_common.names import normalised, resolved
+from jammkle_common.parameters import ParameterError
 from jammkle_controller.core.controller import AnkleController, Reaction
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.leg_load import LegReading
+from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
 from jammkle_controller.core.reading import (
     body_twist,
     imu_sample,
@@ -31,17 +32,16 @@ from jammkle_controller.core.reading import (
     load_n,
     nanoseconds,
 )
-from jammkle_controller.core.sole_speed import BodyTwist, LegPose
-from jammkle_controller.settings import controller_settings
+from jammkle_controller.core.robot_description import leg_of
+from jammkle_controller.parameters import ControllerParameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
 
-    from jammkle_controller.core.density_ratio import StepRatios
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.imu import StreamCounts
-    from jammkle_controller.parameters import ControllerParameters
+    from jammkle_controller.core.leg import Leg
 
 FORCE_UNITS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY_M_S2}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": math.radians(1.0)}
@@ -49,8 +49,8 @@ _IMU_TYPE = names.IMU.message_type
 _AXES = 3
 
 
-class Heard(NamedTuple):
-    """What a controller hears at a time, ns: an IMU's sample, a leg, the body's motion, or the value of an input."""
+class Received(NamedTuple):
+    """What a controller receives at a time, ns: an IMU's sample, a leg, the body's motion, or the value of an input."""
 
     time_ns: int
     what: ImuSample | LegReading | LegPose | BodyTwist | Input
@@ -62,14 +62,16 @@ class Recording:
     """What was recorded, by rising time of arrival."""
 
     name: str
-    heard: list[Heard]
+    received: list[Received]
     imu_topic: str = ""
+    leg: Leg | None = None
+    """What the robot's leg is, where efforts or odometry are read."""
     reference: list[tuple[int, float]] = field(default_factory=list)
-    """Times, ns, and values of a force or switch that is drawn beside, and not heard."""
+    """Times, ns, and values of a force or switch that is drawn beside, and not used."""
 
     def samples(self) -> list[ImuSample]:
         """Return the samples of the IMU alone."""
-        return [each.what for each in self.heard if isinstance(each.what, ImuSample)]
+        return [each.what for each in self.received if isinstance(each.what, ImuSample)]
 
 
 @dataclass(frozen=True)
@@ -98,53 +100,66 @@ class TableFormat:
     delimiter: str = ","
 
 
-class Joints(NamedTuple):
-    """Joints of a leg, and what is to be heard beside the IMU: their efforts, and an odometry, on a topic if any."""
-
-    abduction: str
-    hip: str
-    knee: str
-    efforts: bool
-    odometry: str
-
-
-def read_bag(path: Path, topic: str = "", namespace: str = "/", leg: Joints | None = None) -> Recording:
+def read_bag(
+    path: Path, topic: str = "", namespace: str = "/", parameters: ControllerParameters | None = None
+) -> Recording:
     """Read a bag with an IMU.
 
     Args:
         path: The bag.
         topic: Of the IMU; empty: imu/data of the namespace, or the only one of its type.
         namespace: Normalised namespace, in which the other inputs are.
-        leg: Joints, if more than the ankle's are to be heard.
+        parameters: Of the controller: which joints are its leg's, and whether efforts and odometry are read.
 
     Raises:
-        InputError: unreadable, or no IMU, or several and no topic.
+        InputError: unreadable; no IMU, or several and no topic; a leg is needed, and not described.
 
     """
+    parameters = parameters or ControllerParameters()
+    shared = normalised(parameters.robot_namespace) if parameters.robot_namespace else namespace
     with opened(path) as reader:
         imus = sorted(each.topic for each in reader.connections if each.msgtype == _IMU_TYPE)
         imu = topic or _only_imu(path, imus, resolved(namespace, names.IMU.name))
         if imu not in imus:
             msg = f"bag {path} holds no {_IMU_TYPE} on {imu}; it has: {', '.join(imus) or 'none'}"
             raise InputError(msg)
+        leg = _leg(path, reader, resolved(shared, names.ROBOT_DESCRIPTION.name), parameters)
         others = {
             resolved(namespace, each.name): each
             for each in (names.FOOT_CONTACT, names.GAIT_PHASE, names.PLANNED_CONTACT, names.LOAD_CELL)
         }
         others[resolved(namespace, names.JOINT_STATES.name)] = names.JOINT_STATES
-        if leg is not None and leg.odometry:
-            others[resolved(namespace, leg.odometry)] = names.ODOMETRY
+        if parameters.use_odometry:
+            others[resolved(shared, names.ODOMETRY.name)] = names.ODOMETRY
         others.pop(imu, None)
         wanted = [each for each in reader.connections if each.topic == imu and each.msgtype == _IMU_TYPE]
-        heard = []
+        received = []
         for connection, time_ns, _, data in BagTimes(reader).messages([*wanted, *reader.on(others)]):
             message: Any = reader.deserialize(data, connection.msgtype)
             if connection.topic == imu:
                 sample = imu_sample(message)
-                heard.append(Heard(sample.time_ns, sample))
+                received.append(Received(sample.time_ns, sample))
             elif connection.msgtype == others[connection.topic].message_type:
-                heard += _other(others[connection.topic], message, time_ns, leg)
-    return Recording(name_of(path), heard, imu)
+                received += _other(others[connection.topic], message, time_ns, parameters, leg)
+    return Recording(name_of(path), received, imu, leg)
+
+
+def _leg(path: Path, reader: Any, topic: str, parameters: ControllerParameters) -> Leg | None:
+    """Return the leg, if it is needed, from the parameter or from the bag."""
+    if not parameters.needs_leg:
+        return None
+    text = parameters.robot_description
+    for connection in reader.on([topic]) if not text else ():
+        for _, _, data in reader.messages([connection]):
+            text = reader.deserialize(data, connection.msgtype).data
+    if not text:
+        msg = f"bag {path} holds no URDF on {topic}, which use_efforts, use_odometry and imu_link need; give it with "
+        msg += '--set robot_description="$(cat robot.urdf)"'
+        raise InputError(msg)
+    try:
+        return leg_of(text, parameters)
+    except ParameterError as error:
+        raise InputError(str(error)) from error
 
 
 def _only_imu(path: Path, imus: list[str], usual: str) -> str:
@@ -157,23 +172,26 @@ def _only_imu(path: Path, imus: list[str], usual: str) -> str:
     raise InputError(msg)
 
 
-def _other(topic: names.Topic, message: Any, time_ns: int, leg: Joints | None) -> list[Heard]:
+def _other(
+    topic: names.Topic, message: Any, time_ns: int, parameters: ControllerParameters, leg: Leg | None
+) -> list[Received]:
     if topic is names.FOOT_CONTACT:
-        return [Heard(time_ns, Input.CONTACT_SWITCH, float(message.data))]
+        return [Received(time_ns, Input.CONTACT_SWITCH, float(message.data))]
     if topic is names.PLANNED_CONTACT:
-        return [Heard(time_ns, Input.PLANNED_CONTACT, float(message.data))]
+        return [Received(time_ns, Input.PLANNED_CONTACT, float(message.data))]
     if topic is names.GAIT_PHASE:
-        return [Heard(time_ns, Input.GAIT_PHASE, float(message.data))]
+        return [Received(time_ns, Input.GAIT_PHASE, float(message.data))]
     at_ns = nanoseconds(message.header.stamp)
     if topic is names.LOAD_CELL:
-        return [Heard(at_ns, Input.LOAD, load_n(message))]
+        return [Received(at_ns, Input.LOAD, load_n(message))]
     if topic is names.ODOMETRY:
-        return [Heard(at_ns, body_twist(message))]
+        return [Received(at_ns, body_twist(message))]
     roll_rad = joint_position(message, names.ANKLE_JOINTS[0])
-    heard = [] if roll_rad is None else [Heard(at_ns, Input.JOINTS, roll_rad)]
-    reading = leg_reading(message, leg.hip, leg.knee) if leg is not None and leg.efforts else None
-    pose = leg_pose(message, leg[:3]) if leg is not None and leg.odometry else None
-    return [*heard, *(Heard(at_ns, each) for each in (reading, pose) if each is not None)]
+    received = [] if roll_rad is None else [Received(at_ns, Input.JOINTS, roll_rad)]
+    hip, knee = parameters.hip_joint, parameters.knee_joint
+    reading = leg_reading(message, hip, knee) if parameters.use_efforts else None
+    pose = leg_pose(message, (leg.abduction, hip, knee)) if leg is not None and parameters.use_odometry else None
+    return [*received, *(Received(at_ns, each) for each in (reading, pose) if each is not None)]
 
 
 def read_table(path: Path, layout: TableFormat) -> Recording:
@@ -210,7 +228,7 @@ def _table(
     rate = [_column(path, head, name) for name in layout.rate]
     time = _column(path, head, layout.time) if layout.time else -1
     beside = _column(path, head, layout.reference) if layout.reference else -1
-    heard, reference = [], []
+    received, reference = [], []
     for number, row in enumerate(rows):
         if not any(row[index].strip() for index in force if index < len(row)):
             continue  # a table of several sensors goes on where the IMU has ended
@@ -224,11 +242,11 @@ def _table(
         except (ValueError, IndexError) as error:
             msg = f"{path}, row {number + 1}: {error}; columns are chosen with --force, --rate, --time"
             raise InputError(msg) from error
-        heard.append(Heard(at_ns, ImuSample(at_ns, x, y, z, p, q, r)))
-    if not heard:
+        received.append(Received(at_ns, ImuSample(at_ns, x, y, z, p, q, r)))
+    if not received:
         msg = f"{path} holds no rows"
         raise InputError(msg)
-    return Recording(name_of(path), heard, reference=reference)
+    return Recording(name_of(path), received, reference=reference)
 
 
 def _scale(units: dict[str, float], unit: str, option: str) -> float:
@@ -262,7 +280,7 @@ class Decision:
 
     time_ns: int
     state: str
-    wish_pa: dict[str, float]
+    vacuum_pa: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -271,7 +289,7 @@ class Replay:
 
     events: list[ContactEvent]
     decisions: list[Decision]
-    """On every change of state or wish."""
+    """On every change of state or set point."""
     troubles: list[tuple[int, str]]
     """When an IMU became unbelievable, ns, and why; an empty reason says that it was believed again."""
     swing: list[tuple[int, float]]
@@ -279,61 +297,57 @@ class Replay:
     counts: StreamCounts
 
 
-def new_controller(parameters: ControllerParameters, ratios: StepRatios | None = None) -> AnkleController:
-    """Return a controller with these parameters, and with other density ratios than its own where given."""
-    return AnkleController(controller_settings(parameters), ratios)
-
-
-def hear(controller: AnkleController, heard: Heard) -> Reaction:
-    """Let a controller hear one thing."""
-    time_ns, what, value = heard
+def feed(controller: AnkleController, received: Received) -> Reaction:
+    """Give a controller what it receives."""
+    time_ns, what, value = received
     if isinstance(what, ImuSample):
         return controller.update(what)
     if isinstance(what, (LegReading, LegPose, BodyTwist)):
-        return _hear_motion(controller, what, time_ns)
+        return _feed_motion(controller, what, time_ns)
     if what is Input.JOINTS:
-        controller.inputs.hear_joints(value, time_ns)
-        return Reaction((), wish_changed=False)
+        controller.inputs.on_roll(value, time_ns)
+        return Reaction((), changed=False)
     if what is Input.CONTACT_SWITCH:
-        return controller.hear_switch(closed=bool(value), time_ns=time_ns)
+        return controller.on_switch(closed=bool(value), time_ns=time_ns)
     if what is Input.PLANNED_CONTACT:
-        return controller.hear_plan(contact=bool(value), time_ns=time_ns)
-    take = controller.hear_phase if what is Input.GAIT_PHASE else controller.hear_load
+        return controller.on_plan(contact=bool(value), time_ns=time_ns)
+    take = controller.on_phase if what is Input.GAIT_PHASE else controller.on_load
     return take(value, time_ns)
 
 
-def _hear_motion(controller: AnkleController, what: LegReading | LegPose | BodyTwist, time_ns: int) -> Reaction:
+def _feed_motion(controller: AnkleController, what: LegReading | LegPose | BodyTwist, time_ns: int) -> Reaction:
     if isinstance(what, LegReading):
-        return controller.hear_leg(what, time_ns)
+        return controller.on_leg(what, time_ns)
     if isinstance(what, LegPose):
-        return controller.hear_pose(what, time_ns)
-    return controller.hear_odometry(what, time_ns)
+        return controller.on_pose(what, time_ns)
+    return controller.on_odometry(what, time_ns)
 
 
-def replay(stream: Iterable[Heard], parameters: ControllerParameters) -> Replay:
+def replay(stream: Iterable[Received], parameters: ControllerParameters, leg: Leg | None = None) -> Replay:
     """Run a new controller over a stream.
 
     Args:
-        stream: What it hears, by time of arrival.
+        stream: What it receives, by time of arrival.
         parameters: As of the node.
+        leg: What the leg is, where efforts or odometry are used.
 
     """
-    controller = new_controller(parameters)
+    controller = AnkleController(parameters, leg=leg)
     events: list[ContactEvent] = []
     decisions: list[Decision] = []
     troubles: list[tuple[int, str]] = []
     swing: list[tuple[int, float]] = []
-    state, told = None, ""
-    for number, heard in enumerate(stream):
-        reaction = hear(controller, heard)
+    state, reported = None, ""
+    for number, received in enumerate(stream):
+        reaction = feed(controller, received)
         events += reaction.events
-        if reaction.wish_changed or controller.state is not state:
+        if reaction.changed or controller.state is not state:
             state = controller.state
-            decisions.append(Decision(heard.time_ns, state.value, dict(controller.wish)))
+            decisions.append(Decision(received.time_ns, state.value, dict(controller.set_points_pa)))
         reason = controller.watch.reason
-        if reason != told:
-            troubles.append((heard.time_ns, reason))
-            told = reason
+        if reason != reported:
+            troubles.append((received.time_ns, reason))
+            reported = reason
         if number % 10 == 0:
-            swing.append((heard.time_ns, controller.swing_probability))
+            swing.append((received.time_ns, controller.swing_probability))
     return Replay(events, decisions, troubles, swing, controller.gate.counts)

@@ -14,7 +14,6 @@ from jammkle_common.testing import own_domain
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import controller_settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -134,7 +133,7 @@ class Streams:
     @staticmethod
     def new_controller() -> AnkleController:
         """Return a controller with default parameters."""
-        return AnkleController(controller_settings(ControllerParameters()))
+        return AnkleController(ControllerParameters())
 
     def events_of(self, samples: list[ImuSample], controller: AnkleController | None = None) -> list[ContactEvent]:
         """Return what a controller, a new one if none is given, tells of these samples."""

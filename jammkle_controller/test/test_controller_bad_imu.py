@@ -10,11 +10,10 @@ import pytest
 from jammkle_common.names import CHANNELS
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind, Source
+from jammkle_controller.core.imu import ImuTrouble
 from jammkle_controller.core.inputs import PLAN_SILENT_S, Input
-from jammkle_controller.core.transitions import PolicyState
-from jammkle_controller.core.watch import ImuTrouble
+from jammkle_controller.core.policy import PolicyState
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import controller_settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +40,7 @@ def standing(streams: Any) -> tuple[AnkleController, int]:
     controller = streams.new_controller()
     samples = streams.sense(streams.drop(*KICK)[0], 500)
     streams.events_of(samples, controller)
-    assert controller.wish == HELD
+    assert controller.set_points_pa == HELD
     return controller, samples[-1].time_ns
 
 
@@ -92,10 +91,10 @@ def test_a_broken_imu_does_not_vent_a_robot_that_stands(
     assert all(math.isfinite(event.magnitude) for event in events)
     assert controller.watch.trouble is trouble
     assert controller.state is PolicyState.FAULT
-    assert controller.wish == HELD
+    assert controller.set_points_pa == HELD
     streams.events_of(later(streams.sense(streams.rest(6.0), 500), broken[-1].time_ns), controller)
     assert controller.watch.trouble is None
-    assert controller.wish == HELD
+    assert controller.set_points_pa == HELD
 
 
 def without_gravity(sample: ImuSample) -> ImuSample:
@@ -116,11 +115,11 @@ def test_an_imu_that_loses_gravity_in_a_stance_is_refused_at_once(
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
     assert streams.events_of(broken[2:], controller) == []
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
-    assert (controller.state, controller.wish) == (PolicyState.FAULT, HELD)
+    assert (controller.state, controller.set_points_pa) == (PolicyState.FAULT, HELD)
     whole = later(streams.sense(streams.rest(0.6), rate_hz), broken[-1].time_ns)
     streams.events_of(whole, controller)
     assert controller.watch.trouble is None
-    assert (controller.state, controller.wish) == (PolicyState.STANCE, HELD)
+    assert (controller.state, controller.set_points_pa) == (PolicyState.STANCE, HELD)
 
 
 @pytest.mark.parametrize("rate_hz", [100, 250, 1000])
@@ -133,7 +132,7 @@ def test_a_standing_body_whose_ground_gives_way_is_vented_as_it_falls(streams: A
     force[:, 2] *= np.interp(streams.time_s(force), [0.5, 0.52], [1.0, 0.0])
     events = streams.events_of(later(streams.sense(force, rate_hz), last_ns), controller)
     assert [event.kind for event in events] == [ContactKind.LIFTOFF]
-    assert controller.wish == SOFT
+    assert controller.set_points_pa == SOFT
 
 
 @pytest.mark.parametrize(("bad_share", "believed"), [(0.3, True), (0.7, False)])
@@ -154,7 +153,7 @@ def test_more_than_half_of_the_samples_must_be_bad(
         controller.update(nothing(sample) if draw.random() < bad_share else sample)
         doubted.add(controller.watch.trouble)
     assert (ImuTrouble.BAD_SAMPLES not in doubted) is believed
-    assert controller.wish == HELD
+    assert controller.set_points_pa == HELD
 
 
 @pytest.mark.parametrize("rate_hz", [250, 1000])
@@ -164,7 +163,7 @@ def test_readings_in_g_are_refused_from_the_start(streams: Any, rate_hz: int) ->
     samples = [scaled(force=1.0 / 9.80665)(sample) for sample in streams.sense(streams.drop(*KICK)[0], rate_hz)]
     assert streams.events_of(samples, controller) == []
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
-    assert (controller.state, controller.wish) == (PolicyState.FAULT, SOFT)
+    assert (controller.state, controller.set_points_pa) == (PolicyState.FAULT, SOFT)
 
 
 @pytest.mark.parametrize("stood_s", [0.03, 0.09])
@@ -205,7 +204,7 @@ def test_a_sensor_at_the_end_of_its_range_is_told(streams: Any) -> None:
     clipped = [sample._replace(force_z=80.83 if i % 8 else 80.8, force_x=0.01 * i) for i, sample in enumerate(samples)]
     streams.events_of(clipped, controller)
     assert controller.watch.trouble is ImuTrouble.CLIPPED
-    assert controller.wish == HELD
+    assert controller.set_points_pa == HELD
 
 
 @pytest.mark.parametrize(
@@ -215,7 +214,7 @@ def test_a_rate_far_from_the_configured_one_is_told(
     streams: Any, configured_hz: float, sent_hz: int, *, fits: bool
 ) -> None:
     """Half or twice the configured rate is another sensor; without a configured rate any from 50 Hz will do."""
-    controller = AnkleController(controller_settings(ControllerParameters(imu_rate_hz=configured_hz)))
+    controller = AnkleController(ControllerParameters(imu_rate_hz=configured_hz))
     streams.events_of(streams.sense(streams.rest(3.0), sent_hz), controller)
     assert controller.watch.trouble is (None if fits else ImuTrouble.RATE)
 
@@ -253,16 +252,16 @@ def test_a_contact_switch_goes_on_where_the_imu_is_broken(streams: Any) -> None:
         assert sample is not None
         return sample.time_ns
 
-    controller.hear_switch(closed=True, time_ns=go_on(100))
-    assert controller.wish == HELD
-    reaction = controller.hear_switch(closed=False, time_ns=go_on(100))
+    controller.on_switch(closed=True, time_ns=go_on(100))
+    assert controller.set_points_pa == HELD
+    reaction = controller.on_switch(closed=False, time_ns=go_on(100))
     assert [(event.kind, event.source) for event in reaction.events] == [(ContactKind.LIFTOFF, Source.CONTACT_SWITCH)]
-    assert controller.wish == SOFT
-    assert Input.CONTACT_SWITCH in controller.inputs.heard(go_on(1))
-    reaction = controller.hear_switch(closed=True, time_ns=go_on(100))
+    assert controller.set_points_pa == SOFT
+    assert Input.CONTACT_SWITCH in controller.inputs.received(go_on(1))
+    reaction = controller.on_switch(closed=True, time_ns=go_on(100))
     assert [event.kind for event in reaction.events] == [ContactKind.IMPACT]
     go_on(20)
-    assert controller.wish == HELD
+    assert controller.set_points_pa == HELD
 
 
 @pytest.mark.parametrize("planned_share", [None, 0.7])
@@ -276,14 +275,14 @@ def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any, planned_share: 
     for sample in later(streams.sense(streams.rest(2.0), 500), last_ns):
         since_s = (sample.time_ns - last_ns) * 1e-9
         phase = (since_s / stride_s) % 1.0
-        before = controller.wish
+        before = controller.set_points_pa
         if planned_share is not None:
-            controller.hear_plan(contact=phase < planned_share, time_ns=sample.time_ns)
-        controller.hear_phase(phase, sample.time_ns)
+            controller.on_plan(contact=phase < planned_share, time_ns=sample.time_ns)
+        controller.on_phase(phase, sample.time_ns)
         controller.update(sample)
-        if controller.wish == HELD and before == SOFT:
+        if controller.set_points_pa == HELD and before == SOFT:
             asked_s.append(since_s % stride_s)
-        elif controller.wish == SOFT and before == HELD:
+        elif controller.set_points_pa == SOFT and before == HELD:
             vented_s.append(since_s % stride_s)
     assert len(asked_s) >= 3
     assert all(abs(stride_s - 0.03 - at_s) < 0.006 for at_s in asked_s[1:])
@@ -297,14 +296,14 @@ def test_a_plan_that_fell_silent_leaves_the_swings_to_the_phase(streams: Any) ->
     for sample in later(streams.sense(streams.rest(5.0), 500), last_ns):
         since_s = (sample.time_ns - last_ns) * 1e-9
         phase = (since_s / stride_s) % 1.0
-        before = controller.wish
+        before = controller.set_points_pa
         if since_s < told_s:
-            controller.hear_plan(contact=phase < 0.7, time_ns=sample.time_ns)
-        controller.hear_phase(phase, sample.time_ns)
+            controller.on_plan(contact=phase < 0.7, time_ns=sample.time_ns)
+        controller.on_phase(phase, sample.time_ns)
         controller.update(sample)
-        if controller.wish == SOFT and before == HELD:
+        if controller.set_points_pa == SOFT and before == HELD:
             vented_s.append(since_s)
-        told_lately = Input.PLANNED_CONTACT in controller.inputs.heard(sample.time_ns)
+        told_lately = Input.PLANNED_CONTACT in controller.inputs.received(sample.time_ns)
         assert told_lately is (since_s < told_s + PLAN_SILENT_S - 0.002)
     by_plan = [at_s for at_s in vented_s if at_s < told_s]
     by_phase = [at_s for at_s in vented_s if at_s > told_s + PLAN_SILENT_S]
@@ -314,7 +313,7 @@ def test_a_plan_that_fell_silent_leaves_the_swings_to_the_phase(streams: Any) ->
 
 def test_a_load_that_goes_vents_and_jams_again_as_it_comes(streams: Any) -> None:
     """Unloading is told within 40 ms of a cell at 100 Hz on an IMU at rest; a foot half relieved goes on standing."""
-    controller = AnkleController(controller_settings(ControllerParameters(use_load=True)))
+    controller = AnkleController(ControllerParameters(use_load=True))
     streams.events_of(streams.sense(streams.drop(*KICK)[0], 500), controller)
     last_ns = controller.gate.last_ns or 0
     wishes = {}
@@ -322,9 +321,9 @@ def test_a_load_that_goes_vents_and_jams_again_as_it_comes(streams: Any) -> None
         since_s = 0.002 * number
         load_n = 40.0 if since_s < 0.5 else 12.0 if since_s < 0.8 else 2.0 if since_s < 1.2 else 40.0
         if number % 5 == 0:
-            controller.hear_load(load_n, sample.time_ns)
+            controller.on_load(load_n, sample.time_ns)
         controller.update(sample)
-        wishes[number * 2] = controller.wish
+        wishes[number * 2] = controller.set_points_pa
     assert wishes[798] == HELD
     assert wishes[840] == SOFT
     assert wishes[1198] == SOFT
@@ -339,7 +338,7 @@ def test_a_rate_that_is_not_the_configured_one_is_named_with_both_numbers(stream
         reading._replace(time_ns=reading.time_ns + copy * 2_000_000) for reading in repeated for copy in range(4)
     ]
     for rate_hz, believed in ((500.0, True), (125.0, True), (0.0, True), (2000.0, False), (40.0, False)):
-        controller = AnkleController(controller_settings(ControllerParameters(imu_rate_hz=rate_hz)))
+        controller = AnkleController(ControllerParameters(imu_rate_hz=rate_hz))
         streams.events_of(published, controller)
         assert (controller.watch.trouble is None) is believed, rate_hz
         if not believed:

@@ -13,13 +13,11 @@ from jammkle_common.messages import Level
 from jammkle_common.names import CHANNELS, CONTACT_STATE, SET_AUTO, SET_CONTACT, UNJAM
 from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import subscriber_qos
-from jammkle_controller.core.contact import Contact
-from jammkle_controller.core.contact_load import LoadContact
 from jammkle_controller.core.controller import AnkleController
-from jammkle_controller.core.events import ContactKind
+from jammkle_controller.core.events import Contact, ContactKind
+from jammkle_controller.core.inputs import LoadContact
 from jammkle_controller.health import contact_health
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import controller_settings
 from jammkle_msgs.msg import ChannelJamState, ContactState, JamState
 
 if TYPE_CHECKING:
@@ -40,7 +38,7 @@ def at_rest(streams: Streams, duration_s: float = 1.6) -> list[ImuSample]:
 
 
 def new_controller(mount: str = "body", **parameters: object) -> AnkleController:
-    return AnkleController(controller_settings(ControllerParameters(imu_mount=mount, **parameters)))
+    return AnkleController(ControllerParameters(imu_mount=mount, **parameters))
 
 
 def feel(
@@ -58,11 +56,11 @@ def feel(
 def test_what_rests_unexplained_is_unknown_held_and_a_warning(streams: Streams, mount: str) -> None:
     """An IMU at rest tells no stance from hanging on any mount: held after 1 s, unknown all the same, and told so."""
     controller = feel(new_controller(mount), at_rest(streams, 0.9))
-    assert (controller.contact.contact, controller.wish) == (Contact.UNKNOWN, SOFT)
+    assert (controller.contact.contact, controller.set_points_pa) == (Contact.UNKNOWN, SOFT)
     controller = feel(new_controller(mount), at_rest(streams, 2.5))
     assert controller.contact.contact is Contact.UNKNOWN
     assert controller.contact.at_rest
-    assert controller.wish == HELD
+    assert controller.set_points_pa == HELD
     health = contact_health(controller, (), is_soft_in_stance=False)
     assert health.level is Level.WARN
     assert SET_CONTACT.path in health.message
@@ -71,15 +69,15 @@ def test_what_rests_unexplained_is_unknown_held_and_a_warning(streams: Streams, 
 @pytest.mark.parametrize(
     ("hear", "contact"),
     [
-        (lambda c, ns: c.inputs.hear_pull(3.4, ns), Contact.NO_CONTACT),
-        (lambda c, ns: c.inputs.hear_pull(-14.0, ns), Contact.CONTACT),
-        (lambda c, ns: c.inputs.hear_pull(0.5, ns), Contact.UNKNOWN),
-        (lambda c, ns: c.hear_switch(closed=False, time_ns=ns), Contact.NO_CONTACT),
-        (lambda c, ns: c.hear_switch(closed=True, time_ns=ns), Contact.CONTACT),
-        (lambda c, ns: c.hear_plan(contact=False, time_ns=ns), Contact.NO_CONTACT),
-        (lambda c, ns: c.hear_plan(contact=True, time_ns=ns), Contact.CONTACT),
-        (lambda c, ns: (c.inputs.hear_joints(0.0, ns), c.inputs.hear_pitch(-0.065)), Contact.CONTACT),
-        (lambda c, ns: (c.inputs.hear_joints(0.0, ns), c.inputs.hear_pitch(0.014)), Contact.UNKNOWN),
+        (lambda c, ns: c.inputs.on_pull(3.4, ns), Contact.NO_CONTACT),
+        (lambda c, ns: c.inputs.on_pull(-14.0, ns), Contact.CONTACT),
+        (lambda c, ns: c.inputs.on_pull(0.5, ns), Contact.UNKNOWN),
+        (lambda c, ns: c.on_switch(closed=False, time_ns=ns), Contact.NO_CONTACT),
+        (lambda c, ns: c.on_switch(closed=True, time_ns=ns), Contact.CONTACT),
+        (lambda c, ns: c.on_plan(contact=False, time_ns=ns), Contact.NO_CONTACT),
+        (lambda c, ns: c.on_plan(contact=True, time_ns=ns), Contact.CONTACT),
+        (lambda c, ns: (c.inputs.on_roll(0.0, ns), c.inputs.on_pitch(-0.065)), Contact.CONTACT),
+        (lambda c, ns: (c.inputs.on_roll(0.0, ns), c.inputs.on_pitch(0.014)), Contact.UNKNOWN),
     ],
     ids=["hangs on cell", "presses", "cell unsure", "open", "closed", "air planned", "stance planned", "bent", "level"],
 )
@@ -90,7 +88,7 @@ def test_what_else_is_known_decides_for_what_rests(
     """A load cell's sign, a switch, a gait and the soft ankle's angle show stance or hanging; only hanging is soft."""
     controller = feel(new_controller(mount), at_rest(streams), hear)
     assert controller.contact.contact is contact
-    assert controller.wish == (SOFT if contact is Contact.NO_CONTACT else HELD)
+    assert controller.set_points_pa == (SOFT if contact is Contact.NO_CONTACT else HELD)
 
 
 def test_a_person_says_that_it_stands_or_hangs_until_something_is_felt(streams: Streams) -> None:
@@ -98,16 +96,16 @@ def test_a_person_says_that_it_stands_or_hangs_until_something_is_felt(streams: 
     fall, _ = streams.drop(150.0, 0.5)
     controller = feel(new_controller(), at_rest(streams, 0.5))
     assert controller.set_contact(stands=True) == ""
-    assert (controller.contact.contact, controller.wish) == (Contact.CONTACT, HELD)
+    assert (controller.contact.contact, controller.set_points_pa) == (Contact.CONTACT, HELD)
     controller = feel(new_controller(), at_rest(streams, 0.5))
     assert controller.set_contact(stands=False) == ""
     held_up = [sample._replace(time_ns=sample.time_ns + 500_000_000) for sample in at_rest(streams, 2.0)]
     feel(controller, held_up)
-    assert (controller.contact.contact, controller.wish) == (Contact.NO_CONTACT, SOFT)
+    assert (controller.contact.contact, controller.set_points_pa) == (Contact.NO_CONTACT, SOFT)
     feel(controller, [s._replace(time_ns=s.time_ns + 2_500_000_000) for s in streams.sense(fall, 500)])
-    assert (controller.contact.contact, controller.wish) == (Contact.CONTACT, HELD)
+    assert (controller.contact.contact, controller.set_points_pa) == (Contact.CONTACT, HELD)
     feel(controller, [], None)
-    controller.hear_switch(closed=False, time_ns=controller.gate.last_ns or 0)
+    controller.on_switch(closed=False, time_ns=controller.gate.last_ns or 0)
     assert "contact switch" in controller.set_contact(stands=True)
 
 
@@ -117,7 +115,7 @@ def test_what_a_person_said_is_forgotten_on_the_way_back(streams: Streams) -> No
     controller.set_contact(stands=False)
     controller.forget_hand()
     later = [sample._replace(time_ns=sample.time_ns + 1_600_000_000) for sample in at_rest(streams)]
-    assert feel(controller, later).wish == HELD
+    assert feel(controller, later).set_points_pa == HELD
 
 
 def test_an_imu_that_is_not_believed_makes_contact_unknown(streams: Streams) -> None:
@@ -128,11 +126,11 @@ def test_an_imu_that_is_not_believed_makes_contact_unknown(streams: Streams) -> 
     assert controller.contact.contact is Contact.CONTACT
     last_ns = samples[-1].time_ns
     feel(controller, [samples[-1]._replace(time_ns=last_ns + n * 2_000_000) for n in range(1, 300)])
-    assert (controller.contact.contact, controller.wish) == (Contact.UNKNOWN, HELD)
+    assert (controller.contact.contact, controller.set_points_pa) == (Contact.UNKNOWN, HELD)
     controller.set_contact(stands=False)
-    assert controller.wish == SOFT
+    assert controller.set_points_pa == SOFT
     controller.set_contact(stands=True)
-    assert controller.wish == HELD
+    assert controller.set_points_pa == HELD
 
 
 def test_contact_is_told_and_a_soft_stance_with_the_way_back(make_bench: Callable[..., Bench]) -> None:
@@ -177,12 +175,12 @@ def test_a_touch_down_that_stillness_alone_suggests_is_no_evidence(streams: Stre
     """A foot that swings by its gait's plan and then is still: reported and held as before, and contact is unknown."""
     samples = at_rest(streams, 0.8)
     controller = feel(new_controller(mount), samples[:100])
-    controller.hear_plan(contact=True, time_ns=samples[99].time_ns)
-    controller.hear_plan(contact=False, time_ns=samples[99].time_ns)
+    controller.on_plan(contact=True, time_ns=samples[99].time_ns)
+    controller.on_plan(contact=False, time_ns=samples[99].time_ns)
     assert controller.contact.contact is Contact.NO_CONTACT
     events = [event for sample in samples[100:] for event in controller.update(sample).events]
     assert [event.kind for event in events][:1] == [ContactKind.IMPACT]
-    assert (controller.contact.contact, controller.wish) == (Contact.UNKNOWN, HELD)
+    assert (controller.contact.contact, controller.set_points_pa) == (Contact.UNKNOWN, HELD)
 
 
 def test_a_load_that_says_nothing_shows_no_stance() -> None:

@@ -11,12 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jammkle_controller.core.controller import AnkleController
-from jammkle_controller.core.detector_settings import Mount, Phase
-from jammkle_controller.core.events import ContactKind
-from jammkle_controller.core.offered import OFFERS, Detection, not_felt
-from jammkle_controller.core.sole import SoleFilter
-from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import controller_settings
+from jammkle_controller.core.events import OFFERS, ContactKind, Detection, Phase, not_felt
+from jammkle_controller.core.stepping import SoleFilter
+from jammkle_controller.parameters import ControllerParameters, Mount
 
 LANDING = [ContactKind.LIFTOFF, ContactKind.IMPACT, ContactKind.SETTLED]
 GRAVITY_M_S2 = 9.80665
@@ -225,7 +222,7 @@ def test_a_sole_that_goes_up_does_not_slide(
 
     monkeypatch.setattr(SoleFilter, "follow", follow)
     monkeypatch.setattr(SoleFilter, "update", lambda *_: 0.9)
-    controller = AnkleController(controller_settings(ControllerParameters(imu_mount="shank")))
+    controller = AnkleController(ControllerParameters(imu_mount="shank"))
     kinds = [event.kind for event in streams.events_of(streams.sense(streams.rest(0.5), 500), controller)]
     assert (ContactKind.SLIP in kinds) is slips
 

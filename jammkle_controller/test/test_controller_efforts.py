@@ -7,25 +7,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from controller_bench import LEG
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jammkle_controller.core.contact_load import SPREAD_N, LoadContact
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.leg_load import LegLoad, LegReading
+from jammkle_controller.core.inputs import SPREAD_N, Input, LoadContact
+from jammkle_controller.core.leg import LegLoad, LegReading
 from jammkle_controller.core.policy import PolicyState
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import controller_settings, leg_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-LEG = leg_model(ControllerParameters())
+ARMATURE_KG_M2 = 0.004
 GRAVITY_M_S2 = 9.80665
 HIP_RAD, KNEE_RAD = 0.52, -1.05  # as it stands
 
@@ -60,7 +59,7 @@ def kinetic_j(_hip: float, knee: float, hip_rate: float, knee_rate: float) -> fl
         + (along * both) ** 2
         + 2.0 * LEG.thigh_m * hip_rate * along * both * math.cos(knee)
     )
-    motors = LEG.armature_kg_m2 * (hip_rate**2 + knee_rate**2)
+    motors = ARMATURE_KG_M2 * (hip_rate**2 + knee_rate**2)
     return float(LEG.thigh_kg * thigh + LEG.shank_kg * shank + motors) / 2.0
 
 
@@ -89,7 +88,7 @@ def test_the_load_on_a_foot_that_stands_still_is_found_whatever_rubs(
     hip: float, knee: float, up_n: float, along_n: float
 ) -> None:
     """In any pose the upward force comes out of the torques that hold it, and friction does not count."""
-    load, reading = LegLoad(LEG), LegReading(hip, knee, 0.0, 0.0, *torques(hip, knee, (along_n, up_n)))
+    load, reading = LegLoad(LEG, ARMATURE_KG_M2), LegReading(hip, knee, 0.0, 0.0, *torques(hip, knee, (along_n, up_n)))
     told = [load.update(reading, 2_000_000 * index) for index in range(50)]
     assert told[0] is None
     assert told[-1] == pytest.approx(up_n, abs=0.05)
@@ -121,13 +120,13 @@ def test_a_leg_that_swings_freely_bears_nothing() -> None:
 
         return derivative(lambda d: momentum(time_s + d, which)) - derivative(energy)
 
-    load = LegLoad(LEG)
+    load = LegLoad(LEG, ARMATURE_KG_M2)
     times_s = np.arange(0.0, 0.3, 0.002).tolist()
     told, still = [], []
     for at_s in times_s:
         efforts = effort(at_s, 0), effort(at_s, 1)
         told.append(load.update(LegReading(*way(at_s), *rates(at_s), *efforts), round(at_s * 1e9)))
-        held = LegLoad(LEG)
+        held = LegLoad(LEG, ARMATURE_KG_M2)
         at_rest = [held.update(LegReading(*way(at_s), 0.0, 0.0, *efforts), 2_000_000 * index) for index in range(20)]
         still.append(abs(at_rest[-1] or 0.0))
     assert max(abs(each or 0.0) for each in told[10:]) < 0.5 * SPREAD_N
@@ -136,7 +135,7 @@ def test_a_leg_that_swings_freely_bears_nothing() -> None:
 
 def test_what_a_leg_cannot_tell_is_not_told() -> None:
     """A straight leg, a NaN, and readings that are far apart or come late tell no load."""
-    load = LegLoad(LEG)
+    load = LegLoad(LEG, ARMATURE_KG_M2)
     bent, straight = LegReading(HIP_RAD, KNEE_RAD, 0, 0, 0, 0), LegReading(0.0, -0.05, 0, 0, 0, 0)
     assert load.update(bent, 0) is None
     assert load.update(bent, 2_000_000) is not None
@@ -169,13 +168,13 @@ def loaded(up_n: float) -> LegReading:
 @pytest.mark.parametrize("mount", ["foot", "shank", "body"])
 def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> None:
     """Detected from efforts alone, on any mount, beside an IMU at rest; a blow on a leg in the air is no touch-down."""
-    controller = AnkleController(controller_settings(ControllerParameters(imu_mount=mount, use_efforts=True)))
+    controller = AnkleController(ControllerParameters(imu_mount=mount, use_efforts=True), leg=LEG)
     chance, told = np.random.default_rng(2), []
     for index in range(2000):
         time_ns = 2_000_000 * index
         if index % 5 == 0:
             up_n = 0.0 if 1000 <= index < 1400 else 20.0
-            told += controller.hear_leg(loaded(up_n), time_ns).events
+            told += controller.on_leg(loaded(up_n), time_ns).events
         blow = 30.0 if 1200 <= index < 1205 else 0.0
         force = (chance.normal(0.0, 0.02), chance.normal(0.0, 0.02), GRAVITY_M_S2 + blow + chance.normal(0.0, 0.02))
         told += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
@@ -187,19 +186,19 @@ def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> N
     assert landed[:2] == (ContactKind.IMPACT, Source.EFFORTS)
     assert 2_000_000_000 <= lifted[2] <= 2_030_000_000
     assert 2_800_000_000 <= landed[2] <= 2_830_000_000
-    assert Input.EFFORTS in controller.inputs.heard(time_ns)
+    assert Input.EFFORTS in controller.inputs.received(time_ns)
     assert controller.state is PolicyState.STANCE
 
 
 def test_a_foot_that_the_gait_has_put_down_in_vain_is_in_the_air() -> None:
     """Above a hole a plan of contact tells no touch-down where the efforts are known, and the foot stays soft."""
-    controller = AnkleController(controller_settings(ControllerParameters(imu_mount="body", use_efforts=True)))
+    controller = AnkleController(ControllerParameters(imu_mount="body", use_efforts=True), leg=LEG)
     chance, told = np.random.default_rng(2), []
     for index in range(1000):
         time_ns = 2_000_000 * index
         if index % 5 == 0:
-            told += controller.hear_leg(loaded(20.0 if index < 500 else 0.0), time_ns).events
-            told += controller.hear_plan(contact=not 500 <= index < 700, time_ns=time_ns).events
+            told += controller.on_leg(loaded(20.0 if index < 500 else 0.0), time_ns).events
+            told += controller.on_plan(contact=not 500 <= index < 700, time_ns=time_ns).events
         force = chance.normal((0.0, 0.0, GRAVITY_M_S2), 0.02).tolist()
         told += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
     assert [each.kind for each in told] == [ContactKind.LIFTOFF]
@@ -208,10 +207,10 @@ def test_a_foot_that_the_gait_has_put_down_in_vain_is_in_the_air() -> None:
 
 def test_efforts_are_not_heard_unless_asked_for() -> None:
     """Without use_efforts no leg is believed, whatever it tells."""
-    controller = AnkleController(controller_settings(ControllerParameters(imu_mount="shank")))
+    controller = AnkleController(ControllerParameters(imu_mount="shank"), leg=LEG)
     for index in range(100):
-        assert controller.hear_leg(loaded(20.0 * (index < 50)), 10_000_000 * index).events == ()
-    assert controller.inputs.heard(990_000_000) == ()
+        assert controller.on_leg(loaded(20.0 * (index < 50)), 10_000_000 * index).events == ()
+    assert controller.inputs.received(990_000_000) == ()
 
 
 def test_a_body_that_falls_and_lands_is_told_once_by_the_imu() -> None:
@@ -219,12 +218,12 @@ def test_a_body_that_falls_and_lands_is_told_once_by_the_imu() -> None:
 
     The efforts know of the landing 10 ms later, and say nothing new; in free fall what holds the leg up is no load.
     """
-    controller = AnkleController(controller_settings(ControllerParameters(imu_mount="body", use_efforts=True)))
+    controller = AnkleController(ControllerParameters(imu_mount="body", use_efforts=True), leg=LEG)
     chance, told = np.random.default_rng(2), []
     for index in range(1500):
         time_ns, falls, light = 2_000_000 * index, 600 <= index < 650, 300 <= index < 605
         if index % 5 == 0:
-            told += controller.hear_leg(loaded(0.0 if light or index == 650 else 20.0), time_ns).events
+            told += controller.on_leg(loaded(0.0 if light or index == 650 else 20.0), time_ns).events
         up = 0.0 if falls else GRAVITY_M_S2 + (30.0 if 650 <= index < 655 else 0.0)
         force = chance.normal((0.0, 0.0, up), 0.02).tolist()
         told += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events

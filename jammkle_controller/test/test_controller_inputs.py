@@ -6,17 +6,18 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
-from controller_bench import GRAVITY_M_S2, INTERVAL_S, LANDED_AT_S
+from controller_bench import GRAVITY_M_S2, INTERVAL_S, LANDED_AT_S, LEG_URDF
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, String
 
 from jammkle_common.names import (
     CHANNELS,
     FOOT_CONTACT,
     JOINT_STATES,
     ODOMETRY,
+    ROBOT_DESCRIPTION,
 )
 from jammkle_common.qos import publisher_qos
 from jammkle_msgs.msg import ContactEvent
@@ -25,6 +26,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from controller_bench import Bench
+
+
+def describe(bench: Bench, topic: str) -> None:
+    """Publish what the leg is, as robot_state_publisher does, and wait until the controller knows it."""
+    publisher = bench.node.create_publisher(String, topic, publisher_qos(ROBOT_DESCRIPTION))
+    publisher.publish(String(data=LEG_URDF))
+    bench.spin_until(lambda: "leg is not known" not in bench.health["inputs"].message, "the leg is known")
 
 
 def test_other_inputs_are_named_and_vent(make_bench: Callable[..., Bench]) -> None:
@@ -55,12 +63,15 @@ def test_other_inputs_are_named_and_vent(make_bench: Callable[..., Bench]) -> No
 def test_odometry_is_named_tells_a_slip_and_is_missed(make_bench: Callable[..., Bench]) -> None:
     """With use_odometry a steady slide is told, in the body's frame; once it is silent the IMU's slips are all."""
     shared = "/shared/odom"
-    bench = make_bench("--ros-args", "-p", "use_odometry:=true", "-p", f"odometry_topic:={shared}")
+    bench = make_bench("--ros-args", "-p", "use_odometry:=true", "-p", "robot_namespace:=/shared")
     bench.wait_until_up()
+    unknown = "the leg is not known: no robot_description on /shared/robot_description"
+    bench.spin_until(lambda: unknown in bench.health["inputs"].message, "the missing description is reported")
+    describe(bench, "/shared/robot_description")
     joints = bench.node.create_publisher(JointState, JOINT_STATES.name, publisher_qos(JOINT_STATES))
     odometry = bench.node.create_publisher(Odometry, shared, publisher_qos(ODOMETRY))
     switch = bench.node.create_publisher(Bool, FOOT_CONTACT.name, publisher_qos(FOOT_CONTACT))
-    missing = f"no odometry on {shared} that tells the speed of the sole"
+    missing = f"no odometry on {shared} that gives the speed of the sole"
     bench.spin_until(lambda: missing in bench.health["inputs"].message, "that there is none is told")
     assert bench.health["inputs"].level == DiagnosticStatus.WARN
     for publisher in (joints, odometry, switch):
@@ -102,6 +113,7 @@ def test_efforts_are_named_and_vent_a_foot_that_bears_nothing(make_bench: Callab
     """With use_efforts the leg in joint_states is named once heard; it lets go, the lift-off is told with its load."""
     bench = make_bench("--ros-args", "-p", "use_efforts:=true")
     bench.wait_until_up()
+    describe(bench, ROBOT_DESCRIPTION.name)
     joints = bench.node.create_publisher(JointState, JOINT_STATES.name, publisher_qos(JOINT_STATES))
     bench.spin_until(lambda: joints.get_subscription_count() > 0, "the controller hears the joints")
 

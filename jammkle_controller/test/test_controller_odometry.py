@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from controller_bench import LEG
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
@@ -14,18 +16,20 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactEvent, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.sole_slip import FALSE_ALARM_S, SoleSettings, SoleSlip
-from jammkle_controller.core.sole_speed import BodyTwist, LegGeometry, LegPose, sole_velocity_m_s
+from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, sole_velocity_m_s
+from jammkle_controller.core.slip import FALSE_ALARM_S, SoleSlip
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import controller_settings, sole_settings
 
 STEP_NS = 10_000_000
-PLACE = LegGeometry((0.19, 0.06, -0.01), 0.05, 0.16, 0.14, 0.5, 0.06, 0.045, 0.03, 0.02)
+PLACE = dataclasses.replace(
+    LEG, hip_m=(0.19, 0.06, -0.01), offset_m=0.05, thigh_m=0.16, shank_m=0.14, lean_rad=0.5, abduction="abduction"
+)
+ODOMETRY = ControllerParameters(use_odometry=True)
 STILL = LegPose(0.0, 0.52, -1.05, 0.0, 0.0, 0.0, *(0.0,) * 6)
 GRAVITY_M_S2 = 9.80665
 
 
-def foot_in_body(leg: LegGeometry, angles: np.ndarray) -> tuple[Rotation, np.ndarray]:
+def foot_in_body(leg: Leg, angles: np.ndarray) -> tuple[Rotation, np.ndarray]:
     """Return how the foot is turned in the body, and where its joint is, by rotations one after the other."""
     abduction, hip, knee, pitch, roll, yaw = angles
     hinge = Rotation.from_euler("x", abduction)
@@ -76,13 +80,16 @@ def test_a_foot_that_rolls_over_its_toe_does_not_slide() -> None:
 
 def slips(noise_m_s: float, told_m_s: float, minutes: float, seed: int, drift_m_s: float = 0.0) -> int:
     """Count the slips of a foot that stands still, of an odometry with noise and a drift that lasts 2 s."""
-    sole, chance = SoleSlip(SoleSettings(PLACE, told_m_s, 0.3)), np.random.default_rng(seed)
+    sole, chance = (
+        SoleSlip(PLACE, dataclasses.replace(ODOMETRY, odometry_spread_m_s=told_m_s)),
+        np.random.default_rng(seed),
+    )
     count, drift = 0, chance.normal(0.0, drift_m_s, 3)
     for index in range(round(minutes * 6000)):
         drift += -0.005 * drift + chance.normal(0.0, 0.1 * drift_m_s, 3)
-        sole.hear_pose(STILL, index * STEP_NS, stands=True)
+        sole.on_pose(STILL, index * STEP_NS, stands=True)
         twist = BodyTwist(index * STEP_NS, tuple((drift + chance.normal(0.0, noise_m_s, 3)).tolist()), (0.0, 0.0, 0.0))
-        count += sole.hear_twist(twist, index * STEP_NS) is not None
+        count += sole.on_twist(twist, index * STEP_NS) is not None
     return count
 
 
@@ -97,7 +104,7 @@ def feel(controller: AnkleController, index: int) -> list[ContactEvent]:
     """Let a controller feel rest on the body's IMU, and hear its switch closed."""
     chance = np.random.default_rng(index)
     time_ns, told = index * STEP_NS, []
-    told += controller.hear_switch(closed=True, time_ns=time_ns).events
+    told += controller.on_switch(closed=True, time_ns=time_ns).events
     for part in range(5):
         force = chance.normal((0.0, 0.0, GRAVITY_M_S2), 0.02).tolist()
         told += controller.update(ImuSample(time_ns + part * 2_000_000, *force, 0.0, 0.0, 0.0)).events
@@ -114,16 +121,16 @@ def test_a_steady_slide_is_told_with_odometry_and_not_without(mount: str, latenc
     chance = np.random.default_rng(5)
     told = {}
     for heard in (True, False):
-        controller = AnkleController(controller_settings(ControllerParameters(imu_mount=mount, use_odometry=heard)))
+        controller = AnkleController(ControllerParameters(imu_mount=mount, use_odometry=heard), leg=LEG)
         events, late = [], []
         for index in range(400):
             speed = np.array([0.0, -0.2 if 200 <= index < 250 else 0.0, 0.0]) + chance.normal(0.0, 0.03, 3)
             late.append(BodyTwist(index * STEP_NS, tuple(speed.tolist()), (0.0, 0.0, 0.0)))
             if latency < 0:
-                events += controller.hear_odometry(late[index], index * STEP_NS).events
-            events += controller.hear_pose(STILL, index * STEP_NS).events
+                events += controller.on_odometry(late[index], index * STEP_NS).events
+            events += controller.on_pose(STILL, index * STEP_NS).events
             if 0 <= latency <= index:
-                events += controller.hear_odometry(late[index - latency], index * STEP_NS).events
+                events += controller.on_odometry(late[index - latency], index * STEP_NS).events
             events += feel(controller, index)
         told[heard] = [event for event in events if event.kind is ContactKind.SLIP]
     (slip,) = told[True]
@@ -137,21 +144,20 @@ def test_a_steady_slide_is_told_with_odometry_and_not_without(mount: str, latenc
 
 def test_a_foot_in_the_air_or_that_is_lifted_does_not_slip() -> None:
     """What moves with the foot off the ground, or upward, is no slip, and begins none when it is put down."""
-    sole = SoleSlip(SoleSettings(PLACE, 0.04, 0.3))
+    sole = SoleSlip(PLACE, dataclasses.replace(ODOMETRY, odometry_spread_m_s=0.04))
     chance, told = np.random.default_rng(1), []
     for index in range(200):
         up = 0.3 if 100 <= index < 150 else 0.0
         speed = np.array([0.4 if index < 50 or up else 0.0, 0.0, up]) + chance.normal(0.0, 0.02, 3)
-        sole.hear_pose(STILL, index * STEP_NS, stands=index >= 50)
+        sole.on_pose(STILL, index * STEP_NS, stands=index >= 50)
         twist = BodyTwist(index * STEP_NS, tuple(speed.tolist()), (0.0, 0.0, 0.0))
-        told.append(sole.hear_twist(twist, index * STEP_NS))
+        told.append(sole.on_twist(twist, index * STEP_NS))
     assert not any(told)
 
 
 def test_odometry_that_cannot_be_believed_tells_nothing_and_leaves_slips_to_the_imu() -> None:
     """NaN, repeated or late stamps, one reading for ever, legs that fall silent: all are counted, none is a slip."""
     parameters = ControllerParameters(imu_mount="shank", use_odometry=True)
-    geometry = sole_settings(parameters)
     moving = BodyTwist(0, (0.5, 0.0, 0.0), (0.0, 0.0, 0.0))
     for spoil, count in (
         (lambda i: moving._replace(time_ns=i * STEP_NS, linear_m_s=(math.nan, 0.0, 0.0)), "not_finite"),
@@ -160,20 +166,20 @@ def test_odometry_that_cannot_be_believed_tells_nothing_and_leaves_slips_to_the_
         (lambda i: moving._replace(time_ns=i * STEP_NS), "frozen"),
         (lambda i: moving._replace(time_ns=(i - 90) * STEP_NS, linear_m_s=(0.5 + 1e-6 * i, 0.0, 0.0)), "unmatched"),
     ):
-        sole, told = SoleSlip(geometry), []
+        sole, told = SoleSlip(LEG, parameters), []
         for index in range(100, 200):
-            told.append(sole.hear_pose(STILL, index * STEP_NS, stands=True))
-            told.append(sole.hear_twist(spoil(index), index * STEP_NS))
+            told.append(sole.on_pose(STILL, index * STEP_NS, stands=True))
+            told.append(sole.on_twist(spoil(index), index * STEP_NS))
         assert getattr(sole.counts, count) >= 60
         assert sum(each is not None for each in told) <= (count == "frozen")  # before it is known to be frozen
-    controller = AnkleController(controller_settings(parameters))
+    controller = AnkleController(parameters, leg=LEG)
     for index in range(200):
-        controller.hear_pose(STILL._replace(hip_rad=math.nan if index >= 100 else 0.52), index * STEP_NS)
+        controller.on_pose(STILL._replace(hip_rad=math.nan if index >= 100 else 0.52), index * STEP_NS)
         chance = np.random.default_rng(index)
         speed = tuple(chance.normal(0.0, 0.02, 3).tolist())
-        controller.hear_odometry(BodyTwist(index * STEP_NS, speed, (0.0, 0.0, 0.0)), index * STEP_NS)
+        controller.on_odometry(BodyTwist(index * STEP_NS, speed, (0.0, 0.0, 0.0)), index * STEP_NS)
         feel(controller, index)
         if index < 10:  # an IMU is looked at first
             continue
-        assert controller.inputs.tells_slips(index * STEP_NS) == (index < 149)
-        assert (Input.ODOMETRY in controller.inputs.heard(index * STEP_NS)) == (index < 149)
+        assert controller.inputs.shows_slips(index * STEP_NS) == (index < 149)
+        assert (Input.ODOMETRY in controller.inputs.received(index * STEP_NS)) == (index < 149)

@@ -10,12 +10,10 @@ import pytest
 
 from jammkle_common.messages import Level
 from jammkle_common.names import CHANNELS
-from jammkle_controller.core.contact import Contact
 from jammkle_controller.core.controller import AnkleController
-from jammkle_controller.core.events import METRE, ContactKind
+from jammkle_controller.core.events import METRE, Contact, ContactKind
 from jammkle_controller.health import contact_health
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import controller_settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -68,9 +66,7 @@ class Motion:
         )
         gyro = np.zeros_like(force)
         gyro[:, 1] = np.gradient(self.tilt_rad, 1.0 / HZ)
-        controller = controller or AnkleController(
-            controller_settings(ControllerParameters(imu_mount=mount, **parameters))
-        )
+        controller = controller or AnkleController(ControllerParameters(imu_mount=mount, **parameters))
         return streams.events_of(streams.sense(force, 500, gyro=gyro), controller)
 
 
@@ -135,12 +131,12 @@ def test_what_moves_and_was_never_felt_is_left_soft_and_is_a_warning(streams: St
     """A robot that is swayed by hand from the start is neither held nor said to stand or hang."""
     time_s = np.arange(0.0, 4.0, 1.0 / HZ)
     motion = Motion(0.0 * time_s, 0.1 * np.sin(2.0 * np.pi * 0.8 * time_s))
-    controller = AnkleController(controller_settings(ControllerParameters(imu_mount=mount)))
+    controller = AnkleController(ControllerParameters(imu_mount=mount))
     motion.felt(streams, mount, controller=controller)
     assert not controller.contact.at_rest
     if controller.contact.contact is Contact.UNKNOWN:  # a foot that is swung at times seems to step
         assert contact_health(controller, (), is_soft_in_stance=False).level is Level.WARN
-    assert mount != "body" or (controller.contact.contact, controller.wish) == (
+    assert mount != "body" or (controller.contact.contact, controller.set_points_pa) == (
         Contact.UNKNOWN,
         dict.fromkeys(CHANNELS, 0.0),
     )
@@ -151,7 +147,7 @@ def test_a_foot_that_is_lifted_and_held_still_in_the_air_is_not_said_to_stand(st
     """Its stillness suggests a touch-down that it might be; contact is unknown, and the ankle is held."""
     motion = moved(1.5, 0.3, 0.2, carried_s=3.0)
     until = round((1.0 + 1.5 + 2.9) * HZ)
-    controller = AnkleController(controller_settings(ControllerParameters(imu_mount=mount)))
+    controller = AnkleController(ControllerParameters(imu_mount=mount))
     events = Motion(motion.height_m[:until], motion.tilt_rad[:until]).felt(streams, mount, controller=controller)
     assert ContactKind.LIFTOFF in [event.kind for event in events]
-    assert (controller.contact.contact, controller.wish) == (Contact.UNKNOWN, dict.fromkeys(CHANNELS, 40e3))
+    assert (controller.contact.contact, controller.set_points_pa) == (Contact.UNKNOWN, dict.fromkeys(CHANNELS, 40e3))

@@ -18,8 +18,7 @@ from scipy.signal import butter, lfilter, lfilter_zi  # type: ignore[import-unty
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.leg_load import LegReading
-from jammkle_controller.core.sole_speed import BodyTwist, LegPose
+from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -59,8 +58,8 @@ class LabelledRecording:
     """Stamps, ns, and angles and rates of all joints from the body to the foot."""
     twists: list[tuple[int, BodyTwist]] = field(default_factory=list)
     """Times at which an odometry is heard, ns, and what it tells of the body."""
-    place: dict[str, float] = field(default_factory=dict)
-    """Where the leg is on the body: parameters of the controller."""
+    leg: Leg | None = None
+    """The leg above the ankle, for efforts and odometry."""
     feet: tuple[LabelledRecording, ...] = ()
     """Of a body: the story of each foot, whose leg is read."""
     leaves_s: tuple[float, ...] = ()

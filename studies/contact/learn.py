@@ -12,15 +12,12 @@ import numpy as np
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_controller.core.density_ratio import StepRatios, ratios_of
 from jammkle_controller.core.detector import ContactDetector
-from jammkle_controller.core.detector_settings import Phase
+from jammkle_controller.core.events import Phase
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
 from jammkle_controller.core.motion import Motion
-from jammkle_controller.core.sole import SoleFilter
-from jammkle_controller.core.touchdown import LEAST_BLOW_M_S2, LEAST_RATIO
+from jammkle_controller.core.stepping import LEAST_BLOW_M_S2, LEAST_RATIO, SoleFilter, StepRatios, ratios_of
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import detector_settings
 from studies.contact.labelled import walk
 from studies.contact.robots import robot_stories
 
@@ -66,9 +63,8 @@ def learn(mount: str, stories: Sequence[LabelledRecording]) -> dict[str, dict[st
 
 def _slides(mount: str, stories: Sequence[LabelledRecording], ratios: StepRatios) -> dict[str, Any]:
     rows: list[tuple[tuple[float, ...], bool]] = []
-    settings = detector_settings(ControllerParameters(imu_mount=mount))
     for story in stories:
-        detector = ContactDetector(settings, ratios)
+        detector = ContactDetector(ControllerParameters(imu_mount=mount), ratios)
         if detector.foot is None:
             continue
         sole = detector.foot.sole
@@ -101,7 +97,7 @@ def _nothing(width: int) -> dict[str, Any]:
 def _collect(
     story: LabelledRecording, swing: list[tuple[tuple[float, ...], bool]], blows: list[tuple[tuple[float, ...], bool]]
 ) -> None:
-    gate, motion = ImuGate(0.1), Motion()
+    gate, motion = ImuGate(), Motion()
     lifts, lands = np.array(story.liftoffs_s), np.array([*story.touchdowns_s, np.inf])
     changes = np.sort(np.concatenate([lifts, lands]))
     stands = story.in_contact(np.array([s.time_ns / NANOSECONDS_PER_SECOND for s in story.samples]))

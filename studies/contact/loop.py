@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
+from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.leg_load import LegReading
-from jammkle_controller.core.sole_speed import BodyTwist, LegPose
-from jammkle_controller.recordings import Heard, hear, new_controller
+from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
+from jammkle_controller.recordings import Received, feed
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import Wish
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from jammkle_controller.core.events import ContactEvent
+    from jammkle_controller.core.leg import Leg
     from jammkle_controller.parameters import ControllerParameters
 
 STATE_PERIOD_S = 0.01
@@ -135,6 +136,7 @@ class AnkleLoop:
         controller: ControllerParameters,
         driver: DriverParameters | None = None,
         body: Callable[[], BodyMotion] | None = None,
+        leg: Leg | None = None,
     ) -> None:
         """Start both, at time 0.
 
@@ -143,12 +145,13 @@ class AnkleLoop:
             controller: Parameters of the controller.
             driver: Parameters of the driver; none: its defaults.
             body: Tells how the robot's body moves, for a controller that hears odometry: one without error.
+            leg: The leg above the ankle, for efforts and odometry.
 
         """
         self.ankle = ankle
-        self.controller = new_controller(controller)
+        self.controller = AnkleController(controller, leg=leg)
         self._leg = (controller.hip_joint, controller.knee_joint) if controller.use_efforts else None
-        self._above = (controller.abduction_joint, controller.hip_joint, controller.knee_joint)
+        self._above = (leg.abduction if leg else "", controller.hip_joint, controller.knee_joint)
         self._body = body if controller.use_odometry else None
         self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
         self.driver.activate(_instant(0.0))
@@ -166,18 +169,18 @@ class AnkleLoop:
     def step(self, time_s: float) -> ImuSample:
         """Feel and drive at a time, s, which must rise; return what the IMU read."""
         now = _instant(time_s)
-        wish_before = self.controller.wish
+        before_pa = self.controller.set_points_pa
         if self._states.due(time_s):
             for heard in self._told(time_s):
-                self.events += hear(self.controller, heard).events
+                self.events += feed(self.controller, heard).events
             pressures = {**self.ankle.channel_pressures_pa(), MANIFOLD: self.ankle.manifold_pressure_pa()}
             for place, pressure_pa in pressures.items():
                 self.driver.measure(PressureSample(place, pressure_pa, time_s), now)
         sample = self.sample(time_s)
         self.events += self.controller.update(sample).events
         # The repeats go on at their own times beside what is said on change, as the node's timer does.
-        if self._commands.due(time_s) or self.controller.wish != wish_before:
-            wishes = [Wish(channel, vacuum_pa) for channel, vacuum_pa in self.controller.wish.items()]
+        if self._commands.due(time_s) or self.controller.set_points_pa != before_pa:
+            wishes = [Wish(channel, vacuum_pa) for channel, vacuum_pa in self.controller.set_points_pa.items()]
             self.driver.follow(wishes, now, JAM_COMMAND.name)
         if self._ticks.due(time_s):
             self.driver.tick(now)
@@ -187,24 +190,26 @@ class AnkleLoop:
             self.ankle.set_solenoid(channel, energised)
         return sample
 
-    def _told(self, time_s: float) -> list[Heard]:
+    def _told(self, time_s: float) -> list[Received]:
         """Return what joints and gait tell, in the order of the graph."""
         time_ns = round(time_s * NANOSECONDS_PER_SECOND)
         roll_rad = self.ankle.joint_positions().get(ANKLE_JOINTS[0])
-        told = [] if roll_rad is None else [Heard(time_ns, Input.JOINTS, roll_rad)]
+        told = [] if roll_rad is None else [Received(time_ns, Input.JOINTS, roll_rad)]
         if self._leg is not None and isinstance(self.ankle, WithEfforts):
             columns = (self.ankle.joint_positions(), self.ankle.joint_velocities(), self.ankle.joint_efforts())
             if set(self._leg) <= columns[0].keys():
-                told.append(Heard(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg))))
+                told.append(
+                    Received(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg)))
+                )
         if self._body is not None and isinstance(self.ankle, WithEfforts):
             moves = self._body()
-            told.append(Heard(time_ns, self._pose(self.ankle)))
-            told.append(Heard(time_ns, BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)))
+            told.append(Received(time_ns, self._pose(self.ankle)))
+            told.append(Received(time_ns, BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)))
         planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
         if planned is not None:
-            told.append(Heard(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
+            told.append(Received(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
             if planned.phase is not None:
-                told.append(Heard(time_ns, Input.GAIT_PHASE, planned.phase))
+                told.append(Received(time_ns, Input.GAIT_PHASE, planned.phase))
         return told
 
     def _pose(self, ankle: WithEfforts) -> LegPose:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from jammkle_common.command.results import STYLE
-from jammkle_controller.core.detector_settings import Mount
+from jammkle_controller.parameters import Mount
 from studies.contact.trial import (
     HELD_OUT,
     KINDS,

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from jammkle_common.command.results import STYLE
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import Heard, TableFormat, read_table, replay
+from jammkle_controller.recordings import Received, TableFormat, read_table, replay
 from studies.contact.robots import joined_contacts, spans_of
 from studies.contact.trial import KINDS, OURS, WAYS, Score, median_with_interval, score_times
 
@@ -124,7 +124,7 @@ def _told(
     samples: list[ImuSample], best: Mapping[tuple[str, str], str], fit: Fit
 ) -> dict[tuple[str, str], list[float]]:
     """Return when each way told what, by the clock of the force."""
-    made = replay((Heard(sample.time_ns, sample) for sample in samples), ControllerParameters(imu_mount="foot"))
+    made = replay((Received(sample.time_ns, sample) for sample in samples), ControllerParameters(imu_mount="foot"))
     told = {
         (kind, OURS): [event.time_ns / NANOSECONDS_PER_SECOND for event in made.events if event.kind is KINDS[kind]]
         for kind in SCORED

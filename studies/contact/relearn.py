@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jammkle_controller.core
-from jammkle_controller.core.density_ratio import WEIGHTS_FILE, ratios_of
-from jammkle_controller.core.detector_settings import Mount
+from jammkle_controller.core.stepping import WEIGHTS_FILE, ratios_of
+from jammkle_controller.parameters import Mount
 from studies.contact.learn import RUNS, learn, runs_of
 from studies.contact.trial import KINDS, Score, harmonic_mean, scored, told_by_ours
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from jammkle_controller.core.density_ratio import StepRatios
+    from jammkle_controller.core.stepping import StepRatios
     from studies.contact.labelled import LabelledRecording
 
 FOLDS = 4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -10,11 +11,13 @@ import numpy as np
 from scipy.signal import butter, lfilter  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.names import CHANNELS
-from jammkle_controller.core.detector_settings import Mount
+from jammkle_controller.core.robot_description import leg_of
+from jammkle_controller.parameters import ControllerParameters, Mount
 from jammkle_sim.rigs.simulation import UnstableSimulationError
+from jammkle_sim.robots.catalogue import robot as made
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_sim.robots.quadruped import place_of
+from jammkle_sim.robots.urdf import robot_urdf
 from studies.contact.labelled import (
     CLOCK_START_S,
     Drives,
@@ -35,7 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_controller.core.imu import ImuSample
-    from jammkle_controller.core.leg_load import LegReading
+    from jammkle_controller.core.leg import Leg, LegReading
     from jammkle_sim.rigs.simulation import Sample, Simulation
 
 RATE_HZ = 1000
@@ -311,6 +314,13 @@ def draw_options(chance: np.random.Generator, mount: str, *, wide: bool) -> Robo
     )
 
 
+@functools.cache
+def leg_of_robot(robot: str, ankle: str = "ankle") -> Leg:
+    """Return the leg above an ankle of a simulated robot, as its controller reads it from robot_description."""
+    prefix = ankle.removesuffix("ankle")
+    return leg_of(robot_urdf(made(robot, RobotOptions())), ControllerParameters(joint_prefix=prefix))
+
+
 def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> list[LabelledRecording]:
     """Run a robot once, and return a story per ankle, or one of its body; none where it blew up.
 
@@ -349,7 +359,7 @@ def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> l
     if mount == Mount.BODY.value:
         stories = [felt_on_the_body(story, feet, legs) for story in stories]
     told = [
-        dataclasses.replace(foot, legs=leg, poses=pose, twists=twists, place=place_of(name))
+        dataclasses.replace(foot, legs=leg, poses=pose, twists=twists, leg=leg_of_robot(robot, name))
         for foot, leg, pose, name in zip(stories[0].feet or stories, legs, poses, names, strict=True)
     ]
     return told if not stories[0].feet else [dataclasses.replace(stories[0], feet=tuple(told))]

@@ -10,15 +10,16 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import joblib  # type: ignore[import-untyped]  # carries no types
 import numpy as np
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import Heard, hear, new_controller
+from jammkle_controller.recordings import Received, feed
 from studies.contact.labelled import CLOCK_START_S, walk
 from studies.contact.learn import FIRST_TRIAL_SEED
 from studies.contact.robots import robot_stories
@@ -26,8 +27,8 @@ from studies.contact.robots import robot_stories
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from jammkle_controller.core.density_ratio import StepRatios
     from jammkle_controller.core.imu import ImuSample
+    from jammkle_controller.core.stepping import StepRatios
     from studies.contact.labelled import LabelledRecording, Slide
 
 REFRACTORY_S = 0.15
@@ -325,19 +326,18 @@ def told_by_ours(
         odometry: Whether it hears the body's speed, and all joints.
 
     """
-    place: dict[str, Any] = dict(story.place) if odometry else {}
-    parameters = ControllerParameters(imu_mount=story.mount, use_efforts=efforts, use_odometry=odometry, **place)
-    controller = new_controller(parameters, ratios)
+    parameters = ControllerParameters(imu_mount=story.mount, use_efforts=efforts, use_odometry=odometry)
+    controller = AnkleController(parameters, ratios, story.leg)
     told: dict[str, list[float]] = {kind: [] for kind in KINDS}
     names = {each: kind for kind, each in KINDS.items()}
-    heard = [Heard(sample.time_ns, sample) for sample in story.samples]
+    heard = [Received(sample.time_ns, sample) for sample in story.samples]
     if odometry:
-        heard = [*(Heard(*each) for each in story.poses), *(Heard(*each) for each in story.twists), *heard]
+        heard = [*(Received(*each) for each in story.poses), *(Received(*each) for each in story.twists), *heard]
     if efforts:  # of one time the leg comes first, as on the graph
-        legs = [Heard(*each) for each in story.legs]
+        legs = [Received(*each) for each in story.legs]
         heard = sorted([*legs, *heard], key=lambda each: each.time_ns)
     for each in heard:
-        for event in hear(controller, each).events:
+        for event in feed(controller, each).events:
             if event.kind in names:
                 told[names[event.kind]].append(event.time_ns / NANOSECONDS_PER_SECOND)
     return told, controller.watch.trouble is None

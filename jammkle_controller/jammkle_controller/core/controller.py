@@ -1,37 +1,37 @@
-"""Detectors, inputs and policy as one: samples in, contact events and a wish for the tendons out."""
+"""Detectors, inputs and policy as one: samples in, contact events and set points for the tendons out."""
 
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from jammkle_controller.core.anticipation import Rhythm
-from jammkle_controller.core.contact import Contact, ContactReport
-from jammkle_controller.core.detector import ContactDetector
-from jammkle_controller.core.detector_settings import DetectorSettings, Phase
-from jammkle_controller.core.events import ContactEvent, ContactKind, Source
-from jammkle_controller.core.imu import Admission
-from jammkle_controller.core.inputs import ContactInputs, InputSettings
-from jammkle_controller.core.offered import Detection, is_felt
-from jammkle_controller.core.policy import JammingPolicy, PolicyMode, PolicySettings
-from jammkle_controller.core.raised import PUT_DOWN_S
-from jammkle_controller.core.transitions import PolicyState, Trigger
-from jammkle_controller.core.watch import ImuTrouble
+from jammkle_controller.core.detector import PUT_DOWN_S, ContactDetector
+from jammkle_controller.core.events import (
+    Contact,
+    ContactEvent,
+    ContactKind,
+    ContactReport,
+    Detection,
+    Phase,
+    Source,
+    is_felt,
+)
+from jammkle_controller.core.imu import Admission, ImuTrouble
+from jammkle_controller.core.inputs import ContactInputs, Rhythm
+from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_controller.core.density_ratio import StepRatios
-    from jammkle_controller.core.imu import ImuGate, ImuSample
-    from jammkle_controller.core.leg_load import LegReading
-    from jammkle_controller.core.sole_speed import BodyTwist, LegPose
-    from jammkle_controller.core.watch import ImuWatch
+    from jammkle_controller.core.imu import ImuGate, ImuSample, ImuWatch
+    from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
+    from jammkle_controller.core.stepping import StepRatios
+    from jammkle_controller.parameters import ControllerParameters, PolicyMode
 
 FALLING = 0.5
 """Load on the IMU, in units of gravity, below which it falls: efforts that hold a leg up then look like a load."""
 LEANING_RAD = 0.035
-"""Roll of the ankle from which on it tells the side that yields, rad: 2 deg, beyond its play."""
+"""Roll of the ankle from which on it shows the side that yields, rad: 2 deg, beyond its play."""
 HELD_REST_S = PUT_DOWN_S
 """At rest for so long, and with nothing that shows it hanging, the ankle is held, s: no hand is as still."""
 DEFLECTED_RAD = 0.05
@@ -45,41 +45,48 @@ _CONTACT_OF = {
 }
 
 
-@dataclass(frozen=True)
-class ControllerSettings:
-    """Settings of every part."""
-
-    detector: DetectorSettings
-    policy: PolicySettings
-    inputs: InputSettings
-
-
 class Reaction(NamedTuple):
-    """What one sample led to: its events, oldest first, and whether the wish for the tendons changed."""
+    """What one sample led to: its events, oldest first, and whether the set points changed."""
 
     events: tuple[ContactEvent, ...]
-    wish_changed: bool
+    changed: bool
 
 
 class AnkleController:
     """The controller of one ankle without any middleware.
 
-    Of each change of contact the first to tell it counts: the IMU, a switch, the load, or the gait's plan. A sensor of
-    contact that says otherwise overrules the IMU; a plan that is heard says which blows on the body are this foot's.
+    Of each change of contact the first report counts: by the IMU, a switch, the load, or the gait's plan. A sensor of
+    contact that says otherwise overrules the IMU; a plan says which blows on the body are this foot's.
     """
 
-    def __init__(self, settings: ControllerSettings, ratios: StepRatios | None = None) -> None:
-        """Start on the ground and soft; density ratios are those that come with it, unless others are given."""
-        self.inputs = ContactInputs(settings.inputs)
-        self.mount = settings.detector.mount
-        self._detector = ContactDetector(settings.detector, ratios)
-        self._policy = JammingPolicy(settings.policy)
+    def __init__(
+        self, parameters: ControllerParameters, ratios: StepRatios | None = None, leg: Leg | None = None
+    ) -> None:
+        """Start on the ground and soft.
+
+        Args:
+            parameters: Of the node.
+            ratios: Density ratios of a foot or shank; None: those that come with it.
+            leg: What the leg is; None: not known yet, and efforts and odometry are not used before `know`.
+
+        """
+        self.inputs = ContactInputs(parameters)
+        self.mount = parameters.mount
+        self._detector = ContactDetector(parameters, ratios)
+        self._policy = JammingPolicy(parameters)
         self._rhythm = Rhythm()
         self._stance_held = False
         self._believed_before = False
         self._felt, self._felt_by = Contact.UNKNOWN, ""
         self._by_hand: bool | None = None
         self._report = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
+        if leg is not None:
+            self.know(leg)
+
+    def know(self, leg: Leg) -> None:
+        """Take what the leg is."""
+        self.inputs.know(leg)
+        self._detector.set_lever(leg.lever_m)
 
     @property
     def contact(self) -> ContactReport:
@@ -122,15 +129,14 @@ class AnkleController:
         """
         self._stance_held = True
 
-    def configure(self, settings: ControllerSettings) -> None:
-        """Take new settings and go on from the present state."""
-        self._detector.configure(settings.detector)
-        self._policy.settings = settings.policy
-        self.inputs.settings = settings.inputs
+    def configure(self, parameters: ControllerParameters) -> None:
+        """Take new parameters and go on from the present state."""
+        self._detector.configure(parameters)
+        self._policy.parameters = self.inputs.parameters = parameters
 
     def update(self, sample: ImuSample) -> Reaction:
         """Take the next sample of the IMU."""
-        gate, wish_before = self._detector.gate, self._policy.wish
+        gate, before_pa = self._detector.gate, self._policy.set_points_pa
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
         self._detector.bear(self.inputs.efforts_contact(sample.time_ns), sample.time_ns)
         events = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
@@ -140,45 +146,45 @@ class AnkleController:
         if gate.last_ns != stamp_before_ns:
             self._policy.advance(sample.time_ns)
         self._look_at_imu(sample.time_ns)
-        told = tuple(event for event in events if self._counts(event))
-        for event in told:
+        reported = tuple(event for event in events if self._counts(event))
+        for event in reported:
             self._react(event)
-        if self._stance_held and (told or self._detector.phase is Phase.PLANTED):
+        if self._stance_held and (reported or self._detector.phase is Phase.PLANTED):
             self._stance_held = False
-            if not told:
+            if not reported:
                 self._policy.take_up(Trigger.INHERITED)
         self._take_up_what_stands(sample.time_ns)
         self._foresee(sample.time_ns)
-        return self._reaction(told, wish_before, sample.time_ns)
+        return self._reaction(reported, before_pa, sample.time_ns)
 
-    def hear_switch(self, *, closed: bool, time_ns: int) -> Reaction:
+    def on_switch(self, *, closed: bool, time_ns: int) -> Reaction:
         """Take a foot contact switch."""
-        return self._hear(self.inputs.hear_switch(closed=closed, time_ns=time_ns), time_ns)
+        return self._hear(self.inputs.on_switch(closed=closed, time_ns=time_ns), time_ns)
 
-    def hear_plan(self, *, contact: bool, time_ns: int) -> Reaction:
+    def on_plan(self, *, contact: bool, time_ns: int) -> Reaction:
         """Take whether the gait plans contact now."""
-        return self._hear(self.inputs.hear_plan(contact=contact, time_ns=time_ns), time_ns)
+        return self._hear(self.inputs.on_plan(contact=contact, time_ns=time_ns), time_ns)
 
-    def hear_load(self, load_n: float, time_ns: int) -> Reaction:
+    def on_load(self, load_n: float, time_ns: int) -> Reaction:
         """Take the load on the foot, N, positive."""
-        return self._hear(self.inputs.hear_load(load_n, time_ns), time_ns)
+        return self._hear(self.inputs.on_load(load_n, time_ns), time_ns)
 
-    def hear_phase(self, phase: float, time_ns: int) -> Reaction:
+    def on_phase(self, phase: float, time_ns: int) -> Reaction:
         """Take the gait's phase, 0 at touch-down to 1 at the next."""
-        return self._hear(self.inputs.hear_phase(phase, time_ns), time_ns)
+        return self._hear(self.inputs.on_phase(phase, time_ns), time_ns)
 
-    def hear_leg(self, reading: LegReading, time_ns: int) -> Reaction:
+    def on_leg(self, reading: LegReading, time_ns: int) -> Reaction:
         """Take angles, rates and efforts of hip and knee."""
         falls = self._detector.available and self._detector.motion.load < FALLING
-        return self._hear(self.inputs.hear_leg(reading, time_ns, falls=falls), time_ns)
+        return self._hear(self.inputs.on_leg(reading, time_ns, falls=falls), time_ns)
 
-    def hear_pose(self, pose: LegPose, time_ns: int) -> Reaction:
+    def on_pose(self, pose: LegPose, time_ns: int) -> Reaction:
         """Take angles and rates from the body down to the foot."""
-        return self._slip(self.inputs.hear_pose(pose, time_ns, stands=self._stands(time_ns)), time_ns)
+        return self._slip(self.inputs.on_pose(pose, time_ns, stands=self._stands(time_ns)), time_ns)
 
-    def hear_odometry(self, twist: BodyTwist, time_ns: int) -> Reaction:
-        """Take how the body moves, as it is told at a time; its own stamp is earlier by what the estimator takes."""
-        return self._slip(self.inputs.hear_odometry(twist, time_ns), time_ns)
+    def on_odometry(self, twist: BodyTwist, time_ns: int) -> Reaction:
+        """Take how the body moves, as reported at a time; its own stamp is earlier by what the estimator takes."""
+        return self._slip(self.inputs.on_odometry(twist, time_ns), time_ns)
 
     def _stands(self, time_ns: int) -> bool | None:
         """Whether the foot stands: by a sensor of contact, or by an IMU that feels its steps; None: not known."""
@@ -188,19 +194,19 @@ class AnkleController:
         return contact
 
     def _slip(self, event: ContactEvent | None, time_ns: int) -> Reaction:
-        """React to a slip that the odometry tells."""
+        """React to a slip by odometry."""
         if event is None or self._detector.phase is Phase.FLIGHT:
-            return Reaction((), wish_changed=False)
-        wish_before = self._policy.wish
+            return Reaction((), changed=False)
+        before_pa = self._policy.set_points_pa
         self._detector.slide()
         self._react(event)
-        return self._reaction((event,), wish_before, time_ns)
+        return self._reaction((event,), before_pa, time_ns)
 
     def _hear(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         if event is None:
-            return Reaction((), wish_changed=False)
+            return Reaction((), changed=False)
         lifted = event.kind is ContactKind.LIFTOFF
-        wish_before = self._policy.wish
+        before_pa = self._policy.set_points_pa
         off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
         plan_only = event.source is Source.GAIT
         # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body; the
@@ -208,13 +214,13 @@ class AnkleController:
         feels = self._detector.available and self.feels(Detection.STEP)
         feels = feels or self.inputs.efforts_contact(time_ns) is not None
         if off_ground is lifted or (plan_only and not lifted and feels):
-            return Reaction((), wish_changed=False)
+            return Reaction((), changed=False)
         if plan_only and lifted and self.inputs.measured_contact(time_ns):
-            return Reaction((), wish_changed=False)
+            return Reaction((), changed=False)
         self._detector.correct(lifted=lifted, time_ns=time_ns)
         self._react(event)
         self._note_contact(time_ns)
-        return self._reaction((event,), wish_before, time_ns)
+        return self._reaction((event,), before_pa, time_ns)
 
     def _take_up_what_stands(self, time_ns: int) -> None:
         """Hold a stance whose beginning was not felt, and what rests unless something shows that it hangs."""
@@ -255,15 +261,15 @@ class AnkleController:
             return (Contact.CONTACT if planned else Contact.NO_CONTACT), "the gait's plan, at rest"
         if self._felt is Contact.CONTACT:
             return self._felt, self._felt_by
-        if not any(self._policy.wish.values()) and self.inputs.deflection_rad(time_ns) > DEFLECTED_RAD:
+        if not any(self._policy.set_points_pa.values()) and self.inputs.deflection_rad(time_ns) > DEFLECTED_RAD:
             return Contact.CONTACT, "the angle of the soft ankle, at rest"
         return Contact.UNKNOWN, ""
 
     def _forget_contact(self) -> None:
         self._felt, self._felt_by = Contact.UNKNOWN, ""
 
-    def _reaction(self, events: tuple[ContactEvent, ...], wish_before: Mapping[str, float], time_ns: int) -> Reaction:
-        changed = self._policy.wish != wish_before
+    def _reaction(self, events: tuple[ContactEvent, ...], before_pa: Mapping[str, float], time_ns: int) -> Reaction:
+        changed = self._policy.set_points_pa != before_pa
         if changed:
             self._detector.jolt(time_ns)
         return Reaction(events, changed)
@@ -271,7 +277,7 @@ class AnkleController:
     def _counts(self, event: ContactEvent) -> bool:
         """Whether an event of the IMU stands against what else is known; the detector is set right if it does not."""
         touches = event.kind is ContactKind.IMPACT
-        if event.kind is ContactKind.SLIP and self.inputs.tells_slips(event.time_ns):
+        if event.kind is ContactKind.SLIP and self.inputs.shows_slips(event.time_ns):
             return False
         contact = self.inputs.measured_contact(event.time_ns)
         if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
@@ -324,7 +330,7 @@ class AnkleController:
         believed = trouble is None
         looked_at = trouble is ImuTrouble.CHECKING and not self._believed_before
         self._believed_before = self._believed_before or believed
-        known = believed or looked_at or self.inputs.tells_contact(time_ns)
+        known = believed or looked_at or self.inputs.shows_contact(time_ns)
         if known and self._policy.state is PolicyState.FAULT:
             self._policy.regain()
         elif not known and self._policy.state is not PolicyState.FAULT:
@@ -367,14 +373,14 @@ class AnkleController:
     @property
     def mode(self) -> PolicyMode:
         """Whether the policy goes by what is felt, or is a baseline."""
-        return self._policy.settings.mode
+        return self._policy.parameters.mode
 
     @property
-    def wish(self) -> Mapping[str, float]:
+    def set_points_pa(self) -> Mapping[str, float]:
         """Vacuum wanted per channel, Pa, gauge, positive; 0 is vented."""
-        return self._policy.wish
+        return self._policy.set_points_pa
 
     @property
     def vacuum_pa(self) -> float:
         """Largest vacuum wanted in any channel, Pa."""
-        return max(self._policy.wish.values())
+        return max(self._policy.set_points_pa.values())

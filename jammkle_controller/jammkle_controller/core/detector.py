@@ -1,25 +1,23 @@
-"""All detectors on one IMU stream, and the phase of contact they agree on."""
+"""Contact detection on one IMU stream: the phase of contact, and the detectors of impact, free fall, rest and rise."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_controller.core.detector_settings import DetectorSettings, Phase
-from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind
-from jammkle_controller.core.impact import ImpactDetector
-from jammkle_controller.core.imu import IGNORED, Admission, ImuGate, ImuSample
-from jammkle_controller.core.liftoff import LiftoffDetector
-from jammkle_controller.core.motion import Motion
-from jammkle_controller.core.offered import Detection, is_felt
-from jammkle_controller.core.raised import RaiseDetector
-from jammkle_controller.core.settled import RestDetector
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_controller.core.events import M_S2, METRE, ContactEvent, ContactKind, Detection, Phase, is_felt
+from jammkle_controller.core.imu import IGNORED, Admission, ImuGate, ImuSample, ImuWatch
+from jammkle_controller.core.motion import ZERO, Motion, towards
 from jammkle_controller.core.slip import SlipDetector
 from jammkle_controller.core.stepping import SteppingFoot
-from jammkle_controller.core.watch import ImuWatch
 
 if TYPE_CHECKING:
-    from jammkle_controller.core.density_ratio import StepRatios
+    from jammkle_controller.core.motion import Vector
+    from jammkle_controller.core.stepping import StepRatios
+    from jammkle_controller.parameters import ControllerParameters
 
 LONG_GAP_S = 1.0
 """After a silence as long as this a stream is looked at anew: a sensor may have been set up anew, s."""
@@ -33,7 +31,6 @@ STEPPING_S = 1.5
 """So long after an impact on the ground a body may be walking, s: two strides of 0.7 s. It is not watched for slips."""
 
 _NOTHING: tuple[ContactEvent, ...] = ()
-_FREE_FALL_PROBABILITY = 0.99
 _RELOADED_PROBABILITY = 0.8
 
 
@@ -42,46 +39,46 @@ class ContactDetector:
 
     Only |specific force|, differences of specific force and stamps are used, so the tilt in which the IMU is mounted
     and the origin of the clock do not matter. A flight or swing always ends with an IMPACT, and only they allow the
-    next LIFTOFF: a listener that vents on LIFTOFF always hears of the landing. While the IMU is not believed, nothing
-    is told.
+    next LIFTOFF: a subscriber that vents on LIFTOFF always learns of the landing. While the IMU is not believed,
+    nothing is reported.
     """
 
-    def __init__(self, settings: DetectorSettings, ratios: StepRatios | None = None) -> None:
+    def __init__(self, parameters: ControllerParameters, ratios: StepRatios | None = None) -> None:
         """Make a detector that stands on the ground and has seen nothing.
 
         Args:
-            settings: Of every part.
+            parameters: Of the node.
             ratios: Density ratios of a foot or shank; None: those that come with it.
 
         """
         self.phase = Phase.GROUND
         self._borne: bool | None = None
-        self.gate = ImuGate(settings.max_gap_s)
-        self.watch = ImuWatch(settings.watch)
+        self.gate = ImuGate()
+        self.watch = ImuWatch(parameters)
         self.motion = Motion()
-        self._settings = settings
-        self._impact = ImpactDetector(settings.impact)
-        self._liftoff = LiftoffDetector(settings.liftoff)
-        self._raise = RaiseDetector(settings.raised, settings.slip.lever_m)
-        self._rest = RestDetector(settings.settled)
-        self._slip = SlipDetector(settings.slip)
-        self.foot = SteppingFoot(settings, ratios) if is_felt(settings.mount, Detection.STEP) else None
+        self._parameters = parameters
+        self._impact = ImpactDetector(parameters)
+        self._liftoff = LiftoffDetector(parameters)
+        self._raise = RaiseDetector(parameters)
+        self._rest = RestDetector()
+        self._slip = SlipDetector(parameters)
+        self.foot = SteppingFoot(parameters, ratios) if is_felt(parameters.mount, Detection.STEP) else None
         self._unsettled = False
         self._jolted_until_ns = 0
         self._stepped_ns: int | None = None
 
-    def configure(self, settings: DetectorSettings) -> None:
-        """Take new settings and go on from the present state; the mount stays."""
-        self._settings = settings
-        self.gate.max_gap_s = settings.max_gap_s
-        self.watch.settings = settings.watch
-        self._impact.settings = settings.impact
-        self._liftoff.settings = settings.liftoff
-        self._raise.settings = settings.raised
-        self._rest.settings = settings.settled
-        self._slip.settings = settings.slip
+    def configure(self, parameters: ControllerParameters) -> None:
+        """Take new parameters and go on from the present state; the mount stays."""
+        self._parameters = parameters
+        for part in (self.watch, self._impact, self._liftoff, self._raise, self._slip, self.foot):
+            if part is not None:
+                part.parameters = parameters
+
+    def set_lever(self, lever_m: Vector) -> None:
+        """Take where the sole is from the IMU, in its frame, m: turning about the sole is then no sliding."""
+        self._raise.lever_m = self._slip.lever_m = lever_m
         if self.foot is not None:
-            self.foot.settings = settings
+            self.foot.sole.lever_m = lever_m
 
     @property
     def available(self) -> bool:
@@ -320,6 +317,356 @@ class ContactDetector:
 
     def _walks(self, time_ns: int) -> bool:
         """Whether it was hit lately without having flown, so that it may be stepping, and slips are not felt in it."""
-        if is_felt(self._settings.mount, Detection.SLIP_STEPPING):
+        if is_felt(self._parameters.mount, Detection.SLIP_STEPPING):
             return False
         return self._stepped_ns is not None and time_ns - self._stepped_ns < STEPPING_S * NANOSECONDS_PER_SECOND
+
+
+FOLLOW_TIME_S = 0.02
+"""Time constant with which the level before a hit follows a rise, s. Longer than the rise of a shock (5 to 15 ms for
+a soft ankle), shorter than the heave of a walking body (100 ms and more)."""
+
+ONSET_M_S2 = 1.0
+"""Rise from which on a sample is said to carry the impact, m/s^2: 30 times the noise of the magnitude
+(80 ug/sqrt(Hz) over 225 Hz is 0.015 m/s^2 per axis), so that noise never opens an impact."""
+
+TOUCHDOWN_M_S2 = 4.0
+"""|specific force| above which a flight has ended, m/s^2: above any `flight_threshold_m_s2`."""
+REFRACTORY_S = 0.15
+"""Time after an impact in which the ground gives no other, s; a new flight ends it early."""
+_FLIGHT_PROBABILITY = 0.99
+_GROUND_PROBABILITY = 0.7
+"""Probability of an impact after free fall, and on the ground, where a blow may also come from another foot."""
+
+
+class ImpactDetector:
+    """Compares |specific force| with thresholds: in flight with nearly nothing, on the ground with the weight.
+
+    A body whose |specific force| stays below g + `impact_m_s2` raises no alarm on the ground, and neither does one that
+    is heaved slowly: the force must also rise above its level. That drops at once with the signal and follows a rise
+    with `FOLLOW_TIME_S`, so that it is the lowest recent value at any rate; the size of an impact is measured from it.
+    """
+
+    def __init__(self, parameters: ControllerParameters) -> None:
+        """Make a detector that has seen nothing."""
+        self.parameters = parameters
+        self._level = 0.0
+        self._level_before = 0.0
+        self._onset_ns: int | None = None
+        self._last_impact_ns: int | None = None
+
+    def restart(self, force_m_s2: float) -> None:
+        """Forget the level: the next rise is measured from `force_m_s2`."""
+        self._level = force_m_s2
+        self._onset_ns = None
+
+    def forget_impacts(self) -> None:
+        """Forget when the last impact was: its time belongs to another time line."""
+        self._last_impact_ns = None
+
+    def follow(self, time_ns: int, interval_s: float, force_m_s2: float) -> None:
+        """Take the next |specific force|. Call it once per sample, before `in_flight` or `on_ground`."""
+        level = self._level
+        if force_m_s2 <= level:
+            self._level = force_m_s2
+            self._onset_ns = None
+            return
+        rise = force_m_s2 - level
+        if rise > ONSET_M_S2:
+            if self._onset_ns is None:
+                self._onset_ns = time_ns
+                self._level_before = level
+        else:
+            self._onset_ns = None
+        # Implicit Euler: stable for any interval.
+        self._level = level + rise * interval_s / (interval_s + FOLLOW_TIME_S)
+
+    def in_flight(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
+        """Return an impact if the flight ended: the ground carries more than `touchdown_m_s2`."""
+        if force_m_s2 <= TOUCHDOWN_M_S2:
+            return None
+        return self._impact(time_ns, force_m_s2, _FLIGHT_PROBABILITY)
+
+    def on_ground(self, time_ns: int, force_m_s2: float, *, disturbed: bool = False) -> ContactEvent | None:
+        """Return an impact if the force is above weight and level by more than the threshold, unless one has just been.
+
+        Args:
+            time_ns: Of the sample.
+            force_m_s2: Its |specific force|.
+            disturbed: The ankle itself is jolting the IMU: only twice as much counts.
+
+        """
+        carried_m_s2 = max(STANDARD_GRAVITY_M_S2, self._level)
+        if force_m_s2 - carried_m_s2 <= self.parameters.impact_threshold_m_s2 * (2.0 if disturbed else 1.0):
+            return None
+        last_ns = self._last_impact_ns
+        if last_ns is not None and (time_ns - last_ns) / NANOSECONDS_PER_SECOND < REFRACTORY_S:
+            return None
+        return self._impact(time_ns, force_m_s2, _GROUND_PROBABILITY)
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last impact, ns."""
+        return self._last_impact_ns
+
+    def note(self, time_ns: int) -> None:
+        """Take an impact that was found elsewhere."""
+        self._last_impact_ns = time_ns
+
+    def _impact(self, time_ns: int, force_m_s2: float, probability: float) -> ContactEvent:
+        onset_ns = time_ns if self._onset_ns is None else self._onset_ns
+        level = self._level if self._onset_ns is None else self._level_before
+        self._last_impact_ns = time_ns
+        return ContactEvent(
+            ContactKind.IMPACT,
+            time_ns,
+            force_m_s2 - level,
+            M_S2,
+            (time_ns - onset_ns) / NANOSECONDS_PER_SECOND,
+            probability,
+        )
+
+
+FLIGHT_CONFIRM_S = 0.03
+"""Time of free fall after which it is reported, s: a hop of 1 mm lasts as long, and is no reason to vent."""
+LEAST_FLIGHT_SAMPLES = 3
+"""A flight is seen by at least this many samples, so that a gap in the stream does not make one."""
+
+_FREE_FALL_PROBABILITY = 0.99
+"""Nothing but a flight is that light for that long."""
+
+
+class LiftoffDetector:
+    """Reports free fall once it has lasted `flight_confirm_s`."""
+
+    def __init__(self, parameters: ControllerParameters) -> None:
+        """Make a detector that has seen nothing."""
+        self.parameters = parameters
+        self._since_ns: int | None = None
+        self._samples = 0
+
+    def restart(self) -> None:
+        """Forget a flight that has begun."""
+        self._since_ns = None
+
+    def on_ground(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
+        """Take the next |specific force| while on the ground; return a lift-off if it is certain now."""
+        if force_m_s2 >= self.parameters.flight_threshold_m_s2:
+            self._since_ns = None
+            return None
+        if self._since_ns is None:
+            self._since_ns = time_ns
+            self._samples = 0
+        self._samples += 1
+        lasted_s = (time_ns - self._since_ns) / NANOSECONDS_PER_SECOND
+        if self._samples < LEAST_FLIGHT_SAMPLES or lasted_s < FLIGHT_CONFIRM_S:
+            return None
+        self._since_ns = None
+        return ContactEvent(ContactKind.LIFTOFF, time_ns, force_m_s2, M_S2, lasted_s, _FREE_FALL_PROBABILITY)
+
+
+SETTLE_WINDOW_S = 0.2
+"""Time for which a body must be quiet to be at rest, s."""
+SETTLE_RMS_M_S2 = 0.5
+"""Largest rms of | |specific force| - g | at rest, m/s^2; leaves 0.05 g for the bias of a cheap accelerometer."""
+SETTLE_RMS_RAD_S = 0.2
+"""Largest rms of the angular velocity at rest, rad/s."""
+LEAST_REST_SAMPLES = 10
+"""A window with fewer samples says nothing of rest."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A quiet window: rms of | |specific force| - g |, m/s^2, and how long it lasted, s."""
+
+    rms_m_s2: float
+    lasted_s: float
+
+
+class RestDetector:
+    """Slides a window over the stream and says when it is quiet."""
+
+    def __init__(self) -> None:
+        """Make a detector that has seen nothing."""
+        self._window: deque[tuple[int, float, float]] = deque()
+        self._force_sum = 0.0
+        self._rate_sum = 0.0
+
+    def restart(self) -> None:
+        """Begin a new window."""
+        self._window.clear()
+        self._force_sum = 0.0
+        self._rate_sum = 0.0
+
+    def on_ground(self, time_ns: int, force_m_s2: float, rate_squared: float) -> Rest | None:
+        """Take the next |specific force|, m/s^2, and squared |angular velocity|, rad^2/s^2; return a rest if quiet."""
+        deviation = force_m_s2 - STANDARD_GRAVITY_M_S2
+        force_squared = deviation * deviation
+        window = self._window
+        window.append((time_ns, force_squared, rate_squared))
+        self._force_sum += force_squared
+        self._rate_sum += rate_squared
+        lasted_s = (time_ns - window[0][0]) / NANOSECONDS_PER_SECOND
+        if lasted_s < SETTLE_WINDOW_S:
+            return None
+        samples = len(window)
+        # The sums lose digits as large squares leave them; a tiny negative remainder means zero.
+        force_mean = max(0.0, self._force_sum) / samples
+        rate_mean = max(0.0, self._rate_sum) / samples
+        _, oldest_force, oldest_rate = window.popleft()
+        self._force_sum -= oldest_force
+        self._rate_sum -= oldest_rate
+        quiet = force_mean <= SETTLE_RMS_M_S2**2 and rate_mean <= SETTLE_RMS_RAD_S**2
+        if not quiet or samples < LEAST_REST_SAMPLES:
+            return None
+        return Rest(math.sqrt(force_mean), lasted_s)
+
+
+SMOOTH_TIME_S = 0.05
+"""What is faster than this is shaking and no motion, s: motors and gears shake at 25 Hz and more."""
+REST_S = 0.3
+"""So long the specific force keeps its value at rest, s. Half-way up a slow rise it is that of gravity for a moment:
+of a minimum-jerk rise (Flash and Hogan 1985) by h = 0.3 m, whose jerk there is 30 h / T^3, for less if T < 2 s."""
+REST_BAND_M_S2 = 0.15
+"""By which the smoothed specific force may stray at rest, m/s^2, and its size from that of the rest before: noise of
+0.1 m/s^2, as of a cheap IMU, leaves 0.02 at 200 Hz."""
+REST_RATE_RAD_S = 0.1
+"""By which it may turn at rest, rad/s: five times the bias of a common gyro."""
+LONGEST_S = 3.0
+"""Time over which a rise is integrated, s; what has not been raised by then is unknown until it rests again. No rise
+keeps its acceleration for as long: then it is a rest, whatever gravity was taken for before."""
+BIAS_M_S2 = 0.05 * STANDARD_GRAVITY_M_S2
+"""Of a cheap accelerometer. At rest it is part of gravity; as the IMU tilts, it is not."""
+LEAST_TILT_RAD = math.radians(2.0)
+"""An elevator raises a robot that stands without tilting it; a hand does not. A gyro's bias of 0.01 rad/s makes as much
+in 3.5 s."""
+DOWN_SHARE = 0.5
+"""Of the height, below which it rests where it was raised from."""
+PUT_DOWN_S = 1.0
+"""At rest for so long it stands again, wherever that is, s: no hand is as still. Assumed."""
+
+_RAISED_PROBABILITY = 0.95
+
+
+class RaiseDetector:
+    """Integrates how high the sole has come since the IMU was last at rest.
+
+    A strapdown integration from rest (zero-velocity update: Skog et al. 2010) with gravity as measured there,
+
+        v' = -w x v + f - g,    g' = -w x g,    h' = (v + w x lever) . g / |g|,
+
+    less what an accelerometer's bias b makes of a tilt by an angle a from there, b sin(a) t^2 / 2. A sole in stance
+    does not rise, whatever the leg above it does; a body does not by more than its legs are long.
+    """
+
+    def __init__(self, parameters: ControllerParameters) -> None:
+        """Make a detector that has seen nothing."""
+        self.parameters = parameters
+        self.lever_m = ZERO
+        """From the IMU to the sole in the IMU's frame, m."""
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything: what comes cannot be compared."""
+        self._smooth: Vector | None = None
+        self._turning = 0.0
+        self._weight_m_s2: float | None = None
+        self._anchor = self._mean = self._rest = self._gravity = self._velocity = ZERO
+        self._kept_s = 0.0
+        self.disarm()
+
+    def disarm(self) -> None:
+        """Wait for the next rest: the foot left the ground or came down otherwise."""
+        self.is_raised = False
+        self._since_rest_s: float | None = None
+        self._height_m: float | None = None
+
+    def follow(self, sample: ImuSample, interval_s: float) -> None:
+        """Take the next sample, `interval_s` after the one before."""
+        _, x, y, z, p, q, r = sample
+        force = (x, y, z)
+        share = interval_s / (interval_s + SMOOTH_TIME_S)
+        self._smooth = smooth = force if self._smooth is None else towards(self._smooth, force, share)
+        self._turning += (p * p + q * q + r * r - self._turning) * share
+        strays = math.dist(smooth, self._anchor) > REST_BAND_M_S2 or self._turning > REST_RATE_RAD_S**2
+        if strays:
+            self._anchor = self._mean = smooth
+            self._kept_s = 0.0
+        else:
+            self._kept_s += interval_s
+            share = interval_s / (interval_s + REST_S)
+            self._mean = towards(self._mean, force, share)
+        if self._kept_s >= REST_S and (self._is_weight(math.hypot(*smooth)) or self._kept_s >= LONGEST_S):
+            self._rest = self._gravity = self._mean
+            self._weight_m_s2 = math.hypot(*self._mean)
+            self._velocity = ZERO
+            self._since_rest_s = 0.0
+            if not self.is_raised:
+                self._height_m = 0.0
+        elif self._since_rest_s is not None and self._height_m is not None:
+            self._since_rest_s += interval_s
+            known = self._since_rest_s <= LONGEST_S
+            self._height_m = self._height_m + interval_s * self._up_m_s(sample, interval_s) if known else None
+
+    def _is_weight(self, force_m_s2: float) -> bool:
+        """Whether a constant specific force is that of gravity, and not half of a rise."""
+        if self._weight_m_s2 is None:
+            return abs(force_m_s2 - STANDARD_GRAVITY_M_S2) < BIAS_M_S2
+        return abs(force_m_s2 - self._weight_m_s2) < REST_BAND_M_S2
+
+    def _up_m_s(self, sample: ImuSample, interval_s: float) -> float:
+        """Integrate gravity and velocity; return how fast the sole rises."""
+        _, x, y, z, p, q, r = sample
+        gx, gy, gz = self._gravity
+        gx, gy, gz = (
+            gx + interval_s * (r * gy - q * gz),
+            gy + interval_s * (p * gz - r * gx),
+            gz + interval_s * (q * gx - p * gy),
+        )
+        self._gravity = (gx, gy, gz)
+        vx, vy, vz = self._velocity
+        vx, vy, vz = (
+            vx + interval_s * (r * vy - q * vz + x - gx),
+            vy + interval_s * (p * vz - r * vx + y - gy),
+            vz + interval_s * (q * vx - p * vy + z - gz),
+        )
+        self._velocity = (vx, vy, vz)
+        lx, ly, lz = self.lever_m
+        sx, sy, sz = vx + q * lz - r * ly, vy + r * lx - p * lz, vz + p * ly - q * lx
+        return (sx * gx + sy * gy + sz * gz) / (math.sqrt(gx * gx + gy * gy + gz * gz) or 1.0)
+
+    def _tilt_rad(self) -> float:
+        lengths = math.hypot(*self._gravity) * math.hypot(*self._rest)
+        cosine = sum(a * b for a, b in zip(self._gravity, self._rest, strict=True)) / (lengths or 1.0)
+        return math.acos(min(1.0, max(-1.0, cosine)))
+
+    def on_ground(self, time_ns: int) -> ContactEvent | None:
+        """Return a lift-off once it is higher than `height_m`, whatever the bias, and has tilted."""
+        height_m, since_s, least_m = self._height_m, self._since_rest_s, self.parameters.raised_m
+        if since_s is None or height_m is None or height_m <= least_m:
+            return None
+        tilt_rad = self._tilt_rad()
+        unsure_m = 0.5 * BIAS_M_S2 * math.sin(tilt_rad) * since_s * since_s
+        if tilt_rad < LEAST_TILT_RAD or height_m - unsure_m <= least_m:
+            return None
+        return ContactEvent(ContactKind.LIFTOFF, time_ns, height_m, METRE, since_s, _RAISED_PROBABILITY)
+
+    @property
+    def rested_s(self) -> float:
+        """How long the IMU has read gravity and nothing else, s; 0: it does not."""
+        if self._smooth is None or abs(math.hypot(*self._smooth) - STANDARD_GRAVITY_M_S2) > 2.0 * BIAS_M_S2:
+            return 0.0
+        return self._kept_s
+
+    def raise_it(self) -> None:
+        """Take that it has been raised: its height is kept while it rests in the air."""
+        self.is_raised = True
+
+    def set_down(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
+        """Return a touch-down, reported late, of what was raised and rests: for longer if not where it rose from."""
+        came_back = self._height_m is not None and self._height_m < DOWN_SHARE * self.parameters.raised_m
+        if self._kept_s < (REST_S if came_back else PUT_DOWN_S):
+            return None
+        return ContactEvent(
+            ContactKind.IMPACT, time_ns, force_m_s2, M_S2, self._kept_s, _RAISED_PROBABILITY, is_felt=came_back
+        )

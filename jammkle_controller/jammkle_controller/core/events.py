@@ -1,9 +1,15 @@
-"""What the controller feels on the IMU: contact events."""
+"""The words of contact: events, what is known of contact, where an IMU is, and what is detected there."""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from jammkle_controller.parameters import Mount
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 M_S2 = "m/s^2"
 M_S = "m/s"
@@ -53,7 +59,7 @@ class ContactEvent:
         is_felt: Whether something happened that only this explains; False: a touch-down that stillness alone suggests,
             which a foot that is held still in the air shows as well.
         direction: Unit vector of the sliding or of the blow in the IMU's frame, or in the body's where
-            the odometry told it; zeros: not known.
+            the odometry gave it; zeros: not known.
 
     """
 
@@ -66,3 +72,113 @@ class ContactEvent:
     source: Source = Source.IMU
     direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
     is_felt: bool = True
+
+
+class Contact(enum.Enum):
+    """What is known of the foot's contact with the ground."""
+
+    UNKNOWN = "unknown"
+    """Nothing shows either."""
+    CONTACT = "contact"
+    """The foot stands."""
+    NO_CONTACT = "no contact"
+    """The foot is in the air."""
+
+
+class ContactReport(NamedTuple):
+    """What is known of contact now.
+
+    Attributes:
+        contact: Whether the foot stands.
+        shown_by: What shows it, in words; empty: nothing does.
+        at_rest: Whether the IMU has read gravity and nothing else for so long that the ankle is held (`HELD_REST_S`).
+        since_ns: Since when contact has had this value, ns by the stamps of the inputs.
+
+    """
+
+    contact: Contact
+    shown_by: str
+    at_rest: bool
+    since_ns: int
+
+    @property
+    def bears(self) -> bool:
+        """Whether the ankle must be held: it stands, or it rests and nothing shows that it hangs."""
+        return self.contact is Contact.CONTACT or (self.contact is Contact.UNKNOWN and self.at_rest)
+
+
+class Phase(enum.Enum):
+    """What the foot does, as far as the IMU shows."""
+
+    GROUND = "on the ground, moving"
+    """Something carries the body. So it is assumed at the start."""
+    PLANTED = "on the ground, at rest"
+    """The body has come to rest; slip is watched for."""
+    FLIGHT = "in flight"
+    """Nothing carries the body."""
+    SWING = "in swing"
+    """The foot is off the ground, and the body is carried by another, or hardly."""
+
+
+class Detection(enum.Enum):
+    """Kinds of event, by what they are separated from."""
+
+    IMPACT = "impact"
+    FLIGHT = "lift-off into free fall"
+    STEP = "lift-off of a step"
+    SWING = "swing"
+    RAISE = "lift-off of what is raised slowly"
+    SLIP_STANDING = "slip of a foot that stood"
+    SLIP_STEPPING = "slip while it steps"
+    REST = "settled"
+
+
+@dataclass(frozen=True)
+class Offer:
+    """Whether a detection is made, on what, or why it is not."""
+
+    made: bool
+    reason: str
+
+
+_SWING_POSTERIOR = Offer(made=True, reason="probability of swing")
+_SLIDE_POSTERIOR = Offer(made=True, reason="probability of sliding")
+_FREE_FALL = Offer(made=True, reason="nearly no specific force")
+_RAISED = Offer(made=True, reason="height since it last rested, and a tilt")
+_REST = Offer(made=True, reason="specific force of gravity, and no turning")
+_FOOT: Mapping[Detection, Offer] = {
+    Detection.IMPACT: Offer(made=True, reason="a blow in a swing, by its density ratio"),
+    Detection.FLIGHT: _FREE_FALL,
+    Detection.STEP: _SWING_POSTERIOR,
+    Detection.SWING: _SWING_POSTERIOR,
+    Detection.RAISE: _RAISED,
+    Detection.SLIP_STANDING: _SLIDE_POSTERIOR,
+    Detection.SLIP_STEPPING: _SLIDE_POSTERIOR,
+    Detection.REST: _REST,
+}
+_BODY: Mapping[Detection, Offer] = {
+    Detection.IMPACT: Offer(made=True, reason="the end of free fall; a threshold above weight and level"),
+    Detection.FLIGHT: _FREE_FALL,
+    Detection.STEP: Offer(
+        made=False, reason="a body that does not fall never showed it: needs the gait, efforts, a switch or the load"
+    ),
+    Detection.SWING: Offer(made=False, reason="the swing of one foot is not felt on the body"),
+    Detection.RAISE: _RAISED,
+    Detection.SLIP_STANDING: Offer(made=True, reason="a step of the acceleration that becomes a speed"),
+    Detection.SLIP_STEPPING: Offer(
+        made=False,
+        reason="a body that walks speeds up and slows down at every step: 2 of 309 events were one; odometry shows it",
+    ),
+    Detection.REST: _REST,
+}
+OFFERS: Mapping[Mount, Mapping[Detection, Offer]] = {Mount.FOOT: _FOOT, Mount.SHANK: _FOOT, Mount.BODY: _BODY}
+
+
+def is_felt(mount: Mount, detection: Detection) -> bool:
+    """Whether an IMU in this place is used to detect it."""
+    return OFFERS[mount][detection].made
+
+
+def not_felt(mount: Mount) -> Mapping[str, str]:
+    """Return what is not detected on an IMU in this place, with the reasons."""
+    return {detection.value: offer.reason for detection, offer in OFFERS[mount].items() if not offer.made}

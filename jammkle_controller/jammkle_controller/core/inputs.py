@@ -1,23 +1,176 @@
-"""What a robot may tell of contact beside the IMU, each optional: switch, load, gait, joints, efforts, odometry."""
+"""What a robot may report of contact beside the IMU, each optional: switch, load, gait, joints, efforts, odometry."""
 
 from __future__ import annotations
 
 import enum
 import math
+import statistics
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_controller.core.anticipation import GaitPhase
-from jammkle_controller.core.contact_load import LoadContact
 from jammkle_controller.core.events import NEWTON, NO_UNIT, ContactEvent, ContactKind, Source
-from jammkle_controller.core.leg_load import LegLoad
-from jammkle_controller.core.sole_slip import SoleSlip
+from jammkle_controller.core.leg import LegLoad
+from jammkle_controller.core.slip import SoleSlip
+from jammkle_controller.core.stepping import probability_of
 
 if TYPE_CHECKING:
-    from jammkle_controller.core.leg_load import LegModel, LegReading
-    from jammkle_controller.core.sole_slip import SoleSettings
-    from jammkle_controller.core.sole_speed import BodyTwist, LegPose
+    from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
+    from jammkle_controller.parameters import ControllerParameters
+
+SPREAD_N = 2.0
+"""Standard deviation of the load of a foot that swings, N: what `LegLoad` leaves of a hip that is accelerated, and of
+masses and efforts that are not quite those. Learned on swings of the simulated leg (-2.8 to 3.6 N is nine of ten)."""
+STANDS_PROBABILITY = 0.9
+LEFT_PROBABILITY = 0.3
+"""Above and below which a foot stands and has left (Schmitt's trigger): 6 and 3 N at a usual load of 20 N. Light as it
+is, no load makes a swing surer than 0.9, as a stance may be as light."""
+USUAL_TIME_S = 2.0
+"""Time constant of the usual load, s, in which only a foot that stands counts: some strides."""
+MOST_SPREADS = 6.0
+"""No load is surer than this many: a model errs in more ways than a Gaussian does."""
+LEAST_USUAL_N = 4.0 * SPREAD_N
+"""A foot that never bears more is not separated from one that swings."""
+
+
+@dataclass(frozen=True)
+class LoadChange:
+    """A foot has begun or ceased to stand."""
+
+    stands: bool
+    load_n: float
+    delay_s: float
+    """Since the load first said so, more likely than not."""
+    probability: float
+    """That it is so."""
+
+
+class LoadContact:
+    """Decides from each load whether the foot stands.
+
+    A swing's load is Gaussian about 0 with SPREAD_N; a stance's may be anything up to twice the usual load W, which is
+    its mean. The logarithm of the ratio of their densities at F > 0 is
+
+        l = log(SPREAD_N sqrt(2 pi) / (2 W)) + F^2 / (2 SPREAD_N^2)
+
+    and what it says is taken anew at each reading: errors of a model do not average out within a step.
+    """
+
+    def __init__(self) -> None:
+        """Have felt nothing: whether it stands is not known before a load says so."""
+        self.stands: bool | None = None
+        self._usual_n = 0.0
+        self._time_ns: int | None = None
+        self._side = True
+        self._side_ns = 0
+
+    def update(self, load_n: float, time_ns: int) -> LoadChange | None:
+        """Take the load, N, at a time; return whether the foot stands, if that has changed since it was first known."""
+        elapsed_s = 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / NANOSECONDS_PER_SECOND)
+        if self._time_ns is None:
+            self._usual_n = load_n
+        self._time_ns = time_ns
+        if self.stands is not False:
+            self._usual_n += (load_n - self._usual_n) * elapsed_s / (elapsed_s + USUAL_TIME_S)
+        probability = self._probability(load_n)
+        if (probability > 0.5) is not self._side:  # noqa: PLR2004 - more likely than not
+            self._side, self._side_ns = not self._side, time_ns
+        if LEFT_PROBABILITY < probability < STANDS_PROBABILITY or (probability >= STANDS_PROBABILITY) is self.stands:
+            return None
+        known, self.stands = self.stands is not None, probability >= STANDS_PROBABILITY
+        if not known:
+            return None
+        delay_s = (time_ns - self._side_ns) / NANOSECONDS_PER_SECOND if self._side is self.stands else 0.0
+        return LoadChange(self.stands, load_n, delay_s, probability if self.stands else 1.0 - probability)
+
+    def _probability(self, load_n: float) -> float:
+        """Return the probability that the foot stands."""
+        usual_n = max(LEAST_USUAL_N, self._usual_n)
+        spreads = min(MOST_SPREADS, max(0.0, load_n / SPREAD_N))
+        return probability_of(math.log(SPREAD_N * math.sqrt(2.0 * math.pi) / (2.0 * usual_n)) + spreads**2 / 2.0)
+
+
+FLIGHTS = 3
+"""As many flights in a row must have lasted about as long before the next one is foreseen."""
+LARGEST_SPREAD = 0.15
+"""Spread of those, over their mean, up to which they are alike: 45 ms in a swing of 0.3 s."""
+
+
+class Rhythm:
+    """Foresees the end of a flight or swing from how long the last ones took."""
+
+    def __init__(self) -> None:
+        """Know no flight."""
+        self._lasted_ns: deque[int] = deque(maxlen=FLIGHTS)
+        self._lifted_ns: int | None = None
+
+    def lift(self, time_ns: int) -> None:
+        """Note a lift-off."""
+        self._lifted_ns = time_ns
+
+    def land(self, time_ns: int) -> None:
+        """Note a touch-down."""
+        if self._lifted_ns is not None and time_ns > self._lifted_ns:
+            self._lasted_ns.append(time_ns - self._lifted_ns)
+        self._lifted_ns = None
+
+    def forget(self) -> None:
+        """Forget all: the clock was set back, or the IMU failed."""
+        self._lasted_ns.clear()
+        self._lifted_ns = None
+
+    @property
+    def touchdown_ns(self) -> int | None:
+        """When this flight will end, ns; None: it is not known, or there is none."""
+        if self._lifted_ns is None or len(self._lasted_ns) < FLIGHTS:
+            return None
+        mean_ns = statistics.fmean(self._lasted_ns)
+        if statistics.pstdev(self._lasted_ns) > LARGEST_SPREAD * mean_ns:
+            return None
+        return self._lifted_ns + round(mean_ns)
+
+
+class GaitPhase:
+    """Foresees touch-downs from a phase that runs from 0, touch-down, to 1."""
+
+    SILENT_S = 0.3
+    """A phase that was not received for so long is not one to plan with, s."""
+
+    def __init__(self) -> None:
+        """Know no phase."""
+        self._phase = 0.0
+        self._time_ns: int | None = None
+        self._rate_hz = 0.0
+
+    def on_phase(self, phase: float, time_ns: int) -> None:
+        """Take the phase, 0 to 1, at a time, ns; anything else is ignored."""
+        if not 0.0 <= phase <= 1.0:
+            return
+        if self._time_ns is not None and 0 < time_ns - self._time_ns < self.SILENT_S * NANOSECONDS_PER_SECOND:
+            gained = (phase - self._phase) % 1.0
+            rate_hz = gained * NANOSECONDS_PER_SECOND / (time_ns - self._time_ns)
+            self._rate_hz = rate_hz if self._rate_hz == 0.0 else self._rate_hz + 0.2 * (rate_hz - self._rate_hz)
+        elif self._time_ns is not None:
+            self._rate_hz = 0.0
+        self._phase, self._time_ns = phase, time_ns
+
+    def phase(self, time_ns: int) -> float | None:
+        """Phase at a time, ns, 0 to 1; None: not received lately, or it stands still."""
+        if self._time_ns is None or self._rate_hz <= 0.0:
+            return None
+        since_s = (time_ns - self._time_ns) / NANOSECONDS_PER_SECOND
+        if not 0.0 <= since_s < self.SILENT_S:
+            return None
+        return (self._phase + since_s * self._rate_hz) % 1.0
+
+    def touchdown_ns(self, time_ns: int) -> int | None:
+        """When the phase is 1 next, ns; None: not known."""
+        phase = self.phase(time_ns)
+        if phase is None:
+            return None
+        return time_ns + round((1.0 - phase) / self._rate_hz * NANOSECONDS_PER_SECOND)
+
 
 LOADED_SHARE = 0.4
 UNLOADED_SHARE = 0.15
@@ -29,9 +182,9 @@ LOAD_CONFIRM_S = 0.02
 LEAST_LOAD_N = 1.0
 """A cell that never reads more says nothing of contact, N."""
 SILENT_S = 0.5
-"""An input that was not heard for so long is not there, s."""
+"""An input that was not received for so long is not there, s."""
 PLAN_SILENT_S = 2.0
-"""The same for planned contact, s: a gait may tell it on change only, and a stance or swing of a walk is shorter."""
+"""The same for planned contact, s: a gait may publish it on change only, and a stance or swing of a walk is shorter."""
 NEAR_TOUCHDOWN = 0.2
 """An impact on the body at another phase than within this of touch-down is another foot's; a fifth of the stride."""
 PLANNED_PROBABILITY = 0.9
@@ -39,7 +192,7 @@ PLANNED_PROBABILITY = 0.9
 
 
 class Input(enum.Enum):
-    """What may be heard."""
+    """What may be received."""
 
     CONTACT_SWITCH = "contact switch"
     LOAD = "load"
@@ -50,43 +203,37 @@ class Input(enum.Enum):
     ODOMETRY = "odometry"
 
 
-@dataclass(frozen=True)
-class InputSettings:
-    """Share of the stride that the foot stands, whether the load cell shows contact, and what the leg is, if known.
-
-    `sole` is how the speed of its sole follows from odometry and joints; None: no odometry is heard.
-    """
-
-    stance_share: float
-    use_load: bool
-    leg: LegModel | None = None
-    sole: SoleSettings | None = None
-
-
 class ContactInputs:
     """Keeps the latest of every input and turns changes of contact into events."""
 
-    def __init__(self, settings: InputSettings) -> None:
-        """Hear nothing."""
-        self.settings = settings
+    def __init__(self, parameters: ControllerParameters) -> None:
+        """Have received nothing, and know no leg."""
+        self.parameters = parameters
         self.gait = GaitPhase()
         self.roll_rad: float | None = None
         self._pitch_rad = 0.0
         self._pull_n: float | None = None
         self._pull_ns = 0
-        self._heard_ns: dict[Input, int] = {}
+        self._received_ns: dict[Input, int] = {}
         self._in_contact: dict[Input, bool] = {}
         self._usual_load_n = 0.0
         self._load_side: bool | None = None
         self._load_side_ns = 0
         self._paired_ns: int | None = None
-        self._leg_load = None if settings.leg is None else LegLoad(settings.leg)
+        self._leg_load: LegLoad | None = None
         self._leg_contact = LoadContact()
-        self.sole = None if settings.sole is None else SoleSlip(settings.sole)
+        self.sole: SoleSlip | None = None
 
-    def heard(self, time_ns: int) -> tuple[Input, ...]:
-        """Inputs that were heard lately; a switch is heard for ever, as it may speak on change only."""
-        return tuple(each for each in self._heard_ns if self._is_heard(each, time_ns))
+    def know(self, leg: Leg) -> None:
+        """Take what the leg is: without it, efforts and odometry say nothing."""
+        if self.parameters.use_efforts:
+            self._leg_load = LegLoad(leg, self.parameters.armature_kg_m2)
+        if self.parameters.use_odometry:
+            self.sole = SoleSlip(leg, self.parameters)
+
+    def received(self, time_ns: int) -> tuple[Input, ...]:
+        """Inputs that were received lately; a switch counts for ever, as it may publish on change only."""
+        return tuple(each for each in self._received_ns if self._is_recent(each, time_ns))
 
     def measured_contact(self, time_ns: int) -> bool | None:
         """Whether a sensor of contact says that the foot stands; None: there is none."""
@@ -95,43 +242,43 @@ class ContactInputs:
 
     def contact_sensor(self, time_ns: int) -> Input | None:
         """Which sensor of contact is believed now; None: there is none."""
-        here = self.heard(time_ns)
+        here = self.received(time_ns)
         for each in (Input.CONTACT_SWITCH, Input.LOAD, Input.EFFORTS):
             if each in here and each in self._in_contact:
                 return each
         return None
 
     def planned_contact(self, time_ns: int) -> bool | None:
-        """Whether the gait plans contact now; None: no gait is heard."""
+        """Whether the gait plans contact now; None: no gait is received."""
         for each in (Input.PLANNED_CONTACT, Input.GAIT_PHASE):
-            if self._is_heard(each, time_ns):
+            if self._is_recent(each, time_ns):
                 return self._in_contact[each]
         return None
 
     def efforts_contact(self, time_ns: int) -> bool | None:
-        """Whether the efforts of the leg say that the foot stands; None: they are not heard."""
-        return self._in_contact.get(Input.EFFORTS) if self._is_heard(Input.EFFORTS, time_ns) else None
+        """Whether the efforts of the leg say that the foot stands; None: they are not received."""
+        return self._in_contact.get(Input.EFFORTS) if self._is_recent(Input.EFFORTS, time_ns) else None
 
-    def tells_contact(self, time_ns: int) -> bool:
+    def shows_contact(self, time_ns: int) -> bool:
         """Whether anything beside the IMU shows contact."""
-        planned = {Input.GAIT_PHASE, Input.PLANNED_CONTACT} & set(self.heard(time_ns))
+        planned = {Input.GAIT_PHASE, Input.PLANNED_CONTACT} & set(self.received(time_ns))
         return bool(planned) or self.measured_contact(time_ns) is not None
 
-    def hear_switch(self, *, closed: bool, time_ns: int) -> ContactEvent | None:
+    def on_switch(self, *, closed: bool, time_ns: int) -> ContactEvent | None:
         """Take a contact switch."""
         return self._change(Input.CONTACT_SWITCH, Source.CONTACT_SWITCH, time_ns, 1.0, contact=closed)
 
-    def hear_plan(self, *, contact: bool, time_ns: int) -> ContactEvent | None:
+    def on_plan(self, *, contact: bool, time_ns: int) -> ContactEvent | None:
         """Take whether the gait plans contact now."""
         return self._change(Input.PLANNED_CONTACT, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=contact)
 
-    def hear_load(self, load_n: float, time_ns: int) -> ContactEvent | None:
+    def on_load(self, load_n: float, time_ns: int) -> ContactEvent | None:
         """Take the load on the foot, N, positive."""
-        if not self.settings.use_load or not math.isfinite(load_n):
+        if not self.parameters.use_load or not math.isfinite(load_n):
             return None
-        before_ns = self._heard_ns.get(Input.LOAD, time_ns)
+        before_ns = self._received_ns.get(Input.LOAD, time_ns)
         elapsed_s = max(0.0, (time_ns - before_ns) / NANOSECONDS_PER_SECOND)
-        self._heard_ns[Input.LOAD] = time_ns
+        self._received_ns[Input.LOAD] = time_ns
         if self._usual_load_n == 0.0:
             self._usual_load_n = max(0.0, load_n)
         if load_n > UNLOADED_SHARE * self._usual_load_n:
@@ -147,36 +294,36 @@ class ContactInputs:
             return None
         return self._change(Input.LOAD, Source.LOAD, time_ns, 1.0, contact=stands)
 
-    def hear_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
+    def on_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
         """Take the gait's phase: 0 at touch-down, 1 at the next.
 
         While the gait says itself when it plans contact, the share of the stride that the foot stands is not asked.
         """
         if not 0.0 <= phase <= 1.0:
             return None
-        self.gait.hear(phase, time_ns)
-        stands = phase < self.settings.stance_share
+        self.gait.on_phase(phase, time_ns)
+        stands = phase < self.parameters.stance_share
         change = self._change(Input.GAIT_PHASE, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=stands)
-        return None if self._is_heard(Input.PLANNED_CONTACT, time_ns) else change
+        return None if self._is_recent(Input.PLANNED_CONTACT, time_ns) else change
 
-    def hear_joints(self, roll_rad: float, time_ns: int) -> None:
+    def on_roll(self, roll_rad: float, time_ns: int) -> None:
         """Take the ankle's roll, rad."""
         if math.isfinite(roll_rad):
-            self._heard_ns[Input.JOINTS] = time_ns
+            self._received_ns[Input.JOINTS] = time_ns
             self.roll_rad = roll_rad
 
-    def hear_pitch(self, pitch_rad: float) -> None:
+    def on_pitch(self, pitch_rad: float) -> None:
         """Take the ankle's pitch, rad, that comes with its roll."""
         if math.isfinite(pitch_rad):
             self._pitch_rad = pitch_rad
 
     def deflection_rad(self, time_ns: int) -> float:
-        """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not heard."""
-        if self.roll_rad is None or not self._is_heard(Input.JOINTS, time_ns):
+        """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not received."""
+        if self.roll_rad is None or not self._is_recent(Input.JOINTS, time_ns):
             return 0.0
         return math.hypot(self.roll_rad, self._pitch_rad)
 
-    def hear_pull(self, pull_n: float, time_ns: int) -> None:
+    def on_pull(self, pull_n: float, time_ns: int) -> None:
         """Take the tension of a load cell that the leg hangs on in a rig, N; what presses is negative."""
         if math.isfinite(pull_n):
             self._pull_n, self._pull_ns = pull_n, time_ns
@@ -184,16 +331,16 @@ class ContactInputs:
     def hangs(self, time_ns: int) -> bool | None:
         """Whether, at rest, the leg hangs on its load cell or presses on the ground; None: there is none that says."""
         lately = abs(time_ns - self._pull_ns) < SILENT_S * NANOSECONDS_PER_SECOND
-        if self.settings.use_load or self._pull_n is None or not lately or abs(self._pull_n) < LEAST_LOAD_N:
+        if self.parameters.use_load or self._pull_n is None or not lately or abs(self._pull_n) < LEAST_LOAD_N:
             return None
         return self._pull_n > 0.0
 
-    def hear_leg(self, reading: LegReading, time_ns: int, *, falls: bool = False) -> ContactEvent | None:
+    def on_leg(self, reading: LegReading, time_ns: int, *, falls: bool = False) -> ContactEvent | None:
         """Take angles, rates and efforts of hip and knee; of a body that falls: nothing carries it."""
         load_n = None if self._leg_load is None else self._leg_load.update(reading, time_ns)
         if load_n is None:
             return None
-        self._heard_ns[Input.EFFORTS] = time_ns
+        self._received_ns[Input.EFFORTS] = time_ns
         change = self._leg_contact.update(0.0 if falls else load_n, time_ns)
         if self._leg_contact.stands is not None:
             self._in_contact[Input.EFFORTS] = self._leg_contact.stands
@@ -202,25 +349,23 @@ class ContactInputs:
         kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
         return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
 
-    def hear_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
+    def on_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
         """Take angles and rates from the body down to the foot, and whether the foot stands, as far as known."""
-        return (
-            None if self.sole is None else self._note_sole(self.sole.hear_pose(pose, time_ns, stands=stands), time_ns)
-        )
+        return None if self.sole is None else self._note_sole(self.sole.on_pose(pose, time_ns, stands=stands), time_ns)
 
-    def hear_odometry(self, twist: BodyTwist, time_ns: int) -> ContactEvent | None:
-        """Take how the body moves, as it is told at a time: its own stamp may be earlier."""
-        return None if self.sole is None else self._note_sole(self.sole.hear_twist(twist, time_ns), time_ns)
+    def on_odometry(self, twist: BodyTwist, time_ns: int) -> ContactEvent | None:
+        """Take how the body moves, as reported at a time: its own stamp may be earlier."""
+        return None if self.sole is None else self._note_sole(self.sole.on_twist(twist, time_ns), time_ns)
 
-    def tells_slips(self, time_ns: int) -> bool:
-        """Whether odometry and joints tell how fast the sole goes, so that the IMU is not asked for slips."""
-        return self._is_heard(Input.ODOMETRY, time_ns)
+    def shows_slips(self, time_ns: int) -> bool:
+        """Whether odometry and joints show how fast the sole goes, so that the IMU is not asked for slips."""
+        return self._is_recent(Input.ODOMETRY, time_ns)
 
     def _note_sole(self, slip: ContactEvent | None, time_ns: int) -> ContactEvent | None:
-        """Note that the odometry is heard: once it has told a speed of the sole."""
+        """Note that the odometry is received: once it has given a speed of the sole."""
         if self.sole is not None and self.sole.paired_ns is not None:
             if self.sole.paired_ns != self._paired_ns:
-                self._heard_ns[Input.ODOMETRY] = time_ns
+                self._received_ns[Input.ODOMETRY] = time_ns
             self._paired_ns = self.sole.paired_ns
         return slip
 
@@ -229,8 +374,8 @@ class ContactInputs:
         phase = self.gait.phase(time_ns)
         return phase is not None and NEAR_TOUCHDOWN < phase < 1.0 - NEAR_TOUCHDOWN
 
-    def _is_heard(self, which: Input, time_ns: int) -> bool:
-        at_ns = self._heard_ns.get(which)
+    def _is_recent(self, which: Input, time_ns: int) -> bool:
+        at_ns = self._received_ns.get(which)
         if at_ns is None or which is Input.CONTACT_SWITCH:
             return at_ns is not None
         silent_s = PLAN_SILENT_S if which is Input.PLANNED_CONTACT else SILENT_S
@@ -239,7 +384,7 @@ class ContactInputs:
     def _change(
         self, which: Input, source: Source, time_ns: int, probability: float, *, contact: bool
     ) -> ContactEvent | None:
-        self._heard_ns[which] = time_ns
+        self._received_ns[which] = time_ns
         before = self._in_contact.get(which)
         self._in_contact[which] = contact
         if before is None or before is contact:

@@ -15,6 +15,28 @@ if TYPE_CHECKING:
     from jammkle_controller.core.imu import ImuSample
 
 Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return the vector product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def combine(p: float, a: Vector, q: float, b: Vector) -> Vector:
+    """Return p a + q b."""
+    return (p * a[0] + q * b[0], p * a[1] + q * b[1], p * a[2] + q * b[2])
+
+
+def towards(a: Vector, b: Vector, share: float) -> Vector:
+    """Return the vector that is a share of the way from a to b."""
+    return (a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share)
+
 
 LOAD_TIME_S = 0.01
 """Time constant of the load, s: above the ringing of a foot (30 Hz and more), below a step."""
@@ -133,7 +155,7 @@ class Motion:
         )
 
     def blow_features(self, swung_s: float) -> tuple[float, ...]:
-        """Return what tells a touch-down in a swing that has lasted `swung_s`, s, from the swing's own jerks.
+        """Return what separates a touch-down in a swing that has lasted `swung_s`, s, from the swing's own jerks.
 
         Its sharp part, that in units of what was usual, how fast the limb turns and shakes, how long it has swung, and
         whether the blow comes from below.

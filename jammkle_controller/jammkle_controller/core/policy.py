@@ -1,18 +1,115 @@
-"""The jamming policy: soft for the shock, stiff for the stance, more for a slip. Its table stands in `transitions`."""
+"""The jamming policy as a table of states: soft for the shock, stiff for the stance, more for a slip."""
 
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_controller.core.events import ContactEvent, ContactKind
-from jammkle_controller.core.transitions import TRANSITIONS, WISHES, PolicyState, Trigger, Wish
+from jammkle_controller.parameters import PolicyMode
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from jammkle_controller.parameters import ControllerParameters
+
+
+class PolicyState(enum.Enum):
+    """What the policy does."""
+
+    SWING = "swing or flight"
+    PREPARING = "preparing"
+    LANDING = "landing"
+    STANCE = "stance"
+    SLIPPING = "slipping"
+    RECOVERING = "recovering"
+    FAULT = "fault"
+
+
+class Trigger(enum.Enum):
+    """What leads from one state to another."""
+
+    LIFTOFF = "lift-off"
+    FORESEEN = "touch-down foreseen within jam_lead_s"
+    MISSED = "the foreseen touch-down did not come"
+    TOUCHDOWN = "impact"
+    SHOCK_OVER = "jam_delay_s over"
+    SLIP = "slip"
+    STOPPED = "no slip for slip_hold_s"
+    RECOVERED = "no slip for recover_s"
+    INHERITED = "at rest, and held by a controller before"
+    SHOWN = "contact is shown without a touch-down: by switch, load, efforts, gait at rest, or ~/set_contact"
+    RESTED = "at rest for 1 s, and nothing shows that it hangs"
+    LOST = "nothing shows contact"
+    REGAINED_JAMMED = "contact is known again, jammed"
+    REGAINED_SOFT = "contact is known again, soft"
+
+
+class SetPoint(enum.Enum):
+    """What a state wants of the tendons."""
+
+    SOFT = "vented"
+    HOLD = "hold_vacuum_pa"
+    GRIP = "full_vacuum_pa, the side that slips first"
+    KEEP = "what it was"
+
+
+S, T = PolicyState, Trigger
+
+SET_POINTS: Mapping[PolicyState, SetPoint] = {
+    S.SWING: SetPoint.SOFT,
+    S.PREPARING: SetPoint.HOLD,
+    S.LANDING: SetPoint.SOFT,
+    S.STANCE: SetPoint.HOLD,
+    S.SLIPPING: SetPoint.GRIP,
+    S.RECOVERING: SetPoint.GRIP,
+    S.FAULT: SetPoint.KEEP,
+}
+
+MEANINGS: Mapping[PolicyState, str] = {
+    S.SWING: "the foot is in the air, or nothing is known and it moves: ready for a landing",
+    S.PREPARING: "touch-down is so near that fibres which are evacuated from now on grip only after the shock",
+    S.LANDING: "the foot has hit, and the shock passes",
+    S.STANCE: "the foot stands, or rests and nothing shows that it hangs",
+    S.SLIPPING: "the foot slides",
+    S.RECOVERING: "the foot slid a moment ago",
+    S.FAULT: "no input that shows contact is believed: a robot that stands goes on standing as it did",
+}
+
+TRANSITIONS: Mapping[tuple[PolicyState, Trigger], PolicyState] = {
+    (S.SWING, T.FORESEEN): S.PREPARING,
+    (S.SWING, T.TOUCHDOWN): S.LANDING,
+    (S.SWING, T.SLIP): S.SLIPPING,
+    (S.SWING, T.INHERITED): S.STANCE,
+    (S.SWING, T.SHOWN): S.STANCE,
+    (S.SWING, T.RESTED): S.STANCE,
+    (S.SWING, T.LOST): S.FAULT,
+    (S.PREPARING, T.TOUCHDOWN): S.STANCE,
+    (S.PREPARING, T.MISSED): S.SWING,
+    (S.PREPARING, T.SLIP): S.SLIPPING,
+    (S.PREPARING, T.LIFTOFF): S.SWING,
+    (S.PREPARING, T.LOST): S.FAULT,
+    (S.LANDING, T.SHOCK_OVER): S.STANCE,
+    (S.LANDING, T.SLIP): S.SLIPPING,
+    (S.LANDING, T.LIFTOFF): S.SWING,
+    (S.LANDING, T.LOST): S.FAULT,
+    (S.STANCE, T.SLIP): S.SLIPPING,
+    (S.STANCE, T.LIFTOFF): S.SWING,
+    (S.STANCE, T.LOST): S.FAULT,
+    (S.SLIPPING, T.STOPPED): S.RECOVERING,
+    (S.SLIPPING, T.LIFTOFF): S.SWING,
+    (S.SLIPPING, T.LOST): S.FAULT,
+    (S.RECOVERING, T.SLIP): S.SLIPPING,
+    (S.RECOVERING, T.RECOVERED): S.STANCE,
+    (S.RECOVERING, T.LIFTOFF): S.SWING,
+    (S.RECOVERING, T.LOST): S.FAULT,
+    (S.FAULT, T.REGAINED_JAMMED): S.STANCE,
+    (S.FAULT, T.REGAINED_SOFT): S.SWING,
+}
+"""Where a pair is missing, the state stays as it is."""
+
 
 MISSED_S = 0.15
 """How late a foreseen touch-down may come, s: half a swing of a fast trot."""
@@ -23,43 +120,6 @@ _TRIGGERS = {
     ContactKind.SWING: Trigger.LIFTOFF,
     ContactKind.SLIP: Trigger.SLIP,
 }
-
-
-class PolicyMode(enum.Enum):
-    """What automatic jamming does. Manual is without it (`~/set_auto`)."""
-
-    AUTO = "auto"
-    """By what is felt."""
-    ALWAYS_SOFT = "always_soft"
-    """Vented, whatever is felt: a baseline."""
-    ALWAYS_JAMMED = "always_jammed"
-    """Held, whatever is felt: a baseline."""
-
-
-@dataclass(frozen=True)
-class PolicySettings:
-    """What the policy decides with.
-
-    Attributes:
-        mode: Auto, or one of the baselines.
-        jam_delay_s: From an impact to jamming, s.
-        jam_lead_s: How long before a foreseen touch-down jamming begins, s.
-        hold_vacuum_pa: Vacuum of a stance, Pa, gauge, positive.
-        full_vacuum_pa: Vacuum of a slip, Pa, gauge, positive.
-        side_first_s: How long the side that slips is jammed alone where nothing is jammed yet, s.
-        slip_hold_s: From the last slip to recovering, s.
-        recover_s: From there to the vacuum of a stance, s.
-
-    """
-
-    mode: PolicyMode
-    jam_delay_s: float
-    jam_lead_s: float
-    hold_vacuum_pa: float
-    full_vacuum_pa: float
-    side_first_s: float
-    slip_hold_s: float
-    recover_s: float
 
 
 def loaded_channels(direction: tuple[float, float, float]) -> tuple[str, ...]:
@@ -85,9 +145,9 @@ class JammingPolicy:
     Time is that of the samples: it stands still while a simulation is paused, and runs as fast as the simulation does.
     """
 
-    def __init__(self, settings: PolicySettings) -> None:
+    def __init__(self, parameters: ControllerParameters) -> None:
         """Start soft."""
-        self.settings = settings
+        self.parameters = parameters
         self.state = PolicyState.SWING
         self._since_ns = 0
         self._now_ns: int | None = None
@@ -96,44 +156,44 @@ class JammingPolicy:
         self._touchdown_ns: int | None = None
 
     @property
-    def wish(self) -> Mapping[str, float]:
+    def set_points_pa(self) -> Mapping[str, float]:
         """Vacuum wanted per channel, Pa, gauge, positive; 0 is vented."""
-        settings = self.settings
-        if settings.mode is PolicyMode.ALWAYS_SOFT:
+        parameters = self.parameters
+        if parameters.mode is PolicyMode.ALWAYS_SOFT:
             return dict.fromkeys(CHANNELS, 0.0)
-        if settings.mode is PolicyMode.ALWAYS_JAMMED:
-            return dict.fromkeys(CHANNELS, settings.hold_vacuum_pa)
-        wish = WISHES[self.state]
-        if wish is Wish.KEEP:
+        if parameters.mode is PolicyMode.ALWAYS_JAMMED:
+            return dict.fromkeys(CHANNELS, parameters.hold_vacuum_pa)
+        set_point = SET_POINTS[self.state]
+        if set_point is SetPoint.KEEP:
             return self._kept
-        if wish is Wish.GRIP:
+        if set_point is SetPoint.GRIP:
             return {
-                channel: settings.full_vacuum_pa if not self._first or channel in self._first else 0.0
+                channel: parameters.full_vacuum_pa if not self._first or channel in self._first else 0.0
                 for channel in CHANNELS
             }
-        return dict.fromkeys(CHANNELS, settings.hold_vacuum_pa if wish is Wish.HOLD else 0.0)
+        return dict.fromkeys(CHANNELS, parameters.hold_vacuum_pa if set_point is SetPoint.HOLD else 0.0)
 
     def advance(self, time_ns: int) -> None:
-        """Tell the stamp of the sample at hand, before its events; takes what is due by time alone."""
+        """Take the stamp of the sample at hand, before its events; takes what is due by time alone."""
         if self._now_ns is not None and time_ns < self._now_ns:
             # The clock was set back. What is held stays held: on a real slope, letting go would be the worse error.
             self._since_ns += time_ns - self._now_ns
             self._touchdown_ns = None
         self._now_ns = time_ns
-        settings, since_ns = self.settings, time_ns - self._since_ns
-        if self.state is PolicyState.LANDING and since_ns >= _nanoseconds(settings.jam_delay_s):
+        parameters, since_ns = self.parameters, time_ns - self._since_ns
+        if self.state is PolicyState.LANDING and since_ns >= _nanoseconds(parameters.jam_delay_s):
             self._take(Trigger.SHOCK_OVER)
         elif self.state is PolicyState.SLIPPING:
-            if self._first and since_ns >= _nanoseconds(settings.side_first_s):
+            if self._first and since_ns >= _nanoseconds(parameters.side_first_s):
                 self._first = ()
-            if since_ns >= _nanoseconds(settings.slip_hold_s):
+            if since_ns >= _nanoseconds(parameters.slip_hold_s):
                 self._take(Trigger.STOPPED)
-        elif self.state is PolicyState.RECOVERING and since_ns >= _nanoseconds(settings.recover_s):
+        elif self.state is PolicyState.RECOVERING and since_ns >= _nanoseconds(parameters.recover_s):
             self._take(Trigger.RECOVERED)
         if self._touchdown_ns is not None:
             ahead_ns = self._touchdown_ns - time_ns
             missed = ahead_ns < -_nanoseconds(MISSED_S)
-            if self.state is PolicyState.SWING and not missed and ahead_ns <= _nanoseconds(settings.jam_lead_s):
+            if self.state is PolicyState.SWING and not missed and ahead_ns <= _nanoseconds(parameters.jam_lead_s):
                 self._take(Trigger.FORESEEN)
             elif self.state is PolicyState.PREPARING and missed:
                 self._touchdown_ns = None
@@ -147,7 +207,7 @@ class JammingPolicy:
     def take_up(self, why: Trigger) -> None:
         """Hold without a touch-down: INHERITED, SHOWN or RESTED. In a fault what is kept becomes a stance's vacuum."""
         if self.state is PolicyState.FAULT:
-            self._kept = dict.fromkeys(CHANNELS, self.settings.hold_vacuum_pa)
+            self._kept = dict.fromkeys(CHANNELS, self.parameters.hold_vacuum_pa)
         self._take(why)
 
     def let_go(self) -> None:
@@ -163,20 +223,20 @@ class JammingPolicy:
         if trigger is None:
             return
         if trigger is Trigger.SLIP:
-            soft = not any(self.wish.values())
+            soft = not any(self.set_points_pa.values())
             if self.state is PolicyState.SLIPPING:
                 self._since_ns = event.time_ns
-            elif soft and self.settings.side_first_s > 0.0:
+            elif soft and self.parameters.side_first_s > 0.0:
                 self._first = loaded_channels(event.direction)
         if trigger in (Trigger.TOUCHDOWN, Trigger.LIFTOFF):
             self._touchdown_ns = None
         self._take(trigger)
-        if self.state is PolicyState.LANDING and _nanoseconds(self.settings.jam_delay_s) == 0:
+        if self.state is PolicyState.LANDING and _nanoseconds(self.parameters.jam_delay_s) == 0:
             self._take(Trigger.SHOCK_OVER)
 
     def lose(self) -> None:
         """Nothing that shows contact is believed: keep what is wanted now."""
-        self._kept = dict(self.wish)
+        self._kept = dict(self.set_points_pa)
         self._take(Trigger.LOST)
 
     def regain(self) -> None:

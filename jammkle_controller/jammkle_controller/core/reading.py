@@ -12,8 +12,7 @@ from jammkle_common import wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ANKLE_JOINTS
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.leg_load import LegReading
-from jammkle_controller.core.sole_speed import BodyTwist, LegPose
+from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,7 +112,7 @@ def leg_pose(message: Any, leg: Sequence[str]) -> LegPose | None:
 def body_twist(message: Any) -> BodyTwist:
     """Read an odometry (nav_msgs/Odometry): its twist is in the frame of the body, child_frame_id.
 
-    Its spread is the root of the largest of the three variances of the velocity; where they are zero it is not told.
+    Its spread is the root of the largest of the three variances of the velocity; where they are zero it is not known.
     """
     speed, rate = message.twist.twist.linear, message.twist.twist.angular
     variance = max(float(message.twist.covariance[7 * axis]) for axis in range(3))

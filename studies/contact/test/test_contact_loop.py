@@ -19,22 +19,18 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE
 from jammkle_common.names import CONTACT_EVENTS, IMU, JAM_COMMAND
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.testing import own_domain
-from jammkle_controller.core.contact import Contact
-from jammkle_controller.core.events import ContactKind, Source
+from jammkle_controller.core.events import Contact, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.leg_load import LegLoad, LegReading
+from jammkle_controller.core.leg import LegLoad, LegReading
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import Heard, replay
-from jammkle_controller.settings import leg_model
+from jammkle_controller.recordings import Received, replay
 from jammkle_msgs.msg import ContactEvent, JamCommand
-from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
 from jammkle_sim.robots.catalogue import robot_simulation
-from jammkle_sim.robots.limb import LimbParameters
 from jammkle_sim.robots.options import RobotOptions
 from studies.contact.loop import AnkleLoop
-from studies.contact.robots import joined_contacts
+from studies.contact.robots import joined_contacts, leg_of_robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,7 +69,7 @@ def test_ros_and_loop_decide_the_same_on_the_same_samples(monkeypatch: pytest.Mo
     """The node, fed over DDS with the samples of a loop, tells the same events, to the bit, and the same wish."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     _, samples = land(1.5)
-    made = replay([Heard(sample.time_ns, sample) for sample in samples], ControllerParameters())
+    made = replay([Received(sample.time_ns, sample) for sample in samples], ControllerParameters())
     with own_domain() as domain_id:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id)}
         process = subprocess.Popen([sys.executable, "-m", "jammkle_controller"], env=environment)
@@ -105,7 +101,7 @@ def test_ros_and_loop_decide_the_same_on_the_same_samples(monkeypatch: pytest.Mo
                 for e in events
             ]
             assert told == [(event.time_ns, event.magnitude, event.probability) for event in made.events]
-            until(lambda: {c.channel: c.vacuum_pa for c in commands[-1].channels} == made.decisions[-1].wish_pa)
+            until(lambda: {c.channel: c.vacuum_pa for c in commands[-1].channels} == made.decisions[-1].vacuum_pa)
         finally:
             process.terminate()
             process.wait()
@@ -123,22 +119,22 @@ def message_of(sample: ImuSample) -> Imu:
     return message
 
 
-def walk(imu: str, duration_s: float) -> tuple[AnkleLoop, list[Heard], list[bool]]:
+def walk(imu: str, duration_s: float) -> tuple[AnkleLoop, list[Received], list[bool]]:
     """Walk a leg in the loop; return it, what a bag of the graph would hold, and whether each true swing was held."""
     simulation = robot_simulation("leg", RobotOptions(behaviour="walk", imu=imu))
     loop = AnkleLoop(simulation.ankles["ankle"], ControllerParameters(imu_mount=imu))
-    heard: list[Heard] = []
+    heard: list[Received] = []
     held: list[bool] = []
     for number, sample in enumerate(simulation.samples(duration_s, 500)):
         (ankle,) = sample.ankles.values()
         time_ns = round(sample.time_s * NANOSECONDS_PER_SECOND)
         if number == 0 or time_ns % STATE_PERIOD_NS == 0:
-            heard.append(Heard(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
+            heard.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
             if ankle.plan is not None:
-                heard.append(Heard(time_ns, Input.PLANNED_CONTACT, float(ankle.plan.bears)))
+                heard.append(Received(time_ns, Input.PLANNED_CONTACT, float(ankle.plan.bears)))
                 if ankle.plan.phase is not None:
-                    heard.append(Heard(time_ns, Input.GAIT_PHASE, ankle.plan.phase))
-        heard.append(Heard(time_ns, loop.step(sample.time_s)))
+                    heard.append(Received(time_ns, Input.GAIT_PHASE, ankle.plan.phase))
+        heard.append(Received(time_ns, loop.step(sample.time_s)))
         if sample.time_s > 1.5 and not ankle.foot.stands:
             held.append(loop.controller.vacuum_pa > 0.0)
     return loop, heard, held
@@ -154,10 +150,10 @@ def test_the_plan_of_a_gait_vents_the_swings_that_a_body_does_not_show() -> None
     assert sum(held) / len(held) < 0.5
     made = replay(heard, loop_parameters := ControllerParameters(imu_mount="body"))
     assert made.events == loop.events
-    assert made.decisions[-1].wish_pa == loop.controller.wish
+    assert made.decisions[-1].vacuum_pa == loop.controller.set_points_pa
     alone = replay([each for each in heard if isinstance(each.what, ImuSample)], loop_parameters)
     after = [each for each in alone.decisions if each.time_ns > NANOSECONDS_PER_SECOND]
-    assert all(any(each.wish_pa.values()) for each in after)
+    assert all(any(each.vacuum_pa.values()) for each in after)
 
 
 def test_efforts_tell_every_step_of_a_leg_on_any_mount() -> None:
@@ -168,9 +164,9 @@ def test_efforts_tell_every_step_of_a_leg_on_any_mount() -> None:
     """
     parameters = ControllerParameters(imu_mount="body", use_efforts=True)
     simulation = robot_simulation("leg", RobotOptions(behaviour="walk", imu="body"))
-    loop = AnkleLoop(simulation.ankles["ankle"], parameters)
-    load = LegLoad(leg_model(parameters))
-    heard: list[Heard] = []
+    loop = AnkleLoop(simulation.ankles["ankle"], parameters, leg=leg_of_robot("leg"))
+    load = LegLoad(leg_of_robot("leg"), parameters.armature_kg_m2)
+    heard: list[Received] = []
     stands: list[bool] = []
     errors_n: list[float] = []
     for number, sample in enumerate(simulation.samples(4.0, 500)):
@@ -182,9 +178,9 @@ def test_efforts_tell_every_step_of_a_leg_on_any_mount() -> None:
             load_n = load.update(reading, time_ns)
             if load_n is not None and ankle.foot.stands:
                 errors_n.append(abs(load_n - ankle.foot.normal_force_n))
-            heard.append(Heard(time_ns, reading))
-            heard.append(Heard(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
-        heard.append(Heard(time_ns, loop.step(sample.time_s)))
+            heard.append(Received(time_ns, reading))
+            heard.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
+        heard.append(Received(time_ns, loop.step(sample.time_s)))
         stands.append(ankle.foot.stands)
     heard_again = [each for each in heard if each.what is not Input.JOINTS]
     assert [event for event in replay(heard_again, parameters).events if event.source is Source.EFFORTS] == [
@@ -207,7 +203,7 @@ def test_a_slip_is_told_by_odometry_in_the_loop() -> None:
     parameters = ControllerParameters(imu_mount="body", use_efforts=True, use_odometry=True)
     options = RobotOptions(behaviour="slip", imu="body", slope_deg=15.0, slip_friction=0.1, slip_time_s=1.0)
     simulation = robot_simulation("leg", options)
-    loop = AnkleLoop(simulation.ankles["ankle"], parameters, body=simulation.base)
+    loop = AnkleLoop(simulation.ankles["ankle"], parameters, body=simulation.base, leg=leg_of_robot("leg"))
     slid_m = []
     for sample in simulation.samples(1.5, 500):
         loop.step(sample.time_s)
@@ -216,23 +212,11 @@ def test_a_slip_is_told_by_odometry_in_the_loop() -> None:
     assert [event.kind for event in told] == [ContactKind.SLIP]
     when = round(told[0].time_ns / NANOSECONDS_PER_SECOND * 500.0)
     assert 0.0 < slid_m[when] - slid_m[499] < 0.02
-    without = AnkleLoop(simulation.ankles["ankle"], parameters)
+    without = AnkleLoop(simulation.ankles["ankle"], parameters, leg=leg_of_robot("leg"))
     simulation.reset()
     for number, _ in enumerate(simulation.samples(1.5, 500)):
         without.step((number + 1) / 500.0)
     assert not any(event.source is Source.ODOMETRY for event in without.events)
-
-
-def test_the_leg_of_the_controller_is_that_of_the_simulation() -> None:
-    """Lengths, masses and inertia that the controller has by default are those of the limbs of our robots."""
-    leg, limb, ankle = leg_model(ControllerParameters()), LimbParameters(), AnkleParameters()
-    foot_kg, mount_kg = ankle.foot_mass_kg, ankle.mass_kg - ankle.foot_mass_kg
-    assert (leg.thigh_m, leg.shank_m, leg.thigh_kg) == (limb.thigh_m, limb.shank_m, limb.thigh_kg)
-    assert leg.armature_kg_m2 == limb.armature_kg_m2
-    assert leg.shank_kg == pytest.approx(limb.shank_kg + ankle.mass_kg)
-    moment = limb.shank_kg * limb.shank_m / 2.0 + mount_kg * (limb.shank_m - ankle.tendon_length_m / 2.0)
-    moment += foot_kg * (limb.shank_m - ankle.foot_centre_m[2])
-    assert leg.shank_centre_m == pytest.approx(moment / leg.shank_kg, abs=0.0005)
 
 
 @pytest.mark.parametrize("use_efforts", [False, True])
@@ -244,7 +228,11 @@ def test_a_leg_that_is_put_on_a_slope_is_held(slope_deg: float, imu: str, use_ef
     On level ground nothing slides, and no slip is what holds it: the sole comes up against the foot as it is set down.
     """
     simulation = robot_simulation("leg", RobotOptions(behaviour="stand", imu=imu, slope_deg=slope_deg))
-    loop = AnkleLoop(simulation.ankles["ankle"], ControllerParameters(imu_mount=imu, use_efforts=use_efforts))
+    loop = AnkleLoop(
+        simulation.ankles["ankle"],
+        ControllerParameters(imu_mount=imu, use_efforts=use_efforts),
+        leg=leg_of_robot("leg"),
+    )
     stands = False
     for sample in simulation.samples(2.5, 500):
         loop.step(sample.time_s)

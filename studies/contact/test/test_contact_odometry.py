@@ -7,16 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jammkle_controller.core.sole_speed import BodyTwist, LegPose, sole_velocity_m_s
-from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.settings import sole_settings
+from jammkle_controller.core.leg import BodyTwist, LegPose, sole_velocity_m_s
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_sim.robots.quadruped import place_of
 from studies.contact.labelled import CLOCK_START_S, Drives, Estimator, LabelledRecording, read_body, read_leg, read_pose
-from studies.contact.robots import POSE_JOINTS, Keeper, slides_of
+from studies.contact.robots import POSE_JOINTS, Keeper, leg_of_robot, slides_of
 from studies.contact.trial import told_by_ours
 
 
@@ -35,7 +32,7 @@ def test_the_sole_goes_as_fast_as_in_the_simulation(robot: str) -> None:
         mujoco.mj_forward(model, data)
         base = simulation.base()
         for name, view in simulation.ankles.items():
-            leg = sole_settings(ControllerParameters(**place_of(name))).leg  # type: ignore[arg-type]  # numbers alone
+            leg = leg_of_robot(robot, name)
             middle = dataclasses.replace(leg, toe_m=0.0, heel_m=0.0, half_width_m=0.0)
             columns = (view.joint_positions(), view.joint_velocities())
             pose = LegPose(*(column.get(joint, 0.0) for column in columns for joint in POSE_JOINTS))
@@ -94,7 +91,7 @@ def test_slips_of_a_quadruped_are_told_with_odometry() -> None:
             legs=legs,
             poses=read_pose(traces.pose, 1000.0, Drives(), legs, chance),
             twists=read_body(traces.twist, 1000.0, Estimator(), chance),
-            place=place_of(name),
+            leg=leg_of_robot("quadruped", name),
         )
         told_s = [at_s for at_s in told_by_ours(story, efforts=True, odometry=True)[0]["slip"] if at_s > 1.3]
         assert len(told_s) == 1

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_controller.core.density_ratio import learned, ratios_of
+from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind
+from jammkle_controller.core.stepping import learned, ratios_of
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import new_controller
 from studies.contact.labelled import Slide, draw_imu, walk
 from studies.contact.learn import learn
 from studies.contact.real_foot import real_foot
@@ -29,7 +29,7 @@ def test_a_foot_that_steps_is_felt_without_free_fall(mount: str) -> None:
     lifts, lands = Score(), Score()
     for seed in (200_000, 200_001, 200_002):
         story = walk(seed, mount, 6)
-        controller = new_controller(ControllerParameters(imu_mount=mount))
+        controller = AnkleController(ControllerParameters(imu_mount=mount))
         events = [event for sample in story.samples for event in controller.update(sample).events]
         told = {kind: [e.time_ns * 1e-9 for e in events if e.kind is kind] for kind in ContactKind}
         lifts.add(score_times(story.liftoffs_s, told[ContactKind.LIFTOFF], "lift-off"))
