@@ -61,7 +61,7 @@ def sections(command: Any, at: Any, name: str, marks: str) -> Iterator[str]:
 def usage(command: Any, at: Any, name: str) -> Iterator[str]:
     """How a verb is called, and its arguments and options."""
     if not hasattr(command, "commands"):
-        yield f"```text\n{name} {' '.join(command.collect_usage_pieces(at))}\n```"
+        yield f"`{name} {' '.join(command.collect_usage_pieces(at))}`"
     records = [each.get_help_record(at) for each in command.get_params(at) if each.name != "help"]
     lines = [f"| `{cell(signature)}` | {cell(text)} |" for signature, text in filter(None, records)]
     if lines:

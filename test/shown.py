@@ -46,6 +46,7 @@ ELSEWHERE: dict[str, str] = {
     r"python -m jammkle_driver .*valves/two": _REMAPPED_CHANNEL,
     r"python -m jammkle_driver .*autostart": _STACK,
     r"python -m jammkle_controller .*trunk/imu": _REMAPPED_IMU,
+    r"python docs/examples/mission.py": _STACK,
     r"python docs/examples/foot_contact.py": _REMAPPED_IMU,
     r"python docs/examples/foot_load.py": _LOAD,
     r"python -m jammkle_bringup.composed": "test/test_composed.py",

@@ -177,7 +177,7 @@ def demo(
     namespace: NamespaceOption = "/",
     effect: Annotated[
         str | None,
-        typer.Option(help="What is done to the simulated ankle, by name.", show_default="drawn, and not told"),
+        typer.Option(help="What is done to the simulated ankle, by name.", show_default="drawn, and named at the end"),
     ] = None,
     seed: Annotated[
         int | None,

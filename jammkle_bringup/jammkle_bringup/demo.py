@@ -54,7 +54,7 @@ class DemoResult:
     page: Path
     """Of the gap, `gap.html`."""
     ending: Any
-    """What was said of the ankle, what was true; see `HiddenEffect`."""
+    """The diagnosis of the ankle, and what was true; see `HiddenEffect`."""
     exit_code: int
 
 
@@ -80,7 +80,7 @@ def demo(
     Args:
         make_folder: Makes the run's folder; called once it is known that the demo can start.
         namespace: Normalised namespace.
-        hidden: What is done to the simulated ankle; the diagnosis is not told.
+        hidden: What is done to the simulated ankle; the diagnosis does not know it.
         asked_to_stop: Ends the demo early once it returns True.
 
     Raises:

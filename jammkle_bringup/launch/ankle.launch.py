@@ -28,7 +28,7 @@ ARGUMENTS = {
     "namespace": ("/", "ROS namespace of the ankle."),
     "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
     # Launch has nothing that waits until the nodes have found each other, as `jammkle up` does. Discovery may take 2 s,
-    # and an ankle that falls before its controller hears the IMU lands unnoticed; so it hangs for longer.
+    # and an ankle that falls before its controller receives the IMU lands unnoticed; so it hangs for longer.
     "release_time_s": ("5.0", "Simulated time after which the carriage is released; wins over params."),
     "publish_clock": ("true", "Whether this simulation makes /clock; false for all but one of several ankles."),
     "monitor": ("false", "Whether the gap monitor follows the ankle with a simulated twin."),

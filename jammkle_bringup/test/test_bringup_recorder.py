@@ -99,7 +99,7 @@ class Recording:
                 stderr=output,
             )
 
-    def hears(self, node: Node, *topics: str) -> None:
+    def subscribes(self, node: Node, *topics: str) -> None:
         """Wait until it subscribes to topics."""
         wait_until(
             lambda: all(
@@ -162,7 +162,7 @@ def test_a_bag_opens_where_this_project_is_not_installed(
     publisher = node.create_publisher(JamState, "jam_state", publisher_qos(names.JAM_STATE))
     publisher.publish(jam_state(12e3))
     recording = record()
-    recording.hears(node, "/jam_state")
+    recording.subscribes(node, "/jam_state")
     wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
     reached(publisher)
     publisher.publish(jam_state(34e3))
@@ -183,7 +183,7 @@ def test_metadata_says_version_types_hashes_and_how_topics_were_offered(
     sensor = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
     imu = node.create_publisher(Imu, "imu/data", sensor)
     recording = record()
-    recording.hears(node, "/jam_state", "/sim_parameters", "/imu/data")
+    recording.subscribes(node, "/jam_state", "/sim_parameters", "/imu/data")
     state.publish(jam_state(1.0))
     parameters.publish(String(data="slope_deg: 40.0"))
     # the recorder asks for less than it first did once it sees that this publisher is best effort
@@ -196,14 +196,14 @@ def test_metadata_says_version_types_hashes_and_how_topics_were_offered(
         "the recorder matches a best-effort publisher",
     )
     wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
-    # best effort: the other end may not know of the match yet, so it is told until it has filled a chunk of the bag
+    # best effort: the other end may not know of the match yet, so it is sent until it has filled a chunk of the bag
 
     def has_written() -> bool:
         for _ in range(100):
             imu.publish(Imu())
         return (recording.bag / "bag.mcap").stat().st_size > CHUNK_BYTES
 
-    wait_until(has_written, "the recorder writes what it hears")
+    wait_until(has_written, "the recorder writes what it receives")
     reached(state)
     reached(parameters)
     recording.end()
@@ -226,7 +226,7 @@ def test_messages_wait_for_the_first_tick_and_take_simulated_time(node: Node, re
     duty = node.create_publisher(Float32, "pump/duty", publisher_qos(names.PUMP_DUTY))
     clock = node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
     recording = record("--clock", "sim")
-    recording.hears(node, "/pump/duty", "/clock")
+    recording.subscribes(node, "/pump/duty", "/clock")
     wait_until(lambda: duty.get_subscription_count() > 0 and clock.get_subscription_count() > 0, "all is matched")
     duty.publish(Float32(data=0.25))
     reached(duty)
@@ -243,7 +243,7 @@ def test_nothing_is_lost_at_one_kilohertz(node: Node, record: Callable[..., Reco
     count = 2000
     imu = node.create_publisher(Imu, "imu/data", QoSProfile(depth=count, reliability=ReliabilityPolicy.RELIABLE))
     recording = record("--clock", "system")
-    recording.hears(node, "/imu/data")
+    recording.subscribes(node, "/imu/data")
     wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
     for number in range(count):
         message = Imu()
@@ -261,7 +261,7 @@ def test_a_recorder_that_is_held_up_misses_no_sample(node: Node, record: Callabl
     count = 1000
     imu = node.create_publisher(Imu, "imu/data", publisher_qos(names.IMU))
     recording = record("--clock", "system")
-    recording.hears(node, "/imu/data")
+    recording.subscribes(node, "/imu/data")
     wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
     recording.process.send_signal(signal.SIGSTOP)
     for number in range(count):
@@ -281,13 +281,13 @@ def test_only_the_namespace_and_what_is_said_of_it_outside_is_recorded(
 ) -> None:
     """Topics of a namespace are found as they appear; other ankles are left out; bytes are kept as they came."""
     recording = record("--namespace", "/lf_ankle")
-    recording.hears(node, "/lf_ankle/jam_state")
+    recording.subscribes(node, "/lf_ankle/jam_state")
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     late = node.create_publisher(Bool, "/lf_ankle/something_new", latched)
     other = node.create_publisher(Bool, "/rf_ankle/something_new", latched)
     late.publish(Bool(data=True))
     other.publish(Bool(data=True))
-    recording.hears(node, "/lf_ankle/something_new")
+    recording.subscribes(node, "/lf_ankle/something_new")
     wait_until(lambda: late.get_subscription_count() > 0, "they are matched")
     reached(late)
     recording.end()
@@ -316,7 +316,7 @@ def test_a_full_disk_ends_the_recorder_with_one_line(node: Node, record: Callabl
     """When the file cannot grow, it says which bag and why, and exits with 1."""
     recording = record("--clock", "system")
     resource.prlimit(recording.process.pid, resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
-    recording.hears(node, "/jam_state")
+    recording.subscribes(node, "/jam_state")
     publish_until_it_ends(node, recording)
     assert recording.process.returncode == 1
     (line,) = recording.said()
@@ -326,10 +326,10 @@ def test_a_full_disk_ends_the_recorder_with_one_line(node: Node, record: Callabl
 
 
 def test_a_killed_recorder_leaves_what_came_until_a_moment_before(node: Node, record: Callable[..., Recording]) -> None:
-    """After SIGKILL everything that was heard a second before is there once the bag is recovered, and it opens."""
+    """After SIGKILL everything that was received a second before is there once the bag is recovered, and it opens."""
     publisher = node.create_publisher(String, "chatter", QoSProfile(depth=100))
     recording = record("--clock", "system")
-    recording.hears(node, "/chatter")
+    recording.subscribes(node, "/chatter")
     wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
     words = [f"word {number:03}" for number in range(100)]
     for word in words:
@@ -347,7 +347,7 @@ def test_hidden_topics_are_left_out_without_a_word(node: Node, record: Callable[
     hidden = node.create_publisher(String, "sim/_action/status", QoSProfile(depth=1))
     publisher = node.create_publisher(String, "chatter", QoSProfile(depth=100))
     recording = record("--clock", "system")
-    recording.hears(node, "/chatter")  # it has looked at the graph
+    recording.subscribes(node, "/chatter")  # it has looked at the graph
     wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
     publisher.publish(String(data="x"))
     reached(publisher)
@@ -360,7 +360,7 @@ def test_hidden_topics_are_left_out_without_a_word(node: Node, record: Callable[
 def test_a_removed_folder_ends_the_recorder_with_one_line(node: Node, record: Callable[..., Recording]) -> None:
     """A bag whose folder is gone would be lost without a word; it is noticed at once."""
     recording = record("--clock", "system")
-    recording.hears(node, "/jam_state")
+    recording.subscribes(node, "/jam_state")
     shutil.rmtree(recording.bag)
     wait_until(lambda: recording.process.poll() is not None, "the recorder ends")
     assert recording.process.returncode == 1

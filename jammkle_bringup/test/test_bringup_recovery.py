@@ -89,13 +89,13 @@ def test_what_was_flushed_is_whole_after_recovery(torn: Path, capsys: pytest.Cap
         summary = reader.get_summary()
         assert summary is not None
         assert (summary.statistics.message_count, len(summary.chunk_indexes)) == (60, 6)
-    told = {}
+    infos = {}
     for name in ("dead", "torn"):
         assert main(["info", str(torn.with_name(name)), "--json", str(torn.with_name("info.json"))]) == 0
-        told[name] = json.loads(torn.with_name("info.json").read_text())
-        del told[name]["bag"]
-    assert told["dead"] == told["torn"]
-    assert told["dead"]["custom_data"] == {"sim_parameters": "rig: drop"}
+        infos[name] = json.loads(torn.with_name("info.json").read_text())
+        del infos[name]["bag"]
+    assert infos["dead"] == infos["torn"]
+    assert infos["dead"]["custom_data"] == {"sim_parameters": "rig: drop"}
     capsys.readouterr()
     before = (torn / "torn.mcap").read_bytes()
     assert main(["recover", str(torn)]) == 0

@@ -39,7 +39,7 @@ def test_info_breaks_no_name_in_80_columns() -> None:
         TopicInfo(f"/lf_ankle/{topic.name}", topic.message_type, 123456, 500.0, "stamp", "reliable", "transient_local")
         for topic in TOPICS
     )
-    text = shown(info_table(BagInfo("bag", 0.0, 1.0, 1.0, 2, topics, {})))
+    text = shown(info_table(BagInfo("bag", 0.0, 1.0, 1.0, 2, topics, {}, has_run_sheet=True)))
     for topic in topics:
         assert topic.name in text
         assert topic.message_type in text

@@ -131,7 +131,7 @@ def test_a_pump_that_is_too_weak_never_reaches(bag_maker: Callable[[str], Any]) 
 
 @pytest.mark.parametrize("lost", PARTS)
 def test_any_piece_may_be_missing(bag_maker: Callable[[str], Any], lost: str, tmp_path: Path) -> None:
-    """Without one kind of topic the rest is still told, what is missing is named, and the picture is drawn."""
+    """Without one kind of topic the rest is still there, what is missing is named, and the picture is drawn."""
     parts = tuple(part for part in PARTS if part != lost)
     path = landing(bag_maker("bag"), parts)
     run = read_run(path)
@@ -155,7 +155,7 @@ def test_any_piece_may_be_missing(bag_maker: Callable[[str], Any], lost: str, tm
 
 
 def test_a_recording_with_standard_types_only_is_enough(bag_maker: Callable[[str], Any]) -> None:
-    """Without any type of this project, touch-down, peak, solenoids and the greatest vacuum are still told."""
+    """Without any type of this project, touch-down, peak, solenoids and the greatest vacuum are still there."""
     parts = tuple(part for part in PARTS if part not in {"events", "jam_state"})
     summary = summarise(landing(bag_maker("bag"), parts))
     assert summary.touch_down_s == pytest.approx(TOUCH_DOWN_S)

@@ -283,7 +283,7 @@ def test_a_child_has_a_session_of_its_own(tmp_path: Path) -> None:
 
 
 def test_what_only_looks_on_may_die() -> None:
-    """It is told of once, and the others run on; before all was loaded its death counts as any other."""
+    """It is reported once, and the others run on; before all was loaded its death counts as any other."""
     lost = []
     watcher = dataclasses.replace(spec("viewer", DYING), looks_on=True)
     with Supervisor([spec("driver", OBEDIENT), watcher], lambda *_: None, on_loss=lost.append) as supervisor:

@@ -89,8 +89,8 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
 def test_each_topic_is_a_table_with_units_in_its_columns(bag: Path, tmp_path: Path) -> None:
     """Values and stamps are those of the messages; words for constants, no variances, no orientation that is none."""
     assert main(["export", str(bag), "-o", str(tmp_path / "out"), "--json", str(tmp_path / "out.json")]) == 0
-    told = json.loads((tmp_path / "out.json").read_text())
-    assert told["start_s"] == 10.0
+    written = json.loads((tmp_path / "out.json").read_text())
+    assert written["start_s"] == 10.0
     rows = table(tmp_path / "out" / "lf_ankle_imu_data.csv")
     assert list(rows[0]) == [
         "time_s",

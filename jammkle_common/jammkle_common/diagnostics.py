@@ -1,4 +1,6 @@
-"""Health of a node on /diagnostics: on change, and at 1 Hz of the graph's time and of the machine's steady clock.
+"""Health of the nodes on /diagnostics: each reports its own, and notices whose reports stop.
+
+A report comes on change, and at 1 Hz of the graph's time and of the machine's steady clock.
 
 Of both, since others count a node's silence in the time that they live in, and people look on while that stands still.
 """
@@ -121,7 +123,7 @@ MISSED_AFTER_S = 2.5 * PERIOD_S
 """Silence of a node after which it is missed, s: two reports that did not come."""
 
 LIVENESS_LINE = ": nodes"
-"""End of the name of the line that tells whom a node hears."""
+"""End of the name of the line that says whose reports a node receives."""
 
 SILENT_FOR = ", silent for (s)"
 """End of each key of that line; before it stands the node's name."""
@@ -161,7 +163,7 @@ class Liveness:
         self._robot_sim = f"{above}/{SIM_NODE}" if ankle and self._own != SIM_NODE else ""
         self._of_this_ankle = f"{self._robot_sim}: {ankle} "
         self._marks = [mark.encode() for mark in (self._prefix, self._robot_sim) if mark]
-        self._heard_s: dict[str, float] = {}
+        self._last_s: dict[str, float] = {}
         self._looked_s = self._now_s()
         node.create_subscription(
             DiagnosticArray, DIAGNOSTICS.name, self._take_bytes, subscriber_qos(DIAGNOSTICS), raw=True
@@ -175,12 +177,12 @@ class Liveness:
             text = f"/clock has not ticked for {silent_s:.0f} s of real time: who makes it is dead or hangs. "
             text += f"{MEANING[SIM_NODE]}"
             return Health(LIVENESS_LINE.removeprefix(": "), Level.ERROR, text)
-        # Who stood still itself has heard nobody, and has nobody to blame for it.
+        # Who stood still itself has received nothing, and has nobody to blame for it.
         since_s = now_s - self._looked_s
         if since_s > 1.5 * PERIOD_S:
-            self._heard_s = {name: heard_s + since_s for name, heard_s in self._heard_s.items()}
+            self._last_s = {name: last_s + since_s for name, last_s in self._last_s.items()}
         self._looked_s = now_s
-        silent = {name: now_s - heard_s for name, heard_s in sorted(self._heard_s.items())}
+        silent = {name: now_s - last_s for name, last_s in sorted(self._last_s.items())}
         missed = {name: silence_s for name, silence_s in silent.items() if silence_s > MISSED_AFTER_S}
         values = {f"{name}{SILENT_FOR}": f"{silence_s:.1f}" for name, silence_s in silent.items()}
         if not missed:
@@ -206,15 +208,15 @@ class Liveness:
             if not name:
                 continue
             if status.name.endswith(FAREWELL):
-                self._heard_s.pop(name, None)
+                self._last_s.pop(name, None)
             else:
-                self._heard_s[name] = self._now_s()
+                self._last_s[name] = self._now_s()
 
     def _known_as(self, line: str) -> str:
         """Return what a line's node is called here, without the own namespace; empty where it does not concern us."""
         node = line.partition(":")[0]
         if self._robot_sim and node == self._robot_sim:
-            return node if node in self._heard_s or line.startswith(self._of_this_ankle) else ""
+            return node if node in self._last_s or line.startswith(self._of_this_ankle) else ""
         if not node.startswith(self._prefix):
             return ""
         name = node.removeprefix(self._prefix)

@@ -1,4 +1,6 @@
-"""Classes of messages by name: those of ROS, or, where no ROS is installed, plain ones with the same fields.
+"""Messages with or without ROS: their classes by name, health as diagnostics, a pose as a transform.
+
+Where no ROS is installed, classes are plain ones with the same fields.
 
 Rigs write bags without a graph, and on machines without ROS; what fills a message need not know which of the two it
 fills. Plain messages cannot be published.

@@ -47,7 +47,7 @@ ANKLE_JOINTS: tuple[str, ...] = ("ankle_roll", "ankle_pitch", "ankle_yaw")
 """Angles of the ball joint in joint_states, rad; ankle_pitch is positive toe-down."""
 
 LEG_JOINTS: tuple[str, ...] = ("abduction", "hip", "knee")
-"""Joints of a limb, as joint_states tells them together with its ankle's, rad."""
+"""Joints of a limb, as joint_states has them together with its ankle's, rad."""
 
 CARRIAGE_JOINT = "carriage"
 """The rig's slide in joint_states: height of the ankle joint above floor or slope, m, up positive."""
@@ -68,7 +68,7 @@ class TopicKind(enum.Enum):
     SENSOR = "sensor"
     """A stream of measurements: reliable publisher (REP-2003), best-effort subscribers."""
     COMMAND = "command"
-    """A stream of wishes: reliable, volatile. A wish from before one joined is void."""
+    """A stream of requests: reliable, volatile. One from before one joined is void."""
     STATE = "state"
     """The latest value counts: reliable, latched (transient local), depth 1."""
     ACTUATOR = "actuator"
@@ -127,17 +127,17 @@ GAIT_PHASE = Topic(
     "gait/phase",
     "std_msgs/msg/Float32",
     TopicKind.SENSOR,
-    "0 at touch-down to 1 at the next, of the foot; optional; a simulated robot that walks tells it",
+    "0 at touch-down to 1 at the next, of the foot; optional; a simulated robot that walks publishes it",
 )
 PLANNED_CONTACT = Topic(
     "gait/contact",
     "std_msgs/msg/Bool",
     TopicKind.SENSOR,
-    "whether the gait plans contact of the foot now; optional; a simulated robot that walks tells it",
+    "whether the gait plans contact of the foot now; optional; a simulated robot that walks publishes it",
 )
 JAM_STATE = Topic("jam_state", "jammkle_msgs/msg/JamState", TopicKind.STATE, "state and vacuum per channel")
 JAM_COMMAND = Topic(
-    "jam_command", "jammkle_msgs/msg/JamCommand", TopicKind.COMMAND, "vacuum wanted per channel, Pa; goes stale"
+    "jam_command", "jammkle_msgs/msg/JamCommand", TopicKind.COMMAND, "vacuum requested per channel, Pa; goes stale"
 )
 CONTACT_EVENTS = Topic(
     "contact_events", "jammkle_msgs/msg/ContactEvent", TopicKind.EVENT, "impact, slip, lift-off, swing, settled"
@@ -189,7 +189,7 @@ LOCKSTEP = Topic(
     TopicKind.SENSOR,
     "from each node that the simulation waits for: its full name in frame_id, and up to which stamp it is done",
 )
-"""Between a simulation and those that keep in step with it; not part of a recording, which tells nothing of pace."""
+"""Between a simulation and those that keep in step with it; not part of a recording, which says nothing of pace."""
 
 TF = Topic("/tf", "tf2_msgs/msg/TFMessage", TopicKind.SENSOR, "the same pose for tf, where tf2_msgs is installed")
 

@@ -1,4 +1,7 @@
-"""QoS profiles of both ends of every topic, as `jammkle_common.names` chooses them."""
+"""QoS profiles of both ends of every topic, and subscriptions that fit any publisher.
+
+How each kind of topic is delivered is chosen in `jammkle_common.names`.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
 """Measurements as bytes: messages of a header and a fixed number of doubles, read and written without rclpy's classes.
 
 An IMU, 500 times a second for each ankle, and pressures, 400 times, are most of what a graph says. rclpy makes nine
-objects and arrays of each Imu (17 us where this takes 2). `read` wants little-endian plain CDR, as Fast DDS and Cyclone
-DDS send it from a machine of today; of anything else it returns None, and rclpy's own way remains.
+objects and arrays of each Imu (44 us where this takes 2.8, on a machine that was busy besides). For a quadruped, its
+clock and the answers to it this saves 0.17 core seconds in each simulated second, 0.11 of them on the IMUs.
+`read` wants little-endian plain CDR, as Fast DDS and Cyclone DDS send it from a machine of today; of anything else it
+returns None, and rclpy's own way remains.
 
 Source: CDR, OMG CORBA 3.3 part 2, 9.3 (a double is aligned to eight bytes, a string has its length before and a zero
 behind); encapsulation, OMG DDSI-RTPS 2.5, 10.5, of four bytes, from behind which alignment counts.

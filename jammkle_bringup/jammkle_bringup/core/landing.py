@@ -1,4 +1,4 @@
-"""What happened in a recorded landing, from the bag alone."""
+"""A recorded landing: its bag as time series, and what happened in it in numbers."""
 
 from __future__ import annotations
 
@@ -312,7 +312,7 @@ class _Collector:
 
     def run(self, duration_s: float) -> RunSeries:
         """Return the series."""
-        # jam_state says what the driver took as its command; without it, the controller's wish is the next best.
+        # jam_state says what the driver took as its command; without it, the controller's request is the next best.
         commanded = {
             channel: self._series(f"state {channel}") or self._series(f"command {channel}") for channel in CHANNELS
         }

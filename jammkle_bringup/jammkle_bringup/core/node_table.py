@@ -1,4 +1,8 @@
-"""The one table of nodes: what is started for which robot and hardware. Used by `jammkle up` and the launch files."""
+"""The one table of nodes: what is started for which robot and hardware, and parameter files that fit it.
+
+Used by `jammkle up` and the launch files. A typing error in a parameter file would otherwise show only when its node
+refuses to start, or not at all where the name of the node is misspelt.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The standard picture of a run: vacuum and set points, states, pump, IMU with events, tension against extension."""
+"""The standard picture of a run as panels, and as a page: vacuum and set points, states, pump, IMU, tension.
+
+Plotly draws it: one page that needs no network, with zoom and values under the pointer.
+"""
 
 from __future__ import annotations
 

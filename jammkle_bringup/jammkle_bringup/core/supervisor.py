@@ -107,7 +107,7 @@ class _Child:
         self._ended_s = time.monotonic()
 
     def release(self) -> None:
-        """Let a process start that was held; one that has died meanwhile is told of later."""
+        """Let a process start that was held; one that has died meanwhile is reported later."""
         if self.process.stdin is not None:
             with contextlib.suppress(OSError):
                 self.process.stdin.write("\n")
@@ -162,7 +162,7 @@ class Supervisor:
             specs: What to start, in order.
             on_line: Called with the name and every line that a process writes, from another thread.
             held: Whether the processes, each a `python -m MODULE`, only load until `release` is called.
-            on_loss: Told once of a process that only looked on, and has died after all was loaded.
+            on_loss: Called once with a process that only looked on, and has died after all was loaded.
 
         """
         self._held = held
@@ -210,7 +210,7 @@ class Supervisor:
     def first_death(self) -> Death | None:
         """Return a process that has ended although nobody asked it to, or None while all run.
 
-        Of those that only look on, one that ends after all was loaded is given up, and told of once.
+        Of those that only look on, one that ends after all was loaded is given up, and reported once.
         """
         for child in tuple(self._children):
             if child.process.poll() is None:

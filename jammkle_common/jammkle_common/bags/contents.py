@@ -1,7 +1,7 @@
 """Which files a bag has, judged against its metadata: the one place that every verb goes by.
 
-The files are what was recorded. The metadata tell which of them there were and how many messages they held, and may be
-older than the files, of another name, or not there.
+The files are what was recorded. The metadata, `metadata.yaml` of rosbag2 in version 9, say which of them there were and
+how many messages they held, and may be older than the files, of another name, or not there.
 """
 
 from __future__ import annotations

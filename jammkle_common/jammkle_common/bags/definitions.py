@@ -1,4 +1,8 @@
-"""Message definitions to embed in a bag, so that it opens anywhere: text as written, with comments, and type hash."""
+"""Types of messages: their definitions as a bag embeds them, from a bag, or without ROS as plain classes; to CDR.
+
+A bag opens anywhere, as it holds the text of each definition as written, with comments, and its hash. What a bag does
+not define is taken from ROS 2 Jazzy, else as it is installed.
+"""
 
 from __future__ import annotations
 

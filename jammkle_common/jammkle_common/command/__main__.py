@@ -1,4 +1,4 @@
-"""`python -m jammkle_common.command`: the command, with signals heard from the first moment on.
+"""`python -m jammkle_common.command`: the command, with handlers of signals from the first moment on.
 
 Loading the command and ROS takes a second or two. A signal in that time would end Python with a traceback, or end the
 process by the signal itself, although nothing has begun that would have to be stopped.

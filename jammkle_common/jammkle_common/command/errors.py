@@ -1,4 +1,4 @@
-"""The one exception for bad input: the command turns it into one line and exit code 2."""
+"""How a verb ends otherwise than well: bad input, a graph that fails, a request to stop. Each is one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who was there and is no longer is told; who left in order is not, and a listener that stood still blames nobody."""
+"""A node whose reports stop is missed, one that was stopped in order is not, and who stood still blames nobody."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ class FakeNode:
 
 
 class Listener:
-    """A roll call with a finger on its clock."""
+    """Liveness with a clock of its own."""
 
     def __init__(self, namespace: str, name: str = "driver", ankles: tuple[str, ...] = ()) -> None:
         self.now_s = 100.0
         self.node = FakeNode(namespace, name)
-        self.call = Liveness(self.node, ankles, lambda: self.now_s)
+        self.liveness = Liveness(self.node, ankles, lambda: self.now_s)
 
-    def hear(self, *names: str) -> None:
+    def receive(self, *names: str) -> None:
         self.node.take(serialize_message(DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])))
 
     def wait(self, seconds: float) -> Any:
         """Let time pass while the listener reports once a second."""
         for _ in range(round(seconds)):
             self.now_s += 1.0
-            health = self.call.health()
+            health = self.liveness.health()
         return health
 
 
@@ -54,39 +54,39 @@ class Listener:
 def test_a_silent_node_is_missed_with_what_it_means(namespace: str, prefix: str) -> None:
     """Two reports that do not come make a node dead; another ankle's nodes and one's own are nobody's to miss."""
     listener = Listener(namespace)
-    listener.hear(f"{prefix}controller: policy", f"{prefix}driver: link", "/rf_ankle/sim: rig", f"{prefix}sim: rig")
-    assert listener.call.health().level is Level.OK
+    listener.receive(f"{prefix}controller: policy", f"{prefix}driver: link", "/rf_ankle/sim: rig", f"{prefix}sim: rig")
+    assert listener.liveness.health().level is Level.OK
     listener.wait(2)
-    listener.hear(f"{prefix}sim: rig")
+    listener.receive(f"{prefix}sim: rig")
     health = listener.wait(2)
     assert health.level is Level.ERROR
     assert "controller is dead" in health.message
     assert "command_timeout_s" in health.message
     assert "sim" not in health.message.partition(":")[0]
-    listener.hear(f"{prefix}controller: policy")
-    assert listener.call.health().level is Level.OK
+    listener.receive(f"{prefix}controller: policy")
+    assert listener.liveness.health().level is Level.OK
 
 
 def test_an_ankle_of_a_robot_misses_the_simulation_above_it() -> None:
     """Once that has named the ankle in its report; a simulation that has not is another robot's."""
     listener = Listener("/lf_ankle")
-    listener.hear("/sim: simulation", "/sim: rf_ankle tendons", "/rf_ankle/driver: link")
+    listener.receive("/sim: simulation", "/sim: rf_ankle tendons", "/rf_ankle/driver: link")
     assert listener.wait(5).level is Level.OK
-    listener.hear("/sim: simulation", "/sim: lf_ankle tendons")
+    listener.receive("/sim: simulation", "/sim: lf_ankle tendons")
     health = listener.wait(4)
     assert health.level is Level.ERROR
     assert health.message.startswith("/sim is dead or hangs: there is no ankle any more")
     assert float(health.values["/sim, silent for (s)"]) == pytest.approx(4.0)
-    listener.hear(f"/sim{FAREWELL}")
+    listener.receive(f"/sim{FAREWELL}")
     assert listener.wait(4).level is Level.OK
 
 
 def test_a_simulation_misses_the_nodes_of_its_ankles() -> None:
     """By ankle and node; those of an ankle that it does not simulate, such as a real one, are not its own."""
     listener = Listener("/", "sim", ("lf_ankle", "rf_ankle"))
-    listener.hear("/lf_ankle/driver: link", "/rf_ankle/driver: link", "/real_ankle/driver: link")
+    listener.receive("/lf_ankle/driver: link", "/rf_ankle/driver: link", "/real_ankle/driver: link")
     listener.wait(2)
-    listener.hear("/rf_ankle/driver: link")
+    listener.receive("/rf_ankle/driver: link")
     health = listener.wait(2)
     assert health.level is Level.ERROR
     assert health.message.startswith("lf_ankle/driver is dead or hangs: nobody drives pump and solenoids")
@@ -97,16 +97,16 @@ def test_a_simulation_misses_the_nodes_of_its_ankles() -> None:
 def test_who_says_farewell_is_not_missed() -> None:
     """A node that is stopped in order is taken off the list."""
     listener = Listener("/")
-    listener.hear("/controller: policy")
-    listener.hear(f"/controller{FAREWELL}")
+    listener.receive("/controller: policy")
+    listener.receive(f"/controller{FAREWELL}")
     assert listener.wait(5).level is Level.OK
 
 
 def test_who_stood_still_blames_nobody() -> None:
-    """A listener that was stopped for 5 s has heard nobody, and misses nobody for it."""
+    """A listener that was stopped for 5 s has received nothing, and misses nobody for it."""
     listener = Listener("/")
-    listener.hear("/controller: policy")
+    listener.receive("/controller: policy")
     listener.wait(1)
     listener.now_s += 5.0
-    assert listener.call.health().level is Level.OK
+    assert listener.liveness.health().level is Level.OK
     assert listener.wait(3).level is Level.ERROR
