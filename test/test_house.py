@@ -201,6 +201,14 @@ def test_no_package_knows_the_studies_that_judge_it(package: str) -> None:
         assert not re.search(r"^\s*(from|import) studies\b", path.read_text(), re.MULTILINE), path.relative_to(ROOT)
 
 
+def test_studies_take_of_the_diagnosis_what_it_offers() -> None:
+    """They call its public API, and nothing inside it; nor anybody's verbs or pages."""
+    for path in (ROOT / "studies").rglob("*.py"):
+        if "test" not in path.parts:
+            inside = {name for name in imports_of(path) if is_within(name, OWN) or name.startswith("jammkle_gap.")}
+            assert not inside, f"{path.relative_to(ROOT)} imports {inside}"
+
+
 def test_no_name_on_the_graph_is_written_twice() -> None:
     """Topic names with a slash stand in jammkle_common.names and nowhere else in the packages' sources."""
     from jammkle_common.names import TOPICS  # noqa: PLC0415 - after the tests that block modules

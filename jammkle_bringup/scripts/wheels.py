@@ -30,7 +30,7 @@ INTERFACES, *NODES = PACKAGES
 COMMON = NODES[0]
 COMMAND = "jammkle"
 BASE = "base"
-EXTRAS = ("ros", "trial", "view", "bags", "foxglove")
+EXTRAS = ("ros", "view", "bags", "foxglove")
 """Sections of requirements.in that are extras of the wheel, as far as they are there."""
 
 

@@ -6,55 +6,89 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jammkle_gap.ankle.corrected import Correction
     from jammkle_gap.ankle.effects import ankle_library
+    from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.ankle.problem import ankle_problem
     from jammkle_gap.ankle.recording import load_recordings
     from jammkle_gap.ankle.repeats import with_settings
+    from jammkle_gap.ankle.sensors import RESOLUTION, UNITS, quantity_of
     from jammkle_gap.ankle.simulator import Rerun, rerun
+    from jammkle_gap.core.conclude import Evidence, conclude
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import BadRecordingError, Phase, Recording, Signal
     from jammkle_gap.core.design import Experiment
-    from jammkle_gap.core.diagnose import diagnose
+    from jammkle_gap.core.diagnose import diagnose, evidence_of
     from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library, Nuisance
+    from jammkle_gap.core.features import features_of, layout_of, measured
+    from jammkle_gap.core.fit import Profiles, grid_signatures
     from jammkle_gap.core.result import Diagnosis, Verdict, as_dict
-    from jammkle_gap.core.simulate import InfeasibleError, Problem, SimulatorError
+    from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
+    from jammkle_gap.core.search import fit_place
+    from jammkle_gap.core.signatures import cache_folder, grids_of
+    from jammkle_gap.core.simulate import InfeasibleError, Problem, Runner, SimulatorError
     from jammkle_gap.landing import HiddenEffect
 
 _HOMES = {
+    "AnkleInputs": "ankle.inputs",
     "BadEffectError": "core.effects",
     "BadRecordingError": "core.data",
     "Constants": "core.constants",
+    "Correction": "ankle.corrected",
     "Diagnosis": "core.result",
     "Effect": "core.effects",
     "EffectParameter": "core.effects",
+    "Evidence": "core.conclude",
     "Experiment": "core.design",
+    "HiddenEffect": "landing",
     "InfeasibleError": "core.simulate",
     "Library": "core.effects",
     "Nuisance": "core.effects",
     "Phase": "core.data",
     "Problem": "core.simulate",
+    "Profiles": "core.fit",
+    "RESOLUTION": "ankle.sensors",
     "Recording": "core.data",
+    "Repeats": "core.scatter",
     "Rerun": "ankle.simulator",
-    "HiddenEffect": "landing",
+    "Runner": "core.simulate",
     "Signal": "core.data",
     "SimulatorError": "core.simulate",
+    "UNITS": "ankle.sensors",
     "Verdict": "core.result",
+    "Whitener": "core.scatter",
     "ankle_library": "ankle.effects",
     "ankle_problem": "ankle.problem",
     "as_dict": "core.result",
+    "cache_folder": "core.signatures",
+    "conclude": "core.conclude",
     "diagnose": "core.diagnose",
+    "evidence_of": "core.diagnose",
+    "features_of": "core.features",
+    "fit_place": "core.search",
+    "fit_scatter": "core.scatter",
+    "grid_signatures": "core.fit",
+    "grids_of": "core.signatures",
+    "layout_of": "core.features",
     "load_recordings": "ankle.recording",
+    "measured": "core.features",
+    "quantity_of": "ankle.sensors",
     "rerun": "ankle.simulator",
     "with_settings": "ankle.repeats",
 }
 
 __all__ = [
+    "RESOLUTION",
+    "UNITS",
+    "AnkleInputs",
     "BadEffectError",
     "BadRecordingError",
     "Constants",
+    "Correction",
     "Diagnosis",
     "Effect",
     "EffectParameter",
+    "Evidence",
     "Experiment",
     "HiddenEffect",
     "InfeasibleError",
@@ -62,16 +96,31 @@ __all__ = [
     "Nuisance",
     "Phase",
     "Problem",
+    "Profiles",
     "Recording",
+    "Repeats",
     "Rerun",
+    "Runner",
     "Signal",
     "SimulatorError",
     "Verdict",
+    "Whitener",
     "ankle_library",
     "ankle_problem",
     "as_dict",
+    "cache_folder",
+    "conclude",
     "diagnose",
+    "evidence_of",
+    "features_of",
+    "fit_place",
+    "fit_scatter",
+    "grid_signatures",
+    "grids_of",
+    "layout_of",
     "load_recordings",
+    "measured",
+    "quantity_of",
     "rerun",
     "with_settings",
 ]

@@ -12,15 +12,14 @@ from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag, Samples
 from jammkle_gap.ankle.recording import recordings_of
 from jammkle_gap.ankle.repeats import difference
-from studies.blind.reality.faults import FaultSetting
-from studies.blind.reality.record import Plan
+from studies.blind.reality.faults import FAULTS, FaultSetting
 from studies.blind.reality.run import run
+from studies.blind.reality.sensors import Plan
 from studies.blind.reality.specimen import machine
-from studies.blind.reality.table import FAULTS
 
 if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
-    from studies.blind.reality.record import Track
+    from studies.blind.reality.sensors import Track
 
 PLANS = {
     "tensile": {"vacuum_pa": 50e3, "speed_m_s": 0.04},

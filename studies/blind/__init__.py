@@ -1,1 +1,1 @@
-"""Blind trials of the gap diagnosis: what is put in, what was said, how good that is. No ROS in here."""
+"""The blind trial of the diagnosis, and the second simulator that it is tried on."""

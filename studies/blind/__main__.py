@@ -1,121 +1,192 @@
-"""`make blind`: arguments; what the subcommands do stands in modules of their own."""
+"""`make blind`: make a trial, diagnose it from its bags alone, compare with what is true, and write a page.
 
-# ruff: noqa: PLC0415 - imported where needed: `--help` shall not wait for NumPy
+It goes on where it was stopped: finished cases and answers are kept by joblib.Memory in the folder of the trial.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import json as json_format
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import joblib  # type: ignore[import-untyped]  # carries no types
 import typer
 
+from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import run as run_command
 from jammkle_common.command.options import JsonOption
+from jammkle_common.command.results import check_writable, console, progress_bar, write_json
+from jammkle_common.constants import MAX_SEED
+from jammkle_gap import ankle_library
+from studies.blind.cases import case_names, read_case, read_json, read_key, write_key
+from studies.blind.diagnose import SAMPLED, Way, answers, blind_questions, commit, open_questions, sampled
+from studies.blind.make import make_case, plan_of
+from studies.blind.page import FIGURES, case_row, page
+from studies.blind.plan import RIGS, STANDARD_CASES, STANDARD_SEED, regime
+from studies.blind.score import Case, answer_of, score_of
 
-app = typer.Typer(
-    add_completion=False,
-    help="Check the diagnosis blind: cases whose truth it is not told, their answers, and how good they are.",
-    context_settings={"help_option_names": ["-h", "--help"]},
-    no_args_is_help=True,
-)
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
-TrialArgument = Annotated[Path, typer.Argument(help="Folder of the trial.", metavar="TRIAL")]
-JobsOption = Annotated[int | None, typer.Option(help="Processes, each for one case.", show_default="one per core")]
-RealOption = Annotated[
-    Path | None,
-    typer.Option(
-        help="Folder of real recordings (leak_down, pressure_friction, servo_friction): diagnosed too.", metavar="DIR"
-    ),
-]
-SchedulerOption = Annotated[
-    str | None, typer.Option(help="Address of a Dask scheduler that spreads the runs of each diagnosis.")
-]
+    from studies.blind.cases import Truth
+    from studies.blind.score import Answer, WayScore
+
+MOST_CASES = 9999
+_WAYS = {
+    Way.WITH: "rig's sensors, five references",
+    Way.FEWER: "rig's sensors, three references",
+    Way.WITHOUT: "rig's sensors, no reference",
+    Way.ROBOT: "robot's sensors, five references",
+    Way.INSTRUMENTED: "instrumented tendons, five references",
+}
+
+app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
 
 
 @app.command()
-def make(
-    seed: Annotated[int, typer.Option(help="Everything is drawn from it; below 1000: settings for development.")],
-    cases: Annotated[int, typer.Option(help="How many cases; their kinds are shared out as in the standard trial.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the trial.", metavar="DIR")],
-    key: Annotated[
-        Path | None, typer.Option(help="File of the key.", show_default="beside the folder", metavar="FILE")
-    ] = None,
+def blind(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder of trial, key and page, blind.html.", metavar="DIR")
+    ] = Path("runs/blind"),
+    seed: Annotated[
+        int, typer.Option(help="Everything is drawn from it; below 1000: settings for development.")
+    ] = STANDARD_SEED,
+    cases: Annotated[
+        int, typer.Option(help="How many; kinds are shared out as in the standard trial.")
+    ] = STANDARD_CASES,
     rig: Annotated[list[str] | None, typer.Option(help="Only this rig; may be repeated.", metavar="RIG")] = None,
-    live: Annotated[int, typer.Option(help="Further cases, recorded from the live graph in real time.")] = 0,
-    jobs: JobsOption = None,
-) -> int:
-    """Write the bags of a trial and, elsewhere, its key, and publish the key's hash. Goes on where it was stopped."""
-    from studies.blind.make import MakeRequest, default_key
-    from studies.blind.make import make as make_trial
-
-    return make_trial(MakeRequest(seed, cases, output, key or default_key(output), jobs, rig or (), live))
-
-
-@app.command()
-def run(
-    trial: TrialArgument,
-    key: Annotated[
-        Path | None,
-        typer.Option(
-            help="Open the key once all is diagnosed, and try the true effects alone and left out.", metavar="FILE"
-        ),
+    jobs: Annotated[int, typer.Option(help="Processes, each for one case; -1: one per core.")] = -1,
+    trial: Annotated[
+        Path | None, typer.Option(help="A trial that is there already, with --key.", metavar="DIR")
     ] = None,
-    jobs: JobsOption = None,
-    scheduler: SchedulerOption = None,
-) -> int:
-    """Diagnose every case, in processes that see bags alone. Goes on where it was stopped."""
-    from studies.blind.run import RunRequest
-    from studies.blind.run import run as run_trial
-
-    return run_trial(RunRequest(trial, key, jobs, scheduler))
-
-
-@app.command()
-def score(
-    trial: TrialArgument,
-    key: Annotated[Path, typer.Option(help="File of the key.", metavar="FILE")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of the page, blind.html.", metavar="DIR")
-    ] = Path("runs/blind"),
+    key: Annotated[Path | None, typer.Option(help="What is true of the cases of --trial.", metavar="FILE")] = None,
     json: JsonOption = None,
-    real: RealOption = None,
 ) -> int:
-    """Compare what was said with what is true, and write a page with every figure."""
-    from studies.blind.score import ScoreRequest
-    from studies.blind.score import score as score_trial
+    """Check the diagnosis blind: make cases, diagnose them from their bags alone, compare with what is true."""
+    for name, value, low, high in (("--seed", seed, 0, MAX_SEED), ("--cases", cases, 1, MOST_CASES)):
+        if not low <= value <= high:
+            msg = f"{name} {value} must be {low} to {high}"
+            raise InputError(msg)
+    for each in rig or ():
+        if each not in RIGS:
+            msg = f"--rig '{each}' is not recorded in trials; known are: {', '.join(RIGS)}"
+            raise InputError(msg)
+    if (trial is None) != (key is None):
+        msg = "--trial and --key belong together; give both, or neither to make a trial"
+        raise InputError(msg)
+    check_writable(json)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"-o {output} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    memory = joblib.Memory(output / "memory", verbose=0)
+    facts: dict[str, Any] = {"commit": commit()}
+    if trial is None or key is None:
+        trial, key = output / "trial", output / "key.json"
+        facts = {"seed": seed, "regime": regime(seed), "cases": cases, "rigs": rig or list(RIGS)} | facts
+        _make(trial, key, facts, jobs, memory)
+    notes = {name: read_case(trial / "cases" / name) for name in case_names(trial)}
+    kept = memory.cache(answers)
+    blind_ways = blind_questions(list(notes))
+    said = _run([joblib.delayed(kept)(notes[name], asked) for name, asked in blind_ways.items()], jobs, "diagnosing")
+    found = dict(zip(blind_ways, said, strict=True))
+    # What is true is read only now that all that needs none of it is said.
+    truths = read_key(key, trial)
+    open_ways = open_questions(truths, with_ceiling="seed" in facts)
+    said = _run(
+        [joblib.delayed(kept)(notes[name], asked) for name, asked in open_ways.items()], jobs, "oracle, ceiling"
+    )
+    for name, more in zip(open_ways, said, strict=True):
+        found[name] |= more
+    content = _score(output, truths, found, facts)
+    write_json(output / "blind.json", content)
+    write_json(json, content)
+    return 0
 
-    return score_trial(ScoreRequest(trial, key, output, json, real))
+
+def _make(trial: Path, key: Path, facts: Mapping[str, Any], jobs: int, memory: Any) -> None:
+    """Make the cases that are not made yet, and write what is true of them."""
+    begun = trial / "trial.json"
+    if begun.exists() and read_json(begun) | {"commit": ""} != dict(facts) | {"commit": ""}:
+        msg = f"{trial} was begun otherwise ({begun}); give another folder, or remove {trial.parent}"
+        raise InputError(msg)
+    (trial / "cases").mkdir(parents=True, exist_ok=True)
+    begun.write_text(json_format.dumps(facts), encoding="utf-8")
+    plan, made = plan_of(facts["seed"], facts["cases"], facts["rigs"]), memory.cache(make_case)
+    tasks = [joblib.delayed(made)(facts["seed"], case, trial / "cases" / case.name) for case in plan]
+    write_key(key, dict(zip([case.name for case in plan], _run(tasks, jobs, "making cases"), strict=True)))
 
 
-@app.command()
-def standard(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of trial, key and page.", metavar="DIR")
-    ] = Path("runs/blind"),
-    jobs: JobsOption = None,
-    scheduler: SchedulerOption = None,
-    json: JsonOption = None,
-    real: RealOption = None,
-) -> int:
-    """Make, diagnose and score the standard trial. Goes on where it was stopped."""
-    from studies.blind.standard import StandardRequest
-    from studies.blind.standard import standard as run_standard
-
-    return run_standard(StandardRequest(output, jobs, scheduler, json, real))
+def _run(tasks: Sequence[Any], jobs: int, title: str) -> list[Any]:
+    found = []
+    with progress_bar(title) as show, joblib.parallel_config("loky", inner_max_num_threads=1):
+        for done in joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks):
+            found.append(done)
+            show(len(found) / len(tasks), f"{len(found)} of {len(tasks)} cases")
+    return found
 
 
-@app.command(hidden=True)
-def answer(
-    questions: Annotated[Path, typer.Argument(help="What is asked, as `run` writes it.", metavar="QUESTIONS")],
-    jobs: JobsOption = None,
-    scheduler: SchedulerOption = None,
-) -> int:
-    """Answer what `run` asks of one case, and write the answers beside the questions."""
-    from studies.blind.answer import AnswerRequest
-    from studies.blind.answer import answer as answer_questions
+def _score(
+    output: Path,
+    truths: Mapping[str, Truth],
+    found: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    facts: dict[str, Any],
+) -> dict[str, Any]:
+    """Compare what was said, by case and way, write the page, print the figures, and return all of them."""
+    parameters = {f"{effect.name}.{each.name}": each for effect in ankle_library() for each in effect.parameters}
 
-    return answer_questions(AnswerRequest(questions, jobs, scheduler))
+    def said(name: str, way: Way) -> Answer | None:
+        return answer_of(found[name][way.value]) if way.value in found[name] else None
+
+    def cases_of(way: Way, names: Sequence[str]) -> list[Case]:
+        left_out = way is Way.WITH
+        return [
+            Case(name, truths[name], answer, said(name, Way.ORACLE),
+                 said(name, Way.LEFT_OUT) if left_out else None, said(name, Way.CEILING))
+            for name in names if (answer := said(name, way)) is not None
+        ]  # fmt: skip
+
+    names, some = sorted(truths), sorted(sampled(sorted(truths)))
+    headline = cases_of(Way.WITH, names)
+    ways = [score_of(_WAYS[Way.WITH], headline, parameters)]
+    if len(some) < len(names):
+        ways.append(score_of(f"{_WAYS[Way.WITH]}, sample of {len(some)}", cases_of(Way.WITH, some), parameters))
+    ways += [score_of(_WAYS[way], cases_of(way, some), parameters) for way in _WAYS if way in SAMPLED]
+    simple = {case.name: answer_of(found[case.name][Way.RMS.value]) for case in headline}
+    others = [score_of("least RMS error", [
+        Case(case.name, case.truth, dataclasses.replace(simple[case.name], classes=case.answer.classes))
+        for case in headline
+    ], parameters)]  # fmt: skip
+    under = [case for case in headline if case.ceiling is not None]
+    if under:
+        others.append(
+            score_of("ceiling", [Case(case.name, case.truth, case.ceiling) for case in under if case.ceiling], {})
+        )
+        others.append(score_of("this diagnosis, the ceiling's cases", under, parameters))
+    facts["diagnosed by"] = ", ".join(sorted({case.answer.commit for case in headline} - {""}))
+    target = output / "blind.html"
+    target.write_text(page(ways, others, facts), encoding="utf-8")
+    for figure in FIGURES:
+        if figure.name in ways[0].figures:
+            console().print(f"{figure.text}: {figure.shown(ways[0].figures)}", markup=False, highlight=False)
+    console().print(f"page: {target}", markup=False)
+    return {"trial": facts, "ways": {way.name: _as_dict(way) for way in (*ways, *others)}}
+
+
+def _as_dict(way: WayScore) -> dict[str, Any]:
+    def plain(found: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: dataclasses.asdict(each) for name, each in found.items()}
+
+    return {
+        "figures": plain(way.figures),
+        "parts": {part: plain(found) for part, (_, found) in way.parts.items()},
+        "calibration": [dataclasses.asdict(each) for each in way.bins],
+        "outcomes": way.outcomes,
+        "cases": [case_row(case) for case in way.cases],
+    }
 
 
 if __name__ == "__main__":

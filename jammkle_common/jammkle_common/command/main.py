@@ -19,7 +19,7 @@ _EXTRAS = {
     "viser": "this opens a page in the browser, and so needs viser: pip install 'jammkle[view]'",
     "plotly": "the page of a run needs plotly: pip install 'jammkle[bags]', or `make extras` in a checkout",
     "pyarrow": "tables need pyarrow: pip install 'jammkle[bags]', or `make extras` in a checkout",
-    "sklearn": "studies need scikit-learn: pip install 'jammkle[trial]', or `make extras` in a checkout",
+    "sklearn": "studies need scikit-learn: `make extras` in a checkout",
 }
 """What to say where a module is missing that only some verbs need, by its name."""
 _EXTRAS["trimesh"] = _EXTRAS["viser"]

@@ -10,12 +10,9 @@ from __future__ import annotations
 import contextlib
 import json
 import shlex
-import shutil
-import subprocess
 import sys
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common import VERSION
@@ -24,6 +21,7 @@ from jammkle_common.names import ACHILLES, PERONEAL_LEFT, PERONEAL_RIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
     from typing import TextIO
 
     from rich.console import Console
@@ -123,21 +121,6 @@ def check_writable(path: Path | None, option: str = "--json") -> None:
     if why:
         msg = f"{option} {path} cannot be written: {why}"
         raise InputError(msg)
-
-
-def commit() -> str:
-    """Return the commit of this program, with a + if files differ from it; empty where it is not known."""
-    git = shutil.which("git")
-    if git is None:
-        return ""
-    here = str(Path(__file__).resolve().parent)
-    found = [
-        subprocess.run([git, "-C", here, *words], capture_output=True, text=True, check=False)  # noqa: S603
-        for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no"))
-    ]
-    if found[0].returncode:
-        return ""
-    return found[0].stdout.strip() + ("+" if found[1].stdout.strip() else "")
 
 
 @contextlib.contextmanager

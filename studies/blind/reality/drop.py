@@ -7,13 +7,11 @@ import math
 from typing import TYPE_CHECKING
 
 from jammkle_common.names import CHANNELS
-from studies.blind.reality.contact import HARD_N_M15, HARD_S_M, SquashBall, hertz
-from studies.blind.reality.leg import PLAIN
-from studies.blind.reality.leg_law import Stand, ankle_law, free_lengths_m, tip_law
-from studies.blind.reality.machine import stream
-from studies.blind.reality.moving import Scene, move
-from studies.blind.reality.options import BadPlanError, settings
-from studies.blind.reality.regulator import together
+from studies.blind.reality.air import together
+from studies.blind.reality.bodies import HARD_N_M15, HARD_S_M, SquashBall, hertz
+from studies.blind.reality.legs import Scene, Stand, ankle_law, free_lengths_m, move, tip_law
+from studies.blind.reality.machine import PLAIN, stream
+from studies.blind.reality.sensors import BadPlanError, settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
     from studies.blind.reality.bodies import Law
     from studies.blind.reality.faults import Era
     from studies.blind.reality.machine import Machine
-    from studies.blind.reality.record import Option, Plan, RealRun
+    from studies.blind.reality.sensors import Option, Plan, RealRun
 
 RIGID_ANKLE, STANDARD, SQUASH_BALL, JAMMED, UNJAMMED = "rigid_ankle", "standard", "squash_ball", "jammed", "unjammed"
 FEET = (RIGID_ANKLE, STANDARD, SQUASH_BALL, JAMMED, UNJAMMED)

@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS
-from studies.blind.reality.contact import WOOD_N_M15, WOOD_S_M, hertz
-from studies.blind.reality.leg import PLAIN
-from studies.blind.reality.leg_law import Stand, ankle_law, free_lengths_m
-from studies.blind.reality.machine import stream
-from studies.blind.reality.moving import Scene, move
-from studies.blind.reality.options import BadPlanError, settings
-from studies.blind.reality.regulator import PERIOD_S, together
+from studies.blind.reality.air import PERIOD_S, together
+from studies.blind.reality.bodies import WOOD_N_M15, WOOD_S_M, hertz
+from studies.blind.reality.legs import Scene, Stand, ankle_law, free_lengths_m, move
+from studies.blind.reality.machine import PLAIN, stream
+from studies.blind.reality.sensors import BadPlanError, settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
     from studies.blind.reality.bodies import Law
     from studies.blind.reality.faults import Era
     from studies.blind.reality.machine import Machine
-    from studies.blind.reality.record import Option, Plan, RealRun
+    from studies.blind.reality.sensors import Option, Plan, RealRun
 
 DEFAULTS: dict[str, Option] = {
     "slope_deg": 40.0,

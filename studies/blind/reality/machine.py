@@ -1,9 +1,4 @@
-"""One specimen of the machine: what it is made of, how specimens differ, and how one day differs from the next.
-
-"Paper" is the Jammkle paper. "Calibrated" says to which of its rows; "declared" means that the paper has no number and
-that the project's declared assumption is taken over, in physical units; "assumed" that nobody has said anything yet.
-Scatter over specimens and days is assumed unless a row of the paper's table says how far five repeats differ.
-"""
+"""One specimen of the machine: what it is made of, its sensors and clocks, and the verbs that change one part of it."""
 
 from __future__ import annotations
 
@@ -11,14 +6,199 @@ import dataclasses
 import math
 import zlib
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import CHANNELS, TENDONS, TENDONS_OF_CHANNEL
-from studies.blind.reality.instruments import Sensors
-from studies.blind.reality.leg import Leg
+from studies.blind.reality.bodies import SOLE_N_M15, corners_m, turned_about_y
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A channel of measurement."""
+
+    white: float
+    """Standard deviation of the noise that has no memory."""
+    slow: float
+    """Standard deviation of the noise that has."""
+    memory_s: float
+    """How long it has."""
+    step: float
+    """Smallest step of the converter."""
+    lag_s: float = 0.0
+    """First-order lag before the converter."""
+    delay_s: float = 0.0
+    """From the quantity to the reading."""
+    gain: float = 1.0
+    offset: float = 0.0
+    limit: float = math.inf
+    """Largest reading, both ways."""
+
+
+@dataclass(frozen=True)
+class Imu:
+    """Accelerometer and gyro."""
+
+    acceleration: Sensor = Sensor(0.012, 0.004, 0.05, 0.0024, limit=71.02 + 9.80665)
+    """Noise: declared 80 ug/rtHz over 225 Hz. Range: paper. 16 bits of 8 g."""
+    rate: Sensor = Sensor(0.0013, 0.0004, 0.05, 0.00053, limit=math.radians(900.0))
+    """Noise: declared 0.005 deg/s/rtHz. Range: declared."""
+    bandwidth_hz: float = 225.0
+    """Declared. Here a Butterworth filter of the second order."""
+    offset_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """How it sits on its mount: roll, then pitch, then yaw, about the mount's axes."""
+    clip: float = 1.0
+    """Factor on the range of the accelerometer."""
+    delay_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Stamps and the recorder."""
+
+    skew: float = 0.0
+    """How much faster the sensors' clock runs than the recorder's."""
+    sample_jitter_s: float = 6e-5
+    """Standard deviation of the moment of a sample. Assumed."""
+    stamp_jitter_s: float = 2e-5
+    """Standard deviation of its stamp. Assumed."""
+    log_s: float = 0.0012
+    """Shortest time from stamp to log. Assumed."""
+    log_jitter_s: float = 0.0009
+    """Mean of the exponential delay on top. Assumed."""
+    dropped: float = 0.002
+    """Share of the samples that are lost. Assumed."""
+    command_delay_s: float = 0.0008
+    """From a command to the coil. Assumed."""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """All of them."""
+
+    pressure: tuple[Sensor, ...] = (Sensor(40.0, 30.0, 0.03, 12.0, lag_s=0.0015),) * (1 + len(CHANNELS))
+    """Manifold, then CHANNELS, Pa. Noise: declared 50 Pa."""
+    load_cell: Sensor = Sensor(0.04, 0.03, 0.02, 0.015, lag_s=0.0012, limit=245.0)
+    """Noise: declared 0.05 N. Range: paper. 15 bits."""
+    tension: Sensor = Sensor(0.05, 0.03, 0.02, 0.02, lag_s=0.0012)
+    """Gauge in the end plate of an instrumented tendon, N. Assumed: as the load cell."""
+    extension: Sensor = Sensor(4e-6, 2e-6, 0.05, 2e-6)
+    """Of a tendon, m. Assumed: a small linear encoder."""
+    slide: Sensor = Sensor(3e-6, 1e-6, 0.05, 2.5e-6)
+    """Crosshead or carriage, m. Assumed: a linear encoder."""
+    angle: Sensor = Sensor(1.5e-4, 1e-4, 0.05, 2.0 * math.pi / 2**14)
+    """Of a joint, rad. Assumed: 14 bits."""
+    imu: Imu = dataclasses.field(default_factory=Imu)
+    clock: Clock = dataclasses.field(default_factory=Clock)
+    spikes_hz: float = 0.0
+    """Electrical spikes on the load cell per second."""
+    spike_n: float = 0.0
+    """Size of a spike, N."""
+    cell_creep: float = 0.0
+    """Share by which the load cell reads on under a load that stays."""
+    cell_creep_s: float = 2.0
+    """Time in which it does."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Leg, foot, floor and slide of one machine. The paper gives the ankle's mass, no drawing; the rest is declared."""
+
+    ankle_kg: float = 0.352
+    """Ankle with its foot. Paper."""
+    toe_m: float = 0.060
+    """Forward of the joint. Assumed."""
+    dropped_toe_m: float = 0.0506
+    """The same where a foot lands toe-down on level ground: the rounded toe touches behind its tip. Chosen for the drop
+    test."""
+    heel_m: float = 0.045
+    """Behind the joint. Assumed."""
+    half_width_m: float = 0.030
+    """Assumed."""
+    hung_rad: float = 0.0
+    """How much further toe-down than planned the foot hangs on its tendons."""
+    sole_m: float = 0.020
+    """Joint above sole. Assumed."""
+    corner_radius_m: float = 0.005
+    """Assumed."""
+    sole_n_m15: float = SOLE_N_M15
+    """Of one corner, force over depth to the power of 1.5."""
+    grip: float = 1.0
+    """Factor on the friction of the floor that is planned."""
+    payload_kg: float = 0.0
+    """On the carriage, beyond what is planned."""
+    mat_m_n: float = 0.0
+    """How far a mat on the floor gives under each corner, per force."""
+    floor_rad: float = 0.0
+    """How much steeper the floor is than planned, toe uphill."""
+    pin_play_m: float = 0.0
+    """How far the pins that hold the tendons can slide in worn holes."""
+    cramped_rad: float = 0.0
+    """How much earlier than drawn foot and leg meet."""
+    bent_rad: float = 0.0
+    """How far the toe is bent up."""
+    twisted_rad: float = 0.0
+    """How far the toe is twisted to the left."""
+    plate_gap_m: float = 0.0
+    """How far a loose plate on the foot can move; 0: it is screwed on."""
+    rail_n: float = 0.0
+    """Sliding friction of the carriage's rail. The paper: "no resistance against the platform's freefall"."""
+    rail_tight_m: float = 0.0
+    """Where the rail rubs."""
+    rail_width_m: float = 0.0
+    """How far that reaches; 0: all the way."""
+    cable_n: float = 0.0
+    """Upward pull of a cable on the carriage as the foot touches the floor."""
+    cable_n_m: float = 0.0
+    """By how much more it pulls per way down."""
+    mount_s2: float = 0.0
+    """How soft the IMU is mounted: way that it gives per acceleration."""
+
+    def as_built(self) -> Leg:
+        """Return the leg before its foot was bent: what the rig was set up with."""
+        return dataclasses.replace(self, bent_rad=0.0, twisted_rad=0.0)
+
+    def corners_m(self, toe_m: float) -> Floats:
+        """Return the centres of the sole's corners: toe left, right, heel left, right, shape (4, 3)."""
+        down, wide = self.corner_radius_m - self.sole_m, self.half_width_m
+        up = toe_m * math.tan(self.bent_rad)
+        twist = wide * math.tan(self.twisted_rad)
+        toes = ((toe_m, wide, down + up + twist), (toe_m, -wide, down + up - twist))
+        return corners_m(*toes, (-self.heel_m, wide, down), (-self.heel_m, -wide, down))
+
+    def foot_inertia_kg_m2(self, foot_kg: float) -> Floats:
+        """Return that of a plate of the foot's size about its centre, shape (3,)."""
+        length, width, height = self.toe_m + self.heel_m, 2.0 * self.half_width_m, self.sole_m
+        return foot_kg / 12.0 * np.array([width**2 + height**2, length**2 + height**2, length**2 + width**2])
+
+    def touch_height_m(self, toe_m: float, pitch_rad: float, slope_rad: float) -> float:
+        """Return how high the joint stands, straight above the floor, as the first corner of the foot touches it.
+
+        Args:
+            toe_m: Lever of the toe.
+            pitch_rad: Of the foot, toe-down.
+            slope_rad: Of the floor as planned, toe uphill.
+
+        """
+        centres = self.corners_m(toe_m) @ turned_about_y(pitch_rad).T
+        out = np.array([-math.sin(slope_rad), 0.0, math.cos(slope_rad)])
+        return float((self.corner_radius_m - centres @ out).max() / out[2])
+
+
+PLAIN = Leg()
+"""As drawn."""
+
 
 GAS_J_KG_K = 287.05
 """Specific gas constant of dry air, J/(kg K)."""
@@ -269,7 +449,7 @@ class Machine:
 
 
 STILL = -1
-"""Seed of a run in which nothing is left to chance: no noise, no jitter, nothing lost, every setting as told."""
+"""Seed of a run in which nothing is left to chance: no noise, no jitter, nothing lost, every setting as planned."""
 
 
 class _Middle(np.random.Generator):
@@ -292,3 +472,82 @@ def stream(seed: int, name: str) -> np.random.Generator:
     if seed == STILL:
         return _Middle(np.random.PCG64(0))
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+
+P = TypeVar("P")
+
+MANIFOLD = "manifold"
+PAIRS = {
+    "achilles_pair": TENDONS_OF_CHANNEL["achilles"],
+    "peroneal_pair": (*TENDONS_OF_CHANNEL["peroneal_left"], *TENDONS_OF_CHANNEL["peroneal_right"]),
+}
+"""Tendons that are clamped together."""
+
+
+def with_air(machine: Machine, change: Callable[[Air], Air]) -> Machine:
+    """Return the machine with other air."""
+    return dataclasses.replace(machine, air=change(machine.air))
+
+
+def with_pump(machine: Machine, change: Callable[[Pump], Pump]) -> Machine:
+    """Return the machine with another pump."""
+    return with_air(machine, lambda air: dataclasses.replace(air, pump=change(air.pump)))
+
+
+def with_lines(machine: Machine, channels: tuple[str, ...], change: Callable[[Line], Line]) -> Machine:
+    """Return the machine with other lines of some channels."""
+
+    def lines(air: Air) -> Air:
+        changed = tuple(
+            change(line) if channel in channels else line for channel, line in zip(CHANNELS, air.lines, strict=True)
+        )
+        return dataclasses.replace(air, lines=changed)
+
+    return with_air(machine, lines)
+
+
+def with_tendons(machine: Machine, place: str, change: Callable[[TendonMake], TendonMake]) -> Machine:
+    """Return the machine with other tendons; no place means all of them, a place is one or a pair."""
+    chosen = PAIRS.get(place, (place,)) if place else TENDONS
+    changed = tuple(
+        change(make) if name in chosen else make for name, make in zip(TENDONS, machine.tendons, strict=True)
+    )
+    return dataclasses.replace(machine, tendons=changed)
+
+
+def with_sensors(machine: Machine, change: Callable[[Sensors], Sensors]) -> Machine:
+    """Return the machine with other sensors."""
+    return dataclasses.replace(machine, sensors=change(machine.sensors))
+
+
+def with_imu(machine: Machine, change: Callable[[Imu], Imu]) -> Machine:
+    """Return the machine with another IMU."""
+    return with_sensors(machine, lambda sensors: dataclasses.replace(sensors, imu=change(sensors.imu)))
+
+
+def with_clock(machine: Machine, change: Callable[[Clock], Clock]) -> Machine:
+    """Return the machine with other clocks."""
+    return with_sensors(machine, lambda sensors: dataclasses.replace(sensors, clock=change(sensors.clock)))
+
+
+def with_pressure_sensor(machine: Machine, place: str, change: Callable[[Sensor], Sensor]) -> Machine:
+    """Return the machine with another pressure sensor at the manifold or a channel."""
+    index = (MANIFOLD, *CHANNELS).index(place)
+
+    def swap(sensors: Sensors) -> Sensors:
+        changed = tuple(change(each) if i == index else each for i, each in enumerate(sensors.pressure))
+        return dataclasses.replace(sensors, pressure=changed)
+
+    return with_sensors(machine, swap)
+
+
+def plus(part: P, **additions: float) -> P:
+    """Return a dataclass with something added to some fields."""
+    changed = {name: getattr(part, name) + value for name, value in additions.items()}
+    return cast("P", dataclasses.replace(cast("Any", part), **changed))
+
+
+def times(part: P, **factors: float) -> P:
+    """Return a dataclass with some fields multiplied."""
+    changed = {name: getattr(part, name) * value for name, value in factors.items()}
+    return cast("P", dataclasses.replace(cast("Any", part), **changed))

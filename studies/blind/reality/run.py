@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from studies.blind.reality.drop import drop
-from studies.blind.reality.faults import eras
+from studies.blind.reality.faults import FAULTS, eras
 from studies.blind.reality.landing import landing
-from studies.blind.reality.options import BadPlanError
 from studies.blind.reality.pressure import pressure
+from studies.blind.reality.sensors import BadPlanError
 from studies.blind.reality.slip import slip
 from studies.blind.reality.specimen import today
-from studies.blind.reality.table import FAULTS
 from studies.blind.reality.tensile import tensile
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
     from studies.blind.reality.faults import Era, FaultSetting
     from studies.blind.reality.machine import Machine
-    from studies.blind.reality.record import Plan, RealRun
+    from studies.blind.reality.sensors import Plan, RealRun
 
 RIGS: Mapping[str, Callable[[Plan, Sequence[Era], int], RealRun]] = {
     "tensile": tensile,

@@ -1,12 +1,9 @@
-"""What the sensors make of the truth: lag, gain, offset, coloured noise, steps of the converter, jitter, lost samples.
-
-Each reading is taken a little beside its time, stamped a little beside that, and written later. All functions are of
-the truth, the machine over time and a seed; noise of one sensor never depends on another.
-"""
+"""What the sensors make of the truth, when they sample it, and what a lab would hand over after a run."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,17 +11,173 @@ from scipy import signal as filters  # type: ignore[import-untyped]  # carries n
 
 from studies.blind.reality.faults import era_at
 from studies.blind.reality.machine import stream
-from studies.blind.reality.record import Track
-from studies.blind.reality.sampling import Moments, Truth, coloured, digitised, lagged, moments
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from studies.blind.reality.faults import Era
-    from studies.blind.reality.instruments import Sensor
-    from studies.blind.reality.machine import Machine
+    from studies.blind.reality.machine import Machine, Sensor
+
+Option = float | str | bool
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One run as a person sets it up."""
+
+    rig: str
+    """Such as `tensile`: a name that `jammkle rig` knows."""
+    options: Mapping[str, Option]
+    """Settings of that rig by the names that `jammkle rig` gives them; those not named are at its defaults."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Samples of one topic, as they arrived."""
+
+    columns: tuple[str, ...]
+    """Name of each column with its unit, after the tendon or joint it belongs to and a dot, where there are several:
+    `fluid_pressure_pa`, `force_z_n`, `achilles_left.tension_n`, `carriage.position`, `data`."""
+    stamp_s: NDArray[np.float64]
+    """When each was measured by the sensor's own clock, s since the start of the rig, shape (n,)."""
+    log_s: NDArray[np.float64]
+    """When each was written, s since the start of the rig, shape (n,), rising."""
+    values: NDArray[np.float64]
+    """SI, shape (n, columns)."""
+
+
+@dataclass(frozen=True)
+class RealRun:
+    """One run of the real machine."""
+
+    plan: Plan
+    topics: Mapping[str, Track]
+    """By relative name, such as `imu/data`; commands (`pump/duty`, `<channel>/solenoid`) as they were issued."""
+
+
+SIMULATOR_ONLY = ("seed", "parameter_set", "timestep_s")
+"""Settings of `jammkle rig` that mean nothing on a real machine; accepted and not looked at."""
+
+
+class BadPlanError(ValueError):
+    """A plan that nobody could carry out. The message names the value and the way out."""
+
+
+def settings(
+    plan: Plan, defaults: Mapping[str, Option], fixed: Mapping[str, Option] | None = None
+) -> dict[str, Option]:
+    """Return every setting of a plan.
+
+    Args:
+        plan: What was set.
+        defaults: What can be set, and what it is otherwise.
+        fixed: What `jammkle rig` lets one choose but a machine has or has not; to be left as here.
+
+    Raises:
+        BadPlanError: an unknown name, or something that cannot be set on it.
+
+    """
+    fixed = fixed or {}
+    for name, value in plan.options.items():
+        if name in SIMULATOR_ONLY or name in defaults:
+            continue
+        if name not in fixed:
+            msg = f"rig '{plan.rig}' has no setting '{name}'; it has {', '.join(defaults)}"
+            raise BadPlanError(msg)
+        if value != fixed[name]:
+            msg = f"'{name}' is {value}; a real machine has {fixed[name]}: set a fault instead"
+            raise BadPlanError(msg)
+    return {name: plan.options.get(name, default) for name, default in defaults.items()}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happens, on even steps."""
+
+    time_s: NDArray[np.float64]
+    """Shape (n,), rising."""
+    values: NDArray[np.float64]
+    """Shape (n, columns)."""
+
+
+def coloured(draw: np.random.Generator, sensor: Sensor, period_s: float, count: int) -> NDArray[np.float64]:
+    """Return noise, shape (count,): a part with memory and one without."""
+    keeps = math.exp(-period_s / sensor.memory_s)
+    kicks = draw.standard_normal(count) * sensor.slow * math.sqrt(1.0 - keeps**2)
+    kicks[:1] *= 1.0 / math.sqrt(1.0 - keeps**2)
+    slow: NDArray[np.float64] = filters.lfilter([1.0], [1.0, -keeps], kicks)
+    return slow + sensor.white * draw.standard_normal(count)
+
+
+def lagged(values: NDArray[np.float64], lag_s: float, step_s: float) -> NDArray[np.float64]:
+    """Return values, along the first axis, after a first-order lag that had settled before."""
+    if lag_s <= 0.0:
+        return values
+    keeps = math.exp(-step_s / lag_s)
+    start = np.atleast_1d(keeps * values[0])[None, ...] if values.ndim > 1 else np.atleast_1d(keeps * values[0])
+    found: NDArray[np.float64]
+    found, _ = filters.lfilter([1.0 - keeps], [1.0, -keeps], values, axis=0, zi=start)
+    return found
+
+
+def digitised(values: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
+    """Return values within the range of a sensor, rounded to the steps of its converter."""
+    found: NDArray[np.float64] = np.round(np.clip(values, -sensor.limit, sensor.limit) / sensor.step) * sensor.step
+    return found
+
+
+@dataclass(frozen=True)
+class Moments:
+    """When the samples of one stream were taken, stamped and written, those lost left out."""
+
+    kept: NDArray[np.bool_]
+    """Of all samples, shape (count,)."""
+    taken_s: NDArray[np.float64]
+    """By the recorder's clock, shape (count,)."""
+    stamp_s: NDArray[np.float64]
+    """Shape (kept,)."""
+    log_s: NDArray[np.float64]
+    """Shape (kept,)."""
+
+
+def moments(periods: Sequence[Era], seed: int, name: str, rate_hz: float, duration_s: float) -> Moments:
+    """Return the moments of a stream over a run.
+
+    Args:
+        periods: The machine over time.
+        seed: Of the run.
+        name: Of the stream; streams jitter independently.
+        rate_hz: Samples per second; the first is taken one period after the start.
+        duration_s: Of the run.
+
+    """
+    draw = stream(seed, f"moments of {name}")
+    count = round(duration_s * rate_hz)
+    clock = periods[0].machine.sensors.clock
+    even_s = np.arange(1, count + 1, dtype=np.float64) / rate_hz
+    taken_s = even_s + np.clip(clock.sample_jitter_s * draw.standard_normal(count), -0.3 / rate_hz, 0.3 / rate_hz)
+    stamp_jitter_s = clock.stamp_jitter_s * draw.standard_normal(count)
+    late_s = clock.log_s + clock.log_jitter_s * draw.exponential(size=count)
+    lost = draw.random(count) < clock.dropped
+    lost[0] = False
+    stamp_s = np.maximum.accumulate(np.maximum(skewed_s(periods, taken_s) + stamp_jitter_s, 0.0))
+    log_s = np.maximum.accumulate(taken_s + late_s)
+    log_s += 1e-9 * np.arange(count)
+    return Moments(~lost, taken_s, stamp_s[~lost], log_s[~lost])
+
+
+def skewed_s(periods: Sequence[Era], time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what the sensors' clock shows at times of the recorder's."""
+    found: NDArray[np.float64] = time_s.copy()
+    before = 0.0
+    for period in periods:
+        skew = period.machine.sensors.clock.skew
+        found += (skew - before) * np.maximum(time_s - max(period.start_s, 0.0), 0.0)
+        before = skew
+    return found
+
 
 __all__ = ["Truth", "encoder_track", "imu_track", "load_cell_track", "sensed", "tendon_track", "track"]
 

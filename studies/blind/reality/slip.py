@@ -12,14 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_common.names import CHANNELS
-from studies.blind.reality.bodies import turned_about_y
-from studies.blind.reality.contact import WOOD_N_M15, WOOD_S_M, hertz
-from studies.blind.reality.leg import PLAIN
-from studies.blind.reality.leg_law import Stand, ankle_law, free_lengths_m
-from studies.blind.reality.machine import stream
-from studies.blind.reality.moving import Scene, move
-from studies.blind.reality.options import BadPlanError, settings
-from studies.blind.reality.regulator import PERIOD_S, together
+from studies.blind.reality.air import PERIOD_S, together
+from studies.blind.reality.bodies import WOOD_N_M15, WOOD_S_M, hertz, turned_about_y
+from studies.blind.reality.legs import Scene, Stand, ankle_law, free_lengths_m, move
+from studies.blind.reality.machine import PLAIN, stream
+from studies.blind.reality.sensors import BadPlanError, settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
     from studies.blind.reality.bodies import Law
     from studies.blind.reality.faults import Era
     from studies.blind.reality.machine import Machine
-    from studies.blind.reality.record import Option, Plan, RealRun
+    from studies.blind.reality.sensors import Option, Plan, RealRun
 
 RIGID_ANKLE, JAMMED, UNJAMMED = "rigid_ankle", "jammed", "unjammed"
 FEET = (RIGID_ANKLE, JAMMED, UNJAMMED)
@@ -77,7 +74,7 @@ def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         msg = f"'foot' is {foot}; it must be one of {', '.join(FEET)}"
         raise BadPlanError(msg)
     rougher, steeper = stream(seed, "slip").standard_normal(2)
-    told = float(chosen["edge_friction"] if foot == RIGID_ANKLE else chosen["friction"])
+    planned = float(chosen["edge_friction"] if foot == RIGID_ANKLE else chosen["friction"])
     slope_rad = math.radians(float(chosen["slope_deg"]))
     leg_m, speed_m_s = float(chosen["leg_m"]), float(chosen["speed_m_s"])
     first = periods[0].machine
@@ -86,7 +83,7 @@ def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     stand = Stand(
         mass_kg=_CARRIAGE_KG + _CELL_KG + PLAIN.ankle_kg,
         toe_m=first.leg.toe_m,
-        friction=max(told + _FRICTION * rougher, 0.0),
+        friction=max(planned + _FRICTION * rougher, 0.0),
         slope_rad=slope_rad + _SLOPE_RAD * steeper,
         touch_m=touch_m,
         pivot_m=leg_m,

@@ -7,8 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from studies.blind.reality.instruments import Clock
-from studies.blind.reality.machine import Machine, Material, stream
+from studies.blind.reality.machine import Clock, Machine, Material, stream
 
 if TYPE_CHECKING:
     import numpy as np

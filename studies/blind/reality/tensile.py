@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_common import names
-from studies.blind.reality.breathing import breathe
-from studies.blind.reality.compiled import compiled
-from studies.blind.reality.options import BadPlanError, settings
-from studies.blind.reality.record import RealRun
-from studies.blind.reality.regulator import PERIOD_S, SetPoint
-from studies.blind.reality.sensors import Truth, encoder_track, load_cell_track, tendon_track
-from studies.blind.reality.tendon import tendon_law, tendon_state, tendon_tension_n
-from studies.blind.reality.tendon_law import BREAK, SHORTER, TENSION, TIME, TORN
+from studies.blind.reality.air import PERIOD_S, SetPoint, breathe
+from studies.blind.reality.bodies import compiled
+from studies.blind.reality.sensors import (
+    BadPlanError,
+    RealRun,
+    Truth,
+    encoder_track,
+    load_cell_track,
+    settings,
+    tendon_track,
+)
+from studies.blind.reality.tendon import BREAK, SHORTER, TENSION, TIME, TORN, tendon_law, tendon_state, tendon_tension_n
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +28,7 @@ if TYPE_CHECKING:
 
     from studies.blind.reality.faults import Era
     from studies.blind.reality.machine import Rig
-    from studies.blind.reality.record import Option, Plan
+    from studies.blind.reality.sensors import Option, Plan
 
 DEFAULTS: dict[str, Option] = {
     "material": "multi",

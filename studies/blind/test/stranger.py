@@ -1,17 +1,14 @@
-"""A blind trial of your own: three cases from your own reality, with nothing but rosbags and NumPy.
+"""A blind trial of your own: three cases from your own simulator, with nothing but rosbags and NumPy.
 
     python studies/blind/test/stranger.py TRIAL KEY.json
-    python -m studies.blind run TRIAL --key KEY.json
-    python -m studies.blind score TRIAL --key KEY.json -o PAGE
+    python -m studies.blind --trial TRIAL --key KEY.json -o PAGE
 
-The reality here is crude: every volume goes to where it is drawn with one time constant. Yours may be a machine.
+The simulator here is crude: every volume goes to where it is drawn with one time constant. Yours may be a machine.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import secrets
 import sys
 from pathlib import Path
 
@@ -27,7 +24,7 @@ START_S, JAM_S, CYCLE_S, END_S, STEP_S = 0.2, 0.8, 1.2, 1.4, 0.01
 RUNS, REFERENCES = 2, 5
 
 
-def reality(random, offset_pa=0.0, hum_pa=0.0):
+def simulated(random, offset_pa=0.0, hum_pa=0.0):
     """Return times, what was commanded, and what four sensors read: manifold, then CHANNELS."""
     times = np.arange(0.0, END_S, STEP_S)
     drawing = (times >= START_S) & ((times - START_S) % CYCLE_S < JAM_S)
@@ -56,7 +53,7 @@ def header(time_s):
 
 def write(path, random, **fault):
     """Record one run as any recorder would: a bit after the stamps."""
-    times, drawing, pressure = reality(random, **fault)
+    times, drawing, pressure = simulated(random, **fault)
     rows = [(0.0, "/pump/duty", message("std_msgs/msg/Float32", 0.0))]
     for now, before, at in zip(drawing, [False, *drawing], times, strict=False):
         if now != before:
@@ -89,7 +86,7 @@ CASES = {
 
 
 def main(trial, key):
-    """Write bags and cases, then the key elsewhere, then its hash where everybody sees it."""
+    """Write bags and cases, and what is true of them elsewhere."""
     random = np.random.default_rng(5)
     for name, (_, fault) in CASES.items():
         bags = trial / "cases" / name / "bags"
@@ -99,17 +96,13 @@ def main(trial, key):
         for k in range(REFERENCES):
             write(bags / f"healthy_{k}", random)
         case = {
-            "format": 1,
             "rig": "pressure",
             "options": {"vacuum_pa": 50e3},
             "bags": [f"bags/run_{k}" for k in range(RUNS)],
             "references": [f"bags/healthy_{k}" for k in range(REFERENCES)],
         }
         (bags.parent / "case.json").write_text(json.dumps(case))
-    truths = {name: truth for name, (truth, _) in CASES.items()}
-    key.write_text(json.dumps({"format": 1, "salt": secrets.token_hex(32), "cases": truths}))
-    facts = {"format": 1, "key_sha256": hashlib.sha256(key.read_bytes()).hexdigest(), "regimes": "pressure, 50 kPa"}
-    (trial / "trial.json").write_text(json.dumps(facts))
+    key.write_text(json.dumps({"cases": {name: truth for name, (truth, _) in CASES.items()}}))
 
 
 if __name__ == "__main__":

@@ -9,11 +9,23 @@ import math
 import numpy as np
 import pytest
 
-from studies.blind.reality.bodies import CORNERS, TENDONS, Law, ankle_angles_rad, energy_j, still, turned_about_y
-from studies.blind.reality.contact import HARD_N_M15, HARD_S_M, WOOD_N_M15, WOOD_S_M, SquashBall, hertz
-from studies.blind.reality.leg import PLAIN
-from studies.blind.reality.leg_law import Stand, ankle_law, free_lengths_m, tip_law
-from studies.blind.reality.machine import Machine
+from studies.blind.reality.bodies import (
+    CORNERS,
+    HARD_N_M15,
+    HARD_S_M,
+    TENDONS,
+    WOOD_N_M15,
+    WOOD_S_M,
+    Law,
+    SquashBall,
+    ankle_angles_rad,
+    energy_j,
+    hertz,
+    still,
+    turned_about_y,
+)
+from studies.blind.reality.legs import Stand, ankle_law, free_lengths_m, tip_law
+from studies.blind.reality.machine import PLAIN, Machine
 from studies.blind.reality.motion import advance, lengths_and_rates
 
 STEP_S = 2e-5

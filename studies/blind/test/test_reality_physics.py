@@ -9,12 +9,20 @@ import numpy as np
 import pytest
 
 from jammkle_common import names
-from studies.blind.reality.air import NODES, advance_air, air_law, nozzle_kg_s, pressures_pa, tube_kg_s, vented
-from studies.blind.reality.breathing import breathe
+from studies.blind.reality.air import (
+    NODES,
+    advance_air,
+    air_law,
+    breathe,
+    nozzle_kg_s,
+    pressures_pa,
+    together,
+    tube_kg_s,
+    vented,
+)
 from studies.blind.reality.faults import Era
 from studies.blind.reality.machine import ROOM_K, Machine, TendonMake, conductance_dm3_s_bar, nozzle_area_m2
-from studies.blind.reality.record import Plan
-from studies.blind.reality.regulator import together
+from studies.blind.reality.sensors import Plan
 from studies.blind.reality.tendon import TendonState, tendon_history, tendon_law, tendon_state
 from studies.blind.reality.tensile import tensile
 from studies.paper.tables import TENSILE_ROWS, PaperRow
@@ -22,7 +30,7 @@ from studies.paper.tables import TENSILE_ROWS, PaperRow
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from studies.blind.reality.record import Option
+    from studies.blind.reality.sensors import Option
 
 STEP_S = 5e-4
 ALWAYS = (Era(float("-inf"), Machine()),)
@@ -117,8 +125,8 @@ def test_force_relaxes_by_a_power_of_time() -> None:
     make = TendonMake()
     at = {after_s: tension_n[3 + round(after_s / step_s)] for after_s in (0.1, 1.0, 9.0)}
     assert at[0.1] > at[1.0] > at[9.0] > 0.0
-    alike = dataclasses.replace(make, stiff=dataclasses.replace(make.stiff, relaxation=make.soft.relaxation))
-    tension_n, _ = pulled(held, 0.0, alike, step_s)
+    same = dataclasses.replace(make, stiff=dataclasses.replace(make.stiff, relaxation=make.soft.relaxation))
+    tension_n, _ = pulled(held, 0.0, same, step_s)
     kept = {after_s: 1.0 + make.soft.relaxation * after_s**-make.exponent for after_s in (0.1, 1.0)}
     assert tension_n[102] / tension_n[1002] == pytest.approx(kept[0.1] / kept[1.0], rel=0.06)
 

@@ -9,12 +9,10 @@ import pytest
 
 from jammkle_common import names
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from studies.blind.reality.body_faults import BODY_FAULTS
-from studies.blind.reality.faults import FaultSetting
+from studies.blind.reality.faults import FAULTS, FaultSetting
 from studies.blind.reality.machine import Machine
-from studies.blind.reality.options import BadPlanError
-from studies.blind.reality.record import Plan, RealRun
 from studies.blind.reality.run import run
+from studies.blind.reality.sensors import BadPlanError, Plan, RealRun
 from studies.paper.tables import DROP_ROWS, SIGNIFICANT, PaperRow
 
 if TYPE_CHECKING:
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from studies.blind.reality.record import Option
+    from studies.blind.reality.sensors import Option
 
 DAY = 11
 """Seed of the runs that are compared."""
@@ -105,7 +103,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not(dropped: RealRun
 
 def test_faults_of_no_size_change_no_bit(dropped: RealRun) -> None:
     """Every fault of the bodies, named but null, leaves the run as it was."""
-    nothing = [FaultSetting(name) for name, fault in BODY_FAULTS.items() if "drop" in fault.rigs]
+    nothing = [FaultSetting(name) for name, fault in FAULTS.items() if "drop" in fault.rigs]
     assert are_same(dropped, run(Plan("drop", {}), Machine(), nothing, DAY))
 
 

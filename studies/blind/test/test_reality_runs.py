@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 from jammkle_common import names
-from studies.blind.reality.faults import BadFaultError, FaultSetting, eras
+from studies.blind.reality.faults import FAULTS, BadFaultError, FaultSetting, eras
 from studies.blind.reality.machine import Machine
-from studies.blind.reality.options import BadPlanError
-from studies.blind.reality.record import Plan, RealRun
 from studies.blind.reality.run import run
+from studies.blind.reality.sensors import BadPlanError, Plan, RealRun
 from studies.blind.reality.specimen import machine, today
-from studies.blind.reality.table import FAULTS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -10,22 +10,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jammkle_common.parameters import from_mapping
-from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap import ankle_library
 from jammkle_sim.rigs.catalogue import rig_kind
-from studies.blind.key import Kind, Rung
-from studies.blind.plan import SIZES, FaultFact, plan_cases
-from studies.blind.regimes import (
+from studies.blind.cases import SIZES, Kind, Rung
+from studies.blind.make import Reality, SourceFault
+from studies.blind.plan import (
     DEVELOPMENT_SEEDS,
-    SMALL_SEED,
+    RIGS,
     STANDARD_CASES,
     STANDARD_SEED,
-    regime_name,
-    rigs,
+    FaultFact,
+    plan_cases,
+    regime,
     settings_of,
 )
-from studies.blind.sizes import scatter_of, share_for, size_of
-from studies.blind.sources import Reality, SourceFault
+from studies.blind.size import share_for
 
+SMALL_SEED = 7
 FAULTS = (
     *(FaultFact(f"inside_{k}", f"effect_{k}", ("pressure", "drop")) for k in range(6)),
     FaultFact("only_tensile", "effect_t", ("tensile",)),
@@ -36,7 +37,7 @@ KNOWN = tuple(FaultFact(f"effect_{k}", f"effect_{k}", ("pressure",)) for k in ra
 
 def test_the_standard_trial_has_what_was_promised() -> None:
     """At least 200 cases, 100 healthy, every size about as often as any other, every kind, every rig healthy."""
-    cases = plan_cases(STANDARD_SEED, STANDARD_CASES, rigs(), FAULTS, KNOWN)
+    cases = plan_cases(STANDARD_SEED, STANDARD_CASES, RIGS, FAULTS, KNOWN)
     kinds = collections.Counter(case.kind for case in cases)
     assert len(cases) >= 200
     assert kinds[Kind.NONE] >= 100
@@ -51,7 +52,7 @@ def test_the_standard_trial_has_what_was_promised() -> None:
     assert len({case.machine for case in cases}) == len(cases)
 
 
-@given(st.integers(0, 2**20), st.integers(1, 400), st.sets(st.sampled_from(rigs()), min_size=1))
+@given(st.integers(0, 2**20), st.integers(1, 400), st.sets(st.sampled_from(RIGS), min_size=1))
 def test_any_trial_can_be_planned(seed: int, count: int, recorded: set[str]) -> None:
     """As many cases as asked for, each of faults that fit its kind and that the rigs recorded can show."""
     by_name = {fault.name: fault for fault in (*FAULTS, *KNOWN)}
@@ -67,7 +68,7 @@ def test_any_trial_can_be_planned(seed: int, count: int, recorded: set[str]) -> 
 
 def test_the_same_seed_plans_the_same_trial() -> None:
     """And another seed another one."""
-    first, again, other = (plan_cases(seed, 40, rigs(), FAULTS, KNOWN) for seed in (5, 5, 6))
+    first, again, other = (plan_cases(seed, 40, RIGS, FAULTS, KNOWN) for seed in (5, 5, 6))
     assert first == again
     assert first != other
 
@@ -75,15 +76,15 @@ def test_the_same_seed_plans_the_same_trial() -> None:
 def test_what_is_tuned_on_is_not_what_is_judged_on() -> None:
     """The standard trial has a seed of its own, and no rig is set in it as in development."""
     assert SMALL_SEED < DEVELOPMENT_SEEDS <= STANDARD_SEED
-    assert regime_name(SMALL_SEED) != regime_name(STANDARD_SEED)
-    for rig in rigs():
+    assert regime(SMALL_SEED) != regime(STANDARD_SEED)
+    for rig in RIGS:
         assert not any(each in settings_of(SMALL_SEED, rig) for each in settings_of(STANDARD_SEED, rig))
 
 
 @pytest.mark.parametrize("seed", [SMALL_SEED, STANDARD_SEED])
 def test_every_setting_is_one_that_the_rig_takes(seed: int) -> None:
     """The options have the names and ranges of `jammkle rig`, so that the diagnosis can run them."""
-    for rig in rigs():
+    for rig in RIGS:
         for settings in settings_of(seed, rig):
             from_mapping(rig_kind(rig).options, dict(settings))
 
@@ -125,28 +126,3 @@ def test_a_size_is_found_whatever_the_law(power: float, largest: float, wanted: 
         assert share == 1.0
     elif (wanted / largest) ** (1.0 / power) > 2e-4:
         assert size == pytest.approx(wanted, rel=0.051)
-
-
-def test_sizes_are_in_units_of_what_differs_from_run_to_run() -> None:
-    """An offset of three standard deviations in one of four alike signals has the size 1.5."""
-    random, times_s = np.random.default_rng(3), np.linspace(0.0, 1.0, 2000)
-    names = [f"topic column_{k}" for k in range(4)]
-
-    def run(offset: float = 0.0) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        values = {name: random.normal(0.0, 0.2, times_s.size) for name in names}
-        values[names[0]] = values[names[0]] + offset
-        return {name: (times_s, each) for name, each in values.items()}
-
-    scatter = scatter_of([run() for _ in range(8)])
-    assert scatter == pytest.approx(dict.fromkeys(names, 0.2), rel=0.05)
-    healthy = run()
-    faulty = {name: (times, values + 0.6 * (name == names[0])) for name, (times, values) in healthy.items()}
-    assert size_of([(healthy, faulty)], [scatter]) == pytest.approx(1.5, rel=0.05)
-
-
-def test_a_signal_without_noise_makes_nothing_infinitely_large() -> None:
-    """A foot that never rolls in a simulation is seen to roll from some part of an encoder's step on."""
-    times_s = np.linspace(0.0, 1.0, 2000)
-    still = {"joint_states ankle_roll.position": (times_s, np.full(times_s.size, 1e-13))}
-    rolling = {name: (times, values + 1e-10) for name, (times, values) in still.items()}
-    assert size_of([(still, rolling)], [scatter_of([still, still, still])]) < 0.001
