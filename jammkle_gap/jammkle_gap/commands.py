@@ -47,6 +47,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     rig: Annotated[
         str | None,
         typer.Option(
+            metavar="RIG",
             help="Rig that was recorded, where a bag has no run sheet: tensile, pressure, drop, slip, landing. "
             "How it was set is written into run.yaml; `jammkle info` prints a template."
         ),

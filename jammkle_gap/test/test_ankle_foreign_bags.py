@@ -165,7 +165,7 @@ def test_a_recording_may_begin_evacuated() -> None:
 
 
 def test_joints_of_other_names_are_named() -> None:
-    """Joints that no ankle has are left out, and the reader is told; joint states without any are missing."""
+    """Joints that no ankle has are left out, and the notes say so; joint states without any are missing."""
     given = bag()
     joints = given.topics[names.JOINT_STATES.name]
     strange = dataclasses.replace(joints, columns={f"hip_{name}": each for name, each in joints.columns.items()})

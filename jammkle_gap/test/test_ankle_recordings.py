@@ -1,16 +1,24 @@
-"""Recordings of the rigs: what is read, how it is run again, and in which phases."""
+"""Recordings of bags are run again to their noise; sensor sets, and runs that a diagnosis may propose."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from jammkle_gap.ankle.bag import Samples
+from jammkle_gap.ankle.problem import experiments
 from jammkle_gap.ankle.recording import bag_of_run, recording_of
+from jammkle_gap.ankle.sensors import SensorSet, headline_set, selected
+from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.report.words import times
 from recorded import ACHILLES, SIMULATOR, run, worst_gap
+
+if TYPE_CHECKING:
+    from jammkle_gap.core.design import Experiment
 
 
 @pytest.mark.parametrize(
@@ -85,3 +93,53 @@ def test_phases_do_not_overlap(rig: str, options: dict[str, object]) -> None:
         assert all(one.end_s == two.start_s for one, two in itertools.pairwise(own))
         assert own[0].start_s <= signal.time_s[0]
         assert own[-1].end_s > signal.time_s[-1]
+
+
+RUNS = (("drop", {"foot": "jammed"}), ("slip", {"foot": "unjammed", "speed_m_s": 0.05}), ("pressure", {"cycles": 1}))
+
+
+@pytest.mark.parametrize(("rig", "options"), RUNS)
+def test_sets_grow_and_a_robot_measures_no_tendon(rig: str, options: dict[str, object]) -> None:
+    """Each set has what the one before has; commands and driven motion are inputs and stay."""
+    recording = recording_of(bag_of_run(run(rig, **options)))
+    found = {each: {signal.name for signal in selected(recording, each).signals} for each in SensorSet}
+    robot, rig_set, instrumented = (found[each] for each in SensorSet)
+    assert robot < instrumented
+    assert robot <= rig_set <= instrumented == {signal.name for signal in recording.signals}
+    kinds = {name.split("/")[-1].split("_")[0] for name in robot}
+    assert kinds <= {"pressure", "specific", "angular", "position"}
+    assert not any(name.startswith("carriage") for name in robot)
+    tendons = {name for name in instrumented if name.endswith(("/tension", "/extension"))}
+    assert instrumented - rig_set == tendons
+    assert selected(recording, SensorSet.ROBOT).inputs is recording.inputs
+    assert ("carriage/position" in rig_set) == (rig != "slip")
+
+
+def test_the_headline_is_a_rigs_where_its_load_cell_was_recorded() -> None:
+    """Else a robot's."""
+    drop = bag_of_run(run("drop", foot="jammed"))
+    assert headline_set(recording_of(drop)) is SensorSet.RIG
+    assert headline_set(recording_of(bag_of_run(run("pressure", cycles=1)))) is SensorSet.ROBOT
+
+
+def test_a_recording_without_any_signal_of_a_set_is_refused() -> None:
+    """One line that names the set, what there is, and the way out."""
+    pull = recording_of(bag_of_run(run("tensile", vacuum_pa=50e3, speed_m_s=0.02)))
+    cell = tuple(signal for signal in pull.signals if signal.name.startswith("load_cell"))
+    alone = type(pull)(pull.name, cell, pull.inputs)
+    with pytest.raises(BadRecordingError, match="no signal of the sensor set 'robot', only of rig; record pressures"):
+        selected(alone, SensorSet.ROBOT)
+
+
+@pytest.mark.parametrize("experiment", experiments(), ids=lambda each: each.name)
+def test_every_plan_can_be_run(experiment: Experiment) -> None:
+    """Each run on offer has a rig and options that exist, gives signals with a noise, and is named as its command."""
+    recording = experiment.plan()
+    assert experiment.name.startswith(f"rig {recording.inputs.rig}")
+    assert recording.signals
+    assert all(signal.deviation > 0.0 for signal in recording.signals)
+
+
+def test_small_gaps_have_no_digits_to_read() -> None:
+    """What lies far below the noise is nothing; large gaps are whole numbers."""
+    assert [times(gap) for gap in (1e-9, 1.234, 12.34, 123.4)] == ["0.00", "1.23", "12.3", "123"]

@@ -277,7 +277,7 @@ def test_the_simulators_own_error_hides_no_effect_elsewhere_and_is_none_itself()
 
 
 def test_beside_no_error_the_difference_is_as_it_was() -> None:
-    """An own error of 0 changes nothing."""
+    """A discrepancy of 0 changes nothing."""
     difference = whitened(np.random.default_rng(5))
     residuals = []
     for setting, own in zip(SETTINGS, difference.settings, strict=True):

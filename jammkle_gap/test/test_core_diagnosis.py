@@ -98,7 +98,7 @@ def test_an_effect_outside_the_library_is_unknown() -> None:
 
 
 def test_equivalent_effects_are_named_as_one() -> None:
-    """A twin of the load does the same: the verdict names one, and says what it cannot be told from."""
+    """A twin of the load does the same: the verdict names one, and says what it cannot be distinguished from."""
     made = machine(8)
     problem = replace(PROBLEM, library=Library((*LIBRARY, TWIN)))
     found = diagnose(made.record(3, LOAD), problem, references=made.record(5), jobs=1)
@@ -358,7 +358,7 @@ def test_effects_of_sensors_act_on_what_was_measured() -> None:
 
 
 def test_an_experiment_is_named_that_would_split_a_set() -> None:
-    """At rest weak servo and heavy arm look alike; a fast swing tells them apart."""
+    """At rest weak servo and heavy arm look the same; a fast swing separates them."""
 
     def still() -> Recording:
         return Recording("still", (Signal("angle", "rad", TIMES_S, np.zeros(STEPS), NOISE_RAD),), np.zeros(STEPS))

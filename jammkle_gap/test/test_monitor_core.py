@@ -67,7 +67,7 @@ def followed(samples: tuple[Sample, ...], left_out: str = "", **changes: Any) ->
     for time_s, topic, values in samples:
         if topic == left_out:
             continue
-        monitor.hear(topic, time_s, values, time_s)
+        monitor.take(topic, time_s, values, time_s)
         if time_s >= now_s + 0.1:
             now_s = time_s
             while monitor.advance(now_s):
@@ -102,35 +102,35 @@ def test_a_leak_is_named_where_it_shows() -> None:
     assert worst.phase in {"evacuating", "holding"}
 
 
-def heard_late(samples: tuple[Sample, ...], late_s: float, *, acknowledged: bool) -> dict[str, float]:
-    """Play samples whose commands are heard late, their acknowledgements at any rate; return the largest gaps."""
+def received_late(samples: tuple[Sample, ...], late_s: float, *, acknowledged: bool) -> dict[str, float]:
+    """Play samples whose commands are received late, their acknowledgements at any rate; return the largest gaps."""
     monitor = GapMonitor("landing", known_options("landing", {}), SETTINGS)
     commands = {names.PUMP_DUTY.name: 0.0, **dict.fromkeys((each.name for each in names.SOLENOIDS.values()), 0.0)}
     worst: dict[str, float] = {}
     for time_s, topic, values in samples:
         if topic in commands:
             commands[topic] = values["data"]
-            monitor.hear(topic, time_s + late_s, values, time_s)
+            monitor.take(topic, time_s + late_s, values, time_s)
         else:
-            monitor.hear(topic, time_s, values, time_s)
+            monitor.take(topic, time_s, values, time_s)
         if acknowledged:
-            monitor.hear_acknowledged(time_s, commands, time_s)
+            monitor.take_acknowledged(time_s, commands, time_s)
         while monitor.advance(time_s):
             gaps = {each.name: each.worst.gap for each in monitor.reports(time_s) if each.worst is not None}
             worst = {name: max(gap, worst.get(name, 0.0)) for name, gap in gaps.items()}
     return worst
 
 
-def test_commands_that_are_heard_late_do_not_count_where_the_hardware_tells_of_its_own() -> None:
+def test_commands_that_are_received_late_do_not_count_where_the_hardware_acknowledges_its_own() -> None:
     """The driver's wishes come 40 ms late: a wide gap, unless the hardware said when it took them."""
     samples = landing("", 0.0)
-    assert heard_late(samples, 0.04, acknowledged=False)["pneumatics"] > SETTINGS.limit
-    assert heard_late(samples, 0.04, acknowledged=True)["pneumatics"] < 0.5 * SETTINGS.limit
+    assert received_late(samples, 0.04, acknowledged=False)["pneumatics"] > SETTINGS.limit
+    assert received_late(samples, 0.04, acknowledged=True)["pneumatics"] < 0.5 * SETTINGS.limit
 
 
 def test_late_valves_are_seen_where_the_hardware_tells_of_its_commands() -> None:
     """With true times of the commands, valves that are 10 ms late are a gap; a sensor's usual offset is none."""
-    late = heard_late(landing("valve_dead_time.extra_s", 0.01), 0.0, acknowledged=True)
+    late = received_late(landing("valve_dead_time.extra_s", 0.01), 0.0, acknowledged=True)
     assert late["pneumatics"] > SETTINGS.limit
 
 
@@ -140,7 +140,7 @@ def test_an_impact_is_close_wherever_a_stretch_begins(begin_s: float) -> None:
     monitor, worst = GapMonitor("landing", known_options("landing", {}), SETTINGS), 0.0
     now_s = begin_s
     for time_s, topic, values in landing("", 0.0):
-        monitor.hear(topic, time_s, values, time_s)
+        monitor.take(topic, time_s, values, time_s)
         if time_s >= now_s + 0.1:
             now_s = time_s
             while monitor.advance(now_s):
@@ -174,7 +174,7 @@ def test_a_missing_input_makes_its_subsystems_stale_and_is_named() -> None:
 
 
 def test_silence_makes_everything_stale() -> None:
-    """A robot that is not heard of for longer than the silence allowed is not judged by what it was."""
+    """A robot of which nothing comes for longer than the silence allowed is not judged by what it was."""
     reports = followed(landing("", 0.0), at_s=100.0)
     assert set(states(reports).values()) == {GapState.STALE}
 
@@ -185,7 +185,7 @@ def test_a_clock_that_is_set_back_begins_anew() -> None:
     monitor = GapMonitor("landing", known_options("landing", {}), SETTINGS)
     for _ in range(2):
         for time_s, topic, values in samples:
-            monitor.hear(topic, time_s, values, 0.0)
+            monitor.take(topic, time_s, values, 0.0)
             monitor.advance(0.0)
     assert GapState.WIDE not in [report.state for report in monitor.reports(0.0)]
 
@@ -195,7 +195,7 @@ def test_what_is_not_a_number_is_left_out() -> None:
     monitor = GapMonitor("landing", known_options("landing", {}), SETTINGS)
     for time_s, topic, values in landing("", 0.0):
         broken = topic == names.IMU.name and 0.3 < time_s < 0.4
-        monitor.hear(topic, time_s, dict.fromkeys(values, np.nan) if broken else values, time_s)
+        monitor.take(topic, time_s, dict.fromkeys(values, np.nan) if broken else values, time_s)
         monitor.advance(time_s)
     (sensing,) = [report for report in monitor.reports(time_s) if report.name == "sensing"]
     assert sensing.state is GapState.CLOSE

@@ -223,7 +223,7 @@ TAKERS: dict[str, Callable[[Any], dict[str, float]]] = {
 
 
 _EXACT_S = 1e-6
-"""Difference of log time and stamp up to which a recorder hears everything at once, as one inside a simulation does."""
+"""Difference of log time and stamp up to which a recorder receives all at once, as one in a simulation does."""
 
 
 def on_one_clock(bag: Bag) -> Bag:

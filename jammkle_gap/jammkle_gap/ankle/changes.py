@@ -438,7 +438,7 @@ _PITCH_OPTION = "pitch_deg"
 
 
 def shift_commands(inputs: AnkleInputs, values: Mapping[str, float], place: str) -> AnkleInputs:
-    """Let what pump or solenoids were told come `late_s` later. A place is `pump` or a channel; none is all."""
+    """Let commands of pump or solenoids come `late_s` later. A place is `pump` or a channel; none is all."""
     commands, late_s = inputs.commands, values["late_s"]
     chosen = (place,) if place else (_PUMP, *CHANNELS)
     solenoids = {

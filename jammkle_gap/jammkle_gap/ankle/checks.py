@@ -32,8 +32,8 @@ _LARGEST_PULL_M = 0.2
 """Largest way of a crosshead. Assumed: three times the extension at which a tendon breaks."""
 _FALLS_PA = 3e3
 """Fall of a pressure that only a command can make. Assumed: twenty times the scatter of the sensors' offsets."""
-_HEARD_S = 0.05
-"""How much later than the valves a recorder may hear a command. Assumed: five times what a busy machine takes."""
+_RECEIVED_S = 0.05
+"""How much later than the valves a recorder may receive a command. Assumed: five times what a busy machine takes."""
 _LONGEST_PAUSE_S = 0.5
 """Longest time for which a recording may hold nothing at all. Assumed: the slowest topic comes a hundred times a
 second, and a command may be lost within."""
@@ -56,7 +56,7 @@ def check_commands_from_start(bag: str, signals: Mapping[str, Signal], commands:
     lines[names.MANIFOLD_PRESSURE.name] = (names.PUMP_DUTY.name, commands.duty)
     for pressure, (command, line) in lines.items():
         signal, first_s = signals.get(pressure), np.inf if line is None else float(line.time_s[0])
-        before = np.zeros(0) if signal is None else signal.values[signal.time_s < first_s - _HEARD_S]
+        before = np.zeros(0) if signal is None else signal.values[signal.time_s < first_s - _RECEIVED_S]
         if len(before) and before[0] - before.min() > _FALLS_PA:
             when = "without any" if line is None else f"before the first at {first_s:.3g} s"
             msg = f"{pressure} in bag {bag} falls by {before[0] - before.min():.0f} Pa {when} {command}"

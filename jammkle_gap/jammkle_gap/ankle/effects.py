@@ -409,7 +409,7 @@ def apply_to_inputs(inputs: AnkleInputs, library: Library, values: Mapping[str, 
 
 
 def try_changes(library: Library, rig: Rig) -> None:
-    """Make every change of a user's at both ends of its bounds, so that a broken one is told before anything is fitted.
+    """Make every change of a user's at both ends of its bounds, so that a broken one is reported before any fit.
 
     Args:
         library: Effects; those of the package are not tried.

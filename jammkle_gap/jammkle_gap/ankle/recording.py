@@ -41,15 +41,15 @@ from jammkle_gap.ankle.inputs import (
 )
 from jammkle_gap.ankle.repeats import setting_text
 from jammkle_gap.ankle.segmentation import (
-    Span,
-    commanded_span,
-    driven_span,
-    falling_spans,
+    Segment,
+    commanded_segment,
+    driven_segment,
+    falling_segments,
     not_before,
     recording_phases,
     seen_release_s,
-    span_of_simulation,
-    whole_span,
+    segment_of_simulation,
+    whole_segment,
 )
 from jammkle_gap.ankle.sensors import RESOLUTION, UNITS, declared_noise, quantity_of
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
@@ -150,20 +150,20 @@ def recordings_of(bag: Bag, rig: str | None = None, options: Mapping[str, Any] |
     check_commands(bag)
     topics = checked_topics(bag)
     of_recorder = checked_clocks(bag, topics)
-    first_s = whole_span(topics).start_s
+    first_s = whole_segment(topics).start_s
     whole = {each.name: each for each in signals_of(bag.name, topics, first_s, np.inf)}
     checks.check_commands_from_start(bag.name, whole, commands_of(topics, first_s))
-    spans = _spans(bag, topics, inputs, whole)
+    segments = _segments(bag, topics, inputs, whole)
     found, errors = [], []
-    for place, span in enumerate(spans):
-        name = bag.name if len(spans) == 1 else f"{bag.name}#{place + 1}"
+    for place, segment in enumerate(segments):
+        name = bag.name if len(segments) == 1 else f"{bag.name}#{place + 1}"
         try:
-            found.append(_recording(name, bag, topics, inputs, span, first_s))
+            found.append(_recording(name, bag, topics, inputs, segment, first_s))
         except checks.TooShortError as error:
             errors.append(error)
     if not found:
         raise errors[0]
-    left_out = (f"{len(errors)} of {len(spans)} runs left out as too short",) if errors else ()
+    left_out = (f"{len(errors)} of {len(segments)} runs left out as too short",) if errors else ()
     return tuple(dataclasses.replace(each, notes=(*each.notes, *left_out, *of_recorder)) for each in found)
 
 
@@ -195,48 +195,50 @@ def _inputs_by_sheet(bag: Bag, rig: str | None, options: Mapping[str, Any]) -> A
     return AnkleInputs(rig, taken, nothing, known=frozenset(given) & {option for option, _ in taken})
 
 
-def _spans(
+def _segments(
     bag: Bag, topics: Mapping[str, Samples], inputs: AnkleInputs, whole: Mapping[str, Signal]
-) -> tuple[Span, ...]:
+) -> tuple[Segment, ...]:
     """Return the runs of a bag, of which `whole` holds all signals."""
     built = nominal_rig(inputs)
     joints = topics.get(names.JOINT_STATES.name)
-    first_s = whole_span(topics).start_s
+    first_s = whole_segment(topics).start_s
     if inputs.rig in FALLING_RIGS:
-        spans = falling_spans(topics, built)
-        if not spans and not bag.simulated:
+        segments = falling_segments(topics, built)
+        if not segments and not bag.simulated:
             checks.check_rig(bag.name, built, whole, assembled(built).joints, _start_m(built))
             checks.refuse_no_release(bag.name, inputs.rig)
     elif is_driven(built):
         has_carriage = joints is not None and CARRIAGE in joints.columns
         if not has_carriage and not bag.simulated:
             checks.check_course_is_known(bag.name, inputs)
-        spans = (driven_span(topics, built),) if has_carriage else ()
+        segments = (driven_segment(topics, built),) if has_carriage else ()
     else:
-        spans = (commanded_span(topics),)
+        segments = (commanded_segment(topics),)
     if bag.simulated:
-        spans = tuple(span_of_simulation(span, first_s) for span in spans or (whole_span(topics),))
+        segments = tuple(segment_of_simulation(segment, first_s) for segment in segments or (whole_segment(topics),))
     if not begins_vented(topics):
-        spans = tuple(not_before(span, first_s) for span in spans)
-    return spans or (whole_span(topics),)
+        segments = tuple(not_before(segment, first_s) for segment in segments)
+    return segments or (whole_segment(topics),)
 
 
 def _recording(
-    name: str, bag: Bag, topics: Mapping[str, Samples], inputs: AnkleInputs, span: Span, first_s: float
+    name: str, bag: Bag, topics: Mapping[str, Samples], inputs: AnkleInputs, segment: Segment, first_s: float
 ) -> Recording:
     """Return one run of a bag."""
     said = []
-    if abs(span.start_s - first_s) > _WORTH_SAYING_S:
-        said.append(f"times count from {span.start_s - first_s:.3f} s after the first stamp, by its motion or commands")
+    if abs(segment.start_s - first_s) > _WORTH_SAYING_S:
+        said.append(
+            f"times count from {segment.start_s - first_s:.3f} s after the first stamp, by its motion or commands"
+        )
     if not inputs.known:
         said.append(f"how rig '{inputs.rig}' was set is not known, and taken to be by default; write {FILE_NAME}")
-    commands = commands_of(topics, span.start_s)
+    commands = commands_of(topics, segment.start_s)
     built = nominal_rig(inputs)
-    signals = _signals(name, topics, span, built)
+    signals = _signals(name, topics, segment, built)
     checks.check_signals(name, signals, commands.solenoids)
     checks.check_rig(name, built, signals, assembled(built).joints, _start_m(built))
-    inputs = dataclasses.replace(inputs, commands=commands, began_s=span.start_s, exact=is_exact(bag))
-    inputs = _with_motion(inputs, topics, span, built)
+    inputs = dataclasses.replace(inputs, commands=commands, began_s=segment.start_s, exact=is_exact(bag))
+    inputs = _with_motion(inputs, topics, segment, built)
     weather = weather_pa(topics, described=bag.simulated)
     inputs = with_air(inputs, weather, signals, built.pneumatics.ambient_pa, said)
     if inputs.rig == "tensile" and inputs.course is not None and inputs.course.start_m > _STRETCHED_M:
@@ -257,27 +259,27 @@ def _recording(
     return dataclasses.replace(recording, setting=setting_text(recording))
 
 
-def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], span: Span, built: Rig) -> AnkleInputs:
+def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Segment, built: Rig) -> AnkleInputs:
     """Return inputs with how the carriage was driven or when it was let go, as far as that was seen."""
     if inputs.rig in FALLING_RIGS:
-        release_s = seen_release_s(span, built)
-        seen_by = span.seen_by if release_s is not None else ""
+        release_s = seen_release_s(segment, built)
+        seen_by = segment.seen_by if release_s is not None else ""
         return dataclasses.replace(inputs, release_s=release_s, release_seen_by=seen_by)
     joints = topics.get(names.JOINT_STATES.name)
     if not is_driven(built) or joints is None or CARRIAGE not in joints.columns:
         return inputs
     stamp_s, position_m = joints.readings(CARRIAGE)
-    within = stamp_s <= span.end_s
-    return dataclasses.replace(inputs, course=course_of(stamp_s[within] - span.start_s, position_m[within]))
+    within = stamp_s <= segment.end_s
+    return dataclasses.replace(inputs, course=course_of(stamp_s[within] - segment.start_s, position_m[within]))
 
 
-def _signals(name: str, topics: Mapping[str, Samples], span: Span, built: Rig) -> dict[str, Signal]:
+def _signals(name: str, topics: Mapping[str, Samples], segment: Segment, built: Rig) -> dict[str, Signal]:
     noise = declared_noise(built, timestep_s(built))
     return {
         each.name: dataclasses.replace(
             each, noise=noise[quantity_of(each.name)], resolution=RESOLUTION.get(quantity_of(each.name), 0.0)
         )
-        for each in signals_of(name, topics, span.start_s, span.end_s)
+        for each in signals_of(name, topics, segment.start_s, segment.end_s)
     }
 
 

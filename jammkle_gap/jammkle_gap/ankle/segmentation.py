@@ -55,7 +55,7 @@ _FEWEST = 5
 
 
 @dataclass(frozen=True)
-class Span:
+class Segment:
     """One run, by the clock of the stamps."""
 
     start_s: float
@@ -67,20 +67,20 @@ class Span:
     """Topic of the sensor that saw it."""
 
 
-def span_of_simulation(span: Span, first_s: float) -> Span:
+def segment_of_simulation(segment: Segment, first_s: float) -> Segment:
     """Return a run on the simulation's own clock where it begins when that says, within what is seen of it.
 
     Args:
-        span: As its motion or commands show.
+        segment: As its motion or commands show.
         first_s: First stamp.
 
     """
-    if first_s >= _SIMULATED_START_S or abs(span.start_s) > _TOLERANCE_S:
-        return span
-    return dataclasses.replace(span, start_s=0.0)
+    if first_s >= _SIMULATED_START_S or abs(segment.start_s) > _TOLERANCE_S:
+        return segment
+    return dataclasses.replace(segment, start_s=0.0)
 
 
-def falling_spans(topics: Mapping[str, Samples], rig: Rig) -> tuple[Span, ...]:
+def falling_segments(topics: Mapping[str, Samples], rig: Rig) -> tuple[Segment, ...]:
     """Return one run per release that carriage or IMU show.
 
     Args:
@@ -96,34 +96,34 @@ def falling_spans(topics: Mapping[str, Samples], rig: Rig) -> tuple[Span, ...]:
         next_s = seen[place + 1][0] - lead_s if place + 1 < len(seen) else math.inf
         landed_s = release_s + fall_s + _LANDED_S
         end_s = min(last_s, max(next_s, landed_s), _handled_s(topics, release_s, landed_s))
-        found.append(Span(release_s - lead_s, end_s, release_s, seen_by))
+        found.append(Segment(release_s - lead_s, end_s, release_s, seen_by))
     return tuple(found)
 
 
-def not_before(span: Span, first_s: float) -> Span:
+def not_before(segment: Segment, first_s: float) -> Segment:
     """Return a run that does not begin before a time: what was evacuated then cannot be followed from earlier."""
-    return dataclasses.replace(span, start_s=max(span.start_s, first_s))
+    return dataclasses.replace(segment, start_s=max(segment.start_s, first_s))
 
 
-def seen_release_s(span: Span, rig: Rig) -> float | None:
+def seen_release_s(segment: Segment, rig: Rig) -> float | None:
     """Return when the carriage was let go, s since the start; None where it is when the rig does so anyway.
 
     A rig that describes itself, and keeps its own time, is taken at its word: a sensor that sees it late is late.
     """
-    if span.release_s is None:
+    if segment.release_s is None:
         return None
-    release_s = span.release_s - span.start_s
-    return None if span.start_s == 0.0 and abs(release_s - _programme_s(rig)) <= _TOLERANCE_S else release_s
+    release_s = segment.release_s - segment.start_s
+    return None if segment.start_s == 0.0 and abs(release_s - _programme_s(rig)) <= _TOLERANCE_S else release_s
 
 
-def driven_span(topics: Mapping[str, Samples], rig: Rig) -> Span:
+def driven_segment(topics: Mapping[str, Samples], rig: Rig) -> Segment:
     """Return the run of a driven carriage: from a while before it moves to the end of the bag."""
     first_s, last_s = _reach(topics)
     moved_s = _moved_off_s(*topics[names.JOINT_STATES.name].readings(CARRIAGE))
-    return Span(first_s if moved_s is None else moved_s - _programme_s(rig), last_s)
+    return Segment(first_s if moved_s is None else moved_s - _programme_s(rig), last_s)
 
 
-def commanded_span(topics: Mapping[str, Samples]) -> Span:
+def commanded_segment(topics: Mapping[str, Samples]) -> Segment:
     """Return the run of an ankle that is only commanded: from a while before its first command to the end of the bag.
 
     Args:
@@ -137,13 +137,13 @@ def commanded_span(topics: Mapping[str, Samples]) -> Span:
         if name in COMMANDS and (samples.columns["data"] > 0.0).any()
     ]
     if not commanded_s or min(commanded_s) < first_s:
-        return Span(first_s, last_s)
-    return Span(min(commanded_s) - _PRESSURE_START_S, last_s)
+        return Segment(first_s, last_s)
+    return Segment(min(commanded_s) - _PRESSURE_START_S, last_s)
 
 
-def whole_span(topics: Mapping[str, Samples]) -> Span:
+def whole_segment(topics: Mapping[str, Samples]) -> Segment:
     """Return the whole bag as one run."""
-    return Span(*_reach(topics))
+    return Segment(*_reach(topics))
 
 
 def _programme_s(rig: Rig) -> float:

@@ -37,7 +37,7 @@ def next_experiment(
     runner: Runner,
     machine: Mapping[str, float],
 ) -> NextExperiment | None:
-    """Return the experiment in which even the two most alike candidates differ most.
+    """Return the experiment in which even the two most similar candidates differ most.
 
     T-optimality for telling models apart (Atkinson and Fedorov 1975, Biometrika 62:57), maximin over pairs.
 

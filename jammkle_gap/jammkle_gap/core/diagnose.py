@@ -55,12 +55,12 @@ def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
         recordings: Of the machine in question; those of the same setting are repeats.
         problem: Simulator, library of effects, nuisances.
         references: Of the same machine while healthy, in the same settings.
-        experiments: Runs that could be made, to split what cannot be told apart.
+        experiments: Runs that could be made, to split what cannot be distinguished.
         constants: Of the model; those not given are as derived.
         folder: Where signatures are kept; by default `$XDG_CACHE_HOME/jammkle`.
         jobs: Runs at a time, as joblib counts.
-        progress: Told of long work.
-        provisional: Told of the first answer, before anything is fitted.
+        progress: Reports long work.
+        provisional: Reports the first answer, before anything is fitted.
         stop: Asked after every run; True ends the search with what is known by then.
 
     Raises:
@@ -99,9 +99,9 @@ def evidence_of(
         raise BadRecordingError(msg)
     settings = settings_of(recordings, references, problem)
     if references and not any(setting.references for setting in settings):
-        told = ", ".join(sorted({each.setting or each.name for each in references}))
+        made_in = ", ".join(sorted({each.setting or each.name for each in references}))
         asked = ", ".join(setting.name for setting in settings)
-        msg = f"no reference was made in the setting of a recording: references in {told}; recordings in {asked}"
+        msg = f"no reference was made in the setting of a recording: references in {made_in}; recordings in {asked}"
         msg += "; record references in the same settings, or leave them out"
         raise BadRecordingError(msg)
     dictionaries = [

@@ -227,9 +227,9 @@ class Profiles:
         values: dict[str, NDArray[np.float64]] = {}
         gain = 0.0
         for i in range(2 * _ALTERNATIONS):
-            name, beside = ((one, other), (other, one))[i % 2]
-            own[name], values[name], alone = self._best(name, own[beside])
-            given = own[beside]
+            name, second = ((one, other), (other, one))[i % 2]
+            own[name], values[name], alone = self._best(name, own[second])
+            given = own[second]
             total = alone + float(2.0 * given @ self._overlap - given @ self._gram @ given)
             if i > 1 and total < gain * (1.0 + 1e-4):
                 break

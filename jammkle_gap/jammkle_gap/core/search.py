@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.simulate import Made, Problem, Runner
 
     Provisional = Callable[[Sequence[tuple[str, float]]], None]
-    """Told which effects explain which share of the squared difference before any is fitted, best first."""
+    """Reports which effects explain which share of the squared difference before any is fitted, best first."""
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,11 @@ def _promising_pairs(
     profiles: Profiles, first: Sequence[str], singles: Sequence[Fit], constants: Constants
 ) -> list[Place]:
     """Return pairs to be fitted: from fitted single effects on, and by the grids alone, where both are unknown."""
-    beside = [place for fit in singles[: constants.paired] for place in profiles.seconds(fit)]
-    beside.sort(key=lambda place: -place.gain)
+    with_fitted = [place for fit in singles[: constants.paired] for place in profiles.seconds(fit)]
+    with_fitted.sort(key=lambda place: -place.gain)
     found: dict[frozenset[str], Place] = {}
     for most, places in (
-        (constants.refined_pairs // 2, beside),
+        (constants.refined_pairs // 2, with_fitted),
         (constants.refined_pairs, profiles.pairs(first, constants.refined_pairs)),
     ):
         for place in places:

@@ -9,6 +9,7 @@ clocks act on what was measured instead of the simulator: exact however wrong th
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import itertools
 import json
@@ -26,7 +27,7 @@ from jammkle_gap.core.features import Layout, aligned_s, features_of, layout_of,
 from jammkle_gap.core.simulate import Made, Task, simulated
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -328,7 +329,7 @@ def dictionary_of(
     for each, table in zip(missing, _simulated(recording, known.layout, missing, runner), strict=True):
         tables[each.name] = table
         if kept is not None:
-            _write_table(_table_file(kept, name, each), table)
+            _put(_table_file(kept, name, each), functools.partial(np.save, arr=table.astype(np.float32)))
     found = {
         name: table.astype(float) for name, table in tables.items() if table is not None and np.abs(table).max() > 0.0
     }
@@ -414,21 +415,24 @@ def _read(path: Path, layout: Layout) -> Dictionary | None:
 
 
 def _write(path: Path, dictionary: Dictionary) -> None:
-    """Put a dictionary on disk, whole or not at all; a disk that is full or may not be written to is no error."""
+    arrays: dict[str, Any] = {
+        "bins": np.array(dictionary.layout.bins),
+        "floor": dictionary.layout.floor,
+        "event_s": np.array(list(dictionary.layout.event_s.values())),
+        "nominal": dictionary.nominal,
+        "scatter": dictionary.scatter,
+        "contact": dictionary.contact,
+        "constants": dictionary.constants,
+    }
+    _put(path, lambda file: np.savez(file, **arrays))
+
+
+def _put(path: Path, save: Callable[[Any], None]) -> None:
+    """Put a file on disk, whole or not at all; a disk that is full or may not be written to is no error."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            events = np.array(list(dictionary.layout.event_s.values()))
-            arrays: dict[str, Any] = {
-                "bins": np.array(dictionary.layout.bins),
-                "floor": dictionary.layout.floor,
-                "event_s": events,
-                "nominal": dictionary.nominal,
-                "scatter": dictionary.scatter,
-                "contact": dictionary.contact,
-                "constants": dictionary.constants,
-            }
-            np.savez(file, **arrays)
+            save(file)
         Path(file.name).replace(path)
     except OSError:
         return
@@ -447,14 +451,3 @@ def _read_table(path: Path) -> NDArray[np.float64] | None:
     except (OSError, ValueError, EOFError):
         return None
     return table
-
-
-def _write_table(path: Path, table: NDArray[np.float64]) -> None:
-    """Put signatures on disk, whole or not at all."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            np.save(file, table.astype(np.float32))
-        Path(file.name).replace(path)
-    except OSError:
-        return

@@ -167,7 +167,7 @@ class Runner:
 
         Args:
             tasks: To be run.
-            what: Of the progress; empty: none is told.
+            what: Of the progress; empty: none is reported.
 
         Raises:
             SimulatorError: the simulator failed.

@@ -242,7 +242,7 @@ class AirFollower:
         self._time_s = 0.0
 
     def trust_commands(self) -> None:
-        """Take the times of commands as they are from now on: the hardware has told them."""
+        """Take the times of commands as they are from now on: the hardware has acknowledged them."""
         self._shifts_s, self._states = self._shifts_s[:1], self._states[:1]
 
     def begin(self, tracks: Tracks, time_s: float) -> None:

@@ -59,7 +59,7 @@ _REPORT_PERIOD_S = 0.2
 
 
 class GapMonitorNode(Node):
-    """Follows the robot of its namespace. `drive` drives it: callbacks only keep what they hear."""
+    """Follows the robot of its namespace. `drive` drives it: callbacks only keep what they receive."""
 
     def __init__(self) -> None:
         """Make the node.
@@ -76,8 +76,8 @@ class GapMonitorNode(Node):
         """What the hardware has last said that it drives; what the driver asks for then does not count."""
         self._newest_s = 0.0
         """Stamp of the measurement received last, s."""
-        told = self._values.rig != FROM_THE_GRAPH
-        self._wanted: tuple[str, dict[str, Any]] | None = (self._values.rig, {}) if told else None
+        is_given = self._values.rig != FROM_THE_GRAPH
+        self._wanted: tuple[str, dict[str, Any]] | None = (self._values.rig, {}) if is_given else None
         self._described: tuple[str, dict[str, Any]] | None = None
         self._trouble = f"no {names.SIM_PARAMETERS.name}: name what the robot stands in with the parameter rig"
         self._gap = self.create_publisher(SimulatorGap, names.SIMULATOR_GAP.name, publisher_qos(names.SIMULATOR_GAP))
@@ -92,7 +92,7 @@ class GapMonitorNode(Node):
             self._take_acknowledgement,
             every_sample_qos(names.ACTUATOR_STATES),  # one that is lost leaves the air wrong until the next vent
         )
-        if not told:
+        if not is_given:
             self.create_subscription(
                 String, names.SIM_PARAMETERS.name, self._take_description, subscriber_qos(names.SIM_PARAMETERS)
             )
@@ -135,7 +135,7 @@ class GapMonitorNode(Node):
             self.get_logger().error(self._trouble)
         # A driver that speaks up on changes alone has said long ago what still holds.
         for topic, (time_s, message) in self._commands.items():
-            self._hear(topic, time_s, message)
+            self._forward(topic, time_s, message)
         if self._acknowledged is not None:
             self._take_acknowledgement(self._acknowledged)
 
@@ -151,7 +151,7 @@ class GapMonitorNode(Node):
             return
         time_s = self._newest_s
         self._commands[topic] = (time_s, message)
-        self._hear(topic, time_s, message)
+        self._forward(topic, time_s, message)
 
     def _take_acknowledgement(self, message: ActuatorStates) -> None:
         last, self._acknowledged = self._acknowledged or message, message
@@ -160,15 +160,15 @@ class GapMonitorNode(Node):
             self._wanted = self._wanted or self._described  # a simulated robot has jumped, or was left out of time
         if self._monitor is not None:
             commands = TAKERS[names.ACTUATOR_STATES.name](message)
-            self._monitor.hear_acknowledged(stamp_s(message), commands, time.monotonic())
+            self._monitor.take_acknowledged(stamp_s(message), commands, time.monotonic())
 
     def _take_measurement(self, topic: str, message: Any) -> None:
         self._newest_s = stamp_s(message)
-        self._hear(topic, self._newest_s, message)
+        self._forward(topic, self._newest_s, message)
 
-    def _hear(self, topic: str, time_s: float, message: Any) -> None:
+    def _forward(self, topic: str, time_s: float, message: Any) -> None:
         if self._monitor is not None:
-            self._monitor.hear(topic, time_s, TAKERS[topic](message), time.monotonic())
+            self._monitor.take(topic, time_s, TAKERS[topic](message), time.monotonic())
 
     def _take_description(self, message: String) -> None:
         rig, options = rig_of(message.data)

@@ -151,7 +151,7 @@ class GapMonitor:
         self._step_s = timestep_s(built)
         self._settings = settings
         self._tracks = Tracks()
-        self._heard_s: dict[str, float] = {}
+        self._received_s: dict[str, float] = {}
         self._acknowledged = False
         self._air = AirFollower(built, settings.command_jitter_s)
         followers: list[Follower] = [self._air, TendonFollower(built)]
@@ -160,7 +160,7 @@ class GapMonitor:
         followers.append(SensingFollower(built))
         self._parts = [_Part(each, GapWindow(settings.window_s)) for each in followers]
 
-    def hear(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
+    def take(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
         """Take a sample; a command is left out once the hardware tells of its commands by itself.
 
         Args:
@@ -173,8 +173,8 @@ class GapMonitor:
         if not (self._acknowledged and topic in _COMMANDS):
             self._take(topic, time_s, values, now_s)
 
-    def hear_acknowledged(self, time_s: float, commands: Mapping[str, float], now_s: float) -> None:
-        """Take what the hardware says it was told.
+    def take_acknowledged(self, time_s: float, commands: Mapping[str, float], now_s: float) -> None:
+        """Take the commands that the hardware has acknowledged.
 
         Args:
             time_s: Since when, or until when at least, on the robot's clock.
@@ -190,7 +190,7 @@ class GapMonitor:
             self._take(topic, time_s, {"data": value}, now_s)
 
     def _take(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
-        self._heard_s[topic] = now_s
+        self._received_s[topic] = now_s
         if time_s < self._tracks.of(topic).last_s - _MEMORY_S:  # the clock was set back: a new run
             self._forget()
         self._tracks.of(topic).add(time_s, values)
@@ -235,12 +235,12 @@ class GapMonitor:
         return SubsystemReport(name, state, worst, part.window.gaps(), wide_s=wide_s)
 
     def _missing(self, part: _Part, now_s: float) -> tuple[str, ...]:
-        """Return the topics that were not heard of lately; a command that is not repeated holds until the next one."""
+        """Return the topics of which nothing came lately; a command that is not repeated holds until the next one."""
         return tuple(
             topic
             for topic in part.follower.inputs
-            if topic not in self._heard_s
-            or (self._is_stream(topic) and self._heard_s[topic] < now_s - self._settings.silence_s)
+            if topic not in self._received_s
+            or (self._is_stream(topic) and self._received_s[topic] < now_s - self._settings.silence_s)
         )
 
     def _newest_s(self, part: _Part) -> float:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_common.command import EFFECTS_FILE, provided
 from jammkle_common.names import ANKLE_JOINTS, CARRIAGE_JOINT, TENDONS
 from jammkle_sim.physics import records
@@ -208,10 +209,10 @@ class Rig:
 
     def description(self) -> dict[str, object]:
         """Return its name and all its parameters, ready for YAML."""
-        parts = {"options": self.options, **self.parts}
-        plain = {name: dataclasses.asdict(part) for name, part in parts.items()}
+        sheet = RunSheet(self.name, dataclasses.asdict(self.options)).as_mapping()
+        plain = {name: dataclasses.asdict(part) for name, part in self.parts.items()}
         effects = {"effects": dict(self.effects)} if self.effects else {}
-        return {"rig": self.name, "timestep_s": float(self.model.opt.timestep), **plain, **effects}
+        return {**sheet, "timestep_s": float(self.model.opt.timestep), **plain, **effects}
 
 
 def laws_of(rig: Rig) -> records.Laws:

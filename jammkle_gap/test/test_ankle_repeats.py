@@ -1,4 +1,4 @@
-"""Which runs are repeats, and which are not."""
+"""Which runs are repeats, and which share signatures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 
 from jammkle_common import names
 from jammkle_gap.ankle.bag import Bag
-from jammkle_gap.ankle.recording import bag_of_run, recording_of
-from jammkle_gap.ankle.repeats import difference, held_vacuum, with_settings
+from jammkle_gap.ankle.recording import bag_of_run, recording_of, recording_of_run
+from jammkle_gap.ankle.repeats import difference, group_of, held_vacuum, setting_text, with_settings
 from jammkle_sim.rigs.catalogue import RIGS, run_rig, scattered
 from jammkle_sim.rigs.replay import Course, Timeline
 
@@ -51,7 +51,7 @@ def foreign(rig: str, repeat: int | None = None, **changed: object) -> Recording
 
 
 def moved(recording: Recording, late_s: float, channel: str = names.ACHILLES) -> Recording:
-    """Return a recording in which one solenoid was told everything a little later."""
+    """Return a recording in which all commands of one solenoid come a little later."""
     commands = recording.inputs.commands
     solenoids = {**commands.solenoids, channel: commands.solenoids[channel].later(late_s)}
     inputs = dataclasses.replace(recording.inputs, commands=dataclasses.replace(commands, solenoids=solenoids))
@@ -185,3 +185,64 @@ def test_settings_of_many_bags_have_texts_of_their_own() -> None:
     assert texts[1] == "pressure, 50 kPa"
     assert texts[4] == "landing, 50 kPa, 50 mm"
     assert [each.name for each in found] == [each.name for each in runs]
+
+
+SHORT_RUNS = {
+    "tensile": {"vacuum_pa": 50e3, "speed_m_s": 0.05, "extension_m": 0.01},
+    "pressure": {"cycles": 1, "jam_time_s": 0.6, "vent_time_s": 0.4},
+    "drop": {"foot": "jammed"},
+    "slip": {"foot": "unjammed", "speed_m_s": 0.05, "descent_m": 0.02},
+    "landing": {},
+}
+
+
+def described(rig: str, repeat: int | None = None, **changed: object) -> Recording:
+    """Run a rig, scattered if a repeat is given."""
+    options = RIGS[rig].options(**{**SHORT_RUNS[rig], **changed})
+    chosen = options if repeat is None else scattered(rig, options, repeat)
+    return recording_of_run(run_rig(rig, chosen, lambda _: None, lambda: False), f"{rig} {repeat}")
+
+
+@pytest.mark.parametrize("rig", SHORT_RUNS)
+def test_scattered_runs_share_their_signatures(rig: str) -> None:
+    """What a rig cannot set the same twice makes no group of its own."""
+    assert len({group_of(described(rig, repeat)) for repeat in range(4)}) == 1
+
+
+@pytest.mark.parametrize(
+    ("rig", "changed"),
+    [
+        ("tensile", {"vacuum_pa": 30e3}),
+        ("tensile", {"speed_m_s": 0.03}),
+        ("tensile", {"channel": names.ACHILLES}),
+        ("pressure", {"jam_time_s": 0.9}),
+        ("pressure", {"cycles": 2}),
+        ("pressure", {"channel": names.ACHILLES}),
+        ("drop", {"drop_height_m": 0.07}),
+        ("landing", {"slope_deg": 30.0}),
+        ("landing", {"jam": "before"}),
+    ],
+)
+def test_what_was_done_otherwise_has_signatures_of_its_own(rig: str, changed: dict[str, object]) -> None:
+    """Whether the setting's short text tells of it or not."""
+    assert group_of(described(rig)) != group_of(described(rig, **changed))
+
+
+def test_the_short_text_of_a_setting_is_no_group() -> None:
+    """Two programmes of the pressure rig read the same, and jam at other times."""
+    one, other = described("pressure"), described("pressure", jam_time_s=0.9)
+    assert setting_text(one) == setting_text(other)
+    assert group_of(one) != group_of(other)
+
+
+def test_what_two_recordings_measure_a_little_otherwise_is_one_group() -> None:
+    """A vacuum that reads 0.8 kPa more, a carriage that reads half a per cent more."""
+    one = described("tensile")
+    course = one.inputs.course
+    assert course is not None
+    inputs = dataclasses.replace(one.inputs, course=dataclasses.replace(course, position_m=1.005 * course.position_m))
+    signals = tuple(
+        dataclasses.replace(each, values=each.values - 800.0) if each.name.endswith("/pressure") else each
+        for each in one.signals
+    )
+    assert group_of(dataclasses.replace(one, inputs=inputs, signals=signals)) == group_of(one)
