@@ -104,7 +104,7 @@ class SimNode(Node):
         self._ankles = Ankles(self, ankles, kind.outputs, self._diagnostics.check, self._time_s)
         self._machine_outputs = self._make_machine_outputs()
         self._describe()
-        self._services = _Services(self, self._engine, self._reset, self._diagnostics.check)
+        self._requests = _Requests(self, self._engine, self._reset, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._clock_repeater = self.create_timer(_STANDING_CLOCK_PERIOD_S, self._repeat_standing_clock, clock=steady)
         self.add_on_set_parameters_callback(self._refuse_late_start_time)
@@ -128,7 +128,7 @@ class SimNode(Node):
                 if self._participants.to_repeat():
                     self._tick(self._engine.time_ns)
                 return _LONGEST_WAIT_S
-            self._services.answer_finished_steps()
+            self._requests.answer_finished_steps()
             wait_s = self._advance()
             if wait_s > 0 or time.monotonic() >= end_s:
                 return min(wait_s, _LONGEST_WAIT_S)
@@ -193,7 +193,7 @@ class SimNode(Node):
     def shut_down(self) -> None:
         """Answer whoever still waits for steps."""
         self._engine.fail("the sim node was stopped")
-        self._services.answer_finished_steps()
+        self._requests.answer_finished_steps()
         self._diagnostics.farewell()
 
     def _refuse_late_start_time(self, changes: list[Parameter]) -> SetParametersResult:
@@ -297,7 +297,7 @@ def _make_engine(simulation: Simulation, parameters: RunParameters, outputs: Col
     return engine
 
 
-class _Services:
+class _Requests:
     """~/set_paused, ~/reset and ~/step, and the answer that is still owed for steps being taken."""
 
     def __init__(

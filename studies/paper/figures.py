@@ -14,7 +14,6 @@ from matplotlib.lines import Line2D
 from jammkle_common.command.results import STYLE
 from jammkle_sim.physics.constants import TENDON_SETS
 from jammkle_sim.physics.sensors import CLIP_NET_M_S2
-from jammkle_sim.physics.shear_lag import ShearLagTendon
 from studies.paper.reference import (
     EXTENSION_M,
     REFERENCE_OPTIONS,
@@ -24,6 +23,7 @@ from studies.paper.reference import (
     reference_tension_n,
 )
 from studies.paper.runs import ENERGY, MATERIALS, PARAMETER_SETS, SLIP_EXPERIMENTS, VACUUMS_KPA, curve_identifier
+from studies.paper.shear_lag import ShearLagTendon
 from studies.paper.tables import DROP_ROWS, ROWS, paper_row
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.physics.constants import Fibre, of_fibre
-from jammkle_sim.physics.shear_lag import PRINTED_FRICTION, ShearLagOptions, ShearLagTendon
 from jammkle_sim.physics.tendon import Tendon, force_table_n
+from studies.paper.shear_lag import PRINTED_FRICTION, ShearLagOptions, ShearLagTendon
 from studies.paper.tables import paper_row
 
 if TYPE_CHECKING:

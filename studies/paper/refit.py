@@ -15,7 +15,6 @@ import numpy as np
 from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.physics.constants import TENDON_SETS
-from jammkle_sim.physics.shear_lag import PRINTED_FRICTION, ShearLagOptions
 from studies.paper.reference import (
     TENSILE_ROWS,
     VACUUMS_PA,
@@ -29,6 +28,7 @@ from studies.paper.reference import (
     rms_n,
     with_friction,
 )
+from studies.paper.shear_lag import PRINTED_FRICTION, ShearLagOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable

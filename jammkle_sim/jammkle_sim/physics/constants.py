@@ -1,8 +1,8 @@
 """Constants of the tendon, and the named sets of them. Every number has its unit and where it comes from.
 
 "Paper" is the Jammkle paper (Brett et al.). "Fitted" says to what: rows of its tensile table by their names (a30_vac50:
-Shore A-30 at -50 kPa), its drop test, or the reference model; `jammkle_sim.fit` does it again. "Assumed" means that
-nothing was found to say otherwise.
+Shore A-30 at -50 kPa), its drop test, or the reference model of every fibre by itself; the study of the paper does it
+again. "Assumed" means that nothing was found to say otherwise.
 """
 
 from __future__ import annotations
@@ -65,14 +65,13 @@ class TendonParameters:
     """Elasticity of the bundle."""
     relaxation_gains: tuple[float, float, float, float] = (1.291, 0.861, 0.538, 0.377)
     """Gain of each Maxwell branch over the long-term force, 1. Fitted to the jammed and unjammed rows of the drop test,
-    but earlier, in another pose (38 degrees, toe at 60 mm) than the drop rig has now: taken over, not refitted here;
-    `fit` holds them fixed. They give a loss factor of 0.23 to 0.24 at 1 to 10 Hz, where Agilus30 by itself has 1.3 to
-    1.4 at 20 degC."""
+    but earlier, in another pose (38 degrees, toe at 60 mm) than the drop rig has now; the refit takes them over as they
+    are. They give a loss factor of 0.23 to 0.24 at 1 to 10 Hz, where Agilus30 by itself has 1.3 to 1.4 at 20 degC."""
     relaxation_times_s: tuple[float, float, float, float] = (0.003, 0.03, 0.3, 3.0)
     """Time constant of each branch, s. Assumed: one per decade over what the tests span."""
     friction_stiffness_n_m: tuple[float, float] = (1036.7, 477.1)
     """Stiffness of each elastic-Coulomb (Jenkin) element of the jamming friction, N/m. Fitted to the reference model
-    (`shear_lag`) on load and return at -10 to -50 kPa."""
+    on load and return at -10 to -50 kPa."""
     friction_yield_n_per_pa: tuple[float, float] = (0.31346e-3, 0.31911e-3)
     """Yield force of each element per vacuum beyond the onset, before `friction_scale`, N/Pa. Fitted to the reference
     model, and to rows multi_vac10, multi_vac30 and multi_vac50."""

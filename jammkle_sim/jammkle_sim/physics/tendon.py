@@ -42,14 +42,6 @@ def yeoh_nominal_stress_pa(
     return 2.0 * (stretch - stretch**-2) * (c1_pa + 2.0 * c2_pa * invariant + 3.0 * c3_pa * invariant**2)
 
 
-def yeoh_tangent_pa(stretch: NDArray[np.float64], c1_pa: float, c2_pa: float, c3_pa: float) -> NDArray[np.float64]:
-    """Slope of `yeoh_nominal_stress_pa` over the stretch, Pa; same arguments."""
-    invariant = stretch**2 + 2.0 / stretch - 3.0
-    strain = stretch - stretch**-2
-    modulus = c1_pa + 2.0 * c2_pa * invariant + 3.0 * c3_pa * invariant**2
-    return 2.0 * (1.0 + 2.0 * stretch**-3) * modulus + 8.0 * strain**2 * (c2_pa + 3.0 * c3_pa * invariant)
-
-
 def force_table_n(fibres: Fibres, extension_step_m: float, points: int) -> NDArray[np.float64]:
     """Long-term static force of the bundle at extensions 0, step, 2 step ...
 

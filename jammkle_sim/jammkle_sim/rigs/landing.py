@@ -4,29 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jammkle_common import names
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.parameters import parameter
-from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
-from jammkle_sim.physics.constants import tendon_parameters
-from jammkle_sim.physics.pneumatics import PneumaticParameters
-from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.rigs.model import (
-    add_carriage,
-    add_hold,
-    add_imu_sensors,
-    add_load_cell,
-    add_slope,
-    ankle_laws,
-    compile_with_start,
-    hanging,
-    new_spec,
-    release,
-    touch_down_height_m,
-    weigh,
-)
+from jammkle_sim.physics.ankle import AnkleParameters
+from jammkle_sim.rigs.model import add_slope, ankle_under_carriage, new_spec, release, touch_down_height_m
 from jammkle_sim.rigs.options import (
     checked,
     drop_height_option,
@@ -87,35 +71,17 @@ def landing_built(options: LandingOptions, ankle: AnkleParameters | None = None)
 
     """
     ankle = ankle or AnkleParameters()
-    tendon = tendon_parameters(options.parameter_set)
-    pneumatics = PneumaticParameters()
-    sensors = SensorParameters(seed=options.seed)
-    spec = _spec(options, ankle, sensors)
-    return Rig(
-        name="landing",
-        spec=spec,
-        model=compile_with_start(spec, hanging(ankle)),
-        tendon_laws=ankle_laws(tendon, ankle, options.timestep_s),
-        pneumatics=pneumatics,
-        sensors=sensors,
-        events=(Event(round(options.release_time_s / options.timestep_s), release),),
-        options=options,
-        parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
-    )
-
-
-def _spec(options: LandingOptions, ankle: AnkleParameters, sensors: SensorParameters) -> Any:
     spec = new_spec("landing", options.timestep_s)
     add_slope(spec, options.slope_deg, options.friction, ankle.contact_time_s)
-    start_m = touch_down_height_m(options.slope_deg, ankle) + options.drop_height_m
-    carriage = add_carriage(spec, start_m, options.mass_kg - ankle.mass_kg)
-    leg = carriage.add_body(name="leg")
-    weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)
-    add_ankle(spec, leg, ankle, options.friction)
-    add_hold(spec, ankle.contact_time_s)
-    add_imu_sensors(spec, sensors)
-    add_load_cell(spec, leg)
-    return spec
+    return ankle_under_carriage(
+        spec,
+        options,
+        ankle,
+        start_m=touch_down_height_m(options.slope_deg, ankle) + options.drop_height_m,
+        mass_kg=options.mass_kg - ankle.mass_kg,
+        friction=options.friction,
+        events=(Event(round(options.release_time_s / options.timestep_s), release),),
+    )
 
 
 _REST_S = 2.0

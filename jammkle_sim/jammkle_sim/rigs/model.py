@@ -12,10 +12,13 @@ import numpy as np
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
-from jammkle_sim.physics.ankle import PITCH, corner_m, free_lengths_m
+from jammkle_sim.physics.ankle import PITCH, add_ankle, corner_m, free_lengths_m
+from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.physics.pneumatics import PneumaticParameters
+from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.physics.tendon import tendon_law
-from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, GYRO, LOAD_CELL
+from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, GYRO, LOAD_CELL, Rig
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,10 +27,10 @@ if TYPE_CHECKING:
 
     from jammkle_sim.physics.ankle import AnkleParameters
     from jammkle_sim.physics.constants import TendonParameters
-    from jammkle_sim.physics.sensors import SensorParameters
+    from jammkle_sim.rigs.rig import Event
 
 HOLD = "hold"
-"""Equality constraint that keeps the carriage where it starts."""
+"""What the names of constraints begin with that keep a machine where it starts."""
 DRIVE = "drive"
 """Actuator that moves the carriage; its control is a speed, m/s."""
 
@@ -105,18 +108,20 @@ def add_carriage(spec: Any, start_m: float, mass_kg: float) -> Any:
     return carriage
 
 
-def add_hold(spec: Any, contact_time_s: float) -> None:
-    """Hold the carriage where it starts, until `release` is called."""
-    hold = spec.add_equality(name=HOLD, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-    hold.name1 = CARRIAGE_JOINT
+def add_hold(spec: Any, contact_time_s: float, joint: str = CARRIAGE_JOINT) -> None:
+    """Hold a slide where it starts, until `release` is called."""
+    hold = spec.add_equality(name=f"{HOLD}_{joint}", type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+    hold.name1 = joint
     hold.data[:5] = 0.0
     hold.solref = (contact_time_s, 1.0)
     hold.solimp[:2] = 0.9999  # MuJoCo's hardest, so that the carriage does not sag when the rig starts
 
 
 def release(data: Any) -> None:
-    """Let go of a held carriage."""
-    data.eq_active[data.model.equality(HOLD).id] = 0
+    """Let go of what is held where it starts."""
+    for index in range(data.model.neq):
+        if data.model.equality(index).name.startswith(HOLD):
+            data.eq_active[index] = 0
 
 
 def add_drive(spec: Any, mass_kg: float, rate_rad_s: float) -> None:
@@ -188,6 +193,51 @@ def ankle_laws(tendon: TendonParameters, ankle: AnkleParameters, timestep_s: flo
         for free_length_m, channel in zip(free_lengths_m(ankle), channels, strict=True)
     ]
     return np.concatenate(laws)
+
+
+def ankle_under_carriage(
+    spec: Any,
+    options: Any,
+    ankle: AnkleParameters,
+    *,
+    start_m: float,
+    mass_kg: float,
+    friction: float,
+    events: tuple[Event, ...] = (),
+    pneumatics: PneumaticParameters | None = None,
+) -> Rig:
+    """Finish a rig whose ankle hangs under a carriage that is held where it starts.
+
+    Args:
+        spec: The mujoco.MjSpec, with what is in the rig beside the ankle; its name is the rig's.
+        options: What the rig was made from, with `seed`, `parameter_set` and `timestep_s`.
+        ankle: Constants of the ankle.
+        start_m: Height of the ankle's joint at the start, m.
+        mass_kg: Of the carriage, beside leg and foot.
+        friction: Coefficient of sliding friction of the foot.
+        events: What the rig does by itself.
+        pneumatics: Pump, valves and volumes; None: as they stand.
+
+    """
+    sensors, pneumatics = SensorParameters(seed=options.seed), pneumatics or PneumaticParameters()
+    tendon = tendon_parameters(options.parameter_set)
+    leg = add_carriage(spec, start_m, mass_kg).add_body(name="leg")
+    weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)
+    add_ankle(spec, leg, ankle, friction)
+    add_hold(spec, ankle.contact_time_s)
+    add_imu_sensors(spec, sensors)
+    add_load_cell(spec, leg)
+    return Rig(
+        name=spec.modelname,
+        spec=spec,
+        model=compile_with_start(spec, hanging(ankle)),
+        tendon_laws=ankle_laws(tendon, ankle, options.timestep_s),
+        pneumatics=pneumatics,
+        sensors=sensors,
+        events=events,
+        options=options,
+        parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
+    )
 
 
 def add_imu_sensors(spec: Any, sensors: SensorParameters) -> None:

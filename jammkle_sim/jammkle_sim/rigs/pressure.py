@@ -8,23 +8,10 @@ from typing import TYPE_CHECKING
 from jammkle_common import names
 from jammkle_common.constants import HELD_VACUUM_PA
 from jammkle_common.parameters import parameter
-from jammkle_sim.physics.ankle import AnkleParameters, add_ankle
-from jammkle_sim.physics.constants import tendon_parameters
+from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.pneumatics import PneumaticParameters
-from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.rigs.model import (
-    add_carriage,
-    add_hold,
-    add_imu_sensors,
-    add_load_cell,
-    ankle_laws,
-    compile_with_start,
-    hanging,
-    new_spec,
-    weigh,
-)
+from jammkle_sim.rigs.model import ankle_under_carriage, new_spec
 from jammkle_sim.rigs.options import parameter_set_option, replaced_within_range, run_timestep_option, seed_option
-from jammkle_sim.rigs.rig import Rig
 from jammkle_sim.rigs.run import Programme, RigKind
 from jammkle_sim.rigs.vacuum import VacuumStep
 
@@ -35,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_sim.rigs.recording import Series
+    from jammkle_sim.rigs.rig import Rig
 
 _ALL = "all"
 _START_S = 0.2
@@ -78,32 +66,20 @@ def pressure_rig(options: PressureOptions, ankle: AnkleParameters | None = None)
         ankle: Constants of the ankle; None: AnkleParameters as they stand.
 
     """
-    ankle, sensors = ankle or AnkleParameters(), SensorParameters(seed=options.seed)
-    tendon = tendon_parameters(options.parameter_set)
-    pneumatics = PneumaticParameters(
-        pump_free_flow_l_min=options.pump_free_flow_l_min,
-        pump_ultimate_vacuum_pa=options.pump_ultimate_vacuum_pa,
-        valve_dead_time_s=options.valve_dead_time_s,
-        leak_conductance_dm3_s_bar=options.leak_dm3_s_bar,
-    )
-    spec = new_spec("pressure", options.timestep_s)
-    carriage = add_carriage(spec, _HEIGHT_M, ankle.mass_kg)
-    leg = carriage.add_body(name="leg")
-    weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)
-    add_ankle(spec, leg, ankle, 0.0)
-    add_hold(spec, ankle.contact_time_s)
-    add_imu_sensors(spec, sensors)
-    add_load_cell(spec, leg)
-    rig = Rig(
-        name="pressure",
-        spec=spec,
-        model=compile_with_start(spec, hanging(ankle)),
-        tendon_laws=ankle_laws(tendon, ankle, options.timestep_s),
-        pneumatics=pneumatics,
-        sensors=sensors,
-        events=(),
-        options=options,
-        parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
+    ankle = ankle or AnkleParameters()
+    rig = ankle_under_carriage(
+        new_spec("pressure", options.timestep_s),
+        options,
+        ankle,
+        start_m=_HEIGHT_M,
+        mass_kg=ankle.mass_kg,
+        friction=0.0,
+        pneumatics=PneumaticParameters(
+            pump_free_flow_l_min=options.pump_free_flow_l_min,
+            pump_ultimate_vacuum_pa=options.pump_ultimate_vacuum_pa,
+            valve_dead_time_s=options.valve_dead_time_s,
+            leak_conductance_dm3_s_bar=options.leak_dm3_s_bar,
+        ),
     )
     channels = names.CHANNELS if options.channel == _ALL else (options.channel,)
     period_s = options.jam_time_s + options.vent_time_s

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.rigs.model import release
 from jammkle_sim.rigs.rig import GROUND, Event
 from jammkle_sim.robots.options import Behaviour
 
@@ -105,8 +106,6 @@ class Ground:
 IMPEDANCE_RATIO = 100.0
 """MuJoCo's impratio, as in the slip rig: a foot that sticks creeps by a hundredth of a millimetre a second, and by a
 millimetre with the 10 of the other rigs. It costs no time."""
-HOLD = "hold"
-"""Equality constraint that keeps the base where it starts, until it is released."""
 
 
 def compiled_on(
@@ -141,13 +140,6 @@ def events_of(options: RobotOptions, ankles: tuple[AttachedAnkle, ...]) -> tuple
         corners = tuple(corner for ankle in ankles for corner in ankle.corners)
         return (Event(round(options.slip_time_s / options.timestep_s), TurnSlippery(corners, options.slip_friction)),)
     return ()
-
-
-def release(data: Any) -> None:
-    """Let go of a held base."""
-    for index in range(data.model.neq):
-        if data.model.equality(index).name.startswith(HOLD):
-            data.eq_active[index] = 0
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.rigs.model import new_spec, weigh
+from jammkle_sim.rigs.model import add_hold, new_spec, weigh
 from jammkle_sim.rigs.options import checked
-from jammkle_sim.robots.ground import HOLD, IMPEDANCE_RATIO, Ground, compiled_on, events_of
+from jammkle_sim.robots.ground import IMPEDANCE_RATIO, Ground, compiled_on, events_of
 from jammkle_sim.robots.limb import HIP, KNEE, START_S, Fitting, Gait, LimbParameters, add_limb, make_servo
 from jammkle_sim.robots.options import Behaviour, RobotOptions
 from jammkle_sim.robots.robot import Robot
@@ -129,7 +129,8 @@ def leg(options: RobotOptions, parameters: LegParameters | None = None, ankle: A
         _add_boom(spec, parameters, options)
     if options.behaviour == Behaviour.DROP.value:
         drop_m = options.drop_height_m
-        _add_hold(spec, ankle.contact_time_s)
+        for joint in (BASE_X, BASE_Z):
+            add_hold(spec, ankle.contact_time_s, joint)
     angles_rad = limb.segments.angles_rad(0.0, -limb.stance_m)
     model = compiled_on(spec, base, ground, (attached,), dict(zip((HIP, KNEE), angles_rad, strict=True)), drop_m)
     tendon, pneumatics = tendon_parameters(options.parameter_set), PneumaticParameters()
@@ -160,13 +161,3 @@ def _add_boom(spec: Any, parameters: LegParameters, options: RobotOptions) -> No
     up = spec.add_actuator(name=BASE_Z, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=BASE_Z)
     make_servo(up, stiffness_n_m, 2.0 * math.sqrt(stiffness_n_m * mass_kg), 3.0 * weight_n)
     up.biasprm[0] = weight_n
-
-
-def _add_hold(spec: Any, contact_time_s: float) -> None:
-    for joint in (BASE_X, BASE_Z):
-        hold = spec.add_equality(name=f"{HOLD}_{joint}", type=mujoco.mjtEq.mjEQ_JOINT)
-        hold.objtype = mujoco.mjtObj.mjOBJ_JOINT
-        hold.name1 = joint
-        hold.data[:5] = 0.0
-        hold.solref = (contact_time_s, 1.0)
-        hold.solimp[:2] = 0.9999  # MuJoCo's hardest, so that it does not sag

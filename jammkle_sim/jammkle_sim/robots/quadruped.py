@@ -13,9 +13,9 @@ from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.rigs.model import new_spec
+from jammkle_sim.rigs.model import HOLD, new_spec
 from jammkle_sim.rigs.options import checked
-from jammkle_sim.robots.ground import HOLD, IMPEDANCE_RATIO, Ground, compiled_on, events_of
+from jammkle_sim.robots.ground import IMPEDANCE_RATIO, Ground, compiled_on, events_of
 from jammkle_sim.robots.limb import ABDUCTION, HIP, KNEE, Fitting, Gait, LimbParameters, abducted, add_limb, add_servo
 from jammkle_sim.robots.options import Behaviour, RobotOptions
 from jammkle_sim.robots.robot import Robot

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jammkle_sim.physics import shear_lag
 from jammkle_sim.physics.constants import TENDON_SETS, Fibre, tendon_parameters
-from jammkle_sim.physics.shear_lag import (
+from jammkle_sim.physics.tendon import force_table_n, yeoh_nominal_stress_pa
+from studies.paper import shear_lag
+from studies.paper.shear_lag import (
     PRINTED_FRICTION,
     Friction,
     NoConvergenceError,
@@ -20,8 +21,8 @@ from jammkle_sim.physics.shear_lag import (
     ShearLagTendon,
     hexagonal_packing,
     line_force_n_m,
+    yeoh_tangent_pa,
 )
-from jammkle_sim.physics.tendon import force_table_n, yeoh_nominal_stress_pa, yeoh_tangent_pa
 
 FIBRES = TENDON_SETS["fitted"].fibres
 PRINTED = TENDON_SETS["as_printed"].fibres

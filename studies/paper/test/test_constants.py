@@ -10,6 +10,7 @@ import pytest
 
 from jammkle_common import constants
 from jammkle_sim import physics
+from studies.paper import shear_lag
 from studies.paper.refit import UNKNOWNS
 from studies.paper.tables import ROWS
 
@@ -50,7 +51,7 @@ def documented(path: Path) -> dict[str, str]:
 OF_THE_GRAPH = {
     name: text for name, text in documented(Path(constants.__file__)).items() if name.startswith("STANDARD_")
 }
-CONSTANTS = documented(FOLDER / "constants.py") | documented(FOLDER / "shear_lag.py") | OF_THE_GRAPH
+CONSTANTS = documented(FOLDER / "constants.py") | documented(Path(shear_lag.__file__)) | OF_THE_GRAPH
 FITTED = {name: text for name, text in CONSTANTS.items() if "Fitted" in text}
 
 

@@ -1,11 +1,11 @@
 """The reference tendon: 18 fibres side by side, each with its own displacement along its length, rubbing on each other.
 
-Slower by orders of magnitude than the law in `kernels`, which it is there to check. Every fibre is a bar (Yeoh where it
-is soft, linear where it is stiff), every second one mirrored. Neighbours press on each other with a line force
-`p d / sqrt(3)` (hexagonal packing) and hold each other by Coulomb friction up to that force times the coefficient of
-their materials; below it the contact gives by elastic shear. As the pressure is given, each step is the minimum of a
-convex energy, so it has one solution at every pressure; a Newton method with a line search finds it. What slid is
-remembered, so loading and return differ. Without relaxation and without the membrane.
+Slower by orders of magnitude than the law of `jammkle_sim.physics.kernels`, which it is there to check. Every fibre is
+a bar (Yeoh where it is soft, linear where it is stiff), every second one mirrored. Neighbours press on each other with
+a line force `p d / sqrt(3)` (hexagonal packing) and hold each other by Coulomb friction up to that force times the
+coefficient of their materials; below it the contact gives by elastic shear. As the pressure is given, each step is the
+minimum of a convex energy, so it has one solution at every pressure; a Newton method with a line search finds it. What
+slid is remembered, so loading and return differ. Without relaxation and without the membrane.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import solveh_banded  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.physics.constants import FIBRE_COUNT, FIBRE_DIAMETER_M
-from jammkle_sim.physics.tendon import yeoh_nominal_stress_pa, yeoh_tangent_pa
+from jammkle_sim.physics.tendon import yeoh_nominal_stress_pa
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -260,6 +260,14 @@ class ShearLagTendon:
         bands[self._second - self._first, nodes, self._first] = -held_n_m
         bands[FIBRE_COUNT, :-1] = -bar_n_m[1:-1]
         return bands.reshape(FIBRE_COUNT + 1, -1)
+
+
+def yeoh_tangent_pa(stretch: NDArray[np.float64], c1_pa: float, c2_pa: float, c3_pa: float) -> NDArray[np.float64]:
+    """Slope of `yeoh_nominal_stress_pa` over the stretch, Pa; same arguments."""
+    invariant = stretch**2 + 2.0 / stretch - 3.0
+    strain = stretch - stretch**-2
+    modulus = c1_pa + 2.0 * c2_pa * invariant + 3.0 * c3_pa * invariant**2
+    return 2.0 * (1.0 + 2.0 * stretch**-3) * modulus + 8.0 * strain**2 * (c2_pa + 3.0 * c3_pa * invariant)
 
 
 def _mesh(edges_m: list[float], element_m: float) -> NDArray[np.float64]:
