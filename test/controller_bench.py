@@ -94,11 +94,11 @@ class Bench:
         for kind, topic, take in (
             (ContactEvent, CONTACT_EVENTS, self.events.append),
             (JamCommand, JAM_COMMAND, self.commands.append),
-            (DiagnosticArray, DIAGNOSTICS, self._hear),
+            (DiagnosticArray, DIAGNOSTICS, self._on_health),
         ):
             self.node.create_subscription(kind, topic.name, take, subscriber_qos(topic))
 
-    def _hear(self, message: DiagnosticArray) -> None:
+    def _on_health(self, message: DiagnosticArray) -> None:
         self.reports += 1
         self.health.update({status.name.split(": ")[1]: status for status in message.status})
 
@@ -115,12 +115,12 @@ class Bench:
         while not holds():
             if time.monotonic() > deadline_s:
                 said = self.events[-1:], self.commands[-1:], self.health, self.errors.read_text()
-                pytest.fail(f"gave up waiting until {what}; last heard: {said}")
+                pytest.fail(f"gave up waiting until {what}; last received: {said}")
             self.executor.spin_once(timeout_sec=0.05)
 
     def wait_until_up(self) -> None:
-        self.spin_until(lambda: bool(self.commands) and bool(self.health), "the controller is heard")
-        self.spin_until(lambda: self.imu.get_subscription_count() > 0, "the controller hears the IMU")
+        self.spin_until(lambda: bool(self.commands) and bool(self.health), "the controller is received")
+        self.spin_until(lambda: self.imu.get_subscription_count() > 0, "the controller receives the IMU")
 
     def feel(self, force_m_s2: float, time_s: float) -> None:
         """Publish one IMU sample with a specific force along z, and the noise of a living sensor."""
@@ -144,15 +144,15 @@ class Bench:
         for index in range(round(FALL_S / INTERVAL_S)):
             self.feel(0.0, LANDED_AT_S - FALL_S + index * INTERVAL_S)
         self.feel(40.0, LANDED_AT_S)
-        self.spin_until(lambda: self.kinds()[-1:] == [ContactEvent.IMPACT], "the impact is told")
+        self.spin_until(lambda: self.kinds()[-1:] == [ContactEvent.IMPACT], "the impact is reported")
 
     def kinds(self) -> list[int]:
         return [event.type for event in self.events]
 
-    def wishes(self) -> dict[str, float]:
+    def set_points_pa(self) -> dict[str, float]:
         return {channel.channel: channel.vacuum_pa for channel in self.commands[-1].channels}
 
-    def hear_more(self, count: int = 4) -> None:
+    def wait_more(self, count: int = 4) -> None:
         """Wait for some more commands of the steady stream."""
         seen = len(self.commands)
         self.spin_until(lambda: len(self.commands) >= seen + count, "commands go on")
@@ -172,7 +172,7 @@ class Bench:
     def driver_says(self, state: JamState) -> None:
         """Play the driver, latched as it is."""
         publisher = self.node.create_publisher(JamState, JAM_STATE.name, publisher_qos(JAM_STATE))
-        self.spin_until(lambda: publisher.get_subscription_count() > 0, "the controller hears the driver")
+        self.spin_until(lambda: publisher.get_subscription_count() > 0, "the controller receives the driver")
         publisher.publish(state)
 
     def policy_says(self, word: str) -> bool:

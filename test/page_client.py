@@ -1,4 +1,4 @@
-"""What a browser would hear and say: a client of the page that draws nothing, by the protocol of viser itself."""
+"""What a browser would receive and say: a client of the page that draws nothing, by the protocol of viser itself."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class PageClient:
         """Prepare.
 
         Args:
-            address: As `jammkle` tells it: `http://localhost:PORT`.
+            address: As `jammkle` prints it: `http://localhost:PORT`.
 
         """
         self._address = "ws://127.0.0.1:" + re.findall(r":(\d+)", address)[0]
@@ -61,7 +61,7 @@ class PageClient:
         """Send a message."""
         self._line.send(msgspec.msgpack.encode(message.as_serializable_dict()))
 
-    def hear(self, timeout_s: float) -> bool:
+    def receive(self, timeout_s: float) -> bool:
         """Take one frame without a look into it; return whether one came in time."""
         try:
             frame = self._line.recv(timeout=max(timeout_s, 0.0))
@@ -74,7 +74,7 @@ class PageClient:
 
     def take(self, timeout_s: float) -> None:
         """Take one frame and remember what it says."""
-        if self.hear(timeout_s):
+        if self.receive(timeout_s):
             for message in msgspec.msgpack.decode(self.raw)["messages"]:
                 self._note(message)
 

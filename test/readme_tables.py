@@ -30,8 +30,7 @@ from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.catalogue import ankle_alone
 from jammkle_sim.robots.urdf import UrdfNames, control_tags
-from jammkle_view.foxglove.parameters import FoxgloveParameters
-from jammkle_view.parameters import ViewerParameters
+from jammkle_view.parameters import FoxgloveParameters, ViewerParameters
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -47,8 +47,8 @@ class App:
         self.connection = connection
         self.channels: dict[str, dict[str, Any]] = {}
         self.messages: dict[int, list[tuple[int, bytes]]] = {}
-        self.told: list[dict[str, Any]] = []
-        self.wishes: dict[int, str] = {}
+        self.reported: list[dict[str, Any]] = []
+        self.requests: dict[int, str] = {}
         """What was asked for, by the number of its channel."""
 
     def listen_until(self, holds: Callable[[], bool], what: str) -> None:
@@ -61,21 +61,21 @@ class App:
                 continue
             if isinstance(frame, str):
                 said = json.loads(frame)
-                self.told.append(said)
+                self.reported.append(said)
                 for channel in said.get("channels", ()):
                     self.channels[channel["topic"]] = channel
                 # The server's library offers a channel a moment before it knows it, and refuses who is quicker.
                 for number in re.findall(r"Unknown channel ID: (\d+)", str(said.get("message"))):
-                    self.connection.send(self.wishes[int(number)])
+                    self.connection.send(self.requests[int(number)])
             elif frame[0] == MESSAGE:
                 subscription, time_ns = struct.unpack_from("<IQ", frame, 1)
                 self.messages.setdefault(subscription, []).append((time_ns, frame[13:]))
 
     def subscribe(self, number: int, topic: str) -> None:
         self.listen_until(lambda: topic in self.channels, f"{topic} is offered")
-        wish = {"op": "subscribe", "subscriptions": [{"id": number, "channelId": self.channels[topic]["id"]}]}
-        self.wishes[self.channels[topic]["id"]] = json.dumps(wish)
-        self.connection.send(json.dumps(wish))
+        request = {"op": "subscribe", "subscriptions": [{"id": number, "channelId": self.channels[topic]["id"]}]}
+        self.requests[self.channels[topic]["id"]] = json.dumps(request)
+        self.connection.send(json.dumps(request))
 
 
 def check_transform(data: bytes, urdf: str) -> None:
@@ -105,7 +105,7 @@ def test_the_app_gets_the_topics_it_looks_at(start: Callable[..., Up], tmp_path:
                 app.subscribe(number, f"/{topic.name}")
                 assert app.channels[f"/{topic.name}"]["schemaName"] == topic.message_type
                 assert app.channels[f"/{topic.name}"]["encoding"] == "cdr"
-            app.listen_until(lambda: {1, 2, 3, 4} <= set(app.messages), "every topic was heard")  # noqa: B023
+            app.listen_until(lambda: {1, 2, 3, 4} <= set(app.messages), "every topic was received")  # noqa: B023
             app.listen_until(lambda: len(app.messages[3]) > 100, "the IMU streams")  # noqa: B023
             state = deserialize_message(app.messages[1][0][1], JamState)
             assert [each.channel for each in state.channels] == ["peroneal_left", "peroneal_right", "achilles"]
@@ -114,7 +114,7 @@ def test_the_app_gets_the_topics_it_looks_at(start: Callable[..., Up], tmp_path:
             time_ns, data = app.messages[3][-1]
             stamp = deserialize_message(data, Imu).header.stamp
             assert abs(time_ns - (stamp.sec * 10**9 + stamp.nanosec)) < 10**9  # the graph's time, not this machine's
-            (info,) = [said for said in app.told if said["op"] == "serverInfo"]
+            (info,) = [said for said in app.reported if said["op"] == "serverInfo"]
             assert set(info["capabilities"]) == {"time"}  # nothing that would let it publish or call
     assert up.stop() == 0, up.text()
 

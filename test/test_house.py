@@ -50,7 +50,6 @@ PURE = (
     "jammkle_gap.monitor.twin",
     "jammkle_gap.report",
     "jammkle_view.core",
-    "jammkle_view.foxglove.server",
     "jammkle_view.page",
     "jammkle_view.playback",
     "jammkle_bringup.core",

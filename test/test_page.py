@@ -11,19 +11,17 @@ from page_client import PageClient
 
 from jammkle_common.names import ACHILLES, CARRIAGE_JOINT, CLOCK, JAM_STATE, JOINT_STATES, PERONEAL_LEFT
 from jammkle_msgs.msg import ChannelJamState
-from jammkle_view.core.knobs import Knob
-from jammkle_view.core.samples import Channel, ChannelState
-from jammkle_view.core.wishes import Action, Ask, Jam, SetSim, Unjam
-from jammkle_view.page.controls import AnkleControls
+from jammkle_view.core.models import Knob
+from jammkle_view.core.samples import Action, Ask, Channel, ChannelState, Jam, SetSim, Unjam
+from jammkle_view.page.controls import AnkleControls, SimControls
 from jammkle_view.page.server import address_of, serve
-from jammkle_view.page.sim_controls import SimControls
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from graph import Probe, Up
-    from jammkle_view.core.wishes import Wish
+    from jammkle_view.core.samples import Request
 
 RAISED_M = 0.1
 """150 mm less the 50 mm from which the ankle falls by default."""
@@ -50,7 +48,7 @@ def test_what_is_clicked_has_its_effect(
             page.wait_until(holds, what, lambda: probe.executor.spin_once(timeout_sec=0.0))
 
         until(lambda: "drop height [mm]" in page.labels(), "the page knows what is simulated")
-        until(lambda: probe.last(JOINT_STATES) is not None, "joint_states are heard")
+        until(lambda: probe.last(JOINT_STATES) is not None, "joint_states are received")
         held_m = joint(probe, CARRIAGE_JOINT)
         until(lambda: near(page.positions_m["/ankle/carriage"][2], held_m), "the scene shows where it is held")
 
@@ -93,7 +91,7 @@ def test_a_leg_is_put_on_a_slope(start: Callable[..., Up], make_probe: Callable[
             page.wait_until(holds, what, lambda: probe.executor.spin_once(timeout_sec=0.0))
 
         until(lambda: "slope [deg]" in page.labels(), "the page knows what is simulated")
-        until(lambda: probe.last(JOINT_STATES) is not None, "joint_states are heard")
+        until(lambda: probe.last(JOINT_STATES) is not None, "joint_states are received")
         flat_rad = joint(probe, "ankle_pitch")
         page.change("slope [deg]", STEEP_DEG)
         until(lambda: "slope_deg is 12" in page.text(), "the simulation has taken the slope")
@@ -105,10 +103,10 @@ def test_a_leg_is_put_on_a_slope(start: Callable[..., Up], make_probe: Callable[
 
 def test_every_simulation_is_asked() -> None:
     """Two ankles in simulations of their own are paused by one click, and get the same slope."""
-    wishes: list[Wish] = []
+    requests: list[Request] = []
     server = serve("localhost", 0, "two ankles")
     try:
-        controls = SimControls(server.gui, wishes.append)
+        controls = SimControls(server.gui, requests.append)
         with PageClient(address_of(server)) as page:
             controls.offer(("left", "right"), (Knob("slope_deg", "slope [deg]", 0.0, 40.0, 1.0, 0.0),))
             page.wait_until(lambda: "slope [deg]" in page.labels(), "it can be asked")
@@ -116,7 +114,7 @@ def test_every_simulation_is_asked() -> None:
             page.change("slope [deg]", 7.0)
             asked = {*(Ask(who, Action.PAUSE) for who in ("left", "right"))}
             asked |= {SetSim(who, "slope_deg", 7.0) for who in ("left", "right")}
-            page.wait_until(lambda: asked <= set(wishes), "both are asked")
+            page.wait_until(lambda: asked <= set(requests), "both are asked")
             controls.show("slope_deg", 3.0)
             page.wait_until(lambda: page.value("slope [deg]") == 3.0, "it shows what a simulation has")
     finally:
@@ -129,31 +127,31 @@ def test_controls_agree_with_what_is_held() -> None:
     def channels(state: ChannelState, vacuum_pa: float = 0.0) -> dict[str, Channel]:
         return {ACHILLES: Channel(state, vacuum_pa, vacuum_pa, "asked by jam_command")}
 
-    wishes: list[Wish] = []
+    requests: list[Request] = []
     server = serve("localhost", 0, "an ankle")
     try:
-        controls = AnkleControls(server.gui, "", wishes.append)
+        controls = AnkleControls(server.gui, "", requests.append)
         with PageClient(address_of(server)) as page:
             assert controls.show(channels(ChannelState.JAMMED, 4e4)) == ""
             page.wait_until(lambda: "vacuum [kPa]" in page.labels(), "the page is there")
             page.wait_until(lambda: page.value("vacuum [kPa]") == 40.0, "the slider is where the controller is")
             page.change("achilles", "Jam")
-            page.wait_until(lambda: Jam("", (ACHILLES,), 4e4) in wishes, "what is held is asked for")
+            page.wait_until(lambda: Jam("", (ACHILLES,), 4e4) in requests, "what is held is asked for")
             page.change("vacuum [kPa]", 60.0)
             page.wait_until(lambda: controls._vacuum_kpa.value == 60.0, "the slider was moved")
             controls.show(channels(ChannelState.JAMMED, 4e4))
             page.change("achilles", "Jam")
-            page.wait_until(lambda: Jam("", (ACHILLES,), 6e4) in wishes, "what was chosen is asked for")
+            page.wait_until(lambda: Jam("", (ACHILLES,), 6e4) in requests, "what was chosen is asked for")
             page.change("peroneal left", "Jam")
-            page.wait_until(lambda: Jam("", (PERONEAL_LEFT,), 4e4) in wishes, "with another jammed, its vacuum")
+            page.wait_until(lambda: Jam("", (PERONEAL_LEFT,), 4e4) in requests, "with another jammed, its vacuum")
             page.wait_until(lambda: page.value("vacuum [kPa]") == 40.0, "and the slider says so")
             page.change("vacuum [kPa]", 60.0)
             page.wait_until(lambda: controls._vacuum_kpa.value == 60.0, "the slider was moved again")
             page.change("all channels", "Jam")
-            page.wait_until(lambda: Jam("", (), 6e4) in wishes, "all channels may change at once")
+            page.wait_until(lambda: Jam("", (), 6e4) in requests, "all channels may change at once")
 
             page.change("achilles", "Unjam")
-            page.wait_until(lambda: Unjam("", (ACHILLES,)) in wishes, "it is to be unjammed")
+            page.wait_until(lambda: Unjam("", (ACHILLES,)) in requests, "it is to be unjammed")
             assert controls.show(channels(ChannelState.JAMMED, 4e4)) == ""  # it has not been yet
             assert controls.show(channels(ChannelState.VENTING)) == ""
             said = controls.show(channels(ChannelState.JAMMING, 4e4))
@@ -182,7 +180,7 @@ def clock_ns(probe: Probe) -> int:
 
 
 def ticks(probe: Probe) -> int:
-    """How often /clock is heard in some 0.4 s."""
+    """How often /clock is received in some 0.4 s."""
     before = len(probe.heard[CLOCK.name])
     for _ in range(20):
         probe.executor.spin_once(timeout_sec=0.02)

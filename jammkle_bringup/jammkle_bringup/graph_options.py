@@ -34,8 +34,7 @@ from jammkle_common.names import (
 )
 from jammkle_common.parameters import ParameterError, rows
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_view.foxglove.parameters import NOT_INSTALLED as NO_FOXGLOVE
-from jammkle_view.parameters import NOT_INSTALLED as NO_PAGE
+from jammkle_view.parameters import NO_FOXGLOVE, NO_PAGE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

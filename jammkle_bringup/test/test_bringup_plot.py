@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from jammkle_bringup.core.run_plot import run_picture
 from jammkle_bringup.core.run_samples import STRETCHES, Envelope
 from jammkle_common.command.main import main
+from jammkle_view.core.figure import EVENT_TINTS, LINE_TINTS
 from jammkle_view.core.samples import EventKind
-from jammkle_view.core.tints import EVENT_TINTS, LINE_TINTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

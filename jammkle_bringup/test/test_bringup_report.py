@@ -15,7 +15,7 @@ from jammkle_bringup.demo import summary_table
 from jammkle_common.command.results import STATE_COLOURS
 from jammkle_common.diagnostics import LIVENESS_LINE, MISSED_AFTER_S, SILENT_FOR
 from jammkle_common.names import TOPICS
-from jammkle_view.core.tints import STATE_TINTS, css
+from jammkle_view.core.figure import STATE_TINTS, css
 
 STATUS = JamStatus(1.0, False, 50.0, (ChannelStatus("achilles", "JAMMED", 50.0, 49.0, ""),))  # noqa: FBT003 - the message's order
 HEALTH = (

@@ -13,28 +13,9 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float32, String
 from std_srvs.srv import SetBool
 
-from jammkle_common import wire
+from jammkle_common import names, wire
 from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
 from jammkle_common.lockstep import LockstepNode
-from jammkle_common.names import (
-    ANKLE_JOINTS,
-    CONTACT_EVENTS,
-    CONTACT_STATE,
-    CONTROLLER_NODE,
-    FOOT_CONTACT,
-    GAIT_PHASE,
-    IMU,
-    JAM_COMMAND,
-    JAM_STATE,
-    JOINT_STATES,
-    LOAD_CELL,
-    ODOMETRY,
-    PLANNED_CONTACT,
-    ROBOT_DESCRIPTION,
-    SET_AUTO,
-    SET_CONTACT,
-    WAY_BACK,
-)
 from jammkle_common.parameters import ParameterError, declare, on_change
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_controller.conversions import (
@@ -79,13 +60,13 @@ VACUUM_PARAMETERS = ("hold_vacuum_pa", "full_vacuum_pa")
 """Parameters that the driver must take."""
 
 INPUT_TOPICS = {
-    Input.CONTACT_SWITCH: FOOT_CONTACT.name,
-    Input.LOAD: LOAD_CELL.name,
-    Input.GAIT_PHASE: GAIT_PHASE.name,
-    Input.PLANNED_CONTACT: PLANNED_CONTACT.name,
-    Input.JOINTS: JOINT_STATES.name,
-    Input.EFFORTS: JOINT_STATES.name,
-    Input.ODOMETRY: ODOMETRY.name,
+    Input.CONTACT_SWITCH: names.FOOT_CONTACT.name,
+    Input.LOAD: names.LOAD_CELL.name,
+    Input.GAIT_PHASE: names.GAIT_PHASE.name,
+    Input.PLANNED_CONTACT: names.PLANNED_CONTACT.name,
+    Input.JOINTS: names.JOINT_STATES.name,
+    Input.EFFORTS: names.JOINT_STATES.name,
+    Input.ODOMETRY: names.ODOMETRY.name,
 }
 """Where each of the optional inputs is received."""
 
@@ -112,7 +93,7 @@ class ControllerNode(LockstepNode):
             ParameterError: an unknown parameter was given, or a value is out of range.
 
         """
-        super().__init__(CONTROLLER_NODE, **node_options)
+        super().__init__(names.CONTROLLER_NODE, **node_options)
         values = declare(self, ControllerParameters)
         self._auto = values.auto_at_start
         self._controller = AnkleController(values)
@@ -123,7 +104,7 @@ class ControllerNode(LockstepNode):
         self._description = ""
         self._body_frame = ""
         shared = f"{values.robot_namespace.rstrip('/')}/" if values.robot_namespace else ""
-        self._inputs = {**INPUT_TOPICS, Input.ODOMETRY: shared + ODOMETRY.name}
+        self._inputs = {**INPUT_TOPICS, Input.ODOMETRY: shared + names.ODOMETRY.name}
         self._leg_trouble = ""
         self._driver = DriverView()
         self._driver_reported = False
@@ -134,33 +115,40 @@ class ControllerNode(LockstepNode):
         self.add_on_set_parameters_callback(self._refuse_what_the_driver_refuses)
         on_change(self, ControllerParameters, self._configure)
 
-        self._commands = self.create_publisher(JamCommand, JAM_COMMAND.name, publisher_qos(JAM_COMMAND))
-        self._events = self.create_publisher(ContactEvent, CONTACT_EVENTS.name, publisher_qos(CONTACT_EVENTS))
-        self._contact = self.create_publisher(ContactState, CONTACT_STATE.name, publisher_qos(CONTACT_STATE))
+        self._commands, self._events, self._contact = (
+            self.create_publisher(kind, topic.name, publisher_qos(topic))
+            for kind, topic in (
+                (JamCommand, names.JAM_COMMAND),
+                (ContactEvent, names.CONTACT_EVENTS),
+                (ContactState, names.CONTACT_STATE),
+            )
+        )
         self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
-        self.create_service(SetBool, SET_AUTO.name, self._set_auto)
-        self.create_service(SetBool, SET_CONTACT.name, self._set_contact)
+        self.create_service(SetBool, names.SET_AUTO.name, self._set_auto)
+        self.create_service(SetBool, names.SET_CONTACT.name, self._set_contact)
         self.every(1.0 / values.command_rate_hz, self._repeat)
         self._liveness = Liveness(self)
-        self.create_subscription(JamState, JAM_STATE.name, self._on_driver, subscriber_qos(JAM_STATE))
-        self.create_subscription(Imu, IMU.name, self._on_imu, subscriber_qos(IMU), raw=True)
+        self.create_subscription(JamState, names.JAM_STATE.name, self._on_driver, subscriber_qos(names.JAM_STATE))
+        self.create_subscription(Imu, names.IMU.name, self._on_imu, subscriber_qos(names.IMU), raw=True)
         for kind, topic, take in (
-            (Bool, FOOT_CONTACT, lambda m, ns: self._controller.on_switch(closed=m.data, time_ns=ns)),
-            (Bool, PLANNED_CONTACT, lambda m, ns: self._controller.on_plan(contact=m.data, time_ns=ns)),
-            (Float32, GAIT_PHASE, lambda m, ns: self._controller.on_phase(m.data, ns)),
+            (Bool, names.FOOT_CONTACT, lambda m, ns: self._controller.on_switch(closed=m.data, time_ns=ns)),
+            (Bool, names.PLANNED_CONTACT, lambda m, ns: self._controller.on_plan(contact=m.data, time_ns=ns)),
+            (Float32, names.GAIT_PHASE, lambda m, ns: self._controller.on_phase(m.data, ns)),
         ):
             self.create_subscription(kind, topic.name, partial(self._on_unstamped, take), subscriber_qos(topic))
-        self.create_subscription(WrenchStamped, LOAD_CELL.name, self._on_load, subscriber_qos(LOAD_CELL))
-        self.create_subscription(JointState, JOINT_STATES.name, self._on_joints, subscriber_qos(JOINT_STATES))
+        self.create_subscription(WrenchStamped, names.LOAD_CELL.name, self._on_load, subscriber_qos(names.LOAD_CELL))
+        self.create_subscription(
+            JointState, names.JOINT_STATES.name, self._on_joints, subscriber_qos(names.JOINT_STATES)
+        )
         if values.use_odometry:
             topic = self._inputs[Input.ODOMETRY]
-            self.create_subscription(Odometry, topic, self._on_odometry, subscriber_qos(ODOMETRY))
+            self.create_subscription(Odometry, topic, self._on_odometry, subscriber_qos(names.ODOMETRY))
         if values.robot_description:
             self._know(leg_of(values.robot_description, values))
         elif values.needs_leg:
-            topic = shared + ROBOT_DESCRIPTION.name
+            topic = shared + names.ROBOT_DESCRIPTION.name
             self._leg_trouble = f"no robot_description on {self.resolve_topic_name(topic)}"
-            self.create_subscription(String, topic, self._on_description, subscriber_qos(ROBOT_DESCRIPTION))
+            self.create_subscription(String, topic, self._on_description, subscriber_qos(names.ROBOT_DESCRIPTION))
 
     def _on_imu(self, serialized: bytes) -> None:
         measured = wire.read(serialized, wire.IMU_DOUBLES)
@@ -180,10 +168,10 @@ class ControllerNode(LockstepNode):
         self._take(reaction, message.header.frame_id)
 
     def _on_joints(self, message: JointState) -> None:
-        roll_rad, time_ns = joint_position(message, ANKLE_JOINTS[0]), nanoseconds(message.header.stamp)
+        roll_rad, time_ns = joint_position(message, names.ANKLE_JOINTS[0]), nanoseconds(message.header.stamp)
         if roll_rad is not None:
             self._controller.inputs.on_roll(roll_rad, time_ns)
-            pitch_rad = joint_position(message, ANKLE_JOINTS[1])
+            pitch_rad = joint_position(message, names.ANKLE_JOINTS[1])
             if pitch_rad is not None:
                 self._controller.inputs.on_pitch(pitch_rad)
         if self._values.use_efforts:
@@ -258,7 +246,7 @@ class ControllerNode(LockstepNode):
         if self._auto:
             self._command(anew=True)
         does = "stands, and is held" if request.data else "does not stand, and is soft"
-        manual = "" if self._auto else f"; automatic jamming is off; {WAY_BACK}"
+        manual = "" if self._auto else f"; automatic jamming is off; {names.WAY_BACK}"
         response.message = f"the foot {does} until something else is felt{manual}"
         self._publish_contact()
         self._diagnostics.check()
@@ -272,14 +260,14 @@ class ControllerNode(LockstepNode):
             self._command(anew=True)
             response.message = (
                 f"automatic jamming is on ({self._controller.state.value}): "
-                f"{JAM_COMMAND.name} now asks for {self._controller.vacuum_pa:.0f} Pa in every channel"
+                f"{names.JAM_COMMAND.name} now asks for {self._controller.vacuum_pa:.0f} Pa in every channel"
             )
             trouble = self._driver.first_clear
             response.message += f"; {trouble}" if trouble else ""
         else:
             response.message = (
-                f"automatic jamming is off: {JAM_COMMAND.name} stops, and the driver vents the channels that it jammed "
-                "after its command_timeout_s; channels jammed by service stay as they are"
+                f"automatic jamming is off: {names.JAM_COMMAND.name} stops, and the driver vents the channels that it "
+                "jammed after its command_timeout_s; channels jammed by service stay as they are"
             )
         self._diagnostics.check()
         return response
@@ -327,7 +315,7 @@ class ControllerNode(LockstepNode):
         counts = self._controller.gate.counts
         self._freshness.observe(counts.usable, now_s)
         trouble = self._trouble.recent(counts, now_s)
-        imu = imu_health(self._controller, self._freshness, self.resolve_topic_name(IMU.name), trouble=trouble)
+        imu = imu_health(self._controller, self._freshness, self.resolve_topic_name(names.IMU.name), trouble=trouble)
         by_hand = self._driver.by_hand if self._controller.vacuum_pa > 0.0 else ()
         policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver(), by_hand=by_hand)
         time_ns = max(self.get_clock().now().nanoseconds, self._controller.gate.last_ns or 0)

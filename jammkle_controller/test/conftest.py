@@ -136,12 +136,12 @@ class Streams:
         return AnkleController(ControllerParameters())
 
     def events_of(self, samples: list[ImuSample], controller: AnkleController | None = None) -> list[ContactEvent]:
-        """Return what a controller, a new one if none is given, tells of these samples."""
+        """Return what a controller, a new one if none is given, reports of these samples."""
         controller = controller or self.new_controller()
         return [event for sample in samples for event in controller.update(sample).events]
 
     def kinds_of(self, samples: list[ImuSample]) -> list[ContactKind]:
-        """Return the kinds of what a new controller tells of these samples."""
+        """Return the kinds of what a new controller reports of these samples."""
         return [event.kind for event in self.events_of(samples)]
 
 

@@ -1,4 +1,4 @@
-"""An IMU that cannot be believed: told, detection unavailable, and a robot that stands is not vented."""
+"""An IMU that cannot be believed: reported, detection unavailable, and a robot that stands is not vented."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def frozen(sample: ImuSample) -> ImuSample:
 def test_a_broken_imu_does_not_vent_a_robot_that_stands(
     streams: Any, change: Callable[[ImuSample], ImuSample], trouble: ImuTrouble
 ) -> None:
-    """Whatever breaks, it is named, nothing is told that was not felt, and the stance is held; it is believed again."""
+    """Whatever breaks, it is named, no event is made up, and the stance is held; it is believed again."""
     controller, last_ns = standing(streams)
     broken = [change(sample) for sample in later(streams.sense(streams.rest(1.0), 500), last_ns)]
     events = streams.events_of(broken, controller)
@@ -158,7 +158,7 @@ def test_more_than_half_of_the_samples_must_be_bad(
 
 @pytest.mark.parametrize("rate_hz", [250, 1000])
 def test_readings_in_g_are_refused_from_the_start(streams: Any, rate_hz: int) -> None:
-    """An IMU in g looks like free fall; it is told after 0.1 s, a whole landing gives no event, and nothing moves."""
+    """An IMU in g looks like free fall; it is named after 0.1 s, a whole landing gives no event, and nothing moves."""
     controller = streams.new_controller()
     samples = [scaled(force=1.0 / 9.80665)(sample) for sample in streams.sense(streams.drop(*KICK)[0], rate_hz)]
     assert streams.events_of(samples, controller) == []
@@ -167,8 +167,8 @@ def test_readings_in_g_are_refused_from_the_start(streams: Any, rate_hz: int) ->
 
 
 @pytest.mark.parametrize("stood_s", [0.03, 0.09])
-def test_an_imu_that_is_heard_just_before_a_fall_is_believed(streams: Any, stood_s: float) -> None:
-    """A controller that joins late, a moment before the release, tells the whole landing."""
+def test_an_imu_that_is_received_just_before_a_fall_is_believed(streams: Any, stood_s: float) -> None:
+    """A controller that joins late, a moment before the release, reports the whole landing."""
     samples = streams.sense(streams.drop(*KICK)[0], 500)
     lifted = next(event for event in streams.events_of(samples) if event.kind is ContactKind.LIFTOFF)
     begin_ns = lifted.time_ns - round((stood_s + 0.03) * 1e9)
@@ -176,7 +176,7 @@ def test_an_imu_that_is_heard_just_before_a_fall_is_believed(streams: Any, stood
     assert kinds == [ContactKind.LIFTOFF, ContactKind.IMPACT, ContactKind.SETTLED]
 
 
-def test_degrees_per_second_are_told_by_the_turning_of_gravity(streams: Any) -> None:
+def test_degrees_per_second_are_reported_by_the_turning_of_gravity(streams: Any) -> None:
     """A gyro in deg/s, or one turned the wrong way, does not fit the turning of gravity; one in order does."""
     for rate, trouble in ((1.0, None), (math.degrees(1.0), ImuTrouble.TURNING), (-1.0, ImuTrouble.FRAME)):
         controller = streams.new_controller()
@@ -197,7 +197,7 @@ def test_an_imu_that_was_in_degrees_is_believed_after_half_a_second_at_rest(stre
     assert controller.watch.trouble is None
 
 
-def test_a_sensor_at_the_end_of_its_range_is_told(streams: Any) -> None:
+def test_a_sensor_at_the_end_of_its_range_is_reported(streams: Any) -> None:
     """An accelerometer that reads the end of its range all the time measures nothing."""
     controller, last_ns = standing(streams)
     samples = later(streams.sense(streams.rest(1.0), 500), last_ns)
@@ -210,7 +210,7 @@ def test_a_sensor_at_the_end_of_its_range_is_told(streams: Any) -> None:
 @pytest.mark.parametrize(
     ("configured_hz", "sent_hz", "fits"), [(500.0, 500, True), (500.0, 100, False), (0.0, 100, True)]
 )
-def test_a_rate_far_from_the_configured_one_is_told(
+def test_a_rate_far_from_the_configured_one_is_reported(
     streams: Any, configured_hz: float, sent_hz: int, *, fits: bool
 ) -> None:
     """Half or twice the configured rate is another sensor; without a configured rate any from 50 Hz will do."""
@@ -220,7 +220,7 @@ def test_a_rate_far_from_the_configured_one_is_told(
 
 
 def test_readings_that_are_held_are_no_fault(streams: Any) -> None:
-    """An IMU of 125 Hz that is read at 500 Hz repeats every reading; the landing is told as ever."""
+    """An IMU of 125 Hz that is read at 500 Hz repeats every reading; the landing is reported as ever."""
     samples = streams.sense(streams.drop(*KICK)[0], 500)
     held = [samples[i - i % 4]._replace(time_ns=sample.time_ns) for i, sample in enumerate(samples)]
     controller = streams.new_controller()
@@ -290,44 +290,44 @@ def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any, planned_share: 
 
 
 def test_a_plan_that_fell_silent_leaves_the_swings_to_the_phase(streams: Any) -> None:
-    """Two seconds after the last gait/contact stance_share counts again, and the plan is not named as heard."""
+    """Two seconds after the last gait/contact stance_share counts again, and the plan is not named as received."""
     controller, last_ns = standing(streams)
-    stride_s, told_s, vented_s = 0.5, 1.0, []
+    stride_s, reported_s, vented_s = 0.5, 1.0, []
     for sample in later(streams.sense(streams.rest(5.0), 500), last_ns):
         since_s = (sample.time_ns - last_ns) * 1e-9
         phase = (since_s / stride_s) % 1.0
         before = controller.set_points_pa
-        if since_s < told_s:
+        if since_s < reported_s:
             controller.on_plan(contact=phase < 0.7, time_ns=sample.time_ns)
         controller.on_phase(phase, sample.time_ns)
         controller.update(sample)
         if controller.set_points_pa == SOFT and before == HELD:
             vented_s.append(since_s)
         told_lately = Input.PLANNED_CONTACT in controller.inputs.received(sample.time_ns)
-        assert told_lately is (since_s < told_s + PLAN_SILENT_S - 0.002)
-    by_plan = [at_s for at_s in vented_s if at_s < told_s]
-    by_phase = [at_s for at_s in vented_s if at_s > told_s + PLAN_SILENT_S]
+        assert told_lately is (since_s < reported_s + PLAN_SILENT_S - 0.002)
+    by_plan = [at_s for at_s in vented_s if at_s < reported_s]
+    by_phase = [at_s for at_s in vented_s if at_s > reported_s + PLAN_SILENT_S]
     assert [at_s % stride_s for at_s in by_plan] == pytest.approx([0.35] * 2, abs=0.006)
     assert [at_s % stride_s for at_s in by_phase] == pytest.approx([0.25] * 4, abs=0.006)
 
 
 def test_a_load_that_goes_vents_and_jams_again_as_it_comes(streams: Any) -> None:
-    """Unloading is told within 40 ms of a cell at 100 Hz on an IMU at rest; a foot half relieved goes on standing."""
+    """Unloading is reported within 40 ms of a cell at 100 Hz, on an IMU at rest; a foot half relieved stands."""
     controller = AnkleController(ControllerParameters(use_load=True))
     streams.events_of(streams.sense(streams.drop(*KICK)[0], 500), controller)
     last_ns = controller.gate.last_ns or 0
-    wishes = {}
+    set_points_pa = {}
     for number, sample in enumerate(later(streams.sense(streams.rest(2.0), 500), last_ns)):
         since_s = 0.002 * number
         load_n = 40.0 if since_s < 0.5 else 12.0 if since_s < 0.8 else 2.0 if since_s < 1.2 else 40.0
         if number % 5 == 0:
             controller.on_load(load_n, sample.time_ns)
         controller.update(sample)
-        wishes[number * 2] = controller.set_points_pa
-    assert wishes[798] == HELD
-    assert wishes[840] == SOFT
-    assert wishes[1198] == SOFT
-    assert wishes[1270] == HELD
+        set_points_pa[number * 2] = controller.set_points_pa
+    assert set_points_pa[798] == HELD
+    assert set_points_pa[840] == SOFT
+    assert set_points_pa[1198] == SOFT
+    assert set_points_pa[1270] == HELD
 
 
 def test_a_rate_that_is_not_the_configured_one_is_named_with_both_numbers(streams: Streams) -> None:

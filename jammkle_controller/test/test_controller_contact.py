@@ -42,19 +42,21 @@ def new_controller(mount: str = "body", **parameters: object) -> AnkleController
 
 
 def feel(
-    controller: AnkleController, samples: list[ImuSample], hear: Callable[[AnkleController, int], object] | None = None
+    controller: AnkleController,
+    samples: list[ImuSample],
+    receive: Callable[[AnkleController, int], object] | None = None,
 ) -> AnkleController:
-    """Let a controller feel samples, and hear something before each tenth of them."""
+    """Let a controller feel samples, and receive something before each tenth of them."""
     for number, sample in enumerate(samples):
-        if hear is not None and number % 10 == 0:
-            hear(controller, sample.time_ns)
+        if receive is not None and number % 10 == 0:
+            receive(controller, sample.time_ns)
         controller.update(sample)
     return controller
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_what_rests_unexplained_is_unknown_held_and_a_warning(streams: Streams, mount: str) -> None:
-    """An IMU at rest tells no stance from hanging on any mount: held after 1 s, unknown all the same, and told so."""
+    """An IMU at rest cannot separate standing from hanging: held after 1 s, unknown all the same, and a warning."""
     controller = feel(new_controller(mount), at_rest(streams, 0.9))
     assert (controller.contact.contact, controller.set_points_pa) == (Contact.UNKNOWN, SOFT)
     controller = feel(new_controller(mount), at_rest(streams, 2.5))
@@ -67,7 +69,7 @@ def test_what_rests_unexplained_is_unknown_held_and_a_warning(streams: Streams, 
 
 
 @pytest.mark.parametrize(
-    ("hear", "contact"),
+    ("receive", "contact"),
     [
         (lambda c, ns: c.inputs.on_pull(3.4, ns), Contact.NO_CONTACT),
         (lambda c, ns: c.inputs.on_pull(-14.0, ns), Contact.CONTACT),
@@ -83,10 +85,10 @@ def test_what_rests_unexplained_is_unknown_held_and_a_warning(streams: Streams, 
 )
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_what_else_is_known_decides_for_what_rests(
-    streams: Streams, mount: str, hear: Callable[[AnkleController, int], object], contact: Contact
+    streams: Streams, mount: str, receive: Callable[[AnkleController, int], object], contact: Contact
 ) -> None:
     """A load cell's sign, a switch, a gait and the soft ankle's angle show stance or hanging; only hanging is soft."""
-    controller = feel(new_controller(mount), at_rest(streams), hear)
+    controller = feel(new_controller(mount), at_rest(streams), receive)
     assert controller.contact.contact is contact
     assert controller.set_points_pa == (SOFT if contact is Contact.NO_CONTACT else HELD)
 
@@ -133,32 +135,36 @@ def test_an_imu_that_is_not_believed_makes_contact_unknown(streams: Streams) -> 
     assert controller.set_points_pa == HELD
 
 
-def test_contact_is_told_and_a_soft_stance_with_the_way_back(make_bench: Callable[..., Bench]) -> None:
+def test_contact_is_reported_and_a_soft_stance_with_the_way_back(make_bench: Callable[..., Bench]) -> None:
     """A channel vented by service in a stance: soft_in_stance and a WARN that names the way back, which sends anew."""
     bench = make_bench()
-    told: list[ContactState] = []
-    bench.node.create_subscription(ContactState, CONTACT_STATE.name, told.append, subscriber_qos(CONTACT_STATE))
+    reported: list[ContactState] = []
+    bench.node.create_subscription(ContactState, CONTACT_STATE.name, reported.append, subscriber_qos(CONTACT_STATE))
     bench.wait_until_up()
-    bench.spin_until(lambda: told[-1:] != [] and told[-1].contact == ContactState.UNKNOWN, "unknown at first")
+    bench.spin_until(lambda: reported[-1:] != [] and reported[-1].contact == ContactState.UNKNOWN, "unknown at first")
     bench.driver_says(JamState(channels=[ChannelJamState(channel=channel) for channel in CHANNELS]))
     bench.land()
     bench.stand(LANDED_AT_S + 0.002, LANDED_AT_S + 0.1)
-    bench.spin_until(lambda: told[-1].contact == ContactState.CONTACT, "the landing is contact")
-    assert "impact" in told[-1].shown_by
+    bench.spin_until(lambda: reported[-1].contact == ContactState.CONTACT, "the landing is contact")
+    assert "impact" in reported[-1].shown_by
     by_hand = [ChannelJamState(channel=channel, reason=f"asked by {UNJAM.name}") for channel in CHANNELS]
     bench.driver_says(JamState(channels=by_hand))
-    bench.spin_until(lambda: told[-1].soft_in_stance, "the soft stance is flagged")
-    assert SET_AUTO.path in told[-1].text
+    bench.spin_until(lambda: reported[-1].soft_in_stance, "the soft stance is flagged")
+    assert SET_AUTO.path in reported[-1].text
     bench.spin_until(lambda: bench.health["contact"].level == DiagnosticStatus.WARN, "and is a warning")
     assert SET_AUTO.path in bench.health["contact"].message
     bench.commands.clear()
     assert bench.set_auto(on=True).success
-    bench.spin_until(lambda: any(command.anew for command in bench.commands), "the wish is sent anew")
+    bench.spin_until(lambda: any(command.anew for command in bench.commands), "the set point is sent anew")
     bench.commands.clear()
     answer = bench.call(SetBool, SET_CONTACT.path, SetBool.Request(data=False))
     assert answer.success
-    bench.spin_until(lambda: any(c.anew for c in bench.commands) and bench.wishes() == SOFT, "and vents on set_contact")
-    bench.spin_until(lambda: told[-1].contact == ContactState.NO_CONTACT and not told[-1].soft_in_stance, "it hangs")
+    bench.spin_until(
+        lambda: any(c.anew for c in bench.commands) and bench.set_points_pa() == SOFT, "and vents on set_contact"
+    )
+    bench.spin_until(
+        lambda: reported[-1].contact == ContactState.NO_CONTACT and not reported[-1].soft_in_stance, "it hangs"
+    )
     bench.driver_says(JamState(channels=by_hand, emergency_stopped=True))
     bench.spin_until(lambda: "driver/clear_fault" in bench.set_auto(on=True).message, "what comes first is named")
 

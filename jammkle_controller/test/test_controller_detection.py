@@ -91,7 +91,7 @@ def test_bounces_alternate_between_flight_and_impact(streams: Any) -> None:
 @few
 @given(seed=seeds)
 def test_tilt_of_the_imu_does_not_matter(streams: Any, seed: int) -> None:
-    """Mounted in any rotation, the IMU tells the same events within two samples."""
+    """Mounted in any rotation, the IMU reports the same events within two samples."""
     force, _ = streams.drop(*HARD)
     upright = streams.events_of(streams.sense(force, 500))
     tilted = streams.events_of(streams.sense(force, 500, turn=streams.any_rotation(seed)))
@@ -117,7 +117,7 @@ def test_origin_of_the_clock_does_not_matter(streams: Any, shift_ns: int) -> Non
 
 @pytest.mark.parametrize("foot", [SOFT, SPRINGY, HARD])
 def test_rate_does_not_matter(streams: Any, foot: tuple[float, float]) -> None:
-    """500 Hz and 1 kHz tell the same events, flights and impacts within two samples of the slower one."""
+    """500 Hz and 1 kHz report the same events, flights and impacts within two samples of the slower one."""
     force, _ = streams.drop(*foot)
     slow, fast = streams.events_of(streams.sense(force, 500)), streams.events_of(streams.sense(force, 1000))
     assert [event.kind for event in slow] == [event.kind for event in fast]
@@ -197,7 +197,7 @@ def sliding(streams: Any, slope_rad: float, friction: float, slides_s: float = 0
 @few
 @given(friction=st.floats(0.2, 0.6), turn=seeds, rate_hz=st.sampled_from([500, 1000]))
 def test_sliding_down_a_slope_is_one_slip(streams: Any, friction: float, turn: int, rate_hz: int) -> None:
-    """Sliding down 40 deg is told as one SLIP within 0.1 s and 10 mm of its beginning, and as nothing else."""
+    """Sliding down 40 deg is reported as one SLIP within 0.1 s and 10 mm of its beginning, and as nothing else."""
     slope = math.radians(40.0)
     events = streams.events_of(
         streams.sense(sliding(streams, slope, friction), rate_hz, turn=streams.any_rotation(turn))
@@ -234,8 +234,8 @@ def test_pushing_off_is_no_slip(streams: Any) -> None:
     assert streams.events_of(streams.sense(force)) == []
 
 
-def test_what_is_not_offered_on_a_mount_is_never_told(streams: Any) -> None:
-    """A body that is hit at every step tells its impacts, and neither steps nor slips; a foot may tell all."""
+def test_what_is_not_offered_on_a_mount_is_never_reported(streams: Any) -> None:
+    """A body that is hit at every step reports its impacts, and neither steps nor slips; a foot may report all."""
     assert all(set(offers) == set(Detection) for offers in OFFERS.values())
     assert all(offer.reason for offers in OFFERS.values() for offer in offers.values())
     assert all(offer.made for offer in OFFERS[Mount.FOOT].values())
@@ -247,5 +247,5 @@ def test_what_is_not_offered_on_a_mount_is_never_told(streams: Any) -> None:
         force[(time_s > begin_s) & (time_s < begin_s + 0.02), 2] += 15.0
         force[(time_s > begin_s + 0.45) & (time_s < begin_s + 0.55), 0] += 2.0  # it speeds up, as a slip does
         force[(time_s > begin_s + 0.55) & (time_s < begin_s + 0.65), 2] -= 6.0
-    told = [kind for kind in streams.kinds_of(streams.sense(force)) if kind is not ContactKind.SETTLED]
-    assert told == [ContactKind.IMPACT] * 5
+    reported = [kind for kind in streams.kinds_of(streams.sense(force)) if kind is not ContactKind.SETTLED]
+    assert reported == [ContactKind.IMPACT] * 5

@@ -89,9 +89,9 @@ def test_the_load_on_a_foot_that_stands_still_is_found_whatever_rubs(
 ) -> None:
     """In any pose the upward force comes out of the torques that hold it, and friction does not count."""
     load, reading = LegLoad(LEG, ARMATURE_KG_M2), LegReading(hip, knee, 0.0, 0.0, *torques(hip, knee, (along_n, up_n)))
-    told = [load.update(reading, 2_000_000 * index) for index in range(50)]
-    assert told[0] is None
-    assert told[-1] == pytest.approx(up_n, abs=0.05)
+    reported = [load.update(reading, 2_000_000 * index) for index in range(50)]
+    assert reported[0] is None
+    assert reported[-1] == pytest.approx(up_n, abs=0.05)
 
 
 def test_a_leg_that_swings_freely_bears_nothing() -> None:
@@ -122,19 +122,19 @@ def test_a_leg_that_swings_freely_bears_nothing() -> None:
 
     load = LegLoad(LEG, ARMATURE_KG_M2)
     times_s = np.arange(0.0, 0.3, 0.002).tolist()
-    told, still = [], []
+    reported, still = [], []
     for at_s in times_s:
         efforts = effort(at_s, 0), effort(at_s, 1)
-        told.append(load.update(LegReading(*way(at_s), *rates(at_s), *efforts), round(at_s * 1e9)))
+        reported.append(load.update(LegReading(*way(at_s), *rates(at_s), *efforts), round(at_s * 1e9)))
         held = LegLoad(LEG, ARMATURE_KG_M2)
         at_rest = [held.update(LegReading(*way(at_s), 0.0, 0.0, *efforts), 2_000_000 * index) for index in range(20)]
         still.append(abs(at_rest[-1] or 0.0))
-    assert max(abs(each or 0.0) for each in told[10:]) < 0.5 * SPREAD_N
+    assert max(abs(each or 0.0) for each in reported[10:]) < 0.5 * SPREAD_N
     assert max(still) > 5.0 * SPREAD_N
 
 
-def test_what_a_leg_cannot_tell_is_not_told() -> None:
-    """A straight leg, a NaN, and readings that are far apart or come late tell no load."""
+def test_what_a_leg_cannot_report_is_not_reported() -> None:
+    """A straight leg, a NaN, and readings that are far apart or come late report no load."""
     load = LegLoad(LEG, ARMATURE_KG_M2)
     bent, straight = LegReading(HIP_RAD, KNEE_RAD, 0, 0, 0, 0), LegReading(0.0, -0.05, 0, 0, 0, 0)
     assert load.update(bent, 0) is None
@@ -146,7 +146,7 @@ def test_what_a_leg_cannot_tell_is_not_told() -> None:
 
 
 def test_a_swing_is_noise_and_a_stance_is_none() -> None:
-    """Steps of 0.5 s of 20 N and of nothing, with the spread that a swing has, are told once each, within 20 ms."""
+    """Steps of 0.5 s of 20 N and of nothing, with the spread that a swing has, are reported once each, within 20 ms."""
     chance, contact = np.random.default_rng(4), LoadContact()
     changes = []
     for index in range(2000):
@@ -161,7 +161,7 @@ def test_a_swing_is_noise_and_a_stance_is_none() -> None:
 
 
 def loaded(up_n: float) -> LegReading:
-    """Return what a leg tells that stands and bears so much, N."""
+    """Return what a leg reports that stands and bears so much, N."""
     return LegReading(HIP_RAD, KNEE_RAD, 0.0, 0.0, *torques(HIP_RAD, KNEE_RAD, (0.0, up_n)))
 
 
@@ -169,18 +169,18 @@ def loaded(up_n: float) -> LegReading:
 def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> None:
     """Detected from efforts alone, on any mount, beside an IMU at rest; a blow on a leg in the air is no touch-down."""
     controller = AnkleController(ControllerParameters(imu_mount=mount, use_efforts=True), leg=LEG)
-    chance, told = np.random.default_rng(2), []
+    chance, reported = np.random.default_rng(2), []
     for index in range(2000):
         time_ns = 2_000_000 * index
         if index % 5 == 0:
             up_n = 0.0 if 1000 <= index < 1400 else 20.0
-            told += controller.on_leg(loaded(up_n), time_ns).events
+            reported += controller.on_leg(loaded(up_n), time_ns).events
         blow = 30.0 if 1200 <= index < 1205 else 0.0
         force = (chance.normal(0.0, 0.02), chance.normal(0.0, 0.02), GRAVITY_M_S2 + blow + chance.normal(0.0, 0.02))
-        told += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
+        reported += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
         if index == 1300:
             assert controller.state is PolicyState.SWING
-    kinds = [(each.kind, each.source, each.time_ns) for each in told if each.kind is not ContactKind.SETTLED]
+    kinds = [(each.kind, each.source, each.time_ns) for each in reported if each.kind is not ContactKind.SETTLED]
     lifted, landed = (event for event in kinds if event[0] is not ContactKind.SWING)
     assert lifted[:2] == (ContactKind.LIFTOFF, Source.EFFORTS)
     assert landed[:2] == (ContactKind.IMPACT, Source.EFFORTS)
@@ -191,43 +191,43 @@ def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> N
 
 
 def test_a_foot_that_the_gait_has_put_down_in_vain_is_in_the_air() -> None:
-    """Above a hole a plan of contact tells no touch-down where the efforts are known, and the foot stays soft."""
+    """Above a hole a plan of contact reports no touch-down where the efforts are known, and the foot stays soft."""
     controller = AnkleController(ControllerParameters(imu_mount="body", use_efforts=True), leg=LEG)
-    chance, told = np.random.default_rng(2), []
+    chance, reported = np.random.default_rng(2), []
     for index in range(1000):
         time_ns = 2_000_000 * index
         if index % 5 == 0:
-            told += controller.on_leg(loaded(20.0 if index < 500 else 0.0), time_ns).events
-            told += controller.on_plan(contact=not 500 <= index < 700, time_ns=time_ns).events
+            reported += controller.on_leg(loaded(20.0 if index < 500 else 0.0), time_ns).events
+            reported += controller.on_plan(contact=not 500 <= index < 700, time_ns=time_ns).events
         force = chance.normal((0.0, 0.0, GRAVITY_M_S2), 0.02).tolist()
-        told += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
-    assert [each.kind for each in told] == [ContactKind.LIFTOFF]
+        reported += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
+    assert [each.kind for each in reported] == [ContactKind.LIFTOFF]
     assert controller.state is PolicyState.SWING
 
 
-def test_efforts_are_not_heard_unless_asked_for() -> None:
-    """Without use_efforts no leg is believed, whatever it tells."""
+def test_efforts_are_not_received_unless_asked_for() -> None:
+    """Without use_efforts no leg is believed, whatever it reports."""
     controller = AnkleController(ControllerParameters(imu_mount="shank"), leg=LEG)
     for index in range(100):
         assert controller.on_leg(loaded(20.0 * (index < 50)), 10_000_000 * index).events == ()
     assert controller.inputs.received(990_000_000) == ()
 
 
-def test_a_body_that_falls_and_lands_is_told_once_by_the_imu() -> None:
+def test_a_body_that_falls_and_lands_is_reported_once_by_the_imu() -> None:
     """Held up it has left the ground by its efforts; let go it falls, and lands at the first sample that shows it.
 
     The efforts know of the landing 10 ms later, and say nothing new; in free fall what holds the leg up is no load.
     """
     controller = AnkleController(ControllerParameters(imu_mount="body", use_efforts=True), leg=LEG)
-    chance, told = np.random.default_rng(2), []
+    chance, reported = np.random.default_rng(2), []
     for index in range(1500):
         time_ns, falls, light = 2_000_000 * index, 600 <= index < 650, 300 <= index < 605
         if index % 5 == 0:
-            told += controller.on_leg(loaded(0.0 if light or index == 650 else 20.0), time_ns).events
+            reported += controller.on_leg(loaded(0.0 if light or index == 650 else 20.0), time_ns).events
         up = 0.0 if falls else GRAVITY_M_S2 + (30.0 if 650 <= index < 655 else 0.0)
         force = chance.normal((0.0, 0.0, up), 0.02).tolist()
-        told += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
-    changes = [(each.kind, each.source) for each in told if each.kind in (ContactKind.LIFTOFF, ContactKind.IMPACT)]
+        reported += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
+    changes = [(each.kind, each.source) for each in reported if each.kind in (ContactKind.LIFTOFF, ContactKind.IMPACT)]
     assert changes == [(ContactKind.LIFTOFF, Source.EFFORTS), (ContactKind.IMPACT, Source.IMU)]
-    landed = next(each for each in told if each.kind is ContactKind.IMPACT)
+    landed = next(each for each in reported if each.kind is ContactKind.IMPACT)
     assert landed.time_ns == 2_000_000 * 650

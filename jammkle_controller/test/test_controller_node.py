@@ -47,14 +47,14 @@ def test_an_imu_of_the_other_byte_order_is_felt_as_well(make_bench: Callable[...
     assert bench.events[-1].header.frame_id == "imu"
 
 
-def test_landing_is_told_and_jams_after_the_delay(make_bench: Callable[..., Bench]) -> None:
+def test_landing_is_reported_and_jams_after_the_delay(make_bench: Callable[..., Bench]) -> None:
     """A landing gives events stamped with their samples, and vacuum once the samples' time has passed the delay.
 
     The delay is the samples' time, not the wall's: while no sample comes, as in a paused simulation, nothing jams.
     """
     bench = make_bench()
     bench.wait_until_up()
-    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 0.0)
     bench.land()
     liftoff, impact = bench.events
     assert liftoff.type == ContactEvent.LIFTOFF
@@ -65,16 +65,16 @@ def test_landing_is_told_and_jams_after_the_delay(make_bench: Callable[..., Benc
     assert impact.magnitude == pytest.approx(40.0, abs=0.2)
     assert impact.probability > 0.9
     assert impact.source == "imu"
-    bench.hear_more()
-    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.wait_more()
+    assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 0.0)
     bench.feel(30.0, LANDED_AT_S + 0.019)
-    bench.hear_more()
-    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.wait_more()
+    assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 0.0)
     bench.feel(20.0, LANDED_AT_S + 0.02)
-    bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 40e3), "the channels are to be jammed")
+    bench.spin_until(lambda: bench.set_points_pa() == dict.fromkeys(CHANNELS, 40e3), "the channels are to be jammed")
     bench.stand(LANDED_AT_S + 0.024, LANDED_AT_S + 0.4)
     bench.spin_until(lambda: bench.kinds()[-1] == ContactEvent.SETTLED, "the landing settles")
-    assert bench.wishes() == dict.fromkeys(CHANNELS, 40e3)
+    assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 40e3)
 
 
 def test_delay_of_zero_can_be_set_while_running(make_bench: Callable[..., Bench]) -> None:
@@ -87,11 +87,11 @@ def test_delay_of_zero_can_be_set_while_running(make_bench: Callable[..., Bench]
     assert "1" in refused.reason
     assert bench.set_parameter("jam_delay_s", 0.0).successful
     bench.land()
-    bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 40e3), "the impact jams")
+    bench.spin_until(lambda: bench.set_points_pa() == dict.fromkeys(CHANNELS, 40e3), "the impact jams")
 
 
 def test_auto_off_ends_the_stream_and_on_resumes_it(make_bench: Callable[..., Bench]) -> None:
-    """With auto off no jam_command is sent, while events are still told; with auto on the wish is sent at once."""
+    """With auto off no jam_command is sent, while events are reported; with auto on the set points are sent at once."""
     bench = make_bench()
     bench.wait_until_up()
     answer = bench.set_auto(on=False)
@@ -107,19 +107,19 @@ def test_auto_off_ends_the_stream_and_on_resumes_it(make_bench: Callable[..., Be
     assert bench.commands == []
     assert bench.set_auto(on=True).success
     bench.spin_until(lambda: bool(bench.commands), "the stream goes on")
-    assert bench.wishes() == dict.fromkeys(CHANNELS, 40e3)
+    assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 40e3)
 
 
 def test_auto_can_be_off_from_the_start(make_bench: Callable[..., Bench]) -> None:
     """With auto_at_start false nothing is commanded before ~/set_auto."""
     bench = make_bench("--ros-args", "-p", "auto_at_start:=false")
-    bench.spin_until(lambda: bench.reports >= 2, "the controller is heard")
+    bench.spin_until(lambda: bench.reports >= 2, "the controller is received")
     assert bench.commands == []
     bench.set_auto(on=True)
     bench.spin_until(lambda: bool(bench.commands), "the stream begins")
 
 
-def test_health_of_the_imu_is_told(make_bench: Callable[..., Bench]) -> None:
+def test_health_of_the_imu_is_reported(make_bench: Callable[..., Bench]) -> None:
     """A missing IMU is an error that says for how long, NaN samples are a warning with their count, and it passes."""
     bench = make_bench()
     bench.wait_until_up()
@@ -159,7 +159,7 @@ def test_bad_parameters_get_one_line(make_bench: Callable[..., Bench], given: st
 
 
 def test_set_points_that_the_driver_would_refuse_are_refused(make_bench: Callable[..., Bench]) -> None:
-    """Once the driver's limits are heard, a set point beyond them is refused with both numbers; one within is taken."""
+    """Once the driver's limits are known, a set point beyond them is refused with both numbers; one within is taken."""
     bench = make_bench()
     bench.wait_until_up()
     bench.driver_says(JamState(min_vacuum_pa=5e3, max_vacuum_pa=45e3))
@@ -176,24 +176,24 @@ def test_set_points_that_the_driver_would_refuse_are_refused(make_bench: Callabl
 def test_a_stance_that_was_held_before_is_taken_up(make_bench: Callable[..., Bench]) -> None:
     """Channels that were let go since jam_command fell silent are jammed again once the body is seen at rest.
 
-    And a driver that does not follow then is told where it hurts, in its own words; somebody who vents is no fault.
+    And a driver that does not follow then is reported where it hurts, in its own words; somebody who vents is no fault.
     """
     bench = make_bench()
     bench.wait_until_up()
     stale = ChannelJamState(channel=CHANNELS[0], fault=Fault.COMMANDS_STALE)
     bench.driver_says(JamState(channels=[stale], refused_command="refused: an example"))
-    bench.hear_more()
-    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.wait_more()
+    assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 0.0)
     bench.stand(0.1, 0.6)
-    bench.spin_until(lambda: bench.wishes() == dict.fromkeys(CHANNELS, 40e3), "the stance is held")
-    bench.spin_until(lambda: bench.policy_says("an example"), "the refusal is told")
+    bench.spin_until(lambda: bench.set_points_pa() == dict.fromkeys(CHANNELS, 40e3), "the stance is held")
+    bench.spin_until(lambda: bench.policy_says("an example"), "the refusal is reported")
     assert bench.health["policy"].level == DiagnosticStatus.ERROR
     by_hand = [ChannelJamState(channel=channel, reason=f"asked by {UNJAM.name}") for channel in CHANNELS]
     bench.driver_says(JamState(channels=by_hand))
-    bench.spin_until(lambda: bench.policy_says("vented by a service"), "what somebody has asked for is told")
+    bench.spin_until(lambda: bench.policy_says("vented by a service"), "what somebody has asked for is reported")
     assert bench.health["policy"].level == DiagnosticStatus.OK
     bench.driver_says(JamState(channels=[*by_hand[:2], ChannelJamState(channel=CHANNELS[2], reason="let go")]))
-    bench.spin_until(lambda: bench.policy_says(f"{CHANNELS[2]}: let go"), "what nobody has asked for is told")
+    bench.spin_until(lambda: bench.policy_says(f"{CHANNELS[2]}: let go"), "what nobody has asked for is reported")
     assert bench.health["policy"].level == DiagnosticStatus.ERROR
 
 
@@ -203,20 +203,20 @@ def test_a_robot_that_nobody_held_is_left_soft(make_bench: Callable[..., Bench])
     bench.wait_until_up()
     bench.driver_says(JamState(channels=[ChannelJamState(channel=CHANNELS[0])]))
     bench.stand(0.1, 0.6)
-    bench.hear_more()
-    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.wait_more()
+    assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 0.0)
 
 
-def test_an_imu_in_g_is_told_and_moves_nothing(make_bench: Callable[..., Bench]) -> None:
-    """Readings in g are an error on /diagnostics that names unit and safe mode, and give no event and no wish."""
+def test_an_imu_in_g_is_reported_and_moves_nothing(make_bench: Callable[..., Bench]) -> None:
+    """Readings in g are an error on /diagnostics that names unit and safe mode, and give no event and no set point."""
     bench = make_bench()
     bench.wait_until_up()
     for index in range(100):
         bench.feel(1.0, 0.1 + index * INTERVAL_S)
-    bench.spin_until(lambda: "unit" in bench.health["imu"].message, "the unit is told")
+    bench.spin_until(lambda: "unit" in bench.health["imu"].message, "the unit is reported")
     assert bench.health["imu"].level == DiagnosticStatus.ERROR
     assert "unavailable" in bench.health["imu"].message
     assert "kept" in bench.health["imu"].message
     assert bench.events == []
-    bench.hear_more()
-    assert bench.wishes() == dict.fromkeys(CHANNELS, 0.0)
+    bench.wait_more()
+    assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 0.0)

@@ -94,34 +94,34 @@ def slips(noise_m_s: float, told_m_s: float, minutes: float, seed: int, drift_m_
 
 
 def test_false_alarms_of_noise_are_as_rare_as_asked_for() -> None:
-    """White noise of which the odometry tells alarms once a minute at most, and less, where least ways are larger."""
+    """White noise of which the odometry reports alarms once a minute at most, and less, where least ways are larger."""
     assert slips(0.25, 0.25, 6.0, 1) <= 2.0 * 6.0 * 60.0 / FALSE_ALARM_S
     assert slips(0.03, 0.04, 2.0, 2, drift_m_s=0.025) <= 2
     assert slips(0.25, 0.04, 0.2, 3) > 10  # one that is ten times as noisy as it says
 
 
 def feel(controller: AnkleController, index: int) -> list[ContactEvent]:
-    """Let a controller feel rest on the body's IMU, and hear its switch closed."""
+    """Let a controller feel rest on the body's IMU, and receive its switch closed."""
     chance = np.random.default_rng(index)
-    time_ns, told = index * STEP_NS, []
-    told += controller.on_switch(closed=True, time_ns=time_ns).events
+    time_ns, reported = index * STEP_NS, []
+    reported += controller.on_switch(closed=True, time_ns=time_ns).events
     for part in range(5):
         force = chance.normal((0.0, 0.0, GRAVITY_M_S2), 0.02).tolist()
-        told += controller.update(ImuSample(time_ns + part * 2_000_000, *force, 0.0, 0.0, 0.0)).events
-    return told
+        reported += controller.update(ImuSample(time_ns + part * 2_000_000, *force, 0.0, 0.0, 0.0)).events
+    return reported
 
 
 @pytest.mark.parametrize("mount", ["foot", "shank", "body"])
 @pytest.mark.parametrize("latency", [-1, 0, 1, 3])
-def test_a_steady_slide_is_told_with_odometry_and_not_without(mount: str, latency: int) -> None:
-    """A foot that slides at 0.2 m/s with its body, which no IMU feels, is told within 40 ms and the latency, once.
+def test_a_steady_slide_is_reported_with_odometry_and_not_without(mount: str, latency: int) -> None:
+    """A foot that slides at 0.2 m/s with its body, which no IMU feels, is reported within 40 ms and the latency, once.
 
     The odometry may come before the leg of the same time, too.
     """
     chance = np.random.default_rng(5)
-    told = {}
-    for heard in (True, False):
-        controller = AnkleController(ControllerParameters(imu_mount=mount, use_odometry=heard), leg=LEG)
+    reported = {}
+    for received in (True, False):
+        controller = AnkleController(ControllerParameters(imu_mount=mount, use_odometry=received), leg=LEG)
         events, late = [], []
         for index in range(400):
             speed = np.array([0.0, -0.2 if 200 <= index < 250 else 0.0, 0.0]) + chance.normal(0.0, 0.03, 3)
@@ -132,9 +132,9 @@ def test_a_steady_slide_is_told_with_odometry_and_not_without(mount: str, latenc
             if 0 <= latency <= index:
                 events += controller.on_odometry(late[index - latency], index * STEP_NS).events
             events += feel(controller, index)
-        told[heard] = [event for event in events if event.kind is ContactKind.SLIP]
-    (slip,) = told[True]
-    assert told[False] == []
+        reported[received] = [event for event in events if event.kind is ContactKind.SLIP]
+    (slip,) = reported[True]
+    assert reported[False] == []
     assert 0.0 < slip.time_ns / 1e9 - 2.0 <= 0.04 + 0.01 * latency
     assert (slip.source, slip.unit) == (Source.ODOMETRY, "m/s")
     assert slip.magnitude == pytest.approx(0.2, abs=0.06)
@@ -145,17 +145,17 @@ def test_a_steady_slide_is_told_with_odometry_and_not_without(mount: str, latenc
 def test_a_foot_in_the_air_or_that_is_lifted_does_not_slip() -> None:
     """What moves with the foot off the ground, or upward, is no slip, and begins none when it is put down."""
     sole = SoleSlip(PLACE, dataclasses.replace(ODOMETRY, odometry_spread_m_s=0.04))
-    chance, told = np.random.default_rng(1), []
+    chance, reported = np.random.default_rng(1), []
     for index in range(200):
         up = 0.3 if 100 <= index < 150 else 0.0
         speed = np.array([0.4 if index < 50 or up else 0.0, 0.0, up]) + chance.normal(0.0, 0.02, 3)
         sole.on_pose(STILL, index * STEP_NS, stands=index >= 50)
         twist = BodyTwist(index * STEP_NS, tuple(speed.tolist()), (0.0, 0.0, 0.0))
-        told.append(sole.on_twist(twist, index * STEP_NS))
-    assert not any(told)
+        reported.append(sole.on_twist(twist, index * STEP_NS))
+    assert not any(reported)
 
 
-def test_odometry_that_cannot_be_believed_tells_nothing_and_leaves_slips_to_the_imu() -> None:
+def test_odometry_that_cannot_be_believed_reports_nothing_and_leaves_slips_to_the_imu() -> None:
     """NaN, repeated or late stamps, one reading for ever, legs that fall silent: all are counted, none is a slip."""
     parameters = ControllerParameters(imu_mount="shank", use_odometry=True)
     moving = BodyTwist(0, (0.5, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -166,12 +166,12 @@ def test_odometry_that_cannot_be_believed_tells_nothing_and_leaves_slips_to_the_
         (lambda i: moving._replace(time_ns=i * STEP_NS), "frozen"),
         (lambda i: moving._replace(time_ns=(i - 90) * STEP_NS, linear_m_s=(0.5 + 1e-6 * i, 0.0, 0.0)), "unmatched"),
     ):
-        sole, told = SoleSlip(LEG, parameters), []
+        sole, reported = SoleSlip(LEG, parameters), []
         for index in range(100, 200):
-            told.append(sole.on_pose(STILL, index * STEP_NS, stands=True))
-            told.append(sole.on_twist(spoil(index), index * STEP_NS))
+            reported.append(sole.on_pose(STILL, index * STEP_NS, stands=True))
+            reported.append(sole.on_twist(spoil(index), index * STEP_NS))
         assert getattr(sole.counts, count) >= 60
-        assert sum(each is not None for each in told) <= (count == "frozen")  # before it is known to be frozen
+        assert sum(each is not None for each in reported) <= (count == "frozen")  # before it is known to be frozen
     controller = AnkleController(parameters, leg=LEG)
     for index in range(200):
         controller.on_pose(STILL._replace(hip_rad=math.nan if index >= 100 else 0.52), index * STEP_NS)

@@ -50,12 +50,12 @@ def everywhere(vacuum_pa: float) -> dict[str, float]:
 
 @given(steps=steps, delay_s=delays)
 def test_soft_until_the_delay_after_an_impact(steps: list[tuple[int, ContactKind | None]], delay_s: float) -> None:
-    """For any story: soft in the air, soft until `jam_delay_s` after an impact, stiff then, and full after a slip.
+    """For any recording: soft in the air, soft until `jam_delay_s` after an impact, stiff then, and full after a slip.
 
-    The expectation is worked out from the whole story so far, not from the policy's own state.
+    The expectation is worked out from the whole recording so far, not from the policy's own state.
     """
     policy = new_policy(delay_s, side_first_s=0.0)
-    story: list[tuple[int, ContactKind]] = []
+    recording: list[tuple[int, ContactKind]] = []
     now_ns = 0
     for step_ns, kind in steps:
         now_ns += step_ns
@@ -63,9 +63,9 @@ def test_soft_until_the_delay_after_an_impact(steps: list[tuple[int, ContactKind
         if kind is not None:
             policy.react(ContactEvent(kind, now_ns, 1.0, "", 0.0))
             lifts = kind in (ContactKind.LIFTOFF, ContactKind.SWING)
-            story = [] if lifts else [*story, (now_ns, kind)]
-        impacts_ns = [at_ns for at_ns, what in story if what is ContactKind.IMPACT]
-        slips_ns = [at_ns for at_ns, what in story if what is ContactKind.SLIP]
+            recording = [] if lifts else [*recording, (now_ns, kind)]
+        impacts_ns = [at_ns for at_ns, what in recording if what is ContactKind.IMPACT]
+        slips_ns = [at_ns for at_ns, what in recording if what is ContactKind.SLIP]
         if slips_ns and now_ns - slips_ns[-1] < 2.5 * SECOND_NS:
             assert policy.set_points_pa == everywhere(FULL_PA)
         elif slips_ns:
@@ -155,7 +155,7 @@ def test_every_state_can_be_left_and_the_table_is_whole() -> None:
 
 
 @pytest.mark.parametrize("stands", [True, False])
-def test_in_a_fault_the_wish_is_kept(stands: bool) -> None:  # noqa: FBT001
+def test_in_a_fault_the_set_points_is_kept(stands: bool) -> None:  # noqa: FBT001
     """Where nothing shows contact, what is jammed stays jammed and what is soft stays soft; events are void."""
     policy = new_policy(0.0)
     if stands:
@@ -171,7 +171,9 @@ def test_in_a_fault_the_wish_is_kept(stands: bool) -> None:  # noqa: FBT001
 
 
 @given(delay_s=delays, back_ns=st.integers(1, 10 * SECOND_NS), waited=st.floats(0.0, 0.99))
-def test_clock_set_back_keeps_the_wish_and_the_rest_of_the_delay(delay_s: float, back_ns: int, waited: float) -> None:
+def test_clock_set_back_keeps_the_set_points_and_the_rest_of_the_delay(
+    delay_s: float, back_ns: int, waited: float
+) -> None:
     """A clock that is set back neither releases what is held nor changes how long is still to wait."""
     policy = new_policy(delay_s)
     start_ns = 20 * SECOND_NS

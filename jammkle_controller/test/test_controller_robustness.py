@@ -20,7 +20,7 @@ few = settings(max_examples=30, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def test_kick_after_the_clock_was_set_back_is_told(streams: Any) -> None:
+def test_kick_after_the_clock_was_set_back_is_reported(streams: Any) -> None:
     """An impact on the old time line does not silence the new one."""
     samples = streams.sense(streams.kick(0.5, 40.0, 0.01))
     late = [sample._replace(time_ns=sample.time_ns + 60_000_000_000) for sample in samples]
@@ -57,7 +57,7 @@ def test_bad_samples_change_nothing_but_the_counts(streams: Any, data: st.DataOb
 
 @few
 @given(seed=seeds, loss=st.floats(0.0, 0.3), jitter_s=st.floats(0.0, 0.0009))
-def test_dropped_and_jittered_samples_tell_the_same_story(
+def test_dropped_and_jittered_samples_report_the_same_recording(
     streams: Any, seed: int, loss: float, jitter_s: float
 ) -> None:
     """With up to 30 % of the samples lost and stamps off by up to 0.9 ms, a landing is still the same three events."""
@@ -73,8 +73,8 @@ def test_dropped_and_jittered_samples_tell_the_same_story(
     assert -0.001 <= events[1].time_ns * 1e-9 - contact_s < 0.02
 
 
-def test_restarted_clock_starts_a_new_story(streams: Any) -> None:
-    """When the stamps jump back to zero in mid-air, the landing that follows is told like the first one."""
+def test_restarted_clock_starts_a_new_recording(streams: Any) -> None:
+    """When the stamps jump back to zero in mid-air, the landing that follows is reported like the first one."""
     samples = streams.sense(streams.drop(*SOFT)[0], 500)
     controller = streams.new_controller()
     in_the_air = next(i for i, sample in enumerate(samples) if sample.time_ns >= 380_000_000)
@@ -83,7 +83,7 @@ def test_restarted_clock_starts_a_new_story(streams: Any) -> None:
     assert controller.gate.counts.restarts == 1
 
 
-def test_landing_lost_in_a_gap_is_still_told(streams: Any) -> None:
+def test_landing_lost_in_a_gap_is_still_reported(streams: Any) -> None:
     """If the stream breaks off in mid-air and comes back on the ground, its first sample is the impact."""
     samples = streams.sense(streams.drop(*SOFT)[0], 500)
     broken = [sample for sample in samples if not 0.39 < sample.time_ns * 1e-9 < 0.7]

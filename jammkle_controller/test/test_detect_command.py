@@ -31,7 +31,7 @@ def detect(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([COMMAND, "detect", *map(str, arguments)], capture_output=True, text=True, check=False)
 
 
-def test_a_table_in_g_is_read_and_its_fall_is_told(tmp_path: Path) -> None:
+def test_a_table_in_g_is_read_and_its_fall_is_reported(tmp_path: Path) -> None:
     """With columns and units given, the fall is a lift-off and an impact at the right time; a picture is left."""
     path = table(tmp_path / "fall.csv")
     units = ("--force", "2,3,4", "--rate", "5,6,7", "--force-unit", "g", "--rate-unit", "deg/s", "--rate-hz", 500)

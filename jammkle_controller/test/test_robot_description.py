@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import pytest
 from controller_bench import LEG, LEG_URDF
@@ -26,7 +25,7 @@ def test_lengths_masses_and_sole_are_read() -> None:
 
 
 def test_a_leg_on_a_turned_body_behind_an_abduction_is_read() -> None:
-    """Names have a prefix; the hip is placed through fixed joints that turn, and all ways to the side add up."""
+    """Names have a prefix, or are whole; fixed joints that turn place the hip, and all ways to the side add up."""
     hips = """
   <joint name="rear" type="fixed"><origin xyz="-0.2 0 0" rpy="0 0 1.5707963267948966"/><parent link="base_link"/>
     <child link="rack"/></joint>
@@ -34,10 +33,10 @@ def test_a_leg_on_a_turned_body_behind_an_abduction_is_read() -> None:
   <joint name="lh_hip_roll" type="revolute"><origin xyz="0.1 0 -0.02"/><parent link="rack"/><child link="hip"/></joint>
   <link name="hip"/>
   <joint name="lh_hip" type="revolute"><origin xyz="0 0.05 0"/><parent link="hip"/>"""
-    text = LEG_URDF.replace('name="knee"', 'name="lh_knee"').replace('name="ankle_pitch"', 'name="lh_ankle_pitch"')
+    text = LEG_URDF.replace('name="knee"', 'name="LH_KFE"').replace('name="ankle_pitch"', 'name="lh_ankle_pitch"')
     text = text.replace('<joint name="hip" type="revolute"><parent link="base_link"/>', hips)
     text = text.replace('<origin xyz="0 0 -0.15"/>', '<origin xyz="0 0.01 -0.15"/>')
-    leg = leg_of(text, ControllerParameters(joint_prefix="lh_"))
+    leg = leg_of(text, ControllerParameters(joint_prefix="lh_", knee_joint="LH_KFE"))
     placed = dataclasses.replace(LEG, hip_m=(-0.2, 0.1, -0.02), offset_m=0.06, abduction="hip_roll")
     assert dataclasses.asdict(leg) == approximately(placed)
 
@@ -65,9 +64,3 @@ def test_the_lowest_points_of_balls_are_the_sole() -> None:
 def test_a_description_that_is_no_such_leg_is_refused_in_a_line(old: str, new: str, why: str) -> None:
     with pytest.raises(ParameterError, match=why):
         leg_of(LEG_URDF.replace(old, new), ControllerParameters(imu_link="imu"))
-
-
-def test_what_is_missing_of_a_turn_is_none() -> None:
-    """The ankle's frame leans as the description says."""
-    leg = leg_of(LEG_URDF.replace("0.5223", "-0.2"), ControllerParameters())
-    assert math.isclose(leg.lean_rad, -0.2)

@@ -13,7 +13,7 @@ import typer
 from jammkle_common.command.errors import InputError, StopRequest
 from jammkle_common.command.options import ON_BAGS
 from jammkle_common.names import normalised
-from jammkle_view.parameters import ANY_PORT, LOCAL_HOST, NOT_INSTALLED
+from jammkle_view.parameters import ANY_PORT, LOCAL_HOST, NO_PAGE
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -27,7 +27,7 @@ def view(
     ] = None,
     rig: Annotated[
         str | None,
-        typer.Option(help="What it was recorded on, where the bag does not tell: landing, drop ...", metavar="RIG"),
+        typer.Option(help="What it was recorded on, where the bag does not say: landing, drop ...", metavar="RIG"),
     ] = None,
     namespace: Annotated[
         str | None, typer.Option(help="ROS namespace of the ankle.", show_default="the only one in the bag")
@@ -44,8 +44,8 @@ def view(
 ) -> int:
     """Play a bag back on a page in the browser, its simulation laid over it."""
     if importlib.util.find_spec("viser") is None:
-        raise InputError(NOT_INSTALLED)
-    from jammkle_view.playback.run import Shown, run
+        raise InputError(NO_PAGE)
+    from jammkle_view.playback import Shown, run
 
     shown = Shown(bag, None if namespace is None else normalised(namespace), rig, corrected, not no_simulation)
     return run(shown, host, port, StopRequest())

@@ -12,10 +12,8 @@ from jammkle_common import names
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import normalised
 from jammkle_common.parameters import ParameterError, declare
-from jammkle_view.asking import Asking
-from jammkle_view.core.ankle import Ankle
-from jammkle_view.core.pace import RealTimeFactor
-from jammkle_view.listening import AnkleEars
+from jammkle_view.core.ankle import Ankle, RealTimeFactor
+from jammkle_view.graph import AnkleSubscriptions, Requests
 from jammkle_view.page.live import LivePage
 from jammkle_view.page.server import address_of, is_watched, serve
 from jammkle_view.parameters import ViewerParameters
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
 
     from jammkle_common.runner import StopFlag
-    from jammkle_view.core.wishes import Wish
+    from jammkle_view.core.samples import Request
 
 _WATCHER = f"_{names.VIEWER_NODE}_samples"
 """Node that nobody spins; ROS hides names with an underscore in front."""
@@ -45,18 +43,18 @@ class ViewerNode(Node):
         self._frame_s = 1.0 / values.frame_rate_hz
         self._known = {name: Ankle() for name in _ankles(values.ankles)}
         self._factor = RealTimeFactor()
-        self._wishes: queue.SimpleQueue[Wish] = queue.SimpleQueue()
+        self._requested: queue.SimpleQueue[Request] = queue.SimpleQueue()
         try:
             self._server = serve(values.host, values.port, "Jammkle")
         except InputError as error:
             raise ParameterError(str(error)) from error
-        self._page = LivePage(self._server, tuple(self._known), self._wishes.put)
-        self._asking = Asking(self, lambda text, good: self._page.answer(text, good=good), self._page.show_speed)
+        self._page = LivePage(self._server, tuple(self._known), self._requested.put)
+        self._requests = Requests(self, lambda text, good: self._page.answer(text, good=good), self._page.show_speed)
         self._watcher = Node(
             _WATCHER, namespace=self.get_namespace(), enable_rosout=False, start_parameter_services=False
         )
-        self._ears = {
-            name: AnkleEars(self, self._watcher, name, ankle, with_base=place == 0)
+        self._inputs = {
+            name: AnkleSubscriptions(self, self._watcher, name, ankle, with_base=place == 0)
             for place, (name, ankle) in enumerate(self._known.items())
         }
         self.get_logger().info(f"page: {address_of(self._server)}")
@@ -85,12 +83,12 @@ class ViewerNode(Node):
     def _frame(self) -> None:
         """Look at what is new, do what was clicked, and show it where somebody looks."""
         now_s = time.monotonic()
-        for name, ears in self._ears.items():
-            ears.plot(wanted=name == self._page.chosen)
-            ears.look()
-        while not self._wishes.empty():
-            self._asking.carry_out(self._wishes.get())
-        self._asking.go_on()
+        for name, subscriptions in self._inputs.items():
+            subscriptions.plot(wanted=name == self._page.chosen)
+            subscriptions.look()
+        while not self._requested.empty():
+            self._requests.carry_out(self._requested.get())
+        self._requests.go_on()
         self._factor.note(next(iter(self._known.values())).time_s, now_s)
         if is_watched(self._server):
             self._page.show(self._known, self._factor.value(), now_s)

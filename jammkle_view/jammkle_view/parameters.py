@@ -1,4 +1,4 @@
-"""Parameters of the viewer: one table that is declared, bounded, validated and documented from here."""
+"""Parameters of the viewer and of the connection for Foxglove: one table each, from which all else follows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jammkle_common.parameters import parameter
 LOCAL_HOST = "127.0.0.1"
 """Only this machine sees the page, unless somebody says otherwise: who sees it can jam."""
 FIRST_PORT = 8080
-NOT_INSTALLED = "the page in the browser needs viser, which is not installed: pip install 'jammkle[view]'"
+NO_PAGE = "the page in the browser needs viser, which is not installed: pip install 'jammkle[view]'"
 ANY_PORT = 0
 """Stands for the first free port from FIRST_PORT on."""
 
@@ -32,3 +32,23 @@ class ViewerParameters:
     frame_rate_hz: float = parameter(
         36.0, "How often the scene moves; a fifth more than 30, so that late frames leave that many", "Hz", 1.0, 60.0
     )
+
+
+USUAL_PORT = 8765
+"""Where the app looks by default."""
+
+
+@dataclass(frozen=True)
+class FoxgloveParameters:
+    """What can be set on the connection."""
+
+    host: str = parameter(
+        LOCAL_HOST, "Address that it listens on; 0.0.0.0 lets every machine of the network read the topics"
+    )
+    port: int = parameter(USUAL_PORT, "TCP port of the WebSocket; 0 takes any free one", "", 0, 65535)
+
+
+NO_FOXGLOVE = (
+    "--foxglove needs foxglove-sdk, which is not installed: pip install 'jammkle[foxglove]', or "
+    "`make extras` in a checkout"
+)

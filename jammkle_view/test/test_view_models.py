@@ -10,8 +10,7 @@ from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
 from jammkle_view.core.figure import figure_of
-from jammkle_view.core.kinematics import Kinematics, along
-from jammkle_view.core.models import HANGING, setting_of
+from jammkle_view.core.models import HANGING, Kinematics, along, setting_of
 from jammkle_view.core.samples import Base
 
 DESCRIPTIONS = [*(f"rig: {name}" for name in RIGS), *(f"robot: {name}" for name in ROBOTS)]
@@ -69,7 +68,7 @@ def test_each_ankle_of_a_quadruped_moves_its_own_foot() -> None:
 
 
 def test_a_robot_stands_on_the_ground_that_it_is_drawn_on() -> None:
-    """Bent knees lift the feet, as nobody tells where the trunk is; by that much it is drawn lower."""
+    """Bent knees lift the feet, as nothing says where the trunk is; by that much it is drawn lower."""
     setting = setting_of("robot: leg\noptions: {slope_deg: 10.0}")
     kinematics = Kinematics(setting.model)
     assert kinematics.clearance_m == pytest.approx(0.0, abs=2e-3)
@@ -78,15 +77,15 @@ def test_a_robot_stands_on_the_ground_that_it_is_drawn_on() -> None:
 
 
 def test_a_robot_is_drawn_where_it_says_that_it_is() -> None:
-    """A trotting quadruped, from what its topics tell: every body is where the simulation has it, the ground below."""
+    """A trotting quadruped, from its topics: every body is where the simulation has it, the ground below."""
     simulation = robot_simulation("quadruped", RobotOptions(behaviour="walk", slope_deg=8.0))
     setting = setting_of("robot: quadruped\noptions: {behaviour: walk, slope_deg: 8.0}")
     kinematics = Kinematics(setting.model)
     (*_, sample) = simulation.samples(1.2, 100)
     joints = {
-        setting.ankles[name].joint(told): value
+        setting.ankles[name].joint(joint): value
         for name, ankle in sample.ankles.items()
-        for told, value in ankle.positions.items()
+        for joint, value in ankle.positions.items()
     }
     kinematics.move(joints, Base(0.0, sample.base.position_m, sample.base.rotation))
     assert kinematics.positions_m == pytest.approx(simulation.data.xpos[1:], abs=1e-3)

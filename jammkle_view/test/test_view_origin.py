@@ -10,8 +10,7 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from jammkle_view.core.origin import is_own_page, own_names
-from jammkle_view.page.server import serve
+from jammkle_view.page.server import is_own_page, own_names, serve
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,7 +52,7 @@ def server() -> Iterator[viser.ViserServer]:
     made.stop()
 
 
-def test_a_foreign_page_is_sent_away_before_it_is_heard(server: viser.ViserServer) -> None:
+def test_a_foreign_page_is_sent_away_before_it_is_served(server: viser.ViserServer) -> None:
     """It is closed before it gets a message; a page of our own, and a client without a page, are served."""
     address = f"ws://localhost:{server.get_port()}"
     protocol = [f"viser-v{viser.__version__}"]

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from jammkle_view.playback.overlay import overlay_of
-from jammkle_view.playback.player import Player
-from jammkle_view.playback.recorded import Recorded, read_recorded
+from jammkle_view.overlay import overlay_of
+from jammkle_view.playback import Player
+from jammkle_view.recorded import Recorded, read_recorded
 
 JAMMKLE = Path(sys.executable).with_name("jammkle")
 LOST = "fibre_loss_achilles_left: {lost: 0.8}\n"
@@ -99,7 +99,7 @@ def test_a_walking_robot_is_followed_through_its_bag(tmp_path: Path) -> None:
     assert "quadruped" in trot.description
     assert set(trot.others) == {"lf_ankle", "lh_ankle", "rh_ankle"}
     assert {"hip", "knee", "ankle_pitch"} <= set(trot.others["lh_ankle"].columns)
-    start, end = trot.base_at(0.1), trot.base_at(1.4)
+    start, end = trot.state_at(0.1).base, trot.state_at(1.4).base
     assert start is not None
     assert end is not None
     assert end.position_m[0] - start.position_m[0] > 0.05

@@ -1,4 +1,4 @@
-"""A recorded leg or quadruped is simulated again: told the same, it does the same; told otherwise, it does not."""
+"""A recorded leg or quadruped is simulated again: with the same commands it does the same, with others not."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import yaml
 
 from jammkle_common.command.errors import InputError
 from jammkle_sim.physics.sensors import SensorParameters, imu_variance
-from jammkle_view.playback.recorded import read_recorded
-from jammkle_view.playback.robot_overlay import is_robot, robot_overlay
+from jammkle_view.overlay import is_robot, robot_overlay
+from jammkle_view.recorded import read_recorded
 
 if TYPE_CHECKING:
-    from jammkle_view.playback.recorded import Recorded
+    from jammkle_view.recorded import Recorded
 
 JAMMKLE = Path(sys.executable).with_name("jammkle")
 SENSORS = SensorParameters()
@@ -26,7 +26,7 @@ PRESSURE_PA = 3.0 * math.hypot(SENSORS.pressure_offset_pa, SENSORS.pressure_nois
 """What a sensor of pressure may be off by, and so the simulation beside it, which has no noise."""
 FORCE_M_S2, RATE_RAD_S = (1.1 * math.sqrt(variance) for variance in imu_variance(SENSORS))
 ANGLE_RAD = 0.002
-"""A tenth of a degree: states are told every 10 ms, and a joint may turn at several rad/s in between."""
+"""A tenth of a degree: states are reported every 10 ms, and a joint may turn at several rad/s in between."""
 TENSION_N = 0.5
 
 
@@ -80,19 +80,19 @@ def test_a_robot_that_was_another_shows_a_gap(drop: Path) -> None:
 
 
 def test_every_ankle_of_a_quadruped_walks_again(tmp_path: Path) -> None:
-    """One ankle is looked at; the others have been told what they were, too, or the trunk would move otherwise."""
+    """One ankle is looked at; the others have had their commands, too, or the trunk would move otherwise."""
     bag = made(tmp_path, "quadruped", "--behaviour", "walk", "--duration-s", "1.5")
     recorded = read(bag, "/rf_ankle")
     assert is_robot(recorded)
     assert_is_noise(rms(bag, recorded))
     (run,) = robot_overlay(bag, recorded, lambda _: None).runs
-    trunk, beside = recorded.base_at(1.4), run.base.at(1.4)
+    trunk, beside = recorded.state_at(1.4).base, run.base.at(1.4)
     assert trunk is not None
     assert (beside["x"], beside["y"], beside["z"]) == pytest.approx(trunk.position_m, abs=0.001)
 
 
 def test_what_cannot_be_simulated_again_is_said(drop: Path) -> None:
-    """A machine's clock tells no time since the start of a simulation; no robot can do what none can."""
+    """A machine's clock gives no time since the start of a simulation; no robot can do what none can."""
     recorded = read(drop)
     with pytest.raises(InputError, match="machine's clock"):
         rms(drop, dataclasses.replace(recorded, start_s=1.7e9))

@@ -10,12 +10,10 @@ import pytest
 
 from jammkle_common import names
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, TendonState
-from jammkle_view import conversions
-from jammkle_view.core.ankle import Ankle
-from jammkle_view.core.pace import RealTimeFactor
+from jammkle_view.core import samples
+from jammkle_view.core.ankle import Ankle, RealTimeFactor, Trace, thinned
+from jammkle_view.core.figure import BROKEN_TINT, EVENT_TINTS, LINE_TINTS, Rgb, tendon_tint
 from jammkle_view.core.samples import Channel, ChannelState, EventKind, JamReport, Joints, Pressure
-from jammkle_view.core.tints import BROKEN_TINT, EVENT_TINTS, LINE_TINTS, Rgb, tendon_tint
-from jammkle_view.core.trace import Trace, thinned
 from jammkle_view.page.plots import range_of
 
 
@@ -24,10 +22,10 @@ def test_numbers_are_those_of_the_messages() -> None:
     assert {each.name: each.value for each in ChannelState} == {
         each.name: getattr(ChannelJamState, each.name) for each in ChannelState
     }
-    told = [name for name in dir(ContactEvent) if name.isupper() and name != "SLOT_TYPES"]
-    assert {each.name: each.value for each in EventKind} == {name: getattr(ContactEvent, name) for name in told}
+    reported = [name for name in dir(ContactEvent) if name.isupper() and name != "SLOT_TYPES"]
+    assert {each.name: each.value for each in EventKind} == {name: getattr(ContactEvent, name) for name in reported}
     assert set(EVENT_TINTS) == set(EventKind)
-    assert conversions._BROKEN == TendonState.BROKEN
+    assert samples._BROKEN == TendonState.BROKEN
 
 
 def test_no_peak_is_lost_in_a_plot() -> None:

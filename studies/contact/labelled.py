@@ -57,11 +57,11 @@ class LabelledRecording:
     poses: list[tuple[int, LegPose]] = field(default_factory=list)
     """Stamps, ns, and angles and rates of all joints from the body to the foot."""
     twists: list[tuple[int, BodyTwist]] = field(default_factory=list)
-    """Times at which an odometry is heard, ns, and what it tells of the body."""
+    """Times at which an odometry is received, ns, and what it reports of the body."""
     leg: Leg | None = None
     """The leg above the ankle, for efforts and odometry."""
     feet: tuple[LabelledRecording, ...] = ()
-    """Of a body: the story of each foot, whose leg is read."""
+    """Of a body: the recording of each foot, whose leg is read."""
     leaves_s: tuple[float, ...] = ()
     """Every time that the foot lost touch: lift-offs, rebounds, and the ends of grazes."""
     phase: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
@@ -171,7 +171,7 @@ class Drives:
     gain_spread: float = 0.05
     """Standard deviation of the ratio of measured to applied torque, drawn for each drive."""
     offset_n_m: float = 0.05
-    """Standard deviation of what a drive tells at rest: friction of its gear."""
+    """Standard deviation of what a drive reports at rest: friction of its gear."""
 
 
 def read_leg(
@@ -207,7 +207,7 @@ def read_pose(
 
 @dataclass(frozen=True)
 class Estimator:
-    """What a legged robot's state estimator tells of its body. All assumed.
+    """What a legged robot's state estimator reports of its body. All assumed.
 
     Noise and drift are of the size that estimators from legs and IMU are known to leave in the velocity, some
     centimetres a second (Bloesch et al., IROS 2013; Camurri et al., RA-L 2(2), 2017). That a real one believes in feet
@@ -227,7 +227,7 @@ class Estimator:
 def read_body(
     twist: NDArray[np.float64], fine_hz: float, estimator: Estimator, chance: np.random.Generator
 ) -> list[tuple[int, BodyTwist]]:
-    """Read a true twist, shape (n, 6) at `fine_hz`, as an odometry tells it: times of hearing, ns, and what is told."""
+    """Read a true twist, shape (n, 6) at `fine_hz`, as an odometry has it: times of arrival, ns, and its reports."""
     rows = twist[round(fine_hz / estimator.rate_hz) - 1 :: round(fine_hz / estimator.rate_hz)].copy()
     times_s = CLOCK_START_S + np.arange(1, len(rows) + 1) / estimator.rate_hz - 1.0 / fine_hz
     kept = np.exp(-1.0 / (estimator.rate_hz * estimator.drift_time_s))

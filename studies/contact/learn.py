@@ -19,7 +19,7 @@ from jammkle_controller.core.motion import Motion
 from jammkle_controller.core.stepping import LEAST_BLOW_M_S2, LEAST_RATIO, SoleFilter, StepRatios, ratios_of
 from jammkle_controller.parameters import ControllerParameters
 from studies.contact.labelled import walk
-from studies.contact.robots import robot_stories
+from studies.contact.robots import robot_recordings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,41 +41,43 @@ EARLY_S = 0.003
 
 def runs_of(mount: str, runs: int = RUNS) -> list[list[LabelledRecording]]:
     """Make what is learned from: of each seed a synthetic walk, and a leg that walks, slips or is dropped."""
-    return [[walk(seed, mount, STRIDES), *robot_stories("leg", seed, mount)] for seed in range(runs)]
+    return [[walk(seed, mount, STRIDES), *robot_recordings("leg", seed, mount)] for seed in range(runs)]
 
 
-def learn(mount: str, stories: Sequence[LabelledRecording]) -> dict[str, dict[str, Any]]:
+def learn(mount: str, recordings: Sequence[LabelledRecording]) -> dict[str, dict[str, Any]]:
     """Learn the ratios of a place of the IMU; return them by name, as `learned.json` has them.
 
     That of sliding is learned last, on what a detector with the other two takes for the ground.
     """
     swing: list[tuple[tuple[float, ...], bool]] = []
     blows: list[tuple[tuple[float, ...], bool]] = []
-    for story in stories:
-        _collect(story, swing, blows)
+    for recording in recordings:
+        _collect(recording, swing, blows)
     made = {
         f"swing_{mount}": _fitted(swing, balanced=True),
         f"touchdown_{mount}": _fitted(blows, balanced=False),
         f"slide_{mount}": _nothing(len(SoleFilter.NAMES)),
     }
-    return made | {f"slide_{mount}": _slides(mount, stories, ratios_of(made, mount))}
+    return made | {f"slide_{mount}": _slides(mount, recordings, ratios_of(made, mount))}
 
 
-def _slides(mount: str, stories: Sequence[LabelledRecording], ratios: StepRatios) -> dict[str, Any]:
+def _slides(mount: str, recordings: Sequence[LabelledRecording], ratios: StepRatios) -> dict[str, Any]:
     rows: list[tuple[tuple[float, ...], bool]] = []
-    for story in stories:
+    for recording in recordings:
         detector = ContactDetector(ControllerParameters(imu_mount=mount), ratios)
         if detector.foot is None:
             continue
         sole = detector.foot.sole
-        for sample in story.samples:
+        for sample in recording.samples:
             detector.update(sample)
             on_ground = detector.phase in (Phase.GROUND, Phase.PLANTED)
             if not on_ground or not detector.available or detector.gate.last_ns != sample.time_ns:
                 continue
             time_s = sample.time_ns / NANOSECONDS_PER_SECOND
-            slides = any(slide.begin_s <= time_s <= slide.end_s for slide in story.slides)
-            near = any(abs(time_s - at_s) < UNSURE_S for each in story.slides for at_s in (each.begin_s, each.end_s))
+            slides = any(slide.begin_s <= time_s <= slide.end_s for slide in recording.slides)
+            near = any(
+                abs(time_s - at_s) < UNSURE_S for each in recording.slides for at_s in (each.begin_s, each.end_s)
+            )
             if not near:
                 swing = min(0.9999, max(0.0001, detector.swing_probability))
                 rows.append((sole.features(sample.time_ns, detector.motion, swing), slides))
@@ -95,13 +97,15 @@ def _nothing(width: int) -> dict[str, Any]:
 
 
 def _collect(
-    story: LabelledRecording, swing: list[tuple[tuple[float, ...], bool]], blows: list[tuple[tuple[float, ...], bool]]
+    recording: LabelledRecording,
+    swing: list[tuple[tuple[float, ...], bool]],
+    blows: list[tuple[tuple[float, ...], bool]],
 ) -> None:
     gate, motion = ImuGate(), Motion()
-    lifts, lands = np.array(story.liftoffs_s), np.array([*story.touchdowns_s, np.inf])
+    lifts, lands = np.array(recording.liftoffs_s), np.array([*recording.touchdowns_s, np.inf])
     changes = np.sort(np.concatenate([lifts, lands]))
-    stands = story.in_contact(np.array([s.time_ns / NANOSECONDS_PER_SECOND for s in story.samples]))
-    for index, (sample, on_ground) in enumerate(zip(story.samples, stands.tolist(), strict=True)):
+    stands = recording.in_contact(np.array([s.time_ns / NANOSECONDS_PER_SECOND for s in recording.samples]))
+    for index, (sample, on_ground) in enumerate(zip(recording.samples, stands.tolist(), strict=True)):
         admission = gate.admit(sample)
         if admission in IGNORED:
             continue

@@ -1,6 +1,6 @@
 """Controller and driver of one ankle around a simulated one, in one process and without ROS.
 
-The cores are those of the nodes, called in the order in which the graph calls them: joints, gait, pressures, IMU, wish,
+The cores are those of the nodes, called in the order of the graph: joints, gait, pressures, IMU, set points,
 actuators. It is deterministic, and as fast as the simulation lets it be.
 """
 
@@ -128,7 +128,7 @@ class _Every:
 
 
 class AnkleLoop:
-    """Controller and driver of one simulated ankle. The controller hears what the simulation tells on the graph."""
+    """Controller and driver of one simulated ankle. The controller receives what it would on the graph."""
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ class AnkleLoop:
             ankle: What is felt and driven.
             controller: Parameters of the controller.
             driver: Parameters of the driver; none: its defaults.
-            body: Tells how the robot's body moves, for a controller that hears odometry: one without error.
+            body: Tells how the robot's body moves, for a controller that receives odometry: one without error.
             leg: The leg above the ankle, for efforts and odometry.
 
         """
@@ -171,8 +171,8 @@ class AnkleLoop:
         now = _instant(time_s)
         before_pa = self.controller.set_points_pa
         if self._states.due(time_s):
-            for heard in self._told(time_s):
-                self.events += feed(self.controller, heard).events
+            for received in self._reported(time_s):
+                self.events += feed(self.controller, received).events
             pressures = {**self.ankle.channel_pressures_pa(), MANIFOLD: self.ankle.manifold_pressure_pa()}
             for place, pressure_pa in pressures.items():
                 self.driver.measure(PressureSample(place, pressure_pa, time_s), now)
@@ -180,8 +180,8 @@ class AnkleLoop:
         self.events += self.controller.update(sample).events
         # The repeats go on at their own times beside what is said on change, as the node's timer does.
         if self._commands.due(time_s) or self.controller.set_points_pa != before_pa:
-            wishes = [Wish(channel, vacuum_pa) for channel, vacuum_pa in self.controller.set_points_pa.items()]
-            self.driver.follow(wishes, now, JAM_COMMAND.name)
+            set_points_pa = [Wish(channel, vacuum_pa) for channel, vacuum_pa in self.controller.set_points_pa.items()]
+            self.driver.follow(set_points_pa, now, JAM_COMMAND.name)
         if self._ticks.due(time_s):
             self.driver.tick(now)
         command = self.driver.command
@@ -190,27 +190,27 @@ class AnkleLoop:
             self.ankle.set_solenoid(channel, energised)
         return sample
 
-    def _told(self, time_s: float) -> list[Received]:
-        """Return what joints and gait tell, in the order of the graph."""
+    def _reported(self, time_s: float) -> list[Received]:
+        """Return what joints and gait report, in the order of the graph."""
         time_ns = round(time_s * NANOSECONDS_PER_SECOND)
         roll_rad = self.ankle.joint_positions().get(ANKLE_JOINTS[0])
-        told = [] if roll_rad is None else [Received(time_ns, Input.JOINTS, roll_rad)]
+        reported = [] if roll_rad is None else [Received(time_ns, Input.JOINTS, roll_rad)]
         if self._leg is not None and isinstance(self.ankle, WithEfforts):
             columns = (self.ankle.joint_positions(), self.ankle.joint_velocities(), self.ankle.joint_efforts())
             if set(self._leg) <= columns[0].keys():
-                told.append(
+                reported.append(
                     Received(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg)))
                 )
         if self._body is not None and isinstance(self.ankle, WithEfforts):
             moves = self._body()
-            told.append(Received(time_ns, self._pose(self.ankle)))
-            told.append(Received(time_ns, BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)))
+            reported.append(Received(time_ns, self._pose(self.ankle)))
+            reported.append(Received(time_ns, BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)))
         planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
         if planned is not None:
-            told.append(Received(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
+            reported.append(Received(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
             if planned.phase is not None:
-                told.append(Received(time_ns, Input.GAIT_PHASE, planned.phase))
-        return told
+                reported.append(Received(time_ns, Input.GAIT_PHASE, planned.phase))
+        return reported
 
     def _pose(self, ankle: WithEfforts) -> LegPose:
         """Return angles and rates from the body down; a leg without abduction has none."""

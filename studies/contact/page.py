@@ -94,7 +94,7 @@ def _row(part: str, source: str, mount: str, kind: str, way: str, score: Score) 
         "kind": kind,
         "way": way,
         "true": score.hits + score.missed,
-        "told": score.hits + score.false,
+        "reported": score.hits + score.false,
         "recall": _finite(score.recall),
         "precision": _finite(score.precision),
         "delay_ms": _finite(delay),

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 FORCE_HZ, IMU_HZ = 500.0, 250.0
 """As published."""
 SCORED = ("impact", "lift-off")
-"""Kinds of events that the force tells of."""
+"""Kinds of events that the force reports of."""
 LOADED_SHARE = 0.35
 """Of the span of the force from its 10th to its 90th percentile, above which the foot stands."""
 CLOCKS = np.arange(0.90, 1.1001, 0.0025)
@@ -59,7 +59,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class RealFoot:
-    """One recording, with what is true and what was told, both in the time of the force, s."""
+    """One recording, with what is true and what was reported, both in the time of the force, s."""
 
     name: str
     force_time_s: NDArray[np.float64]
@@ -70,13 +70,13 @@ class RealFoot:
     touchdowns_s: tuple[float, ...]
     liftoffs_s: tuple[float, ...]
     touches_s: tuple[float, ...]
-    told_s: Mapping[tuple[str, str], list[float]]
+    reported_s: Mapping[tuple[str, str], list[float]]
     """By kind of event and way."""
 
     def score(self, kind: str, way: str) -> Score:
         """Score a way on a kind of event."""
         truth_s = self.touchdowns_s if kind == "impact" else self.liftoffs_s
-        return score_times(truth_s, self.told_s[kind, way], kind, self.touches_s if kind == "impact" else ())
+        return score_times(truth_s, self.reported_s[kind, way], kind, self.touches_s if kind == "impact" else ())
 
 
 def real_foot(path: Path, best: Mapping[tuple[str, str], str]) -> RealFoot:
@@ -116,23 +116,23 @@ def real_foot(path: Path, best: Mapping[tuple[str, str], str]) -> RealFoot:
         touchdowns_s=seen([begin for begin, _ in contacts if begin > 0]),
         liftoffs_s=seen([end for _, end in contacts if end < len(force)]),
         touches_s=seen([begin for begin, _ in spans_of(stands)]),
-        told_s=_told(samples, best, fit),
+        reported_s=_reported(samples, best, fit),
     )
 
 
-def _told(
+def _reported(
     samples: list[ImuSample], best: Mapping[tuple[str, str], str], fit: Fit
 ) -> dict[tuple[str, str], list[float]]:
-    """Return when each way told what, by the clock of the force."""
+    """Return when each way reported what, by the clock of the force."""
     made = replay((Received(sample.time_ns, sample) for sample in samples), ControllerParameters(imu_mount="foot"))
-    told = {
+    reported = {
         (kind, OURS): [event.time_ns / NANOSECONDS_PER_SECOND for event in made.events if event.kind is KINDS[kind]]
         for kind in SCORED
     }
     for (kind, name), way in best.items():
         if kind in SCORED:
-            told[kind, way] = WAYS[name][0](samples, float(way.removeprefix(name)))
-    return {key: fit.force_time_s(np.array(times_s)).tolist() for key, times_s in told.items()}
+            reported[kind, way] = WAYS[name][0](samples, float(way.removeprefix(name)))
+    return {key: fit.force_time_s(np.array(times_s)).tolist() for key, times_s in reported.items()}
 
 
 def read_force(path: Path) -> NDArray[np.float64]:
@@ -170,7 +170,7 @@ def fit_clocks(force: NDArray[np.float64], imu_time_s: NDArray[np.float64], imu:
 def real_figures(foot: RealFoot) -> dict[str, Any]:
     """Return the figures of a recording."""
     rows = []
-    for kind, way in foot.told_s:
+    for kind, way in foot.reported_s:
         score = foot.score(kind, way)
         delay_s = median_with_interval(score.delays_s)[0]
         rows.append(
@@ -178,7 +178,7 @@ def real_figures(foot: RealFoot) -> dict[str, Any]:
                 "kind": kind,
                 "way": way,
                 "true": score.hits + score.missed,
-                "told": score.hits + score.false,
+                "reported": score.hits + score.false,
                 "recall": [round(share, 4) for share in score.recall] if score.hits + score.missed else None,
                 "precision": [round(share, 4) for share in score.precision] if score.hits + score.false else None,
                 "delay_ms": round(1e3 * delay_s, 1) if score.delays_s else None,
@@ -194,7 +194,7 @@ def real_figures(foot: RealFoot) -> dict[str, Any]:
 
 
 def draw_real_foot(foot: RealFoot, path: Path) -> None:
-    """Draw force and IMU over each other with what is true and what was told.
+    """Draw force and IMU over each other with what is true and what was reported.
 
     Raises:
         OSError: it cannot be written.
@@ -214,8 +214,10 @@ def draw_real_foot(foot: RealFoot, path: Path) -> None:
             for at_s in foot.touchdowns_s:
                 each.axvline(at_s, color="#4f772d", linewidth=1.0)
             for kind, marker, colour in (("impact", "v", "#222222"), ("lift-off", "^", "#d9741a")):
-                told_s = foot.told_s[kind, OURS]
-                each.plot(told_s, np.full(len(told_s), -0.05 * values.max()), marker, color=colour, markersize=5)
+                reported_s = foot.reported_s[kind, OURS]
+                each.plot(
+                    reported_s, np.full(len(reported_s), -0.05 * values.max()), marker, color=colour, markersize=5
+                )
         axes[1].set_xlabel("time of the force [s]")
-        figure.suptitle(f"{foot.name}: touch-downs by the force (lines), told (down) and lift-offs told (up)")
+        figure.suptitle(f"{foot.name}: touch-downs by the force (lines), reported (down) and lift-offs reported (up)")
         figure.savefig(path, dpi=110)

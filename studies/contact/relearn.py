@@ -17,7 +17,7 @@ import jammkle_controller.core
 from jammkle_controller.core.stepping import WEIGHTS_FILE, ratios_of
 from jammkle_controller.parameters import Mount
 from studies.contact.learn import RUNS, learn, runs_of
-from studies.contact.trial import KINDS, Score, harmonic_mean, scored, told_by_ours
+from studies.contact.trial import KINDS, Score, detected_by_ours, harmonic_mean, scored
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 FOLDS = 4
 
 
-def scores(stories: Iterable[LabelledRecording], ratios: StepRatios | None) -> dict[str, Score]:
+def scores(recordings: Iterable[LabelledRecording], ratios: StepRatios | None) -> dict[str, Score]:
     """Score a controller by kind of event, with its own ratios or with others."""
     made: dict[str, Score] = defaultdict(Score)
-    for story in stories:
-        told, _ = told_by_ours(story, ratios)
+    for recording in recordings:
+        reported, _ = detected_by_ours(recording, ratios)
         for kind in KINDS:
-            made[kind].add(scored(story, kind, told[kind]))
+            made[kind].add(scored(recording, kind, reported[kind]))
     return made
 
 
@@ -43,15 +43,15 @@ def cross_validated(mount: str, runs: Sequence[Sequence[LabelledRecording]], fol
 
     Args:
         mount: Where the IMU is.
-        runs: What is learned from; stories of one run stay together.
+        runs: What is learned from; recordings of one run stay together.
         folds: How many parts.
 
     """
     made: dict[str, Score] = defaultdict(Score)
     for fold in range(folds):
-        others = [story for index, run in enumerate(runs) if index % folds != fold for story in run]
+        others = [recording for index, run in enumerate(runs) if index % folds != fold for recording in run]
         ratios = ratios_of(learn(mount, others), mount)
-        left_out = [story for index, run in enumerate(runs) if index % folds == fold for story in run]
+        left_out = [recording for index, run in enumerate(runs) if index % folds == fold for recording in run]
         for kind, score in scores(left_out, ratios).items():
             made[kind].add(score)
     return made
@@ -68,19 +68,19 @@ def main() -> int:
     made: dict[str, Any] = {}
     for mount in (Mount.FOOT.value, Mount.SHANK.value):
         runs = runs_of(mount, wanted.runs)
-        stories = [story for run in runs for story in run]
-        old, new = scores(stories, None), cross_validated(mount, runs)
+        recordings = [recording for run in runs for recording in run]
+        old, new = scores(recordings, None), cross_validated(mount, runs)
         for kind in KINDS:
-            sys.stdout.write(f"{mount} {kind}: in use {_told(old[kind])}; new {_told(new[kind])}\n")
+            sys.stdout.write(f"{mount} {kind}: in use {_reported(old[kind])}; new {_reported(new[kind])}\n")
             sys.stdout.flush()
-        made |= learn(mount, stories)
+        made |= learn(mount, recordings)
     if wanted.write:
         path = Path(jammkle_controller.core.__file__).with_name(WEIGHTS_FILE)
         path.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     return 0
 
 
-def _told(score: Score) -> str:
+def _reported(score: Score) -> str:
     return f"recall {score.recall[0]:.3f}, precision {score.precision[0]:.3f}, mean {harmonic_mean(score):.3f}"
 
 

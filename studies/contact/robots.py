@@ -128,13 +128,13 @@ def run(simulation: Simulation, duration_s: float, act: Callable[[Sample], None]
     return keeper.traces()
 
 
-def story_of(
+def recording_of(
     name: str, mount: str, traces: Traces, imu: Imu, vibration_m_s2: float, chance: np.random.Generator
 ) -> LabelledRecording:
-    """Make a story of one ankle: its truth, and what an IMU that shakes with the robot's motors reads.
+    """Make a recording of one ankle: its truth, and what an IMU that shakes with the robot's motors reads.
 
     Args:
-        name: Of the story.
+        name: Of the recording.
         mount: Where the IMU was.
         traces: Of the ankle.
         imu: How the IMU is built and read; what the simulated one reads is its truth.
@@ -162,7 +162,7 @@ def story_of(
 
 
 def as_simulated(name: str, mount: str, traces: Traces, samples: list[ImuSample]) -> LabelledRecording:
-    """Make a story of samples as they were felt in a loop."""
+    """Make a recording of samples as they were felt in a loop."""
     touchdowns, liftoffs = contact_changes(traces.stands)
     return LabelledRecording(
         name=name,
@@ -198,11 +198,11 @@ def of_the_body(ankles: Sequence[Traces]) -> Traces:
 
 
 def felt_on_the_body(
-    story: LabelledRecording, ankles: Sequence[Traces], legs: Sequence[list[tuple[int, LegReading]]] = ()
+    recording: LabelledRecording, ankles: Sequence[Traces], legs: Sequence[list[tuple[int, LegReading]]] = ()
 ) -> LabelledRecording:
-    """Return a body's story with the touch-downs of all its feet, and a story of each foot if its leg is read.
+    """Return a body's recording with the touch-downs of all its feet, and a recording of each foot if its leg is read.
 
-    From the body nobody can tell whose foot it was, so that the truth of one foot is not what its IMU is judged by.
+    From the body nobody can report whose foot it was, so that the truth of one foot is not what its IMU is judged by.
     Feet that come down within `LEAST_AIR_S` of each other are felt as one.
     """
     touchdowns_s: list[float] = []
@@ -210,16 +210,16 @@ def felt_on_the_body(
         if not touchdowns_s or at_s - touchdowns_s[-1] >= LEAST_AIR_S:
             touchdowns_s.append(at_s)
     touches_s = sorted(CLOCK_START_S + begin / RATE_HZ for each in ankles for begin, _ in spans_of(each.stands))
-    feet = tuple(with_truth_of(story, ankle, leg) for ankle, leg in zip(ankles, legs, strict=False))
-    return dataclasses.replace(story, touchdowns_s=tuple(touchdowns_s), touches_s=tuple(touches_s), feet=feet)
+    feet = tuple(with_truth_of(recording, ankle, leg) for ankle, leg in zip(ankles, legs, strict=False))
+    return dataclasses.replace(recording, touchdowns_s=tuple(touchdowns_s), touches_s=tuple(touches_s), feet=feet)
 
 
-def with_truth_of(story: LabelledRecording, ankle: Traces, leg: list[tuple[int, LegReading]]) -> LabelledRecording:
-    """Return what the same IMU felt as the story of one foot, whose leg is read."""
+def with_truth_of(recording: LabelledRecording, ankle: Traces, leg: list[tuple[int, LegReading]]) -> LabelledRecording:
+    """Return what the same IMU felt as the recording of one foot, whose leg is read."""
     touchdowns, liftoffs = contact_changes(ankle.stands)
     spans = spans_of(ankle.stands)
     return dataclasses.replace(
-        story,
+        recording,
         touchdowns_s=tuple(CLOCK_START_S + index / RATE_HZ for index in touchdowns),
         liftoffs_s=tuple(CLOCK_START_S + index / RATE_HZ for index in liftoffs),
         slides=slides_of(ankle),
@@ -321,8 +321,8 @@ def leg_of_robot(robot: str, ankle: str = "ankle") -> Leg:
     return leg_of(robot_urdf(made(robot, RobotOptions())), ControllerParameters(joint_prefix=prefix))
 
 
-def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> list[LabelledRecording]:
-    """Run a robot once, and return a story per ankle, or one of its body; none where it blew up.
+def robot_recordings(robot: str, seed: int, mount: str, *, wide: bool = False) -> list[LabelledRecording]:
+    """Run a robot once, and return a recording per ankle, or one of its body; none where it blew up.
 
     Args:
         robot: Name.
@@ -350,16 +350,16 @@ def robot_stories(robot: str, seed: int, mount: str, *, wide: bool = False) -> l
     poses = [read_pose(each.pose, RATE_HZ, Drives(), leg, joints) for each, leg in zip(feet, legs, strict=True)]
     twists = read_body(feet[0].twist, RATE_HZ, Estimator(), joints)
     vibration = float(10.0 ** chance.uniform(-1.3, 0.0 if wide else -0.2))
-    stories = [
-        story_of(
+    recordings = [
+        recording_of(
             f"{robot} {options.behaviour} {seed} {name}", mount, each, draw_imu(chance, wide=wide), vibration, chance
         )
         for name, each in traces.items()
     ]
     if mount == Mount.BODY.value:
-        stories = [felt_on_the_body(story, feet, legs) for story in stories]
-    told = [
+        recordings = [felt_on_the_body(recording, feet, legs) for recording in recordings]
+    reported = [
         dataclasses.replace(foot, legs=leg, poses=pose, twists=twists, leg=leg_of_robot(robot, name))
-        for foot, leg, pose, name in zip(stories[0].feet or stories, legs, poses, names, strict=True)
+        for foot, leg, pose, name in zip(recordings[0].feet or recordings, legs, poses, names, strict=True)
     ]
-    return told if not stories[0].feet else [dataclasses.replace(stories[0], feet=tuple(told))]
+    return reported if not recordings[0].feet else [dataclasses.replace(recordings[0], feet=tuple(reported))]

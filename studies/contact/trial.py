@@ -22,7 +22,7 @@ from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Received, feed
 from studies.contact.labelled import CLOCK_START_S, walk
 from studies.contact.learn import FIRST_TRIAL_SEED
-from studies.contact.robots import robot_stories
+from studies.contact.robots import robot_recordings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -42,12 +42,12 @@ LIMITS = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0)
 
 def magnitude(samples: Sequence[ImuSample], threshold_m_s2: float) -> list[float]:
     """Return when | |f| - g | exceeds a threshold, s."""
-    told: list[float] = []
+    reported: list[float] = []
     for sample in samples:
         force = math.hypot(sample.force_x, sample.force_y, sample.force_z)
         if abs(force - STANDARD_GRAVITY_M_S2) > threshold_m_s2:
-            _tell(told, sample)
-    return told
+            _tell(reported, sample)
+    return reported
 
 
 def cusum(samples: Sequence[ImuSample], limit: float) -> list[float]:
@@ -56,7 +56,7 @@ def cusum(samples: Sequence[ImuSample], limit: float) -> list[float]:
     S <- max(0, S + (d / s)^2 - 2), with d the deviation of |f| from its mean of 20 ms and s its spread over a second:
     a mean square of one is drift, of more is change.
     """
-    told: list[float] = []
+    reported: list[float] = []
     mean, spread, total, before = STANDARD_GRAVITY_M_S2, 1.0, 0.0, None
     for sample in samples:
         force = math.hypot(sample.force_x, sample.force_y, sample.force_z)
@@ -68,24 +68,24 @@ def cusum(samples: Sequence[ImuSample], limit: float) -> list[float]:
         spread += (min(deviation * deviation, 9.0 * spread + 0.01) - spread) * elapsed_s / (elapsed_s + _SPREAD_TIME_S)
         if total > limit:
             total = 0.0
-            _tell(told, sample)
-    return told
+            _tell(reported, sample)
+    return reported
 
 
 def always(samples: Sequence[ImuSample], period_s: float) -> list[float]:
     """Return a time every `period_s`, s."""
-    told: list[float] = []
+    reported: list[float] = []
     for sample in samples:
         time_s = sample.time_ns / NANOSECONDS_PER_SECOND
-        if not told or time_s - told[-1] >= period_s:
-            told.append(time_s)
-    return told
+        if not reported or time_s - reported[-1] >= period_s:
+            reported.append(time_s)
+    return reported
 
 
-def _tell(told: list[float], sample: ImuSample) -> None:
+def _tell(reported: list[float], sample: ImuSample) -> None:
     time_s = sample.time_ns / NANOSECONDS_PER_SECOND
-    if not told or time_s - told[-1] >= REFRACTORY_S:
-        told.append(time_s)
+    if not reported or time_s - reported[-1] >= REFRACTORY_S:
+        reported.append(time_s)
 
 
 WAYS: dict[str, tuple[Callable[[Sequence[ImuSample], float], list[float]], tuple[float, ...]]] = {
@@ -106,23 +106,23 @@ second counts from the slide's end, at most to `LATEST_SLIP_S`. A lift-off count
 a short swing."""
 
 UNCLEAR_S = WINDOWS_S["impact"]
-"""The same for what need not be told, whether a touch or its loss: a foot that rebounds is back after 60 ms, s."""
+"""The same for what need not be reported, whether a touch or its loss: a foot that rebounds is back after 60 ms, s."""
 
 LATEST_SLIP_S = 0.2
-"""So long after a slide's begin its slip must be told, s: as long as slides within a step last. Who slides down a slope
-for a second is hit by something, and what tells of that has not felt the slip."""
+"""So long after a slide's begin its slip must be reported, s: as slides within a step last. Who slides down a slope
+for a second is hit by something, and what reports of that has not felt the slip."""
 
 
 @dataclass
 class Score:
-    """Counts of one kind of event, pooled over stories."""
+    """Counts of one kind of event, pooled over recordings."""
 
     hits: int = 0
     missed: int = 0
     false: int = 0
     delays_s: list[float] = field(default_factory=list)
     ways_m: list[float] = field(default_factory=list)
-    """How far the foot had slid when the slip was told, m."""
+    """How far the foot had slid when the slip was reported, m."""
 
     def add(self, other: Score) -> None:
         """Pool another one into this."""
@@ -134,12 +134,12 @@ class Score:
 
     @property
     def recall(self) -> tuple[float, float, float]:
-        """Share of the true events that were told, with its interval."""
+        """Share of the true events that were reported, with its interval."""
         return wilson(self.hits, self.hits + self.missed)
 
     @property
     def precision(self) -> tuple[float, float, float]:
-        """Share of the told events that are true, with its interval."""
+        """Share of the reported events that are true, with its interval."""
         return wilson(self.hits, self.hits + self.false)
 
 
@@ -164,20 +164,22 @@ def median_with_interval(values: Sequence[float]) -> tuple[float, float, float]:
     return (float(np.median(array)), float(low), float(high))
 
 
-def score_times(truth_s: Sequence[float], told_s: Sequence[float], kind: str, unclear_s: Sequence[float] = ()) -> Score:
-    """Match told times to true ones in order, each at most once.
+def score_times(
+    truth_s: Sequence[float], reported_s: Sequence[float], kind: str, unclear_s: Sequence[float] = ()
+) -> Score:
+    """Match reported times to true ones in order, each at most once.
 
     Args:
-        truth_s: What must be told, s.
-        told_s: What was told, s.
+        truth_s: What must be reported, s.
+        reported_s: What was reported, s.
         kind: Of the events: a key of `WINDOWS_S`.
-        unclear_s: What may be told and need not: a rebound, or the graze of a foot that swings. Within `UNCLEAR_S` of
+        unclear_s: What may be reported and need not: a rebound, or the graze of a foot in swing. Within `UNCLEAR_S` of
             it an event is neither right nor wrong.
 
     """
     before_s, after_s = WINDOWS_S[kind]
     score = Score()
-    free = sorted(told_s)
+    free = sorted(reported_s)
     for true_s in sorted(truth_s):
         inside = [at_s for at_s in free if true_s + before_s <= at_s <= true_s + after_s]
         if inside:
@@ -187,15 +189,15 @@ def score_times(truth_s: Sequence[float], told_s: Sequence[float], kind: str, un
         else:
             score.missed += 1
     before_s, after_s = UNCLEAR_S
-    score.false = sum(not any(at + before_s <= told <= at + after_s for at in unclear_s) for told in free)
+    score.false = sum(not any(at + before_s <= reported <= at + after_s for at in unclear_s) for reported in free)
     return score
 
 
-def score_slides(slides: Sequence[Slide], told_s: Sequence[float]) -> Score:
+def score_slides(slides: Sequence[Slide], reported_s: Sequence[float]) -> Score:
     """Match slips to slides: the first within one counts, if it comes in time; more are neither right nor wrong."""
     before_s, after_s = WINDOWS_S["slip"]
     score = Score()
-    free = sorted(told_s)
+    free = sorted(reported_s)
     for slide in slides:
         inside = [at_s for at_s in free if slide.begin_s + before_s <= at_s <= slide.end_s + after_s]
         free = [at_s for at_s in free if at_s not in inside]
@@ -221,7 +223,7 @@ SOURCES = {
         ("quadruped", "body"),
     ),
 }
-"""Source of stories and place of the IMU, by part: the robot of the held-out part is in none that is learned from."""
+"""Source of recordings and place of the IMU, by part: the robot held out is in none that is learned from."""
 
 
 @dataclass(frozen=True)
@@ -233,12 +235,12 @@ class Case:
     mount: str
     seed: int
 
-    def stories(self) -> list[LabelledRecording]:
-        """Make its stories: one, or one per ankle; none where the simulation blew up."""
+    def recordings(self) -> list[LabelledRecording]:
+        """Make its recordings: one, or one per ankle; none where the simulation blew up."""
         wide = self.part == HELD_OUT
         if self.source == "walk":
             return [walk(self.seed, self.mount, STRIDES, wide=wide)]
-        return robot_stories(self.source, self.seed, self.mount, wide=wide)
+        return robot_recordings(self.source, self.seed, self.mount, wide=wide)
 
 
 def cases_from(part: str, seed: int, count: int) -> list[Case]:
@@ -287,71 +289,75 @@ class Outcome:
 
 
 def run_case(case: Case) -> Outcome:
-    """Make the stories of a case, and score every way on them."""
+    """Make the recordings of a case, and score every way on them."""
     outcome = Outcome(defaultdict(Score), defaultdict(int))
-    stories = case.stories()
-    outcome.empty = int(not stories)
-    for story in stories:
-        outcome.steps[case.part] += sum(scored(story, kind, ()).missed for kind in ("impact", "slip"))
-        told, believed = told_by_ours(story)
+    recordings = case.recordings()
+    outcome.empty = int(not recordings)
+    for recording in recordings:
+        outcome.steps[case.part] += sum(scored(recording, kind, ()).missed for kind in ("impact", "slip"))
+        reported, believed = detected_by_ours(recording)
         outcome.unavailable += not believed
-        for kind, times_s in told.items():
-            outcome.scores[case.part, case.source, case.mount, kind, OURS].add(scored(story, kind, times_s))
-        for foot in story.feet or (story,):
+        for kind, times_s in reported.items():
+            outcome.scores[case.part, case.source, case.mount, kind, OURS].add(scored(recording, kind, times_s))
+        for foot in recording.feet or (recording,):
             if foot.legs:
-                for kind, times_s in told_by_ours(foot, efforts=True)[0].items():
+                for kind, times_s in detected_by_ours(foot, efforts=True)[0].items():
                     key = (case.part, case.source, case.mount, kind, WITH_EFFORTS)
                     outcome.scores[key].add(scored(foot, kind, times_s))
-                times_s = told_by_ours(foot, efforts=True, odometry=True)[0]["slip"]
+                times_s = detected_by_ours(foot, efforts=True, odometry=True)[0]["slip"]
                 key = (case.part, case.source, case.mount, "slip", WITH_ODOMETRY)
                 outcome.scores[key].add(scored(foot, "slip", times_s))
         for name, (way, settings) in WAYS.items():
             for setting in settings:
-                times_s = way(story.samples, setting)
+                times_s = way(recording.samples, setting)
                 for kind in KINDS:
                     key = (case.part, case.source, case.mount, kind, f"{name} {setting:g}")
-                    outcome.scores[key].add(scored(story, kind, times_s))
+                    outcome.scores[key].add(scored(recording, kind, times_s))
     return outcome
 
 
-def told_by_ours(
-    story: LabelledRecording, ratios: StepRatios | None = None, *, efforts: bool = False, odometry: bool = False
+def detected_by_ours(
+    recording: LabelledRecording, ratios: StepRatios | None = None, *, efforts: bool = False, odometry: bool = False
 ) -> tuple[dict[str, list[float]], bool]:
-    """Return the times, s, that a controller tells by kind, and whether it believes the IMU at the end.
+    """Return the times, s, that a controller reports by kind, and whether it believes the IMU at the end.
 
     Args:
-        story: What it hears.
+        recording: What it receives.
         ratios: Density ratios; None: those that come with it.
-        efforts: Whether it hears the leg's drives as well.
-        odometry: Whether it hears the body's speed, and all joints.
+        efforts: Whether it receives the leg's drives as well.
+        odometry: Whether it receives the body's speed, and all joints.
 
     """
-    parameters = ControllerParameters(imu_mount=story.mount, use_efforts=efforts, use_odometry=odometry)
-    controller = AnkleController(parameters, ratios, story.leg)
-    told: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    parameters = ControllerParameters(imu_mount=recording.mount, use_efforts=efforts, use_odometry=odometry)
+    controller = AnkleController(parameters, ratios, recording.leg)
+    reported: dict[str, list[float]] = {kind: [] for kind in KINDS}
     names = {each: kind for kind, each in KINDS.items()}
-    heard = [Received(sample.time_ns, sample) for sample in story.samples]
+    received = [Received(sample.time_ns, sample) for sample in recording.samples]
     if odometry:
-        heard = [*(Received(*each) for each in story.poses), *(Received(*each) for each in story.twists), *heard]
+        received = [
+            *(Received(*each) for each in recording.poses),
+            *(Received(*each) for each in recording.twists),
+            *received,
+        ]
     if efforts:  # of one time the leg comes first, as on the graph
-        legs = [Received(*each) for each in story.legs]
-        heard = sorted([*legs, *heard], key=lambda each: each.time_ns)
-    for each in heard:
+        legs = [Received(*each) for each in recording.legs]
+        received = sorted([*legs, *received], key=lambda each: each.time_ns)
+    for each in received:
         for event in feed(controller, each).events:
             if event.kind in names:
-                told[names[event.kind]].append(event.time_ns / NANOSECONDS_PER_SECOND)
-    return told, controller.watch.trouble is None
+                reported[names[event.kind]].append(event.time_ns / NANOSECONDS_PER_SECOND)
+    return reported, controller.watch.trouble is None
 
 
-def scored(story: LabelledRecording, kind: str, times_s: Sequence[float]) -> Score:
-    """Score times of a kind on a story, from `SEEN_S` after its begin."""
+def scored(recording: LabelledRecording, kind: str, times_s: Sequence[float]) -> Score:
+    """Score times of a kind on a recording, from `SEEN_S` after its begin."""
     begin_s = CLOCK_START_S + SEEN_S
-    told_s = [at_s for at_s in times_s if at_s >= begin_s]
+    reported_s = [at_s for at_s in times_s if at_s >= begin_s]
     if kind == "slip":
-        return score_slides([slide for slide in story.slides if slide.begin_s >= begin_s], told_s)
-    truth_s = story.touchdowns_s if kind == "impact" else story.liftoffs_s
-    unclear_s = story.touches_s if kind == "impact" else story.leaves_s
-    return score_times([at_s for at_s in truth_s if at_s >= begin_s], told_s, kind, unclear_s)
+        return score_slides([slide for slide in recording.slides if slide.begin_s >= begin_s], reported_s)
+    truth_s = recording.touchdowns_s if kind == "impact" else recording.liftoffs_s
+    unclear_s = recording.touches_s if kind == "impact" else recording.leaves_s
+    return score_times([at_s for at_s in truth_s if at_s >= begin_s], reported_s, kind, unclear_s)
 
 
 def run_trial(seed: int, steps: int, jobs: int, on_progress: Callable[[float, str], None]) -> Outcome:

@@ -101,7 +101,7 @@ def _watch(probe: Probe, viewer: psutil.Process, address: str) -> _Round:
 
         def take(left_s: float) -> None:
             nonlocal frames
-            if page.hear(left_s):
+            if page.receive(left_s):
                 frames += page.raw.count(MOVED)
 
         end_s = time.monotonic() + SETTLE_S

@@ -90,18 +90,19 @@ class _Tree:
             raise ParameterError(msg)
         return self._links[name]
 
-    def joint(self, name: str) -> _Joint:
-        """Return a joint by its name.
+    def joint(self, prefix: str, name: str) -> _Joint:
+        """Return a joint by its name, with the prefix or, where the description has the whole name, without.
 
         Raises:
             ParameterError: there is none.
 
         """
-        if name not in self.joints:
+        found = self.joints.get(prefix + name, self.joints.get(name))
+        if found is None:
             moving = ", ".join(joint.name for joint in self.joints.values() if joint.kind != "fixed")
-            msg = f"robot_description has no joint '{name}' (joint_prefix, and the joint's name); it has: {moving}"
+            msg = f"robot_description has no joint '{prefix}{name}' (joint_prefix and name); it has: {moving}"
             raise ParameterError(msg)
-        return self.joints[name]
+        return found
 
     def place(self, link: str, base: str = "") -> _Place:
         """Return where a link is in another above it; empty: in the root."""
@@ -147,8 +148,7 @@ def leg_of(description: str, parameters: ControllerParameters) -> Leg:
     """
     tree = _Tree(description)
     prefix = parameters.joint_prefix
-    hip, knee = (tree.joint(prefix + name) for name in (parameters.hip_joint, parameters.knee_joint))
-    ankle = tree.joint(prefix + _ANKLE)
+    hip, knee, ankle = (tree.joint(prefix, name) for name in (parameters.hip_joint, parameters.knee_joint, _ANKLE))
     for joint in (hip, knee, ankle):
         if math.dist(joint.axis, _Y) > _TO_AXIS:
             msg = f"joint '{joint.name}' of robot_description turns about {joint.axis}; it must be 0 1 0, to the left"

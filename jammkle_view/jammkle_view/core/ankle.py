@@ -1,27 +1,116 @@
-"""What is known of one ankle: the latest of everything, and the last seconds of what is plotted."""
+"""What is known of one ankle: the latest of everything, the last seconds of what is plotted, its real-time factor."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from jammkle_common import names
-from jammkle_view.core.samples import (
-    Base,
-    ChannelState,
-    Description,
-    Event,
-    Imu,
-    JamReport,
-    Joints,
-    Pressure,
-    Tendons,
-)
-from jammkle_view.core.trace import Trace
+from jammkle_view.core.samples import Base, ChannelState, Description, Event, Imu, JamReport, Joints, Pressure, Tendons
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Window = tuple[NDArray[np.float64], NDArray[np.float64]]
+    "Times, shape (n,), s, and values, shape (n, signals)."
     from jammkle_view.core.samples import Channel, Sample
+
+
+class Trace:
+    """A ring of samples in rising time. What comes from before the latest one starts it anew."""
+
+    def __init__(self, signals: int, capacity: int) -> None:
+        """Make an empty ring.
+
+        Args:
+            signals: Values per sample.
+            capacity: Samples that it keeps.
+
+        """
+        self._time_s = np.zeros(capacity)
+        self._values = np.zeros((capacity, signals))
+        self._next = 0
+        self._count = 0
+
+    def append(self, time_s: float, values: Sequence[float]) -> None:
+        """Add a sample; one of the same time as the latest is left out."""
+        if self._count:
+            latest_s = self._time_s[self._next - 1]
+            if time_s == latest_s:
+                return
+            if time_s < latest_s:
+                self._next = self._count = 0
+        self._time_s[self._next] = time_s
+        self._values[self._next] = values
+        self._next = (self._next + 1) % len(self._time_s)
+        self._count = min(self._count + 1, len(self._time_s))
+
+    def window(self, start_s: float, end_s: float) -> Window:
+        """Return the samples from one time to another, both included."""
+        order = np.arange(self._next - self._count, self._next)
+        time_s, values = self._time_s[order], self._values[order]
+        first, last = np.searchsorted(time_s, start_s), np.searchsorted(time_s, end_s, side="right")
+        return time_s[first:last], values[first:last]
+
+
+def thinned(time_s: NDArray[np.float64], values: NDArray[np.float64], bins: int) -> Window:
+    """Return at most twice as many samples as there are bins; every peak stays.
+
+    Args:
+        time_s: Rising, shape (n,), s.
+        values: Shape (n, signals).
+        bins: Stretches of equally many samples, of each of which the smallest and the largest values are kept.
+
+    """
+    per_bin = len(time_s) // bins
+    if per_bin <= 2:  # noqa: PLR2004 - nothing would be saved
+        return time_s, values
+    whole = len(time_s) // per_bin * per_bin
+    parts = values[:whole].reshape(-1, per_bin, values.shape[1])
+    extremes = np.stack((parts.min(axis=1), parts.max(axis=1)), axis=1).reshape(-1, values.shape[1])
+    half = per_bin // 2
+    ends_s = np.stack((time_s[:whole:per_bin], time_s[half:whole:per_bin]), axis=1).ravel()
+    return np.concatenate((ends_s, time_s[whole:])), np.concatenate((extremes, values[whole:]))
+
+
+_SPAN_S = 2.0
+"""Real time over which the factor is taken. Assumed: steady to look at, and soon right after a change."""
+
+
+class RealTimeFactor:
+    """Seconds of the robot's time per second of real time."""
+
+    def __init__(self) -> None:
+        """Begin without a sample."""
+        self._seen: deque[tuple[float, float]] = deque()
+
+    def note(self, robot_s: float, real_s: float) -> None:
+        """Take the robot's latest time, NaN where it has none yet, at a real time, both in s.
+
+        Time that goes back starts anew.
+        """
+        if math.isnan(robot_s):
+            return
+        if self._seen and robot_s < self._seen[-1][0]:
+            self._seen.clear()
+        self._seen.append((robot_s, real_s))
+        while len(self._seen) > 2 and self._seen[1][1] <= real_s - _SPAN_S:  # noqa: PLR2004 - it takes two
+            self._seen.popleft()
+
+    def value(self) -> float:
+        """Return the factor; NaN until half of the span was seen."""
+        if not self._seen:
+            return math.nan
+        (first_s, first_real_s), (last_s, last_real_s) = self._seen[0], self._seen[-1]
+        passed_s = last_real_s - first_real_s
+        return (last_s - first_s) / passed_s if passed_s > _SPAN_S / 2.0 else math.nan
+
 
 SPAN_S = 10.0
 """Time that a plot shows."""
@@ -35,20 +124,41 @@ _PRESSURE_TOPICS = (*(names.PRESSURES[channel].name for channel in names.CHANNEL
 _CHANNEL_OF_TENDON = {tendon: channel for channel, tendons in names.TENDONS_OF_CHANNEL.items() for tendon in tendons}
 
 
-class Ankle:
-    """One ankle as heard so far. `take` gives it whatever comes."""
+@dataclass
+class AnkleState:
+    """What one ankle looks like at a time, live or recorded."""
+
+    joints: Mapping[str, float] = field(default_factory=dict)
+    """Positions by name, rad or m."""
+    tensions_n: Mapping[str, float] = field(default_factory=dict)
+    broken: frozenset[str] = frozenset()
+    """Tendons that are."""
+    channels: Mapping[str, Channel] = field(default_factory=dict)
+    base: Base | None = None
+    """Where the robot is, if somebody publishes it."""
+
+    def state_of(self, tendon: str) -> ChannelState:
+        """Return the state of the channel that a tendon hangs on."""
+        channel = self.channels.get(_CHANNEL_OF_TENDON.get(tendon, ""))
+        return ChannelState.UNKNOWN if channel is None else channel.state
+
+    def vacuum_share(self, tendon: str) -> float:
+        """Return how far a tendon's channel is evacuated, 0 to 1 of the whole atmosphere; 0 where nobody measures."""
+        channel = self.channels.get(_CHANNEL_OF_TENDON.get(tendon, ""))
+        if channel is None or math.isnan(channel.measured_vacuum_pa):
+            return 0.0
+        return min(max(channel.measured_vacuum_pa / 1e5, 0.0), 1.0)
+
+
+class Ankle(AnkleState):
+    """One ankle as received so far. `take` gives it whatever comes."""
 
     def __init__(self) -> None:
         """Know nothing."""
+        super().__init__()
         capacity = round(SPAN_S * _FASTEST_HZ)
         self.time_s = math.nan
         """Latest stamp of a measurement, s."""
-        self.joints: dict[str, float] = {}
-        self.base: Base | None = None
-        """Where the robot is, if somebody tells."""
-        self.tensions_n: dict[str, float] = {}
-        self.broken: frozenset[str] = frozenset()
-        self.channels: dict[str, Channel] = {}
         self.emergency_stopped = False
         self.description = ""
         self.events: deque[Event] = deque(maxlen=_EVENTS)
@@ -64,7 +174,7 @@ class Ankle:
         match sample:
             case Joints():
                 self._measured_at(sample.time_s)
-                self.joints.update(sample.positions)
+                self.joints = {**self.joints, **sample.positions}
             case Tendons():
                 self._measured_at(sample.time_s)
                 self.tensions_n, self.broken = dict(sample.tensions_n), sample.broken
@@ -85,18 +195,6 @@ class Ankle:
             case Description():
                 self.description = sample.text
 
-    def state_of(self, tendon: str) -> ChannelState:
-        """Return the state of the channel that a tendon hangs on."""
-        channel = self.channels.get(_CHANNEL_OF_TENDON.get(tendon, ""))
-        return ChannelState.UNKNOWN if channel is None else channel.state
-
-    def vacuum_share(self, tendon: str) -> float:
-        """Return how far a tendon's channel is evacuated, 0 to 1 of the whole atmosphere; 0 where nobody measures."""
-        channel = self.channels.get(_CHANNEL_OF_TENDON.get(tendon, ""))
-        if channel is None or math.isnan(channel.measured_vacuum_pa):
-            return 0.0
-        return min(max(channel.measured_vacuum_pa / 1e5, 0.0), 1.0)
-
     def _measured_at(self, time_s: float) -> None:
         if not time_s <= self.time_s or time_s < self.time_s - SPAN_S:  # the robot's time may begin anew
             self.time_s = time_s
@@ -104,7 +202,7 @@ class Ankle:
     def _take_pressure(self, sample: Pressure) -> None:
         if sample.topic not in _PRESSURE_TOPICS:
             return
-        # Whole sets are shown, each once the next one begins: which sensors there are, nobody tells.
+        # Whole sets are shown, each once the next one begins: which sensors there are is not known.
         if sample.time_s != self._pressures_at_s:
             if math.isfinite(self._pressures_at_s):
                 self.pressures_pa.append(self._pressures_at_s, self._latest_pa)

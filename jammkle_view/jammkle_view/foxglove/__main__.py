@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING
 
 from jammkle_common.parameters import ParameterError
 from jammkle_common.runner import run
-from jammkle_view.foxglove.parameters import NOT_INSTALLED
+from jammkle_view.parameters import NO_FOXGLOVE
 
 if TYPE_CHECKING:
-    from rclpy.executors import Executor
-
-    from jammkle_common.runner import StopFlag
     from jammkle_view.foxglove.node import FoxgloveNode
 
 LOADED_LATER = ("jammkle_view.foxglove.node",)
@@ -22,24 +19,20 @@ LOADED_LATER = ("jammkle_view.foxglove.node",)
 
 def main() -> int:
     """Run the connection until SIGINT or SIGTERM and return the exit code."""
-    return run(_make_node, loop=_drive, shut_down=_shut_down)
+    return run(
+        _make_node,
+        loop=lambda node, executor, stop: node.drive(executor, stop),
+        shut_down=lambda node: node.shut_down(),
+    )
 
 
 def _make_node() -> FoxgloveNode:
     if importlib.util.find_spec("foxglove") is None:
-        raise ParameterError(NOT_INSTALLED)
+        raise ParameterError(NO_FOXGLOVE)
     # The bag library is loaded under the runner's signal handlers.
     from jammkle_view.foxglove.node import FoxgloveNode  # noqa: PLC0415
 
     return FoxgloveNode()
-
-
-def _drive(node: FoxgloveNode, executor: Executor, stop: StopFlag) -> None:
-    node.drive(executor, stop)
-
-
-def _shut_down(node: FoxgloveNode) -> None:
-    node.shut_down()
 
 
 if __name__ == "__main__":

@@ -1,11 +1,15 @@
-"""The node behind the connection: subscribes to what somebody looks at in the app, and to nothing else."""
+"""A live connection for the Foxglove app: a WebSocket server with a channel per topic, and the node that feeds it."""
 
 from __future__ import annotations
 
 import functools
+import queue
 import time
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
+import foxglove
+from foxglove.websocket import Capability, ServerListener
 from rclpy.node import Node
 
 from jammkle_common import names
@@ -14,22 +18,128 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.messages import message_class, transform_of
 from jammkle_common.parameters import ParameterError, declare
 from jammkle_common.qos import belongs, strongest
-from jammkle_view.foxglove.parameters import FoxgloveParameters
-from jammkle_view.foxglove.server import ForwardingServer
+from jammkle_view.parameters import FoxgloveParameters
 
 if TYPE_CHECKING:
     from nav_msgs.msg import Odometry
     from rclpy.executors import Executor
     from rclpy.subscription import Subscription
 
+    from jammkle_common.bags.definitions import MessageDefinition
     from jammkle_common.runner import StopFlag
+
+_ENCODING = "cdr"
+_DEFINED_AS = "ros2msg"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Somebody has begun to look at a topic, or the last one has ceased to."""
+
+    topic: str
+    begins: bool
+
+
+class ForwardingServer:
+    """Offers topics to the app, and says which of them somebody looks at."""
+
+    def __init__(self, host: str, port: int, name: str) -> None:
+        """Listen.
+
+        Args:
+            host: Address.
+            port: TCP port.
+            name: What the app shows.
+
+        Raises:
+            InputError: the port is taken.
+
+        """
+        self._channels: dict[str, Any] = {}
+        self._lookers: dict[str, set[int]] = {}
+        self._requested: queue.SimpleQueue[Wanted] = queue.SimpleQueue()
+        self._context = foxglove.Context()
+        try:
+            self._server = foxglove.start_server(
+                name=name,
+                host=host,
+                port=port,
+                capabilities=[Capability.Time],
+                server_listener=_Listener(self),
+                context=self._context,
+            )
+        except (OSError, RuntimeError) as error:
+            msg = f"the connection for Foxglove cannot listen on {host} port {port}: {error}; choose another port"
+            raise InputError(msg) from error
+        self.address = f"ws://{'localhost' if host.startswith('127.') else host}:{self._server.port}"
+        """What to type into the app on this machine."""
+
+    def offer(self, topic: str, message_type: str, definition: MessageDefinition) -> None:
+        """Offer a topic; once is enough.
+
+        Args:
+            topic: Full name.
+            message_type: `package/msg/Name`.
+            definition: Of the type.
+
+        """
+        if topic not in self._channels:
+            schema = foxglove.Schema(name=message_type, encoding=_DEFINED_AS, data=definition.text.encode())
+            self._channels[topic] = foxglove.Channel(
+                topic, schema=schema, message_encoding=_ENCODING, context=self._context
+            )
+
+    def forward(self, topic: str, data: bytes, time_ns: int) -> None:
+        """Send a serialised message to all who look at its topic."""
+        self._channels[topic].log(data, log_time=time_ns)
+
+    def send_time(self, time_ns: int) -> None:
+        """Send the app the time of the graph."""
+        self._server.broadcast_time(time_ns)
+
+    def wanted(self) -> list[Wanted]:
+        """Return what has changed since the last call."""
+        found = []
+        while not self._requested.empty():
+            found.append(self._requested.get())
+        return found
+
+    def stop(self) -> None:
+        """Stop listening."""
+        self._server.stop()
+
+    def looked_at(self, topic: str, client: int) -> None:
+        """Note that somebody has begun to look; every one who does must get what is latched."""
+        self._lookers.setdefault(topic, set()).add(client)
+        self._requested.put(Wanted(topic, begins=True))
+
+    def left(self, topic: str, client: int) -> None:
+        """Note that somebody looks no longer."""
+        lookers = self._lookers.get(topic, set())
+        lookers.discard(client)
+        if not lookers:
+            self._requested.put(Wanted(topic, begins=False))
+
+
+class _Listener(ServerListener):
+    """Receives the app's subscriptions, in a thread of the server's."""
+
+    def __init__(self, server: ForwardingServer) -> None:
+        self._server = server
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        self._server.looked_at(channel.topic, client.id)
+
+    def on_unsubscribe(self, client: Any, channel: Any) -> None:
+        self._server.left(channel.topic, client.id)
+
 
 TRANSFORM_SUFFIX = "/tf"
 """Behind the name of an odometry: its pose as a transform. The app draws a robot by transforms alone, and `/tf` is only
 there where somebody publishes it."""
 
 _LOOK_PERIOD_S = 0.2
-"""How often it is looked for new topics, and the time is told; discovery takes about as long."""
+"""How often it is looked for new topics, and the time is sent; discovery takes about as long."""
 _SPIN_S = 0.02
 _QUEUE_DEPTH = 100
 
@@ -61,11 +171,11 @@ class FoxgloveNode(Node):
         next_look_s = time.monotonic()
         while not stop:
             executor.spin_once(timeout_sec=_SPIN_S)
-            self._follow_wishes()
+            self._follow_requests()
             if time.monotonic() >= next_look_s:
                 next_look_s = time.monotonic() + _LOOK_PERIOD_S
                 self._offer_new()
-                self._server.tell_time(self._now_ns())
+                self._server.send_time(self._now_ns())
 
     def shut_down(self) -> None:
         """Stop listening."""
@@ -90,7 +200,7 @@ class FoxgloveNode(Node):
         except InputError as error:
             self.get_logger().warning(f"{name} is not forwarded: {error}")
 
-    def _follow_wishes(self) -> None:
+    def _follow_requests(self) -> None:
         """Subscribe where somebody looks; anew for each who comes, so that he gets what is latched."""
         for wanted in self._server.wanted():
             old = self._forwarded.pop(wanted.topic, None)

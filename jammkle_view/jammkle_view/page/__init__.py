@@ -1,1 +1,1 @@
-"""The page itself, made with viser. Knows no ROS: what is clicked becomes a wish, what is shown comes from the core."""
+"""The page itself, made with viser. Knows no ROS: what is clicked becomes a request, what is shown is the core's."""

@@ -1,4 +1,4 @@
-"""Buttons of one ankle: jam and unjam each channel, who decides, emergency stop."""
+"""Controls: of one ankle, jam and unjam, who decides, emergency stop; of the simulation, time, speed and set-up."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from jammkle_common.constants import HELD_VACUUM_PA
 from jammkle_common.names import CHANNELS
-from jammkle_view.core.samples import ChannelState
-from jammkle_view.core.wishes import Action, Ask, Jam, Unjam
+from jammkle_view.core.samples import Action, Ask, ChannelState, Jam, SetSim, Unjam
 from jammkle_view.page.words import channel_html
 
 if TYPE_CHECKING:
@@ -15,8 +14,8 @@ if TYPE_CHECKING:
 
     import viser
 
-    from jammkle_view.core.samples import Channel
-    from jammkle_view.core.wishes import Wish
+    from jammkle_view.core.models import Knob
+    from jammkle_view.core.samples import Channel, Request
 
 _PA_PER_KPA = 1000.0
 JAM, UNJAM = "Jam", "Unjam"
@@ -27,16 +26,16 @@ AUTO, MANUAL = "Controller", "Page alone"
 class AnkleControls:
     """What can be asked of one ankle, and what its channels are doing."""
 
-    def __init__(self, gui: viser.GuiApi, ankle: str, wish: Callable[[Wish], None]) -> None:
+    def __init__(self, gui: viser.GuiApi, ankle: str, request: Callable[[Request], None]) -> None:
         """Lay it out where the interface stands.
 
         Args:
             gui: Of the page.
             ankle: Whose.
-            wish: Takes what is asked for, from any thread.
+            request: Takes what is asked for, from any thread.
 
         """
-        self._ankle, self._wish = ankle, wish
+        self._ankle, self._request = ankle, request
         self._states: dict[str, viser.GuiHtmlHandle] = {}
         self._shown: dict[str, str] = {}
         self._held_pa: dict[str, float] = {}
@@ -63,12 +62,12 @@ class AnkleControls:
         @decides.on_click
         def _(_event: object) -> None:
             action = Action.AUTO_ON if decides.value == AUTO else Action.AUTO_OFF
-            self._wish(Ask(ankle, action))
+            self._request(Ask(ankle, action))
 
         stop = gui.add_button("EMERGENCY STOP", color="red", hint="Releases everything until the fault is cleared")
-        stop.on_click(lambda _: self._wish(Ask(ankle, Action.EMERGENCY_STOP)))
+        stop.on_click(lambda _: self._request(Ask(ankle, Action.EMERGENCY_STOP)))
         clear = gui.add_button("Clear fault", color="gray", hint="Ends an emergency stop or a fault; all stays vented")
-        clear.on_click(lambda _: self._wish(Ask(ankle, Action.CLEAR_FAULT)))
+        clear.on_click(lambda _: self._request(Ask(ankle, Action.CLEAR_FAULT)))
 
     def show(self, channels: Mapping[str, Channel]) -> str:
         """Say what the channels are doing.
@@ -127,7 +126,70 @@ class AnkleControls:
             if pair.value == JAM:
                 for each in channels or CHANNELS:
                     self._unjammed.pop(each, None)
-                self._wish(Jam(self._ankle, channels, self._vacuum_for(channels)))
+                self._request(Jam(self._ankle, channels, self._vacuum_for(channels)))
             else:
                 self._unjammed |= dict.fromkeys(channels or CHANNELS, False)
-                self._wish(Unjam(self._ankle, channels))
+                self._request(Unjam(self._ankle, channels))
+
+
+PAUSE, GO_ON, RESET = "Pause", "Go on", "Reset"
+
+
+class SimControls:
+    """What can be asked of the simulation, in a folder that is out of sight until there is one."""
+
+    def __init__(self, gui: viser.GuiApi, request: Callable[[Request], None]) -> None:
+        """Keep a place for it where the interface stands.
+
+        Args:
+            gui: Of the page.
+            request: Takes what is asked for, from any thread.
+
+        """
+        self._gui, self._request = gui, request
+        self._folder = gui.add_folder("Simulation", visible=False)
+        self._ankles: tuple[str, ...] = ()
+        self._sliders: dict[str, viser.GuiSliderHandle[float]] = {}
+
+    def offer(self, ankles: tuple[str, ...], knobs: tuple[Knob, ...]) -> None:
+        """Show what can be asked for, once it is known; each simulation that is there is asked.
+
+        Args:
+            ankles: In whose namespaces the simulations are.
+            knobs: What can be turned.
+
+        """
+        known, self._ankles = self._ankles, ankles
+        if known:
+            return
+        with self._folder:
+            run = self._gui.add_button_group("time", (PAUSE, GO_ON, RESET))
+
+            @run.on_click
+            def _(_event: object) -> None:
+                action = {PAUSE: Action.PAUSE, GO_ON: Action.GO_ON, RESET: Action.RESET}[run.value]
+                for ankle in self._ankles:
+                    self._request(Ask(ankle, action))
+
+            for knob in knobs:
+                self._add_slider(knob)
+        self._folder.visible = True
+        self._request(Ask(ankles[0], Action.READ_SPEED))
+
+    def show(self, parameter: str, value: float) -> None:
+        """Put a slider where the simulation has its parameter, as far as it reaches."""
+        slider = self._sliders.get(parameter)
+        if slider is not None:
+            slider.value = min(max(value, slider.min), slider.max)  # type: ignore[misc]  # set by a way of viser's own
+
+    def _add_slider(self, knob: Knob) -> None:
+        slider = self._gui.add_slider(
+            knob.label, knob.minimum, knob.maximum, knob.step, knob.start, hint=knob.hint or None
+        )
+        self._sliders[knob.parameter] = slider
+
+        @slider.on_update
+        def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+            if event.client is not None:  # moved by somebody, not by `show`
+                for ankle in self._ankles:
+                    self._request(SetSim(ankle, knob.parameter, float(slider.value) * knob.per_unit))

@@ -6,29 +6,22 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_common import names
 from jammkle_view.core import ankle as known
-from jammkle_view.core.knobs import knobs_of
-from jammkle_view.core.models import setting_of
-from jammkle_view.core.samples import EventKind
-from jammkle_view.core.tints import EVENT_TINTS, LINE_TINTS, tendon_tint
+from jammkle_view.core.models import knobs_of, setting_of
 from jammkle_view.page import words
-from jammkle_view.page.controls import AnkleControls
-from jammkle_view.page.plots import LEAST, Line, Mark, Plot
+from jammkle_view.page.controls import AnkleControls, SimControls
+from jammkle_view.page.plots import LEAST, Mark, Plot, event_marks, lines_of
 from jammkle_view.page.scene import RobotScene
 from jammkle_view.page.server import look_at
-from jammkle_view.page.sim_controls import SimControls
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     import viser
 
-    from jammkle_view.core.ankle import Ankle
+    from jammkle_view.core.ankle import Ankle, Trace
     from jammkle_view.core.models import Naming
-    from jammkle_view.core.tints import Rgb
-    from jammkle_view.core.trace import Trace
-    from jammkle_view.core.wishes import Wish
+    from jammkle_view.core.samples import Request
 
 _PLOT_PERIOD_S = 0.15
 _TEXT_PERIOD_S = 0.25
@@ -54,16 +47,16 @@ class _Drawn:
 class LivePage:
     """Scene, plots, controls of all ankles. One thread feeds it; what is clicked is handed on from others."""
 
-    def __init__(self, server: viser.ViserServer, ankles: Sequence[str], wish: Callable[[Wish], None]) -> None:
+    def __init__(self, server: viser.ViserServer, ankles: Sequence[str], request: Callable[[Request], None]) -> None:
         """Lay the page out.
 
         Args:
             server: Running.
             ankles: Names, one or several.
-            wish: Takes what is asked for, from any thread.
+            request: Takes what is asked for, from any thread.
 
         """
-        self._server, self._wish = server, wish
+        self._server, self._request = server, request
         self._ankles = tuple(ankles)
         gui = server.gui
         gui.main_panel.dock_right()
@@ -72,7 +65,7 @@ class LivePage:
         self._answer = gui.add_html(words.answer_html("", good=True))
         self._controls: dict[str, AnkleControls] = {}
         self._lay_out_controls(gui)
-        self._sim = SimControls(gui, wish)
+        self._sim = SimControls(gui, request)
         with gui.add_folder("Felt by the controller"):
             self._events = gui.add_html(words.events_html(()))
         gui.add_html(words.legend_html())
@@ -122,12 +115,12 @@ class LivePage:
 
     def _lay_out_controls(self, gui: viser.GuiApi) -> None:
         if len(self._ankles) == 1:
-            self._controls[self._ankles[0]] = AnkleControls(gui, self._ankles[0], self._wish)
+            self._controls[self._ankles[0]] = AnkleControls(gui, self._ankles[0], self._request)
             return
         tabs = gui.add_tab_group()
         for name in self._ankles:
             with tabs.add_tab(name):
-                self._controls[name] = AnkleControls(gui, name, self._wish)
+                self._controls[name] = AnkleControls(gui, name, self._request)
 
     def _show_robots(self, ankles: Mapping[str, Ankle]) -> None:
         descriptions = {name: ankle.description for name, ankle in ankles.items()}
@@ -135,17 +128,7 @@ class LivePage:
             self._descriptions = descriptions
             self._build(descriptions)
         for drawn in self._drawn:
-            positions: dict[str, float] = {}
-            tints: dict[str, Rgb] = {}
-            shares: dict[str, float] = {}
-            for name, naming in drawn.ankles.items():
-                ankle = ankles[name]
-                positions |= {naming.joint(told): value for told, value in ankle.joints.items()}
-                for told in names.TENDONS:
-                    tension_n, broken = ankle.tensions_n.get(told, 0.0), told in ankle.broken
-                    tints[naming.tendon(told)] = tendon_tint(ankle.state_of(told), tension_n, broken=broken)
-                    shares[naming.tendon(told)] = ankle.vacuum_share(told)
-            drawn.scene.show(positions, tints, shares, next(iter(ankles.values())).base)
+            drawn.scene.show_ankles([(naming, ankles[name]) for name, naming in drawn.ankles.items()])
 
     def _build(self, descriptions: Mapping[str, str]) -> None:
         """Draw all robots anew, as a simulation now says that it is something else."""
@@ -241,13 +224,3 @@ class _LivePlots:
 
 def _plot(gui: viser.GuiApi, title: str, lines: Sequence[str], marks: Sequence[Mark] = ()) -> Plot:
     return Plot(gui, title, lines_of(lines), (-known.SPAN_S, 0.0), marks, least=LEAST[title])
-
-
-def lines_of(labels: Sequence[str]) -> tuple[Line, ...]:
-    """Return lines of these labels in their colours."""
-    return tuple(Line(name.replace("_", " "), LINE_TINTS[name]) for name in labels)
-
-
-def event_marks() -> tuple[Mark, ...]:
-    """Return a mark for every kind of event."""
-    return tuple(Mark(kind.name.lower(), EVENT_TINTS[kind]) for kind in EventKind if kind is not EventKind.UNKNOWN)

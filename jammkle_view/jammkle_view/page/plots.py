@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_view.core.tints import css
-from jammkle_view.core.trace import thinned
+from jammkle_view.core.ankle import thinned
+from jammkle_view.core.figure import EVENT_TINTS, LINE_TINTS, css
+from jammkle_view.core.samples import EventKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     import viser
     from numpy.typing import NDArray
 
-    from jammkle_view.core.tints import Rgb
+    from jammkle_view.core.figure import Rgb
 
 LEAST = {
     "Pressure, absolute [kPa]": 5.0,
@@ -171,3 +172,13 @@ def _strokes(time_s: NDArray[np.float64], marked_s: Sequence[float]) -> NDArray[
     inside = [each for each in marked_s if time_s[0] <= each <= time_s[-1]]
     line[np.minimum(np.searchsorted(time_s, inside), len(time_s) - 1)] = _MARK_HEIGHT
     return line
+
+
+def lines_of(labels: Sequence[str]) -> tuple[Line, ...]:
+    """Return lines of these labels in their colours."""
+    return tuple(Line(name.replace("_", " "), LINE_TINTS[name]) for name in labels)
+
+
+def event_marks() -> tuple[Mark, ...]:
+    """Return a mark for every kind of event."""
+    return tuple(Mark(kind.name.lower(), EVENT_TINTS[kind]) for kind in EventKind if kind is not EventKind.UNKNOWN)

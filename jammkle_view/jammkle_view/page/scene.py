@@ -6,16 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_view.core.figure import FLOOR_HALF_M, WORLD, fibre_bundle, figure_of
-from jammkle_view.core.kinematics import Kinematics, along
+from jammkle_common.names import TENDONS
+from jammkle_view.core.figure import FLOOR_HALF_M, WORLD, fibre_bundle, figure_of, tendon_tint
+from jammkle_view.core.models import Kinematics, along
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     import viser
 
+    from jammkle_view.core.ankle import AnkleState
+    from jammkle_view.core.figure import Rgb
+    from jammkle_view.core.models import Naming
     from jammkle_view.core.samples import Base
-    from jammkle_view.core.tints import Rgb
 
 TENDON_RADIUS_M = 0.0055
 """Of a tendon that is soft: eighteen fibres of 2 mm, and the membrane's slack."""
@@ -45,7 +48,7 @@ class RobotScene:
             server: Of the page.
             root: Name in the scene that everything hangs below.
             model: The mujoco.MjModel.
-            floats: Whether its joints do not tell where it is. Until somebody else does it is put onto the ground; then
+            floats: Whether its joints do not say where it is. Until somebody else does it is put onto the ground; then
                 it stays in sight, and the ground passes under it.
             ghost: Its one colour, if it is to be seen through; the world around it is then left out.
             beside: On whose ground a ghost that floats moves.
@@ -136,6 +139,21 @@ class RobotScene:
         """Show or hide it."""
         self._root.visible = visible
 
+    def show_ankles(self, ankles: Iterable[tuple[Naming, AnkleState]]) -> None:
+        """Move it as its ankles are, and give their tendons their colours; the first says where the robot is."""
+        positions: dict[str, float] = {}
+        tints: dict[str, Rgb] = {}
+        shares: dict[str, float] = {}
+        bases: list[Base | None] = []
+        for naming, ankle in ankles:
+            bases.append(ankle.base)
+            positions |= {naming.joint(name): value for name, value in ankle.joints.items()}
+            for name in TENDONS:
+                tension_n, broken = ankle.tensions_n.get(name, 0.0), name in ankle.broken
+                tints[naming.tendon(name)] = tendon_tint(ankle.state_of(name), tension_n, broken=broken)
+                shares[naming.tendon(name)] = ankle.vacuum_share(name)
+        self.show(positions, tints, shares, next(iter(bases), None))
+
     def show(
         self,
         positions: Mapping[str, float],
@@ -149,7 +167,7 @@ class RobotScene:
             positions: Of joints by name, rad or m; a joint that is not named stays.
             tints: Colour by tendon; a ghost keeps its own.
             vacuum_shares: How far each tendon is evacuated, 0 to 1, by name.
-            base: Where it is, if that is known and its joints do not tell.
+            base: Where it is, if that is known and its joints do not say.
 
         """
         self._kinematics.move(positions, base if self._floats else None)

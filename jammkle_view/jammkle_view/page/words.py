@@ -6,8 +6,8 @@ import html
 import math
 from typing import TYPE_CHECKING
 
+from jammkle_view.core.figure import EVENT_TINTS, FULL_TENSION_N, STATE_TINTS, css
 from jammkle_view.core.samples import ChannelState
-from jammkle_view.core.tints import EVENT_TINTS, FULL_TENSION_N, STATE_TINTS, css
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -24,8 +24,8 @@ def channel_html(known: Channel | None, channel: str = "") -> str:
     vacuum, reason = "", ""
     if known is not None:
         measured = "-" if math.isnan(known.measured_vacuum_pa) else f"{known.measured_vacuum_pa / _PA_PER_KPA:.1f}"
-        told = math.isfinite(known.commanded_vacuum_pa)
-        vacuum = f"{measured}{f' of {known.commanded_vacuum_pa / _PA_PER_KPA:.0f}' if told else ''} kPa"
+        commanded = math.isfinite(known.commanded_vacuum_pa)
+        vacuum = f"{measured}{f' of {known.commanded_vacuum_pa / _PA_PER_KPA:.0f}' if commanded else ''} kPa"
         reason = html.escape(known.reason)
     pill = (
         f'<span style="background: {css(STATE_TINTS[state])}; color: white; border-radius: 9px; padding: 1px 8px; '
@@ -82,7 +82,7 @@ def legend_html() -> str:
 
 
 def answer_html(text: str, *, good: bool) -> str:
-    """Return what a node has answered to a wish."""
+    """Return what a node has answered to a request."""
     tint = "inherit" if good else "rgb(215, 40, 40)"
     return f'<div style="{_BOX}; color: {tint}; min-height: 18px">{html.escape(text)}</div>'
 

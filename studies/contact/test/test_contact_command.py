@@ -26,7 +26,7 @@ def test_a_small_trial_of_the_detectors(tmp_path: Path) -> None:
     rows = {(row["part"], row["kind"], row["way"]) for row in found["rows"]}
     for part in ("tuning", "held out"):
         assert {(part, kind, "ours") for kind in ("impact", "lift-off", "slip")} <= rows
-        assert len({way for told, _, way in rows if told == part}) >= 4
+        assert len({way for reported, _, way in rows if reported == part}) >= 4
     assert found["blown_up"] == 0
     assert found["aims"]["lift-off"] in (tmp_path / "contact.html").read_text()
 

@@ -1,4 +1,4 @@
-"""Twelve drops of the paper's rig: the first impact is told as the fall ends."""
+"""Twelve drops of the paper's rig: the first impact is reported as the fall ends."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RELEASE_S = 1.0
 
 @pytest.mark.parametrize("foot", ["unjammed", "jammed", "squash_ball"])
 @pytest.mark.parametrize("repeat", range(4))
-def test_the_impact_of_a_drop_is_told_within_two_milliseconds_of_the_fall(foot: str, repeat: int) -> None:
+def test_the_impact_of_a_drop_is_reported_within_two_milliseconds_of_the_fall(foot: str, repeat: int) -> None:
     """The end of the fall is that of a free one from the height, which is good to a millisecond."""
     options = scattered("drop", DropOptions(foot=foot), repeat)
     imu = run_rig("drop", options, lambda _: None, lambda: False).topics[IMU.name]

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 TIMEOUT_S = 60.0
 STATE_PERIOD_NS = 10_000_000
-"""Joints and gait's plan of a robot are told 100 times a second, at multiples of this."""
+"""Joints and gait's plan of a robot are reported 100 times a second, at multiples of this."""
 
 
 def land(duration_s: float = 2.5) -> tuple[AnkleLoop, list[ImuSample]]:
@@ -66,7 +66,7 @@ def test_a_landing_in_the_loop_is_felt_and_held() -> None:
 
 
 def test_ros_and_loop_decide_the_same_on_the_same_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The node, fed over DDS with the samples of a loop, tells the same events, to the bit, and the same wish."""
+    """The node, fed over DDS with the samples of a loop, reports its events and set points to the bit."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     _, samples = land(1.5)
     made = replay([Received(sample.time_ns, sample) for sample in samples], ControllerParameters())
@@ -96,11 +96,11 @@ def test_ros_and_loop_decide_the_same_on_the_same_samples(monkeypatch: pytest.Mo
                 imu.publish(message_of(sample))
                 executor.spin_once(timeout_sec=0.002)
             until(lambda: len(events) >= len(made.events))
-            told = [
+            reported = [
                 (e.header.stamp.sec * NANOSECONDS_PER_SECOND + e.header.stamp.nanosec, e.magnitude, e.probability)
                 for e in events
             ]
-            assert told == [(event.time_ns, event.magnitude, event.probability) for event in made.events]
+            assert reported == [(event.time_ns, event.magnitude, event.probability) for event in made.events]
             until(lambda: {c.channel: c.vacuum_pa for c in commands[-1].channels} == made.decisions[-1].vacuum_pa)
         finally:
             process.terminate()
@@ -123,50 +123,50 @@ def walk(imu: str, duration_s: float) -> tuple[AnkleLoop, list[Received], list[b
     """Walk a leg in the loop; return it, what a bag of the graph would hold, and whether each true swing was held."""
     simulation = robot_simulation("leg", RobotOptions(behaviour="walk", imu=imu))
     loop = AnkleLoop(simulation.ankles["ankle"], ControllerParameters(imu_mount=imu))
-    heard: list[Received] = []
+    received: list[Received] = []
     held: list[bool] = []
     for number, sample in enumerate(simulation.samples(duration_s, 500)):
         (ankle,) = sample.ankles.values()
         time_ns = round(sample.time_s * NANOSECONDS_PER_SECOND)
         if number == 0 or time_ns % STATE_PERIOD_NS == 0:
-            heard.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
+            received.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
             if ankle.plan is not None:
-                heard.append(Received(time_ns, Input.PLANNED_CONTACT, float(ankle.plan.bears)))
+                received.append(Received(time_ns, Input.PLANNED_CONTACT, float(ankle.plan.bears)))
                 if ankle.plan.phase is not None:
-                    heard.append(Received(time_ns, Input.GAIT_PHASE, ankle.plan.phase))
-        heard.append(Received(time_ns, loop.step(sample.time_s)))
+                    received.append(Received(time_ns, Input.GAIT_PHASE, ankle.plan.phase))
+        received.append(Received(time_ns, loop.step(sample.time_s)))
         if sample.time_s > 1.5 and not ankle.foot.stands:
             held.append(loop.controller.vacuum_pa > 0.0)
-    return loop, heard, held
+    return loop, received, held
 
 
 def test_the_plan_of_a_gait_vents_the_swings_that_a_body_does_not_show() -> None:
     """On the body no step is felt: by the IMU alone a leg that walks stays jammed, in the loop most swings are soft.
 
-    The loop hears the plan as often and in the order in which the graph tells it, so that it decides as a controller
-    that hears the same recording.
+    The loop receives the plan as often and in the order in which the graph has it, so that it decides as a controller
+    that receives the same recording.
     """
-    loop, heard, held = walk("body", 4.0)
+    loop, received, held = walk("body", 4.0)
     assert sum(held) / len(held) < 0.5
-    made = replay(heard, loop_parameters := ControllerParameters(imu_mount="body"))
+    made = replay(received, loop_parameters := ControllerParameters(imu_mount="body"))
     assert made.events == loop.events
     assert made.decisions[-1].vacuum_pa == loop.controller.set_points_pa
-    alone = replay([each for each in heard if isinstance(each.what, ImuSample)], loop_parameters)
+    alone = replay([each for each in received if isinstance(each.what, ImuSample)], loop_parameters)
     after = [each for each in alone.decisions if each.time_ns > NANOSECONDS_PER_SECOND]
     assert all(any(each.vacuum_pa.values()) for each in after)
 
 
-def test_efforts_tell_every_step_of_a_leg_on_any_mount() -> None:
-    """With the IMU on the body, which feels no step, each true change of a walk is told once, within 30 ms of it.
+def test_efforts_report_every_step_of_a_leg_on_any_mount() -> None:
+    """With the IMU on the body, which feels no step, each true change of a walk is reported once, within 30 ms of it.
 
-    The load comes out to 5 N in the median of a stance of some 16 N. The loop hears the efforts as often as the graph
-    tells them, so that it decides as a controller that hears the same recording.
+    The load comes out to 5 N in the median of a stance of some 16 N. The loop receives the efforts as often as on the
+    graph, so that it decides as a controller that receives the same recording.
     """
     parameters = ControllerParameters(imu_mount="body", use_efforts=True)
     simulation = robot_simulation("leg", RobotOptions(behaviour="walk", imu="body"))
     loop = AnkleLoop(simulation.ankles["ankle"], parameters, leg=leg_of_robot("leg"))
     load = LegLoad(leg_of_robot("leg"), parameters.armature_kg_m2)
-    heard: list[Received] = []
+    received: list[Received] = []
     stands: list[bool] = []
     errors_n: list[float] = []
     for number, sample in enumerate(simulation.samples(4.0, 500)):
@@ -178,11 +178,11 @@ def test_efforts_tell_every_step_of_a_leg_on_any_mount() -> None:
             load_n = load.update(reading, time_ns)
             if load_n is not None and ankle.foot.stands:
                 errors_n.append(abs(load_n - ankle.foot.normal_force_n))
-            heard.append(Received(time_ns, reading))
-            heard.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
-        heard.append(Received(time_ns, loop.step(sample.time_s)))
+            received.append(Received(time_ns, reading))
+            received.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
+        received.append(Received(time_ns, loop.step(sample.time_s)))
         stands.append(ankle.foot.stands)
-    heard_again = [each for each in heard if each.what is not Input.JOINTS]
+    heard_again = [each for each in received if each.what is not Input.JOINTS]
     assert [event for event in replay(heard_again, parameters).events if event.source is Source.EFFORTS] == [
         event for event in loop.events if event.source is Source.EFFORTS
     ]
@@ -191,15 +191,15 @@ def test_efforts_tell_every_step_of_a_leg_on_any_mount() -> None:
     lifted_s = [end / 500.0 for _, end in contacts if 0.3 < end / 500.0 < 3.9]
     landed_s = [begin / 500.0 for begin, _ in contacts if 0.3 < begin / 500.0 < 3.9]
     assert len(landed_s) >= 5
-    told = [event for event in loop.events if event.source is Source.EFFORTS and 0.3e9 < event.time_ns < 3.95e9]
+    reported = [event for event in loop.events if event.source is Source.EFFORTS and 0.3e9 < event.time_ns < 3.95e9]
     for kind, true_s in ((ContactKind.LIFTOFF, lifted_s), (ContactKind.IMPACT, landed_s)):
-        told_s = [event.time_ns / NANOSECONDS_PER_SECOND for event in told if event.kind is kind]
-        assert len(told_s) == len(true_s)
-        assert told_s == pytest.approx([at_s + 0.015 for at_s in true_s], abs=0.03)
+        reported_s = [event.time_ns / NANOSECONDS_PER_SECOND for event in reported if event.kind is kind]
+        assert len(reported_s) == len(true_s)
+        assert reported_s == pytest.approx([at_s + 0.015 for at_s in true_s], abs=0.03)
 
 
-def test_a_slip_is_told_by_odometry_in_the_loop() -> None:
-    """Ground that turns slippery under a leg: the loop tells it before 20 mm, as a controller that hears the same."""
+def test_a_slip_is_reported_by_odometry_in_the_loop() -> None:
+    """Ground that turns slippery under a leg: the loop reports it before 20 mm, as a controller on the graph."""
     parameters = ControllerParameters(imu_mount="body", use_efforts=True, use_odometry=True)
     options = RobotOptions(behaviour="slip", imu="body", slope_deg=15.0, slip_friction=0.1, slip_time_s=1.0)
     simulation = robot_simulation("leg", options)
@@ -208,9 +208,9 @@ def test_a_slip_is_told_by_odometry_in_the_loop() -> None:
     for sample in simulation.samples(1.5, 500):
         loop.step(sample.time_s)
         slid_m.append(sample.ankles["ankle"].foot.sliding_distance_m)
-    told = [event for event in loop.events if event.source is Source.ODOMETRY and event.time_ns > 0.5e9]
-    assert [event.kind for event in told] == [ContactKind.SLIP]
-    when = round(told[0].time_ns / NANOSECONDS_PER_SECOND * 500.0)
+    reported = [event for event in loop.events if event.source is Source.ODOMETRY and event.time_ns > 0.5e9]
+    assert [event.kind for event in reported] == [ContactKind.SLIP]
+    when = round(reported[0].time_ns / NANOSECONDS_PER_SECOND * 500.0)
     assert 0.0 < slid_m[when] - slid_m[499] < 0.02
     without = AnkleLoop(simulation.ankles["ankle"], parameters, leg=leg_of_robot("leg"))
     simulation.reset()

@@ -14,7 +14,7 @@ from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
 from studies.contact.labelled import CLOCK_START_S, Drives, Estimator, LabelledRecording, read_body, read_leg, read_pose
 from studies.contact.robots import POSE_JOINTS, Keeper, leg_of_robot, slides_of
-from studies.contact.trial import told_by_ours
+from studies.contact.trial import detected_by_ours
 
 
 @pytest.mark.parametrize("robot", ["leg", "quadruped"])
@@ -36,11 +36,11 @@ def test_the_sole_goes_as_fast_as_in_the_simulation(robot: str) -> None:
             middle = dataclasses.replace(leg, toe_m=0.0, heel_m=0.0, half_width_m=0.0)
             columns = (view.joint_positions(), view.joint_velocities())
             pose = LegPose(*(column.get(joint, 0.0) for column in columns for joint in POSE_JOINTS))
-            told = sole_velocity_m_s(middle, pose, BodyTwist(0, base.linear_m_s, base.angular_rad_s))
+            reported = sole_velocity_m_s(middle, pose, BodyTwist(0, base.linear_m_s, base.angular_rad_s))
             trunk = data.xmat[model.body_rootid[model.body(view.ankle.foot).id]].reshape(3, 3)
-            assert told == pytest.approx(tuple(trunk.T @ velocity_of(model, data, view.ankle.foot)), abs=1e-4)
+            assert reported == pytest.approx(tuple(trunk.T @ velocity_of(model, data, view.ankle.foot)), abs=1e-4)
             before, after = (place_after(model, data, view.ankle.foot, by_s) for by_s in (-1e-5, 1e-5))
-            assert told == pytest.approx(tuple(trunk.T @ (after - before) / 2e-5), abs=1e-4)
+            assert reported == pytest.approx(tuple(trunk.T @ (after - before) / 2e-5), abs=1e-4)
 
 
 def sole_m(data: mujoco.MjData, foot: str) -> np.ndarray:
@@ -65,10 +65,10 @@ def place_after(model: mujoco.MjModel, data: mujoco.MjData, foot: str, time_s: f
     return sole_m(other, foot)
 
 
-def test_slips_of_a_quadruped_are_told_with_odometry() -> None:
-    """When the slope turns slippery under a quadruped, each foot tells it before it has slid by 20 mm, once.
+def test_slips_of_a_quadruped_are_reported_with_odometry() -> None:
+    """When the slope turns slippery under a quadruped, each foot reports it before it has slid by 20 mm, once.
 
-    On the IMU at the body nothing is told of it at that time.
+    On the IMU at the body nothing is reported of it at that time.
     """
     options = RobotOptions(
         behaviour="slip", imu="body", slope_deg=15.0, slip_friction=0.1, friction=0.9, slip_time_s=0.6
@@ -80,7 +80,7 @@ def test_slips_of_a_quadruped_are_told_with_odometry() -> None:
     for name, traces in keeper.traces().items():
         legs = read_leg(traces.leg, 1000.0, Drives(), chance)
         (slide,) = (each for each in slides_of(traces) if each.begin_s > CLOCK_START_S + 0.55)
-        story = LabelledRecording(
+        recording = LabelledRecording(
             name=name,
             mount="body",
             samples=[],
@@ -93,7 +93,9 @@ def test_slips_of_a_quadruped_are_told_with_odometry() -> None:
             twists=read_body(traces.twist, 1000.0, Estimator(), chance),
             leg=leg_of_robot("quadruped", name),
         )
-        told_s = [at_s for at_s in told_by_ours(story, efforts=True, odometry=True)[0]["slip"] if at_s > 1.3]
-        assert len(told_s) == 1
-        assert 0.0 < slide.way_at_m(told_s[0]) < 0.02
-        assert told_by_ours(story, efforts=True)[0]["slip"] == []
+        reported_s = [
+            at_s for at_s in detected_by_ours(recording, efforts=True, odometry=True)[0]["slip"] if at_s > 1.3
+        ]
+        assert len(reported_s) == 1
+        assert 0.0 < slide.way_at_m(reported_s[0]) < 0.02
+        assert detected_by_ours(recording, efforts=True)[0]["slip"] == []

@@ -1,9 +1,10 @@
-"""Carries out what was asked for on the page, by the graph's own services, topics and parameters."""
+"""What the viewer subscribes to, and the requests it sends: the graph as the page needs it."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -12,10 +13,10 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from jammkle_common import names
-from jammkle_common.qos import publisher_qos
+from jammkle_common.qos import newest_qos, publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam as JamService
 from jammkle_msgs.srv import Unjam as UnjamService
-from jammkle_view.core.wishes import Action, Ask, Jam, SetSim, Unjam
+from jammkle_view.core.samples import TAKERS, Action, Ask, Jam, SetSim, Unjam
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,18 +24,109 @@ if TYPE_CHECKING:
     from rclpy.client import Client
     from rclpy.node import Node
     from rclpy.publisher import Publisher
+    from rclpy.subscription import Subscription
 
-    from jammkle_view.core.wishes import Wish
+    from jammkle_common.names import Topic
+    from jammkle_view.core.ankle import Ankle
+    from jammkle_view.core.samples import Request
 
     Answer = Callable[[str, bool], None]
-    """Takes what a node said, and whether it did what was asked."""
+    "Takes what a node said, and whether it did what was asked."
+
+_SELDOM = (names.JAM_STATE, names.CONTACT_EVENTS, names.SIM_PARAMETERS)
+_OF_THE_WHOLE = names.SIM_PARAMETERS
+_SHOWN = (names.JOINT_STATES, names.TENDON_STATES)
+_PLOTTED = (*names.PRESSURES.values(), names.MANIFOLD_PRESSURE)
+_IMU_DEPTH = 100
+"""A tenth of a second at 1 kHz: three frames, of which every sample is plotted, as an impact lasts a few alone."""
+
+
+class AnkleSubscriptions:
+    """Subscriptions to one ankle's topics, and who takes their messages."""
+
+    def __init__(self, node: Node, watcher: Node, namespace: str, ankle: Ankle, *, with_base: bool) -> None:
+        """Subscribe.
+
+        Args:
+            node: Whose executor serves what is seldom.
+            watcher: A node without executor: its messages call nobody.
+            namespace: Of the ankle, relative to both nodes'; empty: their own.
+            ankle: Who takes the messages.
+            with_base: Whether to subscribe to where the whole is, too; one of several ankles will do.
+
+        """
+        self._ankle = ankle
+        prefix = f"{namespace}/" if namespace else ""
+        for topic in _SELDOM:
+            take = TAKERS[topic.name]
+            node.create_subscription(
+                _kind(topic),
+                f"{prefix}{topic.name}",
+                lambda message, take=take: ankle.take(take(message)),
+                subscriber_qos(topic),
+            )
+        if namespace:  # one simulation of several ankles publishes above them
+            take = TAKERS[_OF_THE_WHOLE.name]
+            node.create_subscription(
+                _kind(_OF_THE_WHOLE),
+                _OF_THE_WHOLE.name,
+                lambda message: ankle.take(take(message)),
+                subscriber_qos(_OF_THE_WHOLE),
+            )
+        self._watcher, self._prefix = watcher, prefix
+        self._shown = [(topic.name, _watch(watcher, prefix, topic, 1)) for topic in _SHOWN]
+        if with_base:
+            self._shown.append((names.ODOMETRY.name, _watch(watcher, "", names.ODOMETRY, 1)))
+        self._plotted: list[tuple[str, Subscription]] = []
+        self._imu: Subscription | None = None
+
+    def look(self) -> None:
+        """Take the newest of every measurement; of an IMU that is plotted all since the last look."""
+        for topic, subscription in (*self._shown, *self._plotted):
+            self._take(topic, subscription)
+        if self._imu is not None:
+            for _ in range(_IMU_DEPTH):
+                if not self._take(names.IMU.name, self._imu):
+                    break
+
+    def plot(self, *, wanted: bool) -> None:
+        """Subscribe to what is only plotted, or cease to."""
+        if wanted and self._imu is None:
+            self._imu = _watch(self._watcher, self._prefix, names.IMU, _IMU_DEPTH)
+            self._plotted = [(topic.name, _watch(self._watcher, self._prefix, topic, 1)) for topic in _PLOTTED]
+        elif not wanted and self._imu is not None:
+            for subscription in (self._imu, *(subscription for _, subscription in self._plotted)):
+                self._watcher.destroy_subscription(subscription)
+            self._plotted, self._imu = [], None
+
+    def _take(self, topic: str, subscription: Subscription) -> bool:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken is None:
+            return False
+        self._ankle.take(TAKERS[topic](taken[0]))
+        return True
+
+
+def _kind(topic: Topic) -> Any:
+    package, folder, name = topic.message_type.split("/")
+    return getattr(import_module(f"{package}.{folder}"), name)
+
+
+def _watch(watcher: Node, prefix: str, topic: Topic, depth: int) -> Subscription:
+    return watcher.create_subscription(_kind(topic), f"{prefix}{topic.name}", _nobody, newest_qos(depth))
+
+
+def _nobody(_message: object) -> None:
+    """Stand where rclpy wants a callback; never called."""
+
 
 SPEED = "speed"
 """Parameter of the simulation that whoever started it may have chosen."""
 _GET_PARAMETERS = f"{names.SIM_NODE}/get_parameters"
 _SET_PARAMETERS = f"{names.SIM_NODE}/set_parameters"
 _REQUESTS: dict[Action, tuple[str, Any, Any]] = {
-    Action.TELL_SPEED: (_GET_PARAMETERS, GetParameters, GetParameters.Request(names=[SPEED])),
+    Action.READ_SPEED: (_GET_PARAMETERS, GetParameters, GetParameters.Request(names=[SPEED])),
     Action.CLEAR_FAULT: (names.CLEAR_FAULT.path, Trigger, Trigger.Request()),
     Action.RESET: (names.RESET.path, Trigger, Trigger.Request()),
     Action.PAUSE: (names.SET_PAUSED.path, SetBool, SetBool.Request(data=True)),
@@ -60,7 +152,7 @@ class _Waiting:
     """Whether it is sent again while it is refused: what it needs was published just before."""
 
 
-class Asking:
+class Requests:
     """Clients of the services that the page needs, each made when it is first needed."""
 
     def __init__(self, node: Node, answer: Answer, take_speed: Callable[[float], None]) -> None:
@@ -68,8 +160,8 @@ class Asking:
 
         Args:
             node: In whose namespace the ankles are.
-            answer: Told what comes back.
-            take_speed: Told the speed of the simulation, where that was asked for.
+            answer: Takes what comes back.
+            take_speed: Takes the speed of the simulation, where that was read.
 
         """
         self._node, self._answer, self._take_speed = node, answer, take_speed
@@ -90,27 +182,27 @@ class Asking:
             else:
                 self._answer(f"{each.path} is not there", False)  # noqa: FBT003 - as every answer
 
-    def carry_out(self, wish: Wish) -> None:
+    def carry_out(self, asked: Request) -> None:
         """Have a request sent by `go_on`; the answer comes later."""
-        match wish:
+        match asked:
             case Jam(channels=channels, vacuum_pa=vacuum_pa):
                 channels = channels or names.CHANNELS
                 request = JamService.Request(channels=list(channels), vacuum_pa=vacuum_pa)
-                self._call(wish.ankle, names.JAM.path, JamService, request)
+                self._call(asked.ankle, names.JAM.path, JamService, request)
             case Unjam(channels=channels):
                 request = UnjamService.Request(channels=list(channels or names.CHANNELS))
-                self._call(wish.ankle, names.UNJAM.path, UnjamService, request)
+                self._call(asked.ankle, names.UNJAM.path, UnjamService, request)
             case SetSim(name=name, value=value):
                 number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
                 request = SetParameters.Request(parameters=[Parameter(name=name, value=number)])
-                self._call(wish.ankle, _SET_PARAMETERS, SetParameters, request, f"{name} is {value:g}")
+                self._call(asked.ankle, _SET_PARAMETERS, SetParameters, request, f"{name} is {value:g}")
             case Ask(action=Action.EMERGENCY_STOP):
-                self._stop(wish.ankle, stop=True)
+                self._stop(asked.ankle, stop=True)
                 self._answer("emergency stop sent", True)  # noqa: FBT003 - as every answer
             case Ask(action=action):
-                if action is Action.CLEAR_FAULT and wish.ankle in self._stops:
-                    self._stop(wish.ankle, stop=False)
-                self._call(wish.ankle, *_REQUESTS[action], persistent=action is Action.CLEAR_FAULT)
+                if action is Action.CLEAR_FAULT and asked.ankle in self._stops:
+                    self._stop(asked.ankle, stop=False)
+                self._call(asked.ankle, *_REQUESTS[action], persistent=action is Action.CLEAR_FAULT)
 
     def _call(
         self, ankle: str, path: str, kind: Any, request: Any, said: str = "", *, persistent: bool = False

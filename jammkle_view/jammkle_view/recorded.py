@@ -16,8 +16,20 @@ from jammkle_common import names
 from jammkle_common.bags.reading import name_of, namespaces_in, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
-from jammkle_view.conversions import TAKERS
-from jammkle_view.core.samples import Base, Description, Event, Imu, JamReport, Joints, Pressure, Tendons
+from jammkle_view.core.ankle import AnkleState
+from jammkle_view.core.samples import (
+    TAKERS,
+    Base,
+    Channel,
+    ChannelState,
+    Description,
+    Event,
+    Imu,
+    JamReport,
+    Joints,
+    Pressure,
+    Tendons,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -27,6 +39,10 @@ if TYPE_CHECKING:
 
     from jammkle_view.core.samples import Sample
 
+AMBIENT_PA = 101325.0
+"""What a pressure stands for no vacuum at, where no driver says more. Standard atmosphere (ISO 2533)."""
+_LEAST_VACUUM_PA = 0.1 * AMBIENT_PA
+"""From which on a channel is taken to be jammed."""
 _SHORTEST_S = 1e-3
 """Duration of a bag that holds one sample."""
 
@@ -65,7 +81,7 @@ class Recorded:
     duration_s: float
     joints: Track
     base: Track
-    """Of the whole robot: columns x, y, z, m, and the quaternion qw, qx, qy, qz; empty where nobody told."""
+    """Of the whole robot: columns x, y, z, m, and the quaternion qw, qx, qy, qz; empty where nothing says."""
     others: Mapping[str, Track]
     """Joints of the robot's other ankles, by their names below its namespace."""
     tensions_n: Track
@@ -81,9 +97,26 @@ class Recorded:
     events: Sequence[Event]
     description: str
 
-    def base_at(self, time_s: float) -> Base | None:
-        """Return where the robot was at a time, s; None where nobody told."""
-        return base_at(self.base, time_s)
+    def state_at(self, time_s: float) -> AnkleState:
+        """Return what the ankle looked like at a time, s; where no driver reported, channels are by their pressure."""
+        report = self.report_at(time_s)
+        channels = {channel: self._by_pressure(channel, time_s) for channel in names.CHANNELS}
+        return AnkleState(
+            joints=self.joints.at(time_s),
+            tensions_n=self.tensions_n.at(time_s),
+            broken=frozenset(tendon for tendon, broken_s in self.broken.items() if broken_s <= time_s),
+            channels={**channels, **(report.channels if report is not None else {})},
+            base=base_at(self.base, time_s),
+        )
+
+    def _by_pressure(self, channel: str, time_s: float) -> Channel:
+        topic = names.PRESSURES[channel].name
+        track = self.pressures_pa.get(topic)
+        vacuum_pa = 0.0 if track is None else AMBIENT_PA - track.at(time_s)[topic]
+        jams = vacuum_pa > _LEAST_VACUUM_PA
+        return Channel(
+            ChannelState.JAMMED if jams else ChannelState.UNJAMMED, math.nan, max(vacuum_pa, 0.0), "by its pressure"
+        )
 
     def report_at(self, time_s: float) -> JamReport | None:
         """Return what the driver said last before a time, s."""
@@ -105,24 +138,24 @@ def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[floa
     Args:
         path: The bag.
         namespace: Of the ankle; None takes the only one that is there.
-        on_progress: Told the share that was read, 0 to 1.
+        on_progress: Takes the share that was read, 0 to 1.
 
     Raises:
         InputError: no bag, no ankle in it, several ankles and no namespace, or nothing that was measured.
 
     """
-    heard = _Heard()
+    collected = _Collected()
     with opened(path) as reader:
         found = namespaces_in(reader.topics)
         chosen = _chosen(path, found, namespace)
-        takers = _takers(heard, chosen, found, set(reader.topics))
+        takers = _takers(collected, chosen, found, set(reader.topics))
         wanted = reader.on(takers)
         total = max(sum(each.msgcount for each in wanted), 1)
         for count, (connection, _, _, data) in enumerate(BagTimes(reader).messages(wanted)):
             takers[connection.topic](reader.deserialize(data, connection.msgtype))
             if count % 1000 == 0:
                 on_progress(count / total)
-    return heard.recorded(name_of(path), chosen)
+    return collected.recorded(name_of(path), chosen)
 
 
 def _chosen(path: Path, found: Sequence[str], namespace: str | None) -> str:
@@ -138,7 +171,7 @@ def _chosen(path: Path, found: Sequence[str], namespace: str | None) -> str:
 
 
 def _takers(
-    heard: _Heard, chosen: str, found: Sequence[str], present: Collection[str]
+    collected: _Collected, chosen: str, found: Sequence[str], present: Collection[str]
 ) -> dict[str, Callable[[Any], None]]:
     """Return what takes the messages of each topic: the ankle's own, its robot's, and the joints of its others."""
     above = chosen.rpartition("/")[0]
@@ -146,7 +179,7 @@ def _takers(
     for other in found:
         parent, _, ankle = other.rpartition("/")
         if parent == above and ankle and other != chosen:
-            takers[f"{other}/{names.JOINT_STATES.name}"] = partial(heard.take_other, ankle)
+            takers[f"{other}/{names.JOINT_STATES.name}"] = partial(collected.take_other, ankle)
     own = chosen.rstrip("/")
     of_ankle = {f"{own}/{name}": take for name, take in TAKERS.items()}
     of_robot = {
@@ -155,12 +188,12 @@ def _takers(
         if topic.name in TAKERS and f"{own}/{topic.name}" not in present
     }
     for topic, take in {**of_robot, **of_ankle}.items():
-        takers[topic] = partial(_take, heard, take)
+        takers[topic] = partial(_take, collected, take)
     return takers
 
 
-def _take(heard: _Heard, made: Callable[[Any], Sample], message: Any) -> None:
-    heard.take(made(message))
+def _take(collected: _Collected, made: Callable[[Any], Sample], message: Any) -> None:
+    collected.take(made(message))
 
 
 class _Rows:
@@ -190,7 +223,7 @@ class _Rows:
         return Track(time_s, {name: np.asarray(values)[order] for name, values in sorted(self._columns.items())})
 
 
-class _Heard:
+class _Collected:
     """Collects samples."""
 
     def __init__(self) -> None:

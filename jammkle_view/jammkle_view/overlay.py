@@ -1,23 +1,26 @@
-"""The simulation that lies over a recording of a simulated leg or quadruped: the same robot, told the same again."""
+"""The simulation that lies over a recording: of a rig every run again, of a robot the same from its start."""
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 
 from jammkle_common import names
+from jammkle_common.bags.reading import opened
+from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.parameters import ParameterError
+from jammkle_gap import BadEffectError, BadRecordingError, InfeasibleError, load_recordings, rerun
 from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_view.core.models import setting_of
-from jammkle_view.playback.commands import commands_of
-from jammkle_view.playback.overlay import Gap, Overlay, SimulatedRun
-from jammkle_view.playback.recorded import NOTHING, Track
+from jammkle_view.recorded import NOTHING, Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -27,16 +30,101 @@ if TYPE_CHECKING:
 
     from jammkle_sim.rigs.simulation import Ankle
     from jammkle_view.core.models import Naming
-    from jammkle_view.playback.commands import Told
-    from jammkle_view.playback.recorded import Recorded
+    from jammkle_view.recorded import Recorded
+
+_UNSHOWN_NOTES = 3
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far one signal of the simulation is from the recording."""
+
+    signal: str
+    unit: str
+    rms: float
+    """Root of the mean squared difference over all that was run again, in `unit`."""
+    largest: float
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """One run again. Times count from the start of the bag."""
+
+    model: Any
+    joints: Track
+    tensions_n: Track
+    readings: Mapping[str, Track]
+    """What sensors would have read, by signal; each track has one column of the same name."""
+    base: Track = NOTHING
+    """Of a robot whose joints do not say where it is; as `Recorded.base`."""
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """All runs again of a bag, and how far they are off."""
+
+    runs: tuple[SimulatedRun, ...]
+    gaps: tuple[Gap, ...]
+    notes: tuple[str, ...]
+    """What was not known of the recording, and taken to be so."""
+
+    def run_at(self, time_s: float) -> SimulatedRun | None:
+        """Return the run that a time lies in, s since the start of the bag."""
+        return next((run for run in self.runs if run.joints.covers(time_s)), None)
+
+
+def overlay_of(path: Path, recorded: Recorded, rig: str | None, corrected: Path | None) -> Overlay:
+    """Run again what a bag holds.
+
+    Args:
+        path: The bag.
+        recorded: The same as read for the page.
+        rig: What it was recorded on, where the bag does not say.
+        corrected: Effects file that the simulator is corrected by; None: nominal.
+
+    Raises:
+        InputError: the effects file cannot be used, or the recording cannot be run again; the message says why.
+
+    """
+    try:
+        recordings = load_recordings(path, rig, namespace=recorded.namespace)
+        runs: list[SimulatedRun] = []
+        squares: dict[tuple[str, str], list[NDArray[np.float64]]] = {}
+        for recording in recordings:
+            again = rerun(recording, corrected)
+            offset_s = again.began_s - recorded.start_s
+            count = max((len(values) for values in again.joints.values()), default=0)
+            time_s = offset_s + again.step_s * np.arange(1.0, count + 1.0)
+            readings = {}
+            for signal in recording.signals:
+                if signal.name not in again.readings:
+                    continue
+                values = again.readings[signal.name]
+                readings[signal.name] = Track(signal.time_s + offset_s, {signal.name: values})
+                squares.setdefault((signal.name, signal.unit), []).append((values - signal.values) ** 2)
+            runs.append(
+                SimulatedRun(again.model, Track(time_s, again.joints), Track(time_s, again.tensions_n), readings)
+            )
+    except (BadEffectError, BadRecordingError, InfeasibleError) as error:
+        raise InputError(str(error)) from error
+    return Overlay(tuple(runs), _rig_gaps(squares), recordings[0].notes[:_UNSHOWN_NOTES])
+
+
+def _rig_gaps(squares: Mapping[tuple[str, str], Sequence[NDArray[np.float64]]]) -> tuple[Gap, ...]:
+    gaps = []
+    for (signal, unit), parts in squares.items():
+        whole = np.concatenate(parts)
+        gaps.append(Gap(signal, unit, float(np.sqrt(whole.mean())), float(np.sqrt(whole.max()))))
+    return tuple(gaps)
+
 
 LATEST_STAMP_S = 3600.0
 """A robot is simulated from its start on; an hour of a quadruped takes some ten minutes. A machine's clock is later."""
 _IMU_PERIOD_S = 0.002
 _STATE_TICKS = 5
 """IMU samples per sample of joints, pressures and tensions: 100 Hz, more than a page shows in a second."""
-_UNHEARD_S = 0.05
-"""Recordings that begin later are told of: what was commanded before is not in them."""
+_MISSED_S = 0.05
+"""Recordings that begin later get a note: what was commanded before is not in them."""
 _BASE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _AXES = ("x", "y", "z")
 
@@ -53,7 +141,7 @@ def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float],
     Args:
         path: The bag.
         recorded: The same as read for the page.
-        on_progress: Told the share that is done, 0 to 1.
+        on_progress: Takes the share that is done, 0 to 1.
 
     Raises:
         InputError: it cannot be simulated again; the message says why.
@@ -71,21 +159,21 @@ def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float],
     above, _, own = recorded.namespace.rpartition("/") if several else (recorded.namespace, "", "")
     namespaces = {f"{above.rstrip('/')}/{name}" if several else recorded.namespace: name for name in simulation.ankles}
     shown = own if several else next(iter(simulation.ankles))
-    told = commands_of(path, namespaces)
-    if not told:
-        msg = f"bag {path} holds no commands of {names.PUMP_DUTY.name} or a solenoid: nobody knows what it was told"
+    commands = commands_of(path, namespaces)
+    if not commands:
+        msg = f"bag {path} holds no commands of {names.PUMP_DUTY.name} or a solenoid: nobody knows its commands"
         raise InputError(msg)
     rows = _Rows(simulation.ankles[shown])
     try:
-        _run(simulation, told, end_s, rows, on_progress)
+        _run(simulation, commands, end_s, rows, on_progress)
     except UnstableSimulationError as error:
         raise InputError(str(error)) from error
     run = rows.run(simulation, shown, setting_of(recorded.description).ankles, recorded.start_s)
     note = (
-        f"simulated from the robot's start, {recorded.start_s:.1f} s before the recording; what it was told until then "
-        "is taken to be the first that was recorded, and a reset is not known"
+        f"simulated from the robot's start, {recorded.start_s:.1f} s before the recording; its commands until then "
+        "are taken to be the first that were recorded, and a reset is not known"
     )
-    return Overlay((run,), tuple(_gaps(recorded, run)), (note,) if recorded.start_s > _UNHEARD_S else ())
+    return Overlay((run,), tuple(_gaps(recorded, run)), (note,) if recorded.start_s > _MISSED_S else ())
 
 
 def _content(recorded: Recorded) -> Mapping[str, Any]:
@@ -100,9 +188,9 @@ def _simulation(recorded: Recorded) -> Simulation:
     """Return the robot at its start, with sensors that have neither noise nor offset."""
     content = _content(recorded)
     known = {field.name for field in dataclasses.fields(RobotOptions)}
-    told = {name: value for name, value in dict(content.get("options") or {}).items() if name in known}
+    options = {name: value for name, value in dict(content.get("options") or {}).items() if name in known}
     try:
-        built = robot(str(content["robot"]), RobotOptions(**told))
+        built = robot(str(content["robot"]), RobotOptions(**options))
     except (ParameterError, TypeError) as error:
         msg = f"robot '{content['robot']}' cannot be built as {names.SIM_PARAMETERS.name} says: {error}"
         raise InputError(msg) from error
@@ -118,18 +206,18 @@ def _simulation(recorded: Recorded) -> Simulation:
 
 def _run(
     simulation: Simulation,
-    told: Sequence[Told],
+    commands: Sequence[Command],
     end_s: float,
     rows: _Rows,
     on_progress: Callable[[float], None],
 ) -> None:
-    first: dict[tuple[str, str], Told] = {}
-    for each in told:
+    first: dict[tuple[str, str], Command] = {}
+    for each in commands:
         first.setdefault((each.ankle, each.channel), each)
     for each in first.values():
         _command(simulation, each)
     step_s, tick_steps = simulation.timestep_s, round(_IMU_PERIOD_S / simulation.timestep_s)
-    coming, taken = iter(told), 0
+    coming, taken = iter(commands), 0
     following = next(coming, None)
     for tick in range(1, round(end_s / _IMU_PERIOD_S) + 1):
         end = tick * tick_steps
@@ -146,12 +234,12 @@ def _run(
             on_progress(tick * _IMU_PERIOD_S / end_s)
 
 
-def _command(simulation: Simulation, told: Told) -> None:
-    view = simulation.ankles[told.ankle]
-    if told.channel:
-        view.set_solenoid(told.channel, told.value > 0.0)
+def _command(simulation: Simulation, command: Command) -> None:
+    view = simulation.ankles[command.ankle]
+    if command.channel:
+        view.set_solenoid(command.channel, command.value > 0.0)
     else:
-        view.set_pump_duty(min(max(told.value, 0.0), 1.0))
+        view.set_pump_duty(min(max(command.value, 0.0), 1.0))
 
 
 class _Rows:
@@ -187,10 +275,10 @@ class _Rows:
         columns: dict[str, NDArray[np.float64]] = {}
         for name, view in simulation.ankles.items():
             naming = namings[name if several else ""]
-            for told in view.joint_positions():
-                columns[naming.joint(told)] = joints[:, place]
-                if name == shown:  # plots know them by what the ankle tells
-                    columns[told] = joints[:, place]
+            for joint in view.joint_positions():
+                columns[naming.joint(joint)] = joints[:, place]
+                if name == shown:  # plots know them by the ankle's own names
+                    columns[joint] = joints[:, place]
                 place += 1
         pressures = (names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[channel].name for channel in names.CHANNELS))
         readings = {
@@ -245,3 +333,46 @@ def _gap(signal: str, unit: str, measured: Track, column: str, simulated: Track)
     if not len(off):
         return None
     return Gap(signal, unit, float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()))
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of the pump or a solenoid of an ankle, from a time on, s. `channel` is empty for the pump."""
+
+    time_s: float
+    ankle: str
+    channel: str
+    value: float
+
+
+def commands_of(path: Path, namespaces: Mapping[str, str]) -> list[Command]:
+    """Return the commands of pumps and solenoids, in order.
+
+    Where the hardware has said when it took its commands (`actuator_states`), that counts, and the commands do not.
+
+    Args:
+        path: The bag.
+        namespaces: Names of the ankles, by the namespaces in which they are.
+
+    """
+    asked: dict[str, list[Command]] = {name: [] for name in namespaces.values()}
+    taken: dict[str, list[Command]] = {name: [] for name in namespaces.values()}
+    topics: dict[str, tuple[str, str]] = {}
+    for namespace, ankle in namespaces.items():
+        inside = namespace.rstrip("/")
+        topics |= {f"{inside}/{names.SOLENOIDS[channel].name}": (ankle, channel) for channel in names.CHANNELS}
+        topics[f"{inside}/{names.PUMP_DUTY.name}"] = (ankle, "")
+        topics[f"{inside}/{names.ACTUATOR_STATES.name}"] = (ankle, names.ACTUATOR_STATES.name)
+    with opened(path) as reader:
+        for connection, time_ns, _, data in BagTimes(reader).messages(reader.on(topics)):
+            time_s = time_ns / NANOSECONDS_PER_SECOND
+            ankle, what = topics[connection.topic]
+            message: Any = reader.deserialize(data, connection.msgtype)
+            if what == names.ACTUATOR_STATES.name:
+                taken[ankle].append(Command(time_s, ankle, "", float(message.pump_duty)))
+                pairs = zip(message.channels, message.energised, strict=True)
+                taken[ankle] += [Command(time_s, ankle, channel, float(on)) for channel, on in pairs]
+            else:
+                asked[ankle].append(Command(time_s, ankle, what, float(message.data)))
+    found = [each for ankle in asked for each in (taken[ankle] or asked[ankle])]
+    return sorted(found, key=lambda each: each.time_s)

@@ -16,7 +16,7 @@ from studies.contact.labelled import Slide, draw_imu, walk
 from studies.contact.learn import learn
 from studies.contact.real_foot import real_foot
 from studies.contact.relearn import cross_validated
-from studies.contact.robots import Traces, contact_changes, of_the_body, story_of
+from studies.contact.robots import Traces, contact_changes, of_the_body, recording_of
 from studies.contact.trial import Case, Score, run_case, score_slides, score_times, scored, wilson
 
 if TYPE_CHECKING:
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
 @pytest.mark.parametrize("mount", ["foot", "shank"])
 def test_a_foot_that_steps_is_felt_without_free_fall(mount: str) -> None:
-    """Most steps of synthetic walks are told as a lift-off and an impact each, in turn, with probabilities."""
+    """Most steps of synthetic walks are reported as a lift-off and an impact each, in turn, with probabilities."""
     lifts, lands = Score(), Score()
     for seed in (200_000, 200_001, 200_002):
-        story = walk(seed, mount, 6)
+        recording = walk(seed, mount, 6)
         controller = AnkleController(ControllerParameters(imu_mount=mount))
-        events = [event for sample in story.samples for event in controller.update(sample).events]
-        told = {kind: [e.time_ns * 1e-9 for e in events if e.kind is kind] for kind in ContactKind}
-        lifts.add(score_times(story.liftoffs_s, told[ContactKind.LIFTOFF], "lift-off"))
-        lands.add(score_times(story.touchdowns_s, told[ContactKind.IMPACT], "impact"))
+        events = [event for sample in recording.samples for event in controller.update(sample).events]
+        reported = {kind: [e.time_ns * 1e-9 for e in events if e.kind is kind] for kind in ContactKind}
+        lifts.add(score_times(recording.liftoffs_s, reported[ContactKind.LIFTOFF], "lift-off"))
+        lands.add(score_times(recording.touchdowns_s, reported[ContactKind.IMPACT], "impact"))
         changes = [e.kind for e in events if e.kind in (ContactKind.LIFTOFF, ContactKind.IMPACT)]
         assert all(one is not other for one, other in itertools.pairwise(changes))
         assert all(0.0 < event.probability <= 1.0 for event in events)
@@ -42,7 +42,7 @@ def test_a_foot_that_steps_is_felt_without_free_fall(mount: str) -> None:
 
 
 def test_a_story_is_the_same_every_time_and_its_truth_alternates() -> None:
-    """One seed makes one story, sample by sample; lift-offs and touch-downs take turns."""
+    """One seed makes one recording, sample by sample; lift-offs and touch-downs take turns."""
     one, other = walk(7, "foot", 3), walk(7, "foot", 3)
     assert one.samples == other.samples
     assert len(one.touchdowns_s) == len(one.liftoffs_s) == 3
@@ -116,11 +116,11 @@ def test_a_foot_that_rebounds_may_be_said_to_have_left() -> None:
     stands = np.ones(1000, dtype=bool)
     stands[200:240] = stands[600:900] = False
     zeros, chance = np.zeros((1000, 6)), np.random.default_rng(1)
-    story = story_of(
+    recording = recording_of(
         "one", "shank", Traces(zeros, stands, zeros[:, 0], zeros[:, 0], zeros), draw_imu(chance), 0.1, chance
     )
-    assert story.liftoffs_s == pytest.approx([1.6])
-    assert story.leaves_s == pytest.approx([1.2, 1.6])
+    assert recording.liftoffs_s == pytest.approx([1.6])
+    assert recording.leaves_s == pytest.approx([1.2, 1.6])
 
 
 def test_a_case_of_a_trial_is_repeatable_and_of_its_own_kind() -> None:
@@ -135,10 +135,10 @@ def test_a_case_of_a_trial_is_repeatable_and_of_its_own_kind() -> None:
 
 
 def test_ratios_are_judged_on_runs_that_they_have_not_seen() -> None:
-    """Every true event of every run is scored once, and most swings of walks that were not learned from are told."""
+    """Every true event of every run is scored once, and most swings of walks not learned from are reported."""
     runs = [[walk(seed, "foot", 6)] for seed in range(4)]
     judged = cross_validated("foot", runs, folds=2)
     for kind, score in judged.items():
-        assert score.hits + score.missed == sum(scored(story, kind, ()).missed for run in runs for story in run)
+        assert score.hits + score.missed == sum(scored(recording, kind, ()).missed for run in runs for recording in run)
     assert judged["lift-off"].recall[0] > 0.7
     assert set(learned("foot").swing.centre) != set(ratios_of(learn("foot", runs[0]), "foot").swing.centre)

@@ -1,1 +1,0 @@
-"""A recording played back, with its simulation laid over it."""
