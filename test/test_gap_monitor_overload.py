@@ -41,9 +41,7 @@ def onlooker(domain_id: int) -> Iterator[Node]:
     rclpy.shutdown()
 
 
-def test_the_newest_samples_come_in_and_reports_keep_coming(
-    onlooker: Node, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_newest_samples_come_in_and_reports_keep_coming(onlooker: Node, monkeypatch: pytest.MonkeyPatch) -> None:
     """However long the twin takes, no backlog of messages builds up, and none keeps reports waiting."""
     stop = StopFlag()
     imu = onlooker.create_publisher(Imu, names.IMU.name, publisher_qos(names.IMU))

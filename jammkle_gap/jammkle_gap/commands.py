@@ -49,7 +49,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
         typer.Option(
             metavar="RIG",
             help="Rig that was recorded, where a bag has no run sheet: tensile, pressure, drop, slip, landing. "
-            "How it was set is written into run.yaml; `jammkle info` prints a template."
+            "How it was set is written into run.yaml; `jammkle info` prints a template.",
         ),
     ] = None,
     library: LibraryOption = None,
