@@ -517,3 +517,16 @@ def test_a_folder_may_have_a_name_that_is_no_text(tmp_path: Path, capsys: pytest
     assert main(["info", f"{out}_new"]) == 0
     assert main(["info", f"{out}_none"]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_bag_without_a_run_sheet_gets_a_template(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is printed is the file to be written; once it is there, nothing more is asked for."""
+    write_mcap(tmp_path / "bag" / "bag_0.mcap", ROWS)
+    write_metadata(tmp_path / "bag", ["bag_0.mcap"], ROWS)
+    assert main(["info", str(tmp_path / "bag")]) == 0
+    printed = capsys.readouterr().out
+    template = printed[printed.index("# run.yaml") :]
+    assert yaml.safe_load(template)["rig"] == "drop"
+    (tmp_path / "bag" / "run.yaml").write_text(template)
+    assert main(["info", str(tmp_path / "bag")]) == 0
+    assert "run.yaml" not in capsys.readouterr().out
