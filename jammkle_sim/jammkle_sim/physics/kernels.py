@@ -472,11 +472,12 @@ def record_row(states: States, probe: Probe, row: Any) -> None:
 
 
 @compiled
-def advance_and_record(ankles: tuple[Ankle, ...], white: Any, rows: Any) -> int:
+def advance_and_record(ankles: tuple[Ankle, ...], probes: tuple[Probe, ...], white: Any, rows: Any) -> int:
     """Do what `advance` does, and record a row of every ankle after every so many steps.
 
     Args:
         ankles: As for `advance`.
+        probes: What is recorded of each.
         white: Standard normal numbers for the IMUs, shape (ankles, steps, 6); a whole number of steps per row.
         rows: Shape (ankles, n, width), written; the width is at least records.row_width(joints, tendons) of each.
 
@@ -491,7 +492,7 @@ def advance_and_record(ankles: tuple[Ankle, ...], white: Any, rows: Any) -> int:
             before: int = row * every
             return before + taken
         for i in range(len(ankles)):
-            record_row(ankles[i].states, ankles[i].probe, rows[i, row])
+            record_row(ankles[i].states, probes[i], rows[i, row])
     steps: int = rows.shape[1] * every
     return steps
 

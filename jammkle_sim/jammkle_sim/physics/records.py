@@ -219,7 +219,6 @@ class Ankle(NamedTuple):
     laws: Laws
     states: States
     body: Body
-    probe: Probe
     contacts: NDArray[np.float64]
     """Contacts of the foot with the ground, shape (CONTACT_SLOTS * CONTACT_COLUMNS,), zeros where there are fewer; of
     shape (0,) where nobody looks at them."""

@@ -322,10 +322,10 @@ class Bodies:
             UnstableSimulationError: the simulation blew up.
 
         """
-        parts = self.parts.ankle
+        parts, probe = self.parts.ankle, self.parts.probe
         return self._run(
             pressure_pa,
-            lambda given, rows: kernels.body_history(parts.laws, self.states, parts.body, parts.probe, given, rows),
+            lambda given, rows: kernels.body_history(parts.laws, self.states, parts.body, probe, given, rows),
         )
 
     def driven(self, tension_n: NDArray[np.float64]) -> BodyTrack:
@@ -335,10 +335,10 @@ class Bodies:
             UnstableSimulationError: the simulation blew up.
 
         """
-        parts = self.parts.ankle
+        parts, probe = self.parts.ankle, self.parts.probe
         return self._run(
             tension_n,
-            lambda given, rows: kernels.driven_history(parts.laws, self.states, parts.body, parts.probe, given, rows),
+            lambda given, rows: kernels.driven_history(parts.laws, self.states, parts.body, probe, given, rows),
         )
 
     def jump(self, step: int) -> None:

@@ -234,6 +234,8 @@ class Assembly:
     """The mujoco.MjData."""
     ankle: records.Ankle
     """Constants, memory at the start, and views of MuJoCo's arrays."""
+    probe: records.Probe
+    """Where a recording finds what is not in the memory."""
     joints: tuple[str, ...]
     """Joints that are recorded, in order."""
 
@@ -243,7 +245,7 @@ def assembled(rig: Rig) -> Assembly:
     data = new_data(rig.model)
     pose(rig.model, data)
     (ankle,) = rig.in_model()
-    return Assembly(data, assembled_ankle(rig.model, data, ankle), tuple(ankle.joints))
+    return Assembly(data, *assembled_ankle(rig.model, data, ankle), tuple(ankle.joints))
 
 
 def new_data(model: Any) -> Any:
@@ -260,8 +262,8 @@ def pose(model: Any, data: Any) -> None:
     mujoco.mj_forward(model, data)
 
 
-def assembled_ankle(model: Any, data: Any, ankle: AnkleInModel) -> records.Ankle:
-    """Return constants and memory of an ankle, and the views of MuJoCo's arrays that its laws read and write.
+def assembled_ankle(model: Any, data: Any, ankle: AnkleInModel) -> tuple[records.Ankle, records.Probe]:
+    """Return constants and memory of an ankle, with views of MuJoCo's arrays: for its laws, and for a recording.
 
     Args:
         model: The mujoco.MjModel.
@@ -313,7 +315,7 @@ def assembled_ankle(model: Any, data: Any, ankle: AnkleInModel) -> records.Ankle
         contacts = data.sensordata[at : at + records.CONTACT_SLOTS * records.CONTACT_COLUMNS]
     truth = np.zeros(1, dtype=records.FOOT_TRUTH)
     truth["bearing_n"], truth["step_s"] = ankle.bearing_n, float(model.opt.timestep)
-    return records.Ankle(laws, states, body, probe, contacts, truth)
+    return records.Ankle(laws, states, body, contacts, truth), probe
 
 
 def imu_at_rest(law: NDArray[Any], raw: NDArray[np.float64]) -> NDArray[Any]:

@@ -143,18 +143,22 @@ class Sample:
 class Ankle:
     """One ankle of a simulation: commands in, sensors and truth out."""
 
-    def __init__(self, simulation: Simulation, ankle: AnkleInModel, parts: records.Ankle) -> None:
+    def __init__(
+        self, simulation: Simulation, ankle: AnkleInModel, parts: records.Ankle, load_cell_n: NDArray[np.float64]
+    ) -> None:
         """Look at an ankle.
 
         Args:
             simulation: Takes it forward.
             ankle: Which.
             parts: Its constants and memory.
+            load_cell_n: Where its load cell reads the true force; of shape (0,) without one.
 
         """
         self._simulation = simulation
         self._ankle = ankle
         self._parts = parts
+        self._load_cell_n = load_cell_n
         self._noise = Noise(ankle.sensors)
         self._regulator: VacuumRegulator | None = None
         self._wanted_pa = dict.fromkeys(CHANNELS, 0.0)
@@ -270,7 +274,7 @@ class Ankle:
 
     def load_cell_force_n(self) -> tuple[float, float, float]:
         """Force between rig and leg, N, as the cell gives it, clipped at its range: tension on z is positive."""
-        cell, limit_n = self._parts.probe.load_cell_n, self._ankle.sensors.load_cell_limit_n
+        cell, limit_n = self._load_cell_n, self._ankle.sensors.load_cell_limit_n
         force_n = self._noise.load_cell_n(self._simulation.steps)
         force_n[-len(cell) :] += self._ankle.wiring.load_cell_gain * cell
         np.clip(force_n, -limit_n, limit_n, out=force_n)
@@ -278,7 +282,7 @@ class Ankle:
 
     def is_load_cell_overloaded(self) -> bool:
         """Whether the true force is beyond the range of the load cell on some axis."""
-        return bool(np.abs(self._parts.probe.load_cell_n).max() > self._ankle.sensors.load_cell_limit_n)
+        return bool(np.abs(self._load_cell_n).max() > self._ankle.sensors.load_cell_limit_n)
 
     def foot(self) -> FootTruth:
         """What the foot truly does on the ground; nothing, where no contacts are looked at."""
@@ -369,10 +373,13 @@ class Simulation:
         self._regulation_steps = max(1, round(REGULATION_PERIOD_S / self.timestep_s))
         self._pose()
         in_model = machine.in_model()
-        self._parts = tuple(assembled_ankle(self.model, self.data, ankle) for ankle in in_model)
+        assembled = [assembled_ankle(self.model, self.data, ankle) for ankle in in_model]
+        self._parts = tuple(parts for parts, _ in assembled)
+        self._probes = tuple(probe for _, probe in assembled)
         self._start = tuple(tuple(part.copy() for part in (*parts.states, parts.truth)) for parts in self._parts)
         self.ankles = {
-            ankle.name: Ankle(self, ankle, parts) for ankle, parts in zip(in_model, self._parts, strict=True)
+            ankle.name: Ankle(self, ankle, parts, probe.load_cell_n)
+            for ankle, (parts, probe) in zip(in_model, assembled, strict=True)
         }
         """Every ankle, by name: to command, and to look at."""
         self._base = self.data.body(machine.base)
@@ -419,7 +426,10 @@ class Simulation:
             UnstableSimulationError: as `advance`.
 
         """
-        widths = [records.row_width(len(each.probe.position_index), len(each.states.tendons)) for each in self._parts]
+        widths = [
+            records.row_width(len(probe.position_index), len(parts.states.tendons))
+            for parts, probe in zip(self._parts, self._probes, strict=True)
+        ]
         written = np.zeros((len(widths), rows, max(widths)))
         done = 0
         while done < rows:
@@ -427,11 +437,11 @@ class Simulation:
             part = written[:, done : done + max(free, 1)]
             if free == 0 or not self._parts[0].body.addresses.all():
                 self.advance(steps_per_row)
-                for parts, row in zip(self._parts, part[:, 0], strict=True):
-                    kernels.record_row(parts.states, parts.probe, row)
+                for parts, probe, row in zip(self._parts, self._probes, part[:, 0], strict=True):
+                    kernels.record_row(parts.states, probe, row)
             else:
                 white = self._white(free * steps_per_row)
-                self._count(kernels.advance_and_record(self._parts, white, part), white.shape[1])
+                self._count(kernels.advance_and_record(self._parts, self._probes, white, part), white.shape[1])
             done += part.shape[1]
         return {name: rows_of[:, :width] for name, rows_of, width in zip(self.ankles, written, widths, strict=True)}
 
@@ -556,9 +566,10 @@ class Simulation:
         for event in self.machine.events:
             if event.step == self.steps:
                 event.act(self.data)
-        for _, act in [each for each in self._waiting if each[0] == self.steps]:
-            act()
-        self._waiting = [each for each in self._waiting if each[0] > self.steps]
+        if self._waiting:
+            for _, act in [each for each in self._waiting if each[0] == self.steps]:
+                act()
+            self._waiting = [each for each in self._waiting if each[0] > self.steps]
         if self.servos is not None and self.machine.control is not None and self.steps % self._control_steps == 0:
             self.machine.control.command(self.elapsed_s, self.data)
             self.servos.retarget()
@@ -568,13 +579,16 @@ class Simulation:
 
     def _next_due(self, step: int) -> int:
         """Return the first step, from this one on, at which something is due."""
-        periods = [] if self.servos is None else [self._control_steps]
+        due = sys.maxsize if self.servos is None else -(-step // self._control_steps) * self._control_steps
         if any(ankle.is_regulated for ankle in self.ankles.values()):
-            periods.append(self._regulation_steps)
-        coming = [-(-step // period) * period for period in periods]
-        coming += [event.step for event in self.machine.events if event.step >= step]
-        coming += [due for due, _ in self._waiting if due >= step]
-        return min(coming, default=sys.maxsize)
+            due = min(due, -(-step // self._regulation_steps) * self._regulation_steps)
+        for event in self.machine.events:
+            if step <= event.step < due:
+                due = event.step
+        for at, _ in self._waiting:
+            if step <= at < due:
+                due = at
+        return due
 
     def _run(self, steps: int) -> None:
         white = self._white(steps)
@@ -586,10 +600,12 @@ class Simulation:
 
     def _white(self, steps: int) -> NDArray[np.float64]:
         """Return standard normal numbers of all IMUs, shape (ankles, steps, 6)."""
-        ankles = list(self.ankles.values())
-        if self.machine.one_imu:  # one IMU for all: the same noise
-            return np.stack([ankles[0].imu_white(steps)] * len(ankles))
-        return np.stack([ankle.imu_white(steps) for ankle in ankles])
+        first, *others = self.ankles.values()
+        white = first.imu_white(steps)
+        if not others:
+            return white[np.newaxis]
+        # one IMU for all: the same noise
+        return np.stack([white, *(white if self.machine.one_imu else each.imu_white(steps) for each in others)])
 
     def _count(self, taken: int, wanted: int) -> None:
         self._total_steps += taken
