@@ -16,7 +16,7 @@ help:
 	@echo "make slow   set up, run the slow tests: whole trials, soaks, every example of the pages"
 	@echo "make bench  set up, measure speed; writes bench.json"
 	@echo "make live   set up, ten minutes of landings at 1 kHz through the live graph, and four ankles; writes live.json"
-	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes docs/faults.md, 30 minutes"
+	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes studies/faults/README.md, 30 minutes"
 	@echo "make soak   set up, 20 demos, ten times the graph tests and once all tests beside four busy loops; jam half an hour with random faults, once simulated and once on the firmware; 1,000,000 malformed frames; malformed requests, 100,000 and 17,000 over DDS"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, two hours; goes on where it was stopped"
 	@echo "make paper  set up, run every test of the paper; writes runs/paper/paper.html, half a minute"
@@ -62,12 +62,12 @@ live: extras
 	@PYTHONPATH=test $(BIN)/python test/bench/live.py --json live.json
 
 faults: extras
-	@$(BIN)/python test/trial_of_faults.py --seed 4000 --hours 0.5 --page docs/faults.md
+	@PYTHONPATH=test $(BIN)/python -m studies.faults --seed 4000 --hours 0.5 --page studies/faults/README.md
 
 soak: extras
-	@$(BIN)/python test/busy_soak.py --suite
-	@$(BIN)/python -m jammkle_driver.fake
-	@$(BIN)/python test/board_soak.py
+	@$(BIN)/python -m studies.faults.busy --suite
+	@PYTHONPATH=test $(BIN)/python -m studies.faults.soak
+	@PYTHONPATH=test $(BIN)/python -m studies.faults.board_soak
 	@$(FIRMWARE) fuzz
 	@for seed in $(FUZZ_SEEDS); do jammkle_driver/firmware/build/fuzz 100000 $$seed || exit 1; done
 	@$(BIN)/python -m pytest -q --hypothesis-profile soak \

@@ -26,10 +26,10 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": ["driver = jammkle_driver.__main__:main"],
-        "jammkle.commands": ["hardware = jammkle_driver.check_command:app"],
+        "jammkle.commands": ["hardware = jammkle_driver.commands:app"],
         "jammkle.hardware": [
-            "sim = jammkle_driver.simulated_hardware:SimulatedHardware",
-            "fake = jammkle_driver.fake_hardware:FakeHardware",
+            "sim = jammkle_driver.hardware:SimulatedHardware",
+            "fake = jammkle_driver.hardware:FakeHardware",
             "modbus = jammkle_driver.board_hardware:BoardHardware",
         ],
     },

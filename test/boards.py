@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 from jammkle_common.names import CHANNELS
 from jammkle_driver.board.link import BoardLink
-from jammkle_driver.board.wiring_file import load_wiring
+from jammkle_driver.board.wiring import load_wiring
 from jammkle_driver.core.hardware import ActuatorCommand, LinkState, released
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from jammkle_driver.board.dialogue import Exchange
+    from jammkle_driver.board.protocol import Exchange
     from jammkle_driver.board.wiring import Wiring
     from jammkle_sim.board_bench import BoardBench
 

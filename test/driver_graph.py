@@ -96,8 +96,11 @@ class FakeAnkle(Onlooker):
     def _advance(self) -> None:
         self._manifold_pa = min(self._manifold_pa + 3e3 * self.duty, 80e3)
         for channel, vacuum_pa in self._vacuum_pa.items():
-            source_pa = self._manifold_pa if self.solenoids[channel] else 0.0
-            self._vacuum_pa[channel] += 0.4 * (source_pa - vacuum_pa)
+            connected = self.solenoids[channel]
+            step_pa = 0.4 * ((self._manifold_pa if connected else 0.0) - vacuum_pa)
+            self._vacuum_pa[channel] += step_pa
+            if connected:  # the air of a tendon lowers the manifold
+                self._manifold_pa -= 0.1 * step_pa
         for place, vacuum_pa in {**self._vacuum_pa, "manifold": self._manifold_pa}.items():
             if place not in self.silent:
                 message = FluidPressure(fluid_pressure=AMBIENT_PA - vacuum_pa)

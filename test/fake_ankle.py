@@ -18,8 +18,7 @@ from jammkle_msgs.msg import ChannelJamState, Fault
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from jammkle_driver.fake.board import FakeBoard
-    from jammkle_driver.fake.plant import Plant
+    from jammkle_driver.fake import FakeBoard, Plant
 
 TIMEOUT_S = 40.0
 """How long is waited for anything; only a broken driver ever gets there."""
@@ -51,7 +50,7 @@ class Ankle:
 
     @property
     def fault(self) -> Fault:
-        """The worst that is known, as told on jam_state."""
+        """The worst that is known, as reported on jam_state."""
         return self.said.states[-1].fault
 
     def spin_until_in(self, state: int) -> None:
@@ -63,9 +62,9 @@ class Ankle:
         return bool(self.graph.call(Trigger, service.path).success)
 
     def wait_for_fault(self, *, shaken: bool = False) -> None:
-        """Keep it jammed, or jam and vent it in turn, until a fault is told: some show in motion alone."""
+        """Keep it jammed, or jam and vent it in turn, until a fault is reported: some show in motion alone."""
 
-        def told() -> bool:
+        def reported() -> bool:
             if self.fault.reason not in PASSING:
                 return True
             if self.said.all_in(ChannelJamState.UNJAMMED):
@@ -74,7 +73,7 @@ class Ankle:
                 self.trigger(names.UNJAM_ALL)
             return False
 
-        self.graph.spin_until(told, TIMEOUT_S)
+        self.graph.spin_until(reported, TIMEOUT_S)
 
     def jam_again(self) -> None:
         """Repair everything, and come back to a jam."""

@@ -167,7 +167,7 @@ class Terminal:
         except BlockingIOError:
             return
 
-    def hear(self) -> bytes:
+    def take(self) -> bytes:
         """Return what has come."""
         try:
             return os.read(self.mine, 4096)
@@ -189,7 +189,7 @@ class Terminal:
 
 
 class NonsenseBoard:
-    """A thread that is a board of the project's firmware, or answers nonsense to it all, as it is told.
+    """A thread that is a board of the project's firmware, or answers nonsense to it all, as it is reported.
 
     Each right reply that reads pressures has the number of its request in all of them, so that a reading tells which
     request it answers.
@@ -219,7 +219,7 @@ class NonsenseBoard:
         while not self._stop.is_set():
             if not self.terminal.heard_something(_LOOKS_S):
                 continue
-            heard = (heard + self.terminal.hear())[-300:]
+            heard = (heard + self.terminal.take())[-300:]
             if is_whole(heard):
                 request, heard = heard, b""
                 self._answer(request)

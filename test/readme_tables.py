@@ -23,7 +23,7 @@ from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows,
 from jammkle_controller.core.events import OFFERS, Detection
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_driver.core.register_texts import header_text, register_table
+from jammkle_driver.core.registers import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters

@@ -1,4 +1,4 @@
-"""`jammkle hardware check`: the walk finds what is broken, says what to do, and calibrates."""
+"""`jammkle hardware check`: the check finds what is broken, says what to do, and calibrates."""
 
 from __future__ import annotations
 
@@ -16,9 +16,14 @@ import yaml
 from boards import Host, wiring
 from graph import COMMAND
 from jammkle_common.names import CHANNELS
-from jammkle_driver.board.calibration import CalibrationError, sensor_lines, write_board_file
-from jammkle_driver.board.walk import WalkOptions, walk
-from jammkle_driver.board.wiring_file import load_wiring, standard_board_file
+from jammkle_driver.board.commissioning import (
+    CalibrationError,
+    CommissioningOptions,
+    commission,
+    sensor_lines,
+    write_board_file,
+)
+from jammkle_driver.board.wiring import load_wiring, standard_board_file
 from jammkle_sim.board_bench import BoardBench, BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 
@@ -32,7 +37,7 @@ HEALTHY = PneumaticParameters()
 UV_PER_KPA = 45_000
 """Of a sensor of the MPX4115A class at 5 V (NXP data sheet)."""
 PACE = 0.2
-"""The simulated plant is quicker than what the walk has patience for."""
+"""The simulated plant is quicker than what the check has patience for."""
 
 
 class Person:
@@ -41,7 +46,7 @@ class Person:
     def __init__(self, answers: Callable[[str], float | None] = lambda _: None) -> None:
         self._answers = answers
 
-    def told(self, row: CheckRow) -> None:
+    def reported(self, row: CheckRow) -> None:
         """Be shown a row; nothing to do."""
 
     async def number(self, question: str, least: float, most: float) -> float | None:  # noqa: ARG002 - right always
@@ -49,8 +54,8 @@ class Person:
 
 
 def walked(port: Path, person: Person | None = None) -> dict[str, CheckRow]:
-    options = WalkOptions(str(port), wiring(), None, None, calibrates=person is not None, pace=PACE)
-    return {row.what: row for row in asyncio.run(walk(options, person or Person()))}
+    options = CommissioningOptions(str(port), wiring(), None, None, calibrates=person is not None, pace=PACE)
+    return {row.what: row for row in asyncio.run(commission(options, person or Person()))}
 
 
 def failed(rows: dict[str, CheckRow]) -> set[str]:
@@ -58,7 +63,7 @@ def failed(rows: dict[str, CheckRow]) -> set[str]:
 
 
 def test_a_healthy_board_passes_twice(command: list[str], tmp_path: Path) -> None:
-    """Every row passes, and again on the manifold that the first walk has left evacuated; exit 0, JSON, a table."""
+    """Every row passes, and again on the manifold that the first check has left evacuated; exit 0, JSON, a table."""
     with BoardBench(command, tmp_path / "board") as bench:
         assert not failed(walked(tmp_path / "board"))
         arguments = ["hardware", "check", "--port", str(tmp_path / "board"), "--yes", "--json", str(tmp_path / "rows")]
@@ -252,10 +257,10 @@ def test_a_board_of_other_make_is_walked_and_calibrated_too(command: list[str], 
             return 101.325 - bench.plant.pressures_pa["manifold"] / 1e3 if "gauge" in question else 101.325
 
         wired = load_wiring(tmp_path / "bought.yaml")
-        options = WalkOptions(
+        options = CommissioningOptions(
             str(tmp_path / "board"), wired, tmp_path / "bought.yaml", None, calibrates=True, pace=PACE
         )
-        rows = {row.what: row for row in asyncio.run(walk(options, Person(read)))}
+        rows = {row.what: row for row in asyncio.run(commission(options, Person(read)))}
     assert failed(rows) <= {"sensors agree"}, rows
     made = load_wiring(tmp_path / "bought.calibrated.yaml").sensors["achilles"]
     share = 0.009 * 101.325 - 0.095  # of the sensor's supply, at this pressure

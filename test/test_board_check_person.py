@@ -12,7 +12,7 @@ import pytest
 from board_client import HOST_SILENT, Client
 from boards import AVR
 from graph import COMMAND
-from jammkle_driver.board.wiring_file import load_wiring
+from jammkle_driver.board.wiring import load_wiring
 from jammkle_sim.board_bench import BoardBench, BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from terminal import CTRL_C, Terminal
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(AVR, reason="a person waits for a simulator that
 EVERYTHING = 0b111
 INTERRUPTED = 130
 WEAK = dataclasses.replace(PneumaticParameters(), pump_free_flow_l_min=0.05)
-"""A pump that never comes to what the walk waits for, and so runs for long."""
+"""A pump that never comes to what the check waits for, and so runs for long."""
 AIR, GAUGE = "as a barometer reads it", "that a gauge at the manifold reads"
 RELEASED = "jammkle: interrupted: pump and valves are released"
 

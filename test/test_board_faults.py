@@ -23,7 +23,7 @@ from jammkle_common.names import (
     UNJAM_ALL,
 )
 from jammkle_common.testing import own_domain
-from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.fake import FakeFault
 from jammkle_msgs.msg import ChannelJamState, Fault
 from jammkle_sim.physics.pneumatics import MANIFOLD
 
@@ -45,7 +45,7 @@ STEADY_READINGS = 150
 
 @dataclass(frozen=True)
 class Broken:
-    """What is broken and how it must be told."""
+    """What is broken and how it must be reported."""
 
     reason: int
     fault: FakeFault
@@ -87,7 +87,7 @@ def scene(command: list[str], plant: FaultyPlant, tmp_path_factory: pytest.TempP
 
 
 def worst(scene: Scene) -> Fault:
-    """Return the worst that is told on jam_state."""
+    """Return the worst that is reported on jam_state."""
     return scene.probe.last(JAM_STATE).fault
 
 
@@ -98,11 +98,11 @@ def rest(scene: Scene) -> None:
     scene.probe.spin_until(lambda: len(heard) > STEADY_READINGS, "a second of readings")
 
 
-def shake_until_told(scene: Scene, broken: Broken) -> Fault:
-    """Jam and vent in turn until a fault is told, as some show in motion alone; return it."""
+def shake_until_reported(scene: Scene, broken: Broken) -> Fault:
+    """Jam and vent in turn until a fault is reported, as some show in motion alone; return it."""
     shaken = broken.fault in {FakeFault.STUCK_OPEN, FakeFault.SENSOR_STUCK, FakeFault.PUMP_WEAK}
 
-    def told() -> bool:
+    def reported() -> bool:
         if worst(scene).reason not in PASSING:
             return True
         if scene.channels_in(ChannelJamState.UNJAMMED):
@@ -111,16 +111,16 @@ def shake_until_told(scene: Scene, broken: Broken) -> Fault:
             scene.probe.call(UNJAM_ALL)
         return False
 
-    scene.probe.spin_until(told, "a fault is told")
+    scene.probe.spin_until(reported, "a fault is reported")
     return worst(scene)
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_what_fails_behind_the_pins_is_told_apart(scene: Scene, plant: FaultyPlant, name: str) -> None:
+def test_what_fails_behind_the_pins_is_reported_apart(scene: Scene, plant: FaultyPlant, name: str) -> None:
     """Reason and place on jam_state, all off at the pins, and a jam again after the repair.
 
     A busy machine keeps driver or plant waiting, and readings are judged that are older than they say: where that was
-    so, and another reason was told, it is tried anew.
+    so, and another reason was reported, it is tried anew.
     """
     broken = BROKEN[name]
     for _ in range(TRIES):
@@ -134,15 +134,15 @@ def test_what_fails_behind_the_pins_is_told_apart(scene: Scene, plant: FaultyPla
         broke_s = time.monotonic()
         plant.inject(broken.fault, broken.place, broken.size)
         scene.probe.spin_until(lambda: scene.probe.last(JAM_STATE) is not None, "jam_state is heard")
-        told = shake_until_told(scene, broken)
-        sys.stdout.write(f"{name}: {scene.delay_s(broke_s, all_off):.2f} s, {told.text}\n")
+        reported = shake_until_reported(scene, broken)
+        sys.stdout.write(f"{name}: {scene.delay_s(broke_s, all_off):.2f} s, {reported.text}\n")
         disturbed = {each.fault.reason for each in scene.probe.heard[JAM_STATE.name]} & BUSY
         plant.heal()
-        if told.reason == broken.reason or not (disturbed or scene.bench.longest_gap_s > STOOD_STILL_S):
+        if reported.reason == broken.reason or not (disturbed or scene.bench.longest_gap_s > STOOD_STILL_S):
             break
-    assert told.reason == broken.reason, told.text
-    assert told.text.startswith(f"{broken.place} ")
-    assert told.action == "every channel vented until ~/clear_fault"
+    assert reported.reason == broken.reason, reported.text
+    assert reported.text.startswith(f"{broken.place} ")
+    assert reported.action == "every channel vented until ~/clear_fault"
     failed = {each.channel for each in scene.probe.last(JAM_STATE).channels if each.state == ChannelJamState.FAULT}
     assert failed == (set(CHANNELS) if broken.place == MANIFOLD else {broken.place})
     scene.jam()

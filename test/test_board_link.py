@@ -17,8 +17,16 @@ from bought_board import OtherBoard
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_driver.board.line import Line, check_port, silence_s
 from jammkle_driver.board.link import BoardLink
-from jammkle_driver.board.wiring import Firmware, Pump, Sensor, Solenoid, Wiring
-from jammkle_driver.board.wiring_file import WiringError, load_wiring, standard_board_file
+from jammkle_driver.board.wiring import (
+    Firmware,
+    Pump,
+    Sensor,
+    Solenoid,
+    Wiring,
+    WiringError,
+    load_wiring,
+    standard_board_file,
+)
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause
 from jammkle_sim.board_bench import BoardBench
 

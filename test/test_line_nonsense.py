@@ -16,13 +16,13 @@ from nonsense import Answer, NonsenseBoard, Terminal, fits, is_whole, nonsense, 
 
 from boards import TIMEOUT_S, Host
 from jammkle_driver.board.line import Line, LineError, RefusedError
-from jammkle_driver.board.wiring_file import load_wiring
+from jammkle_driver.board.wiring import load_wiring
 from jammkle_driver.core.hardware import LinkState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
-    from jammkle_driver.board.dialogue import Exchange
+    from jammkle_driver.board.protocol import Exchange
 
 LINE = replace(load_wiring(None), reply_timeout_s=0.01)
 """Little patience, so that many requests without a reply are soon over."""
@@ -93,7 +93,7 @@ class Peer:
             wait_until(lambda: self.terminal.lies_there() > 0)
 
     def _listen(self) -> None:
-        self._heard += self.terminal.hear()
+        self._heard += self.terminal.take()
         if is_whole(self._heard):
             request, self._heard = self._heard, b""
             self._answer(request)
@@ -203,7 +203,7 @@ def test_nothing_is_taken_for_a_reply_that_is_none(steps: list[Step]) -> None:
 
 
 @pytest.mark.parametrize("answer", Answer)
-def test_each_kind_of_nonsense_is_told_from_a_reply(terminal: Terminal, answer: Answer) -> None:
+def test_each_kind_of_nonsense_is_reported_from_a_reply(terminal: Terminal, answer: Answer) -> None:
     """Every kind to every request: none is left to what is drawn above."""
 
     async def talk(line: Line, peer: Peer) -> None:

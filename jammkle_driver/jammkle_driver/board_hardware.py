@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 from jammkle_common.parameters import ParameterError
 from jammkle_driver.board.line import check_port
 from jammkle_driver.board.link import BoardLink
-from jammkle_driver.board.wiring_file import WiringError, load_wiring
+from jammkle_driver.board.wiring import WiringError, load_wiring
 from jammkle_driver.core.hypotheses import Spread
-from jammkle_driver.measured import Measured
+from jammkle_driver.hardware import Measured
 
 if TYPE_CHECKING:
-    from jammkle_driver.board.dialogue import Exchange
+    from jammkle_driver.board.protocol import Exchange
     from jammkle_driver.board.wiring import Wiring
     from jammkle_driver.core.hardware import ActuatorCommand, LinkStatus
-    from jammkle_driver.hardware_choice import HardwareContext
+    from jammkle_driver.hardware import HardwareContext
     from jammkle_driver.parameters import DriverParameters
 
 SURE_WITHIN_S = math.sqrt(12.0) * Spread().timing_s

@@ -13,7 +13,7 @@ from std_msgs.msg import Bool, Float32
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_driver.core.hardware import PressureSample
-from jammkle_driver.core.requests import Wish
+from jammkle_driver.core.requests import SetPoint
 from jammkle_msgs.msg import ActuatorStates, ChannelJamState, Fault, JamCommand, JamState
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
 
     from jammkle_common import wire
+    from jammkle_driver.core.driver import DriverStatus
     from jammkle_driver.core.hardware import ActuatorCommand
-    from jammkle_driver.core.status import DriverStatus
 
 
 def seconds(time: rclpy.time.Time) -> float:
@@ -62,9 +62,9 @@ def actuator_states_message(taken: ActuatorCommand, stamp: Time) -> ActuatorStat
     return message
 
 
-def wishes(message: JamCommand) -> tuple[Wish, ...]:
-    """Return the wishes in `message`, unchecked."""
-    return tuple(Wish(entry.channel, entry.vacuum_pa) for entry in message.channels)
+def set_points(message: JamCommand) -> tuple[SetPoint, ...]:
+    """Return the set points in `message`, unchecked."""
+    return tuple(SetPoint(entry.channel, entry.vacuum_pa) for entry in message.channels)
 
 
 def solenoid_message(*, energised: bool) -> Bool:

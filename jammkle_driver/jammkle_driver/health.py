@@ -13,13 +13,12 @@ from jammkle_driver.core.link import link_numbers
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from jammkle_driver.core.air import AtmosphereStatus
     from jammkle_driver.core.ankle import Ankle
-    from jammkle_driver.core.atmosphere import AtmosphereStatus
     from jammkle_driver.core.bank import Estimate
     from jammkle_driver.core.channel import ChannelStatus
-    from jammkle_driver.core.driver import Driver
+    from jammkle_driver.core.driver import Driver, DriverStatus
     from jammkle_driver.core.hardware import LinkStatus
-    from jammkle_driver.core.status import DriverStatus
 
 _LEVELS = {ChannelState.UNKNOWN: Level.WARN, ChannelState.FAULT: Level.ERROR}
 _LINK_LEVELS = {LinkState.CONNECTED: Level.OK, LinkState.SEARCHING: Level.WARN, LinkState.LOST: Level.ERROR}

@@ -6,8 +6,11 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Float32
 from std_srvs.srv import SetBool, Trigger
 
 from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
@@ -21,36 +24,42 @@ from jammkle_common.names import (
     JAM,
     JAM_ALL,
     JAM_COMMAND,
+    JAM_STATE,
+    PUMP_DUTY,
     SIM_HARDWARE,
+    SOLENOIDS,
     UNJAM,
     UNJAM_ALL,
 )
 from jammkle_common.parameters import declare, on_change
-from jammkle_common.qos import MessageInfo, subscribe_to_any
-from jammkle_driver.conversions import seconds, wishes
+from jammkle_common.qos import MessageInfo, publisher_qos, subscribe_to_any
+from jammkle_driver.conversions import duty_message, jam_state_message, seconds, set_points, solenoid_message
 from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.publishers import Publication
-from jammkle_driver.core.releases import check_carried_out
-from jammkle_driver.core.requests import RequestError
+from jammkle_driver.core.driver import Driver, check_carried_out
+from jammkle_driver.core.requests import Publication, RequestError
 from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.hardware_choice import HardwareContext, check_parameters, make_hardware
+from jammkle_driver.hardware import HardwareContext, check_parameters, make_hardware
 from jammkle_driver.health import ankle_lines, health_lines
-from jammkle_driver.lifecycle import refuse_bad_transitions
-from jammkle_driver.outputs import Outputs
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
-from jammkle_msgs.msg import JamCommand
+from jammkle_msgs.msg import JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from lifecycle_msgs.srv import ChangeState
+    from rclpy.node import Node
+
     from jammkle_common.messages import Health
     from jammkle_common.names import Service, Topic
-    from jammkle_driver.core.hardware import Hardware, PressureSample
+    from jammkle_driver.core.driver import DriverStatus
+    from jammkle_driver.core.hardware import ActuatorCommand, Hardware, PressureSample
+
 
 STATE_PERIOD_S = 1.0
 """jam_state is repeated this often, s."""
+
+_DELIVERY_TIMEOUT_S = 0.5
 
 
 class DriverNode(LockstepNode, LifecycleNode):
@@ -76,10 +85,10 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._driver = Driver(CHANNELS, self._values.settings())
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
-        self._roll_call = Liveness(self)
+        self._liveness = Liveness(self)
         self._closers: list[Callable[[], object]] = []
         self._refused_command = ""
-        self._told: object = None
+        self._reported: object = None
         self._faults: tuple[str, ...] = ()
         self._diagnostics = DiagnosticsPublisher(self, self._values.hardware, self._health)
 
@@ -95,7 +104,7 @@ class DriverNode(LockstepNode, LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
-        self._outputs, self._told = Outputs(self), None
+        self._outputs, self._reported = Outputs(self), None
         context = HardwareContext(
             self, self._on_sample, self._driver.take_driven, self._values, self._declared_ambient_pa
         )
@@ -199,14 +208,14 @@ class DriverNode(LockstepNode, LifecycleNode):
     def _on_sample(self, sample: PressureSample) -> None:
         now = self._now()
         if self._hardware is not None:
-            self._look_at_link(self._hardware, now)  # first: with the first sample a wish that waits may jam
+            self._look_at_link(self._hardware, now)  # first: with the first sample a set point that waits may jam
         self._driver.measure(sample, now)
         self._settle(now)
 
     def _on_jam_command(self, message: JamCommand, info: MessageInfo) -> None:
         now, publication = self._now(), self._publication(JAM_COMMAND, info)
         try:
-            self._driver.follow(wishes(message), now, JAM_COMMAND.name, anew=message.anew, publication=publication)
+            self._driver.follow(set_points(message), now, JAM_COMMAND.name, anew=message.anew, publication=publication)
             refused = ""
         except RequestError as error:
             refused = f"refused: {error}"
@@ -263,9 +272,9 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._hardware.apply(command)
         self._driver.ankle.note_command(now or self._now())
         self._outputs.update_command(command)
-        told = (self._driver.standing, self._refused_command)
-        if told != self._told:
-            self._told = told
+        reported = (self._driver.standing, self._refused_command)
+        if reported != self._reported:
+            self._reported = reported
             status = self._driver.status
             self._outputs.repeat_state(status, self._refused_command)
             self._diagnostics.check()
@@ -290,7 +299,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         link = None if self._hardware is None else self._hardware.link
         names = sorted(each.node_name for each in self.get_publishers_info_by_topic(JAM_COMMAND.name))
         lines = health_lines(self._driver.status, label, self._refused_command, link, names)
-        return (*lines, *ankle_lines(self._driver), self._roll_call.health())
+        return (*lines, *ankle_lines(self._driver), self._liveness.health())
 
     def _now(self) -> Instant:
         if self._values.hardware != SIM_HARDWARE:
@@ -298,3 +307,74 @@ class DriverNode(LockstepNode, LifecycleNode):
         # the graph's time, which the simulation's stamps are in, also where nobody makes that
         graph_s = seconds(self.get_clock().now())
         return Instant(graph_s if self.in_step else time.monotonic(), graph_s)
+
+
+class Outputs:
+    """The driver's publishers.
+
+    They are plain publishers, not lifecycle ones: the command that releases everything must get out while the node
+    is already inactive.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Create the publishers; nothing is published yet."""
+        self._node = node
+        self._duty = node.create_publisher(Float32, PUMP_DUTY.name, publisher_qos(PUMP_DUTY))
+        self._solenoids = {
+            channel: node.create_publisher(Bool, topic.name, publisher_qos(topic))
+            for channel, topic in SOLENOIDS.items()
+        }
+        self._state = node.create_publisher(JamState, JAM_STATE.name, publisher_qos(JAM_STATE))
+        self._command: ActuatorCommand | None = None
+
+    def repeat_command(self, command: ActuatorCommand) -> None:
+        """Publish the whole command."""
+        self._command = None
+        self.update_command(command)
+
+    def update_command(self, command: ActuatorCommand) -> None:
+        """Publish what differs from the last command; solenoids first, since they decide whether a tendon vents."""
+        last = self._command
+        if command is last:
+            return
+        self._command = command
+        for channel, energised in command.solenoids.items():
+            if last is None or last.solenoids[channel] != energised:
+                self._solenoids[channel].publish(solenoid_message(energised=energised))
+        if last is None or last.pump_duty != command.pump_duty:
+            self._duty.publish(duty_message(command.pump_duty))
+
+    def repeat_state(self, status: DriverStatus, refused_command: str) -> None:
+        """Publish the state, and why the last jam_command was refused (empty: it was not)."""
+        self._state.publish(jam_state_message(status, self._node.get_clock().now().to_msg(), refused_command))
+
+    def deliver(self) -> None:
+        """Wait until all subscribers have got what was published, at most half a second in all."""
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        deadline = clock.now() + Duration(seconds=_DELIVERY_TIMEOUT_S)
+        for publisher in (*self._solenoids.values(), self._duty, self._state):
+            left = max(deadline - clock.now(), Duration(), key=lambda duration: duration.nanoseconds)
+            publisher.wait_for_all_acked(left)
+
+    def close(self) -> None:
+        """Destroy the publishers."""
+        for publisher in (*self._solenoids.values(), self._duty, self._state):
+            self._node.destroy_publisher(publisher)
+
+
+def refuse_bad_transitions(node: LifecycleNode) -> None:
+    """Answer false to a transition that is not allowed now.
+
+    rclpy lets it escape from the executor, which would end the driver: anybody who activates twice would drop the leg.
+    """
+    change_state = node._service_change_state.callback  # noqa: SLF001 - there is no other way in
+
+    def answer(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+        try:
+            return change_state(request, response)
+        except RuntimeError as error:
+            node.get_logger().warning(f"transition {request.transition.id} refused: {error}")
+            response.success = False
+            return response
+
+    node._service_change_state.callback = answer  # noqa: SLF001 - as above

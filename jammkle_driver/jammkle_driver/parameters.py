@@ -11,9 +11,9 @@ from jammkle_driver.core.air import AirSettings
 from jammkle_driver.core.ankle import AnkleSettings, FaultPolicy, SafeState
 from jammkle_driver.core.channel import ChannelSettings
 from jammkle_driver.core.diagnosis import DiagnosisSettings
+from jammkle_driver.core.driver import DriverSettings
 from jammkle_driver.core.regulator import RegulatorSettings
 from jammkle_driver.core.requests import VacuumLimits
-from jammkle_driver.core.settings import DriverSettings
 
 TICK_PERIOD_S = 0.05
 """Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""
@@ -65,7 +65,7 @@ class DriverParameters:
     )
     ambient_pressure_pa: float = parameter(
         STANDARD_ATMOSPHERE_PA,
-        "Pressure of the atmosphere, from which vacuum is counted until two vented channels tell it",
+        "Pressure of the atmosphere, from which vacuum is counted until two vented channels show it",
         "Pa",
         50e3,
         110e3,

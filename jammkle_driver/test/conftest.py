@@ -10,7 +10,7 @@ from hypothesis import settings
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
-from jammkle_driver.core.requests import Wish
+from jammkle_driver.core.requests import SetPoint
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
 
@@ -46,8 +46,8 @@ class Rig:
             self.driver.measure(PressureSample(place, STANDARD_ATMOSPHERE_PA - vacuum_pa, self.now.graph_s), self.now)
 
     def follow(self, *, anew: bool = False, **vacuums_pa: float) -> None:
-        wishes = [Wish(name, value) for name, value in vacuums_pa.items()]
-        self.driver.follow(wishes, self.now, "jam_command", anew=anew)
+        set_points = [SetPoint(name, value) for name, value in vacuums_pa.items()]
+        self.driver.follow(set_points, self.now, "jam_command", anew=anew)
 
     def channel(self, name: str) -> ChannelStatus:
         return self.driver.status.channels[CHANNELS.index(name)]

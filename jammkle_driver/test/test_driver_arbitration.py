@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from jammkle_common.names import WAY_BACK
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.hardware import MANIFOLD, released
-from jammkle_driver.core.requests import RequestError, Wish
+from jammkle_driver.core.requests import RequestError, SetPoint
 from jammkle_driver.core.watchdog import Instant
 
 if TYPE_CHECKING:
@@ -168,11 +168,14 @@ def test_anything_goes(make_rig: Callable[..., Any]) -> None:
         (lambda d: d.jam(["left"], 80e3, "t"), ["80000", "5000 to 70000 Pa"]),
         (lambda d: d.jam(["left"], math.nan, "t"), ["nan", "5000 to 70000 Pa"]),
         (lambda d: d.unjam(["left", "knee"], "t"), ["'knee'"]),
-        (lambda d: d.follow([Wish("left", 5e4), Wish("knee", 5e4)], Instant(0, 0), "t"), ["'knee'"]),
-        (lambda d: d.follow([Wish("left", 5e4), Wish("right", math.nan)], Instant(0, 0), "t"), ["'right'", "nan"]),
-        (lambda d: d.follow([Wish("left", 5e4), Wish("left", 3e4)], Instant(0, 0), "t"), ["'left'", "twice"]),
+        (lambda d: d.follow([SetPoint("left", 5e4), SetPoint("knee", 5e4)], Instant(0, 0), "t"), ["'knee'"]),
         (
-            lambda d: d.follow([Wish("left", 5e4), Wish("right", 3e4)], Instant(0, 0), "t"),
+            lambda d: d.follow([SetPoint("left", 5e4), SetPoint("right", math.nan)], Instant(0, 0), "t"),
+            ["'right'", "nan"],
+        ),
+        (lambda d: d.follow([SetPoint("left", 5e4), SetPoint("left", 3e4)], Instant(0, 0), "t"), ["'left'", "twice"]),
+        (
+            lambda d: d.follow([SetPoint("left", 5e4), SetPoint("right", 3e4)], Instant(0, 0), "t"),
             ["50000", "30000", "one vac"],
         ),
     ],
@@ -205,7 +208,7 @@ def test_requests_are_refused_while_inactive(make_rig: Callable[..., Any]) -> No
 
 
 def test_nothing_jams_blindly(make_rig: Callable[..., Any]) -> None:
-    """A channel whose pressure was never measured is not jammed by a service; a stream's wish waits for it."""
+    """A channel whose pressure was never measured is not jammed by a service; a stream's set point waits for it."""
     rig = make_rig()
     rig.driver.activate(rig.now)
     with pytest.raises(RequestError, match="pressure"):

@@ -1,4 +1,4 @@
-"""A host that stands still, or delivers late and in any order, makes no fault; what truly fails is told."""
+"""A host that stands still, or delivers late and in any order, makes no fault; what truly fails is reported."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from fault_bench import SET_POINT_PA, jammed_bench, run
+from fault_bench import SAMPLE_S, SET_POINT_PA, FaultBench, jammed_bench, run
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import CHANNELS
+from jammkle_driver.core.diagnosis import LONGEST_UNKNOWN_S, Evidence
 from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.evidence import LONGEST_UNKNOWN_S, Evidence
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, released
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.fake.bench import SAMPLE_S, FaultBench
-from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.fake import FakeFault
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 
 if TYPE_CHECKING:
@@ -70,12 +69,12 @@ class Host:
         self._paused_until_s = self._tick_s = 0.0
 
     @property
-    def told(self) -> Reason:
+    def reported(self) -> Reason:
         return self.bench.driver.status.trouble.reason
 
     def run(self, duration_s: float, *, wander: bool = True) -> None:
         end_s = self.bench.plant.time_s + duration_s
-        while self.bench.plant.time_s < end_s and self.told in PASSING:
+        while self.bench.plant.time_s < end_s and self.reported in PASSING:
             self._let_the_hardware_work()
             if self.bench.plant.time_s >= self._paused_until_s:
                 self._work(wander=wander)
@@ -84,7 +83,7 @@ class Host:
         board, time_s = self.bench.board, self.bench.plant.time_s + SAMPLE_S
         board.advance(SAMPLE_S)
         while self._commands and self._commands[0][0] <= time_s:
-            board.hear(self._commands.popleft()[1])
+            board.take(self._commands.popleft()[1])
         self._queues["driven"].append((board.driven, time_s))
         for place, pressure_pa in self.bench.plant.readings_pa().items():
             if self._draw.random() >= self._starved.lost_share:
@@ -123,26 +122,26 @@ def test_a_healthy_ankle_behind_a_starved_host_has_no_fault(starved: Starved, se
     """Jamming and venting for 15 s: pumps, valves, lines, sensors and board are well all the time."""
     host = Host(seed, starved)
     host.run(15.0)
-    assert host.told in PASSING
+    assert host.reported in PASSING
 
 
 @pytest.mark.parametrize("fault", [FakeFault.LEAK, FakeFault.SENSOR_BIAS], ids=lambda each: each.name)
 @pytest.mark.parametrize("starved", STARVED.values(), ids=STARVED)
-def test_a_true_fault_behind_a_starved_host_is_told(starved: Starved, fault: FakeFault) -> None:
-    """However little time the host has; a vented channel that reads 8 kPa is told as not vented, too."""
+def test_a_true_fault_behind_a_starved_host_is_reported(starved: Starved, fault: FakeFault) -> None:
+    """However little time the host has; a vented channel that reads 8 kPa is reported as not vented, too."""
     host = Host(1, starved)
     host.run(4.0)
     host.bench.plant.inject(fault, "achilles", 3e-10 if fault is FakeFault.LEAK else -8e3)
     host.run(40.0)
     biased = {Reason.SENSOR_DRIFTING, Reason.NOT_VENTED}
-    assert host.told in {FakeFault.LEAK: {Reason.LEAK}, FakeFault.SENSOR_BIAS: biased}[fault]
+    assert host.reported in {FakeFault.LEAK: {Reason.LEAK}, FakeFault.SENSOR_BIAS: biased}[fault]
 
 
 def test_readings_count_once_it_is_known_what_was_driven() -> None:
     """A moment waits for the acknowledgement of its time; after a silence nothing is known of what led to the next."""
     evidence, off = Evidence(("left",)), released(("left",))
     on = replace(off, solenoids={"left": True})
-    evidence.command(on, 0.0)  # what the host asks for does not count where the hardware tells what it does
+    evidence.command(on, 0.0)  # what the host asks for does not count where the hardware says what it does
     evidence.acknowledge(off, 1.0)
     evidence.read("left", 1e5, 1.01)
     assert list(evidence.due()) == []
@@ -183,7 +182,7 @@ def test_a_pump_at_full_duty_is_counted_once_however_readings_come() -> None:
     host.run(0.5, wander=False)
     host.bench.driver.jam((), 60e3, "test")
     host.run(2.0, wander=False)
-    assert host.told in PASSING
+    assert host.reported in PASSING
 
 
 class AskedBoard:

@@ -12,7 +12,7 @@ from jammkle_common.messages import Level
 from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_driver import conversions
 from jammkle_driver.core.channel import ChannelState, ChannelStatus
-from jammkle_driver.core.status import DriverStatus
+from jammkle_driver.core.driver import DriverStatus
 from jammkle_driver.health import health_lines
 from jammkle_driver.parameters import DriverParameters
 from jammkle_msgs.msg import ChannelJamState

@@ -12,22 +12,21 @@ from hypothesis import strategies as st
 
 from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_common.names import CHANNELS
-from jammkle_driver.core.atmosphere import Atmosphere
+from jammkle_driver.core.air import Atmosphere
 from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.driver import check_carried_out
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
-from jammkle_driver.core.overload import OverloadWatch
 from jammkle_driver.core.regulator import PumpLoad
-from jammkle_driver.core.releases import check_carried_out
-from jammkle_driver.core.requests import RequestError, Wish
-from jammkle_driver.fake.faults import FakeFault, LinkFault
-from jammkle_driver.fake.script import ScriptError, read_script
+from jammkle_driver.core.requests import RequestError, SetPoint
+from jammkle_driver.core.watchdog import OverloadWatch
+from jammkle_driver.fake import FakeFault, LinkFault, ScriptError, read_script
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
+    from fault_bench import FaultBench
     from jammkle_driver.core.hardware import PressureSample
     from jammkle_driver.core.watchdog import Instant
-    from jammkle_driver.fake.bench import FaultBench
 
 
 def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
@@ -44,15 +43,15 @@ def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
     run(bench, 6.0, watch)
     assert sum(resting) > 0.6 * len(resting)
     air = bench.plant.healthy_air
-    told = bench.driver.ankle.leaks.latest
-    assert told is not None
-    assert told.connected == set(CHANNELS)
+    reported = bench.driver.ankle.leaks.latest
+    assert reported is not None
+    assert reported.connected == set(CHANNELS)
     assert bench.driver.ankle.leaks.alone == {}
-    assert told.conductance_m3_s_pa == pytest.approx(4.0 * air.leak_conductance_m3_s_pa, rel=0.5)
-    assert told.rate_pa_s > 0.0
+    assert reported.conductance_m3_s_pa == pytest.approx(4.0 * air.leak_conductance_m3_s_pa, rel=0.5)
+    assert reported.rate_pa_s > 0.0
 
 
-def test_the_leak_of_a_channel_is_told_once_it_is_connected_alone() -> None:
+def test_the_leak_of_a_channel_is_reported_once_it_is_connected_alone() -> None:
     """One channel leaks more than the others, and less than a fault: each has its own rate, and its conductance."""
     bench = bench_of()
     bench.plant.inject(FakeFault.LEAK, "achilles", 2e-12)
@@ -105,7 +104,7 @@ def test_the_policy_says_what_one_fault_means_for_the_others(policy: str, *, oth
 @pytest.mark.parametrize(
     ("diagnose", "reason"), [(True, Reason.SENSOR_STUCK), (False, Reason.NOT_REACHED)], ids=["law", "time-outs"]
 )
-def test_a_sensor_stuck_at_zero_is_told_and_the_others_do_not_flap(
+def test_a_sensor_stuck_at_zero_is_reported_and_the_others_do_not_flap(
     reason: Reason, policy: str, *, diagnose: bool
 ) -> None:
     """One sensor reads the atmosphere while all are jammed: the others stay JAMMED, and are let go once if at all."""
@@ -137,7 +136,7 @@ def torn_under_a_wrong_sensor(channels: tuple[str, ...], *, diagnose: bool, whil
     bench.plant.inject(FakeFault.LEAK, "achilles", 2e-9)
     bench.plant.inject(FakeFault.SENSOR_BIAS, "achilles", 2e3 - SET_POINT_PA)  # the pump comes to some 2 kPa there
     if not while_jammed:
-        run(bench, 0.1)  # nothing is told sooner than in a quarter of a second
+        run(bench, 0.1)  # nothing is reported sooner than in a quarter of a second
         bench.driver.jam(channels, SET_POINT_PA, "test")
     working = []
     run(bench, 6.0, lambda: working.append(bench.driver.command.pump_duty > 0.9))
@@ -149,7 +148,7 @@ def torn_under_a_wrong_sensor(channels: tuple[str, ...], *, diagnose: bool, whil
 
 @pytest.mark.parametrize("channels", [(), ("achilles",)], ids=["all", "alone"])
 def test_a_sensor_off_by_the_set_point_does_not_hide_a_leak(channels: tuple[str, ...]) -> None:
-    """The sensor is blamed where it is off before the jam; both failing while jammed is told, if as one of several."""
+    """The sensor is blamed where it is off before the jam; both failing while jammed is reported, as one of several."""
     bench = torn_under_a_wrong_sensor(channels, diagnose=True, while_jammed=False)
     faulty = {channel.name: channel.fault for channel in bench.driver.ankle.faulty}
     assert faulty == {"achilles": Reason.SENSOR_DRIFTING}
@@ -178,7 +177,7 @@ def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) ->
     elif cause == "fault":
         bench.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
     else:
-        bench.streams, bench.wish_pa = True, 40e3
+        bench.streams, bench.set_point_pa = True, 40e3
         run(bench, 0.5)
         bench.streams = False
     run(bench, 6.0)
@@ -194,23 +193,23 @@ def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) ->
     assert bench.driver.command == released(CHANNELS)
 
 
-def test_a_brown_out_that_keeps_the_board_away_is_told_as_one() -> None:
+def test_a_brown_out_that_keeps_the_board_away_is_reported_as_one() -> None:
     """For half a second it does not answer, and counts as unplugged; then it says what it was. FAULT all the while."""
     bench = jammed_bench()
     bench.board.unplug()
     run(bench, 0.5)
-    assert bench.told()[0] is Reason.BOARD_UNPLUGGED
+    assert bench.reported()[0] is Reason.BOARD_UNPLUGGED
     bench.board.reboot(ResetCause.BROWN_OUT)
     bench.board.plug()
     run(bench, 0.2)
-    assert bench.told()[0] is Reason.BROWN_OUT
+    assert bench.reported()[0] is Reason.BROWN_OUT
     assert len(bench.driver.ankle.faulty) == len(CHANNELS)
 
 
 def test_a_driver_that_stood_still_faults_nobody_and_jams_again() -> None:
     """After a stall of 1.5 s in which the board let go, a stream that goes on jams again; nothing is in FAULT."""
     bench = bench_of()
-    bench.streams, bench.wish_pa = True, SET_POINT_PA
+    bench.streams, bench.set_point_pa = True, SET_POINT_PA
     run(bench, 2.5)
     bench.stand_still(1.5)
     run(bench, 1.5)
@@ -222,7 +221,7 @@ def test_a_driver_that_stood_still_faults_nobody_and_jams_again() -> None:
 def test_an_ankle_that_jams_again_after_its_board_let_go_is_healthy(seed: int) -> None:
     """Hangs of a quarter to two seconds, whose readings wait and were not as commanded: no fault, and it jams again."""
     bench = bench_of(seed)
-    bench.streams, bench.wish_pa = True, SET_POINT_PA
+    bench.streams, bench.set_point_pa = True, SET_POINT_PA
     run(bench, 2.5)
     for hang_s in (0.25, 0.4, 1.0, 2.0):
         bench.hang(hang_s)
@@ -232,30 +231,30 @@ def test_an_ankle_that_jams_again_after_its_board_let_go_is_healthy(seed: int) -
 
 
 def test_nothing_jams_before_a_board_that_let_go_has_taken_the_release() -> None:
-    """Until then a service is refused and a stream waits; afterwards the stream's wish counts as new."""
+    """Until then a service is refused and a stream waits; afterwards the stream's set point counts as new."""
     bench = bench_of()
     run(bench, 0.5)
     let_go = replace(bench.link, latched=frozenset({SafeCause.HOST_SILENT}))
     assert bench.driver.look_at_link(let_go, bench.now)
     with pytest.raises(RequestError, match="release"):
         bench.driver.jam((), 0.0, "test")
-    wishes = [Wish(name, SET_POINT_PA) for name in CHANNELS]
-    bench.driver.follow(wishes, bench.now, "jam_command")
+    set_points = [SetPoint(name, SET_POINT_PA) for name in CHANNELS]
+    bench.driver.follow(set_points, bench.now, "jam_command")
     assert bench.driver.command == released(CHANNELS)
     bench.driver.look_at_link(bench.link, bench.now)
-    bench.driver.follow(wishes, bench.now, "jam_command")
+    bench.driver.follow(set_points, bench.now, "jam_command")
     assert all(bench.driver.command.solenoids.values())
 
 
 def test_nonsense_about_the_atmosphere_before_it_was_measured_is_named() -> None:
-    """A jam before vented channels have told better fails, names the parameter, and works once that is cleared."""
+    """A jam before vented channels have shown better fails, names the parameter, and works once that is cleared."""
     bench = bench_of(ambient_pressure_pa=50e3)
     run(bench, 0.02)
     bench.driver.jam((), SET_POINT_PA, "test")
     run(bench, 0.2)
     faulty = bench.driver.ankle.faulty
     assert {channel.fault for channel in faulty} == {Reason.SENSOR_OUT_OF_RANGE}
-    assert "if ambient_pressure_pa is right, which no vented channel has told yet" in faulty[0].reason
+    assert "if ambient_pressure_pa is right, which no vented channel has confirmed yet" in faulty[0].reason
     run(bench, 1.0)
     bench.driver.clear_fault(bench.now)
     bench.driver.jam((), SET_POINT_PA, "test")
@@ -333,7 +332,7 @@ def test_a_release_that_cannot_take_place_says_so() -> None:
     check_carried_out(bench.driver.status, ("peroneal_left",), bench.link)
 
 
-def test_late_work_is_told() -> None:
+def test_late_work_is_reported() -> None:
     """Work that always comes at half its rate is overload; one long gap is a standstill of that length."""
     watch = OverloadWatch(0.05)
     for count in range(100):

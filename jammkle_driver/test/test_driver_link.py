@@ -14,11 +14,11 @@ from pymodbus import ModbusException
 from jammkle_common.command import HARDWARE
 from jammkle_common.parameters import ParameterError
 from jammkle_driver.board.line import Line, LineError
-from jammkle_driver.board.wiring_file import load_wiring
+from jammkle_driver.board.wiring import load_wiring
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
-from jammkle_driver.core.link import RESTART_TOLD_S, LinkGuard, NoiseMeter, RestartWatch
-from jammkle_driver.hardware_choice import HardwareContext, check_hardware, check_parameters, make_hardware
+from jammkle_driver.core.link import RESTART_REPORTED_S, LinkGuard, NoiseMeter, RestartWatch
+from jammkle_driver.hardware import HardwareContext, check_hardware, check_parameters, make_hardware
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def test_a_board_that_is_away_while_it_starts_anew_was_not_unplugged() -> None:
 
 
 def test_a_board_that_had_not_heard_the_driver_is_no_fault() -> None:
-    """A driver that stood still is to blame itself: what is wished again may jam again, without a person."""
+    """A driver that stood still is to blame itself: what is asked for again may jam again, without a person."""
     verdict = LinkGuard().look(LATCHED, jammed=True)
     assert verdict.fault is None
     assert verdict.let_go is not None
@@ -75,8 +75,8 @@ def test_a_board_that_had_not_heard_the_driver_is_no_fault() -> None:
     assert verdict.acknowledge
 
 
-def test_a_noisy_line_is_told_with_its_share() -> None:
-    """Wrong check sums are counted over the last seconds, and told in percent; a clean line says nothing."""
+def test_a_noisy_line_is_reported_with_its_share() -> None:
+    """Wrong check sums are counted over the last seconds, and reported in percent; a clean line says nothing."""
     meter = NoiseMeter()
     assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=100), 0.0) is None
     assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=600), 1.0) is None
@@ -87,18 +87,18 @@ def test_a_noisy_line_is_told_with_its_share() -> None:
     assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=9000, crc_errors=200), 20.0) is None
 
 
-def test_a_board_that_starts_anew_is_told_though_nothing_was_jammed() -> None:
+def test_a_board_that_starts_anew_is_reported_though_nothing_was_jammed() -> None:
     """Not its first start; with its cause, for a minute."""
     watch = RestartWatch()
     assert watch.look(LinkStatus(LinkState.SEARCHING), 0.0) is None
     assert watch.look(LinkStatus(LinkState.CONNECTED, starts=1), 1.0) is None
     anew = LinkStatus(LinkState.CONNECTED, starts=2, reset_cause=ResetCause.BROWN_OUT)
-    told = watch.look(anew, 5.0)
-    assert told is not None
-    assert told.reason is Reason.BROWN_OUT
-    assert "brown-out" in told.text
-    assert watch.look(anew, 5.0 + RESTART_TOLD_S - 1.0) is not None
-    assert watch.look(anew, 5.0 + RESTART_TOLD_S + 1.0) is None
+    reported = watch.look(anew, 5.0)
+    assert reported is not None
+    assert reported.reason is Reason.BROWN_OUT
+    assert "brown-out" in reported.text
+    assert watch.look(anew, 5.0 + RESTART_REPORTED_S - 1.0) is not None
+    assert watch.look(anew, 5.0 + RESTART_REPORTED_S + 1.0) is None
 
 
 def test_a_link_that_is_well_asks_for_nothing() -> None:
@@ -167,7 +167,7 @@ def test_a_user_brings_hardware_along(monkeypatch: pytest.MonkeyPatch) -> None:
     """An entry point of any installed package is found by its name, checked at start, and made from the context."""
     entry = EntryPoint("our_lab", f"{__name__}:OurLab", HARDWARE)
     monkeypatch.setattr(EntryPoint, "load", lambda _: OurLab)
-    monkeypatch.setattr("jammkle_driver.hardware_choice.entries", lambda _: {"our_lab": entry})
+    monkeypatch.setattr("jammkle_driver.hardware.entries", lambda _: {"our_lab": entry})
     parameters = DriverParameters(hardware="our_lab", port="/dev/pump")
     check_parameters(parameters)
     assert OurLab.checked == ["/dev/pump"]

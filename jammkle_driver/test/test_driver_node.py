@@ -29,7 +29,7 @@ from jammkle_common.messages import Level
 from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.testing import own_domain
-from jammkle_driver.fake.faults import FakeFault
+from jammkle_driver.fake import FakeFault
 from jammkle_driver.node import DriverNode
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
@@ -84,7 +84,7 @@ def test_bad_requests_are_answered_and_change_nothing(graph: Graph) -> None:
 
 
 def test_a_late_joiner_gets_the_latest_states(graph: Graph) -> None:
-    """Who subscribes after the jam hears jam_state, solenoids and duty as they are now."""
+    """Who subscribes after the jam receives jam_state, solenoids and duty as they are now."""
     graph.jammable_driver()
     graph.call(Trigger, names.JAM_ALL.path)
     graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
@@ -187,8 +187,8 @@ def test_a_clock_that_stands_keeps_no_real_ankle_jammed(graph: Graph) -> None:
     graph.node.create_timer(0.1, lambda: clock.publish(ClockMessage(clock=Time(sec=5))), clock=steady)
     driver = graph.driver(hardware="fake", use_sim_time=True, diagnose=True)
     publisher = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
-    wish = JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=40e3)])
-    stream = graph.node.create_timer(0.05, lambda: publisher.publish(wish), clock=steady)
+    set_point = JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=40e3)])
+    stream = graph.node.create_timer(0.05, lambda: publisher.publish(set_point), clock=steady)
     graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.JAMMED)
     stream.cancel()
     graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.UNJAMMED)
@@ -223,8 +223,8 @@ def test_jam_commands_are_followed_until_they_go_stale(graph: Graph) -> None:
     """A streamed jam_command jams; when it stops coming, its channels are vented with the reason; others stay."""
     graph.jammable_driver()
     publisher = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
-    wish = JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=40e3)])
-    timer = graph.node.create_timer(0.05, lambda: publisher.publish(wish))
+    set_point = JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=40e3)])
+    timer = graph.node.create_timer(0.05, lambda: publisher.publish(set_point))
     graph.call(Jam, names.JAM.path, channels=["peroneal_left"], vacuum_pa=40e3)
     graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.JAMMED)
     refused = graph.call(Jam, names.JAM.path, channels=["peroneal_left"], vacuum_pa=60e3)

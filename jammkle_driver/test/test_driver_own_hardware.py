@@ -25,7 +25,7 @@ MODULE = '''
 from rclpy.clock import Clock, ClockType
 
 from jammkle_driver.core.hardware import LinkState, LinkStatus, released
-from jammkle_driver.measured import Measured
+from jammkle_driver.hardware import Measured
 from jammkle_common.names import CHANNELS
 from jammkle_common.parameters import ParameterError
 
@@ -97,7 +97,7 @@ def start(graph: Graph, installed: Path, **parameters: str) -> subprocess.Popen[
 
 
 def test_hardware_of_a_users_own_is_driven(graph: Graph, installed: Path) -> None:
-    """Its readings are told, its solenoids follow a jam, and the link's line says what it is."""
+    """Its readings are published, its solenoids follow a jam, and the link's line says what it is."""
     with start(graph, installed, hardware="our_bench", port="bench:7", diagnose="false") as process:
         try:
             graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.UNJAMMED))

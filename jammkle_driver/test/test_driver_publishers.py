@@ -8,9 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_driver.core.emergency_stop import EmergencyStop
-from jammkle_driver.core.publishers import Publication
-from jammkle_driver.core.requests import RequestError, Wish
+from jammkle_driver.core.requests import EmergencyStop, Publication, RequestError, SetPoint
 from jammkle_driver.core.watchdog import Instant
 
 if TYPE_CHECKING:
@@ -132,7 +130,7 @@ def test_each_publisher_must_live() -> None:
 
 def follow(rig: Any, source: Source, vacuum_pa: float, publishers: int) -> None:
     publication = source.publication(round(rig.now.graph_s * 1e9) + source.number, publishers)
-    rig.driver.follow([Wish("left", vacuum_pa)], rig.now, "jam_command", publication=publication)
+    rig.driver.follow([SetPoint("left", vacuum_pa)], rig.now, "jam_command", publication=publication)
 
 
 def pause(rig: Any) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fault_bench
+from fault_bench import SAMPLE_S, FaultBench
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_driver.core.channel import ChannelState
@@ -17,10 +18,7 @@ from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.regulator import PumpRegulator
 from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.fake.bench import SAMPLE_S, FaultBench
-from jammkle_driver.fake.faults import FakeFault
-from jammkle_driver.fake.plant import FakePlant
-from jammkle_driver.fake.sensors import SensorErrors
+from jammkle_driver.fake import FakeFault, FakePlant, SensorErrors
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
@@ -147,7 +145,7 @@ def test_a_busy_host_whose_cycles_are_late_does_not_vent_what_it_jams(
             command = bench.driver.command
             assert all(command.solenoids[channel] for channel in channels)
         elif count % round(cycle_s / SAMPLE_S) == 1:
-            bench.board.hear(command)
+            bench.board.take(command)
         vacuum_pa.append(max(bench.vacuum_pa(channel) for channel in channels))
     assert max(vacuum_pa) < 52e3
     assert {bench.states()[channel] for channel in channels} == {ChannelState.JAMMED}

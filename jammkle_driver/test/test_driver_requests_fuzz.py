@@ -14,7 +14,7 @@ from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, PressureSample, SafeCause, released
-from jammkle_driver.core.requests import RequestError, Wish
+from jammkle_driver.core.requests import RequestError, SetPoint
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import DriverParameters
 from malformed import NAME, NAMES, PASCALS
@@ -44,10 +44,10 @@ class Requests(RuleBasedStateMachine):
         with contextlib.suppress(RequestError):
             self.driver.unjam(names, "test")
 
-    @rule(wishes=st.lists(st.builds(Wish, NAME, PASCALS), max_size=4))
-    def follow(self, wishes: list[Wish]) -> None:
+    @rule(set_points=st.lists(st.builds(SetPoint, NAME, PASCALS), max_size=4))
+    def follow(self, set_points: list[SetPoint]) -> None:
         with contextlib.suppress(RequestError):
-            self.driver.follow(wishes, self.now, "test")
+            self.driver.follow(set_points, self.now, "test")
 
     @rule(place=st.sampled_from((*CHANNELS, MANIFOLD)), vacuum_pa=PASCALS, age_s=st.sampled_from((0.0, 5.0, -5.0)))
     def measure(self, place: str, vacuum_pa: float, age_s: float) -> None:

@@ -1,6 +1,6 @@
 """Requests of any kind and order to a running node over DDS, most of them malformed: each is answered, none does harm.
 
-The node is held to what its fake hardware is told, at the very moment. `make soak` makes some 17,000 steps of it.
+The node is held to what its fake hardware is commanded, at the very moment. `make soak` makes some 17,000 steps of it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from jammkle_common.names import CHANNELS
 from jammkle_common.qos import publisher_qos
 from jammkle_common.testing import own_domain
 from jammkle_driver.core.hardware import ActuatorCommand, released
-from jammkle_driver.fake.faults import FakeFault, LinkFault
+from jammkle_driver.fake import FakeFault, LinkFault
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand
 from jammkle_msgs.srv import Jam, Unjam
 from malformed import NAME, NAMES, PASCALS
@@ -151,9 +151,9 @@ class Everybody(RuleBasedStateMachine):
     def switch(self, channel: str, *, on: bool) -> None:
         self.check(self.asked.call(SetBool, names.CHANNEL_JAMS[channel].path, data=on), [], 0.0)
 
-    @rule(wishes=st.lists(st.tuples(NAME, PASCALS), max_size=4))
-    def stream(self, wishes: list[tuple[str, float]]) -> None:
-        entries = [ChannelJamCommand(channel=name, vacuum_pa=vacuum_pa) for name, vacuum_pa in wishes]
+    @rule(set_points=st.lists(st.tuples(NAME, PASCALS), max_size=4))
+    def stream(self, set_points: list[tuple[str, float]]) -> None:
+        entries = [ChannelJamCommand(channel=name, vacuum_pa=vacuum_pa) for name, vacuum_pa in set_points]
         self.asked.commands.publish(JamCommand(channels=entries))
 
     @rule(stop=st.booleans())
@@ -234,7 +234,7 @@ def test_whatever_is_asked_is_answered_and_nothing_unsafe_is_driven(asked: Asked
         ),
     )
     asked.calm()
-    # Until vented channels have told the atmosphere, ambient_pressure_pa counts, which was set to nonsense.
+    # Until vented channels have shown the atmosphere, ambient_pressure_pa counts, which was set to nonsense.
     asked.graph.spin_until(
         lambda: asked.graph.ankle.values_of("atmosphere").get("measured by vented channels") == "yes"
     )

@@ -18,7 +18,7 @@ from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
 from jammkle_controller.recordings import Received, feed
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
-from jammkle_driver.core.requests import Wish
+from jammkle_driver.core.requests import SetPoint
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 
@@ -180,8 +180,8 @@ class AnkleLoop:
         self.events += self.controller.update(sample).events
         # The repeats go on at their own times beside what is said on change, as the node's timer does.
         if self._commands.due(time_s) or self.controller.set_points_pa != before_pa:
-            set_points_pa = [Wish(channel, vacuum_pa) for channel, vacuum_pa in self.controller.set_points_pa.items()]
-            self.driver.follow(set_points_pa, now, JAM_COMMAND.name)
+            set_points = [SetPoint(channel, vacuum_pa) for channel, vacuum_pa in self.controller.set_points_pa.items()]
+            self.driver.follow(set_points, now, JAM_COMMAND.name)
         if self._ticks.due(time_s):
             self.driver.tick(now)
         command = self.driver.command

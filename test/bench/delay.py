@@ -62,8 +62,8 @@ class Delays:
     trials: int
     """Landings that reached the solenoid."""
     landings: int
-    liftoffs_told: int
-    impacts_told: int
+    liftoffs_reported: int
+    impacts_reported: int
     imu_rate_hz: float
     """At which samples truly left."""
     median_ms: float
@@ -160,8 +160,8 @@ class Stimulus(Probe):
         self.feel(STANDARD_GRAVITY_M_S2, REST_S)
         self.feel(0.0, next(self._flights_s))
 
-    def told(self, kind: int) -> int:
-        """How many events of a kind were told."""
+    def reported(self, kind: int) -> int:
+        """How many events of a kind were reported."""
         return sum(event.type == kind for event in self.heard[CONTACT_EVENTS.name])
 
     def feel(self, force_m_s2: float, lasts_s: float) -> None:
@@ -204,7 +204,7 @@ def measure_delays(
         while len(trials) < landings and time.monotonic() - begin_s < most_s:
             trials.append(stimulus.trial())
         rate_hz = (stimulus.samples - samples) / (time.monotonic() - begin_s)
-        liftoffs, impacts = stimulus.told(ContactEvent.LIFTOFF), stimulus.told(ContactEvent.IMPACT)
+        liftoffs, impacts = stimulus.reported(ContactEvent.LIFTOFF), stimulus.reported(ContactEvent.IMPACT)
     finally:
         for process in processes:
             process.terminate()

@@ -17,7 +17,7 @@ EFFECTS_FILE = "jammkle.effects_file"
 LANDING = "jammkle.landing"
 """`record`: has the graph land once and records it (`jammkle_bringup.demo.record_landing`)."""
 HARDWARE = "jammkle.hardware"
-"""Makes what the driver drives, by the name that its parameter `hardware` has (`jammkle_driver.hardware_choice`)."""
+"""Makes what the driver drives, by the name that its parameter `hardware` has (`jammkle_driver.hardware`)."""
 
 
 def entries(group: str) -> dict[str, EntryPoint]:

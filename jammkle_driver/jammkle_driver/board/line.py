@@ -96,7 +96,7 @@ def check_port(port: str) -> None:
 
 
 def _pass_on_defects(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Leave out what pymodbus raises while it reads: the request that has got no reply tells it, and is counted."""
+    """Leave out what pymodbus raises while it reads: the request that has got no reply raises, and is counted."""
     if not isinstance(context.get("exception"), ModbusException):
         loop.default_exception_handler(context)
 
@@ -248,7 +248,7 @@ class Line:
 
         A frame carries no number, so that a reply that comes late would pass for that to the next request. After a
         request without a reply the line is left alone for as long as was waited for it, and what has come before the
-        next is thrown away unread. Only a reply that comes later still, to the same request as the next, is not told.
+        next is thrown away unread. Only one that comes later still, to the same request as the next, goes unnoticed.
 
         What comes after its time shows that the board lives, on a busy machine or a slow line: it is counted as late,
         and the next reply is waited for twice as long, up to `_PATIENCE` times `reply_timeout_s`.

@@ -9,14 +9,14 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from jammkle_driver.board.dialogue import Exchange, dialogue
 from jammkle_driver.board.line import Line, LineError, RefusedError
+from jammkle_driver.board.protocol import make_protocol
 from jammkle_driver.core.hardware import LinkState, LinkStatus, SafeCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from jammkle_driver.board.dialogue import Dialogue
+    from jammkle_driver.board.protocol import BoardProtocol, Exchange
     from jammkle_driver.board.wiring import Wiring
     from jammkle_driver.core.hardware import ActuatorCommand
 
@@ -53,7 +53,7 @@ class BoardLink:
 
         """
         self._line = Line(port, wiring)
-        self._dialogue: Dialogue = dialogue(self._line, wiring, safe_state)
+        self._protocol: BoardProtocol = make_protocol(self._line, wiring, safe_state)
         self._period_s = 1.0 / wiring.rate_hz
         self._on_exchange = on_exchange
         self._command: ActuatorCommand | None = None
@@ -93,7 +93,7 @@ class BoardLink:
         """Acknowledge what the board has latched, before the next command goes out.
 
         From now on it counts as not latched, so that a jam that is asked for at once is not taken for one that the
-        board refuses. What the board latches anew, or does not let be acknowledged, the next exchange tells.
+        board refuses. What the board latches anew, or does not let be acknowledged, comes with the next exchange.
         """
         with self._lock:
             self._acknowledges = True
@@ -106,7 +106,7 @@ class BoardLink:
         self._nudge()
         self._thread.join(_CLOSE_TIMEOUT_S)
 
-    def _tell(self, **changes: Any) -> None:
+    def _update(self, **changes: Any) -> None:
         with self._lock:
             if self._acknowledges and "latched" in changes:
                 changes["latched"] = frozenset()  # read before the acknowledgement went out
@@ -147,8 +147,8 @@ class BoardLink:
         try:
             if not self._line.is_open:
                 await self._line.open()
-            said = await self._dialogue.open()
-            self._take(await self._dialogue.exchange(None))  # what it has latched is known before it counts as there
+            said = await self._protocol.open()
+            self._take(await self._protocol.exchange(None))  # what it has latched is known before it counts as there
             self._connected(said)
             await self._cycles()
         except (LineError, RefusedError) as error:
@@ -190,7 +190,7 @@ class BoardLink:
                 await self._acknowledge()
                 self._acknowledges = False  # a line that lost it is asked again
             last = self._command
-            exchange = await (self._dialogue.exchange(last) if fresh else self._dialogue.exchange_stale(last))
+            exchange = await (self._protocol.exchange(last) if fresh else self._protocol.exchange_stale(last))
         except LineError as error:
             busy = error.host_was_late or self._line.late > self._late_replies
             self._late_replies = self._line.late
@@ -207,9 +207,9 @@ class BoardLink:
         self._on_exchange(exchange)
 
     async def _acknowledge(self) -> None:
-        """Acknowledge. A refusal means that something else was latched meanwhile, which the next cycle tells."""
+        """Acknowledge. A refusal means that something else was latched meanwhile, which the next cycle reads."""
         try:
-            await self._dialogue.acknowledge()
+            await self._protocol.acknowledge()
         except RefusedError:
             return
         self._latched = frozenset()  # a start that is latched from now on is a new one
@@ -217,11 +217,11 @@ class BoardLink:
     def _connected(self, said: str) -> None:
         self._failed_in_a_row = 0
         self._acknowledges = False  # of what was latched before; what is latched now nobody has seen yet
-        self._tell(state=LinkState.CONNECTED, detail=said, connects=self._status.connects + 1)
+        self._update(state=LinkState.CONNECTED, detail=said, connects=self._status.connects + 1)
 
     def _lost(self, why: str) -> None:
         found = self._status.connects > 0
-        self._tell(state=LinkState.LOST if found else LinkState.SEARCHING, detail=why)
+        self._update(state=LinkState.LOST if found else LinkState.SEARCHING, detail=why)
         self._cycled_s = self._cycle_s = self._unanswered_s = None
         self._count()
 
@@ -230,7 +230,7 @@ class BoardLink:
         self._measure_rate(now_s)
         state, before, self._latched = exchange.state, self._latched, exchange.latched
         if state is None:
-            self._tell(latched=exchange.latched)
+            self._update(latched=exchange.latched)
             self._count()
             return
         # A board that starts anew soon after it had started may have the same uptime when it is asked again.
@@ -241,7 +241,7 @@ class BoardLink:
         if self._board_crc_errors is not None and not started:
             at_board = (state.crc_errors - self._board_crc_errors) % _COUNTER_SIZE
         self._board_crc_errors = state.crc_errors
-        self._tell(
+        self._update(
             starts=self._status.starts + started,
             reset_cause=state.reset_cause,
             latched=exchange.latched,
@@ -251,11 +251,11 @@ class BoardLink:
         self._count(at_board)
 
     def _has_started(self, uptime_s: float, now_s: float) -> bool:
-        """Whether the board has started since it was last heard; its uptime turns over after 50 days."""
+        """Whether the board has started since its last answer; its uptime turns over after 50 days."""
         if self._last is None:
             return True
-        heard_s, last_uptime_s = self._last
-        missing_s = (last_uptime_s + now_s - heard_s - uptime_s) % _UPTIME_SIZE_S
+        answered_s, last_uptime_s = self._last
+        missing_s = (last_uptime_s + now_s - answered_s - uptime_s) % _UPTIME_SIZE_S
         back_s = (last_uptime_s - uptime_s) % _UPTIME_SIZE_S
         return any(
             low_s < each_s < _UPTIME_SIZE_S / 2 for each_s, low_s in ((missing_s, _CLOCK_SLACK_S), (back_s, 0.0))
@@ -271,7 +271,7 @@ class BoardLink:
 
     def _count(self, at_board: int = 0) -> None:
         self._crc_at_board += at_board
-        self._tell(
+        self._update(
             exchanges=self._line.answered,
             crc_errors=self._line.damaged + self._crc_at_board,
             timeouts=self._line.timeouts,

@@ -1,12 +1,18 @@
-"""How a board is wired: which coil or register is which pump, channel and sensor."""
+"""How a board is wired: outputs and sensors, and the YAML file that says so."""
 
 from __future__ import annotations
 
 import enum
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import yaml
+
+from jammkle_common.names import CHANNELS
+from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
@@ -132,3 +138,192 @@ class Wiring:
     rate_hz: float = 100.0
     watchdog_ms: int = field(default_factory=lambda: register_list().holding("watchdog_ms").default)
     on_connect: Mapping[int, int] = field(default_factory=dict)
+
+
+SENSORS = 4
+"""Pressure sensors that the project's firmware reads."""
+
+_LARGEST_ADDRESS = 0xFFFF
+_LARGEST_UNIT = 247
+"""Highest address of a server on a serial line (MODBUS over Serial Line V1.02, 2.2)."""
+
+_WATCHDOG = register_list().holding("watchdog_ms")
+
+
+class WiringError(ValueError):
+    """A board file that cannot be used. The message is one line: what is wrong, where, and what would be right."""
+
+
+_BOUNDS: dict[str, tuple[float, float]] = {
+    "unit": (1, _LARGEST_UNIT),
+    "baud_rate": (1200, 4_000_000),
+    "stop_bits": (1, 2),
+    "reply_timeout_s": (0.005, 5.0),
+    "rate_hz": (1.0, 1000.0),
+    "watchdog_ms": (_WATCHDOG.minimum, _WATCHDOG.maximum),
+    "register": (0, _LARGEST_ADDRESS),
+    "coil": (0, _LARGEST_ADDRESS),
+    "at_zero": (0, 0xFFFF),
+    "at_full": (0, 0xFFFF),
+    "threshold": (0.0, 1.0),
+    "scale": (-1e6, 1e6),
+    "offset_pa": (-1e6, 1e6),
+    "minimum": (-0x8000, 0xFFFF),
+    "maximum": (-0x8000, 0xFFFF),
+}
+_CHOICES = {"parity": ("N", "E", "O"), "table": ("input", "holding"), "firmware": tuple(f.value for f in Firmware)}
+
+
+def standard_board_file() -> Path:
+    """Return the file for the project's own firmware, as it is shipped."""
+    return Path(str(files("jammkle_driver").joinpath("config/board.yaml")))
+
+
+def load_wiring(path: Path | None) -> Wiring:
+    """Read a board file; None takes the shipped one.
+
+    Raises:
+        WiringError: it cannot be read, or says something that cannot be.
+
+    """
+    path = path or standard_board_file()
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        msg = f"board file {path}: {reason}"
+        raise WiringError(msg) from error
+    except yaml.YAMLError as error:
+        msg = f"board file {path} is not YAML: {' '.join(str(error).split())}"
+        raise WiringError(msg) from error
+    try:
+        return _wiring(content)
+    except WiringError as error:
+        msg = f"board file {path}: {error}"
+        raise WiringError(msg) from error
+
+
+def _wiring(content: object) -> Wiring:
+    entries = _mapping("the file", content)
+    solenoids = _mapping("solenoids", entries.pop("solenoids", None))
+    sensors = _mapping("sensors", entries.pop("sensors", None))
+    pump = _mapping("pump", entries.pop("pump", None))
+    on_connect = _mapping("on_connect", entries.pop("on_connect", {}))
+    if set(solenoids) != set(CHANNELS):
+        msg = f"solenoids names {', '.join(solenoids) or 'none'}; it must name {', '.join(CHANNELS)}"
+        raise WiringError(msg)
+    strangers = sorted(set(sensors) - {*CHANNELS, MANIFOLD})
+    missing = [channel for channel in CHANNELS if channel not in sensors]
+    if strangers or missing:
+        msg = f"sensors must name {', '.join(CHANNELS)}, and may name {MANIFOLD}; wrong: {(strangers + missing)[0]}"
+        raise WiringError(msg)
+    made = Wiring(
+        pump=_made(Pump, "pump", pump),
+        solenoids={name: _made(Solenoid, f"solenoid {name}", _mapping(name, solenoids[name])) for name in CHANNELS},
+        sensors={name: _made(Sensor, f"sensor {name}", _mapping(name, entry)) for name, entry in sensors.items()},
+        on_connect={
+            int(_checked("on_connect", "register", key, 0)): int(_checked("on_connect", "at_zero", value, 0))
+            for key, value in on_connect.items()
+        },
+        **_checked_entries(Wiring, "", {"firmware": Firmware.OTHER.value, **entries}),
+    )
+    _check_apart(made)
+    return made
+
+
+def _mapping(name: str, content: object) -> dict[Any, Any]:
+    if not isinstance(content, dict):
+        msg = f"{name} is {content!r}; it must be a list of names and values"
+        raise WiringError(msg)
+    return dict(content)
+
+
+def _made(kind: Any, name: str, entries: dict[str, Any]) -> Any:
+    try:
+        return kind(**_checked_entries(kind, name, entries))
+    except TypeError as error:
+        msg = f"{name} lacks a value: {error}"
+        raise WiringError(msg) from error
+
+
+def _checked_entries(kind: Any, name: str, entries: dict[str, Any]) -> dict[str, Any]:
+    known = {key for key in kind.__dataclass_fields__ if key not in ("pump", "solenoids", "sensors", "on_connect")}
+    for key in entries:
+        if key not in known:
+            msg = f"{name or 'the file'} says '{key}', which means nothing; known are {', '.join(sorted(known))}"
+            raise WiringError(msg)
+    fields = kind.__dataclass_fields__
+    checked = {key: _checked(name, key, value, fields[key].default) for key, value in entries.items()}
+    if "firmware" in checked:
+        checked["firmware"] = Firmware(checked["firmware"])
+    return checked
+
+
+def _checked(name: str, key: str, value: object, default: object) -> Any:
+    where = f"{key} of {name}" if name else key
+    if key in _CHOICES:
+        if value not in _CHOICES[key]:
+            msg = f"{where} is {value!r}; it must be one of {', '.join(_CHOICES[key])}"
+            raise WiringError(msg)
+        return value
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            msg = f"{where} is {value!r}; it must be true or false"
+            raise WiringError(msg)
+        return value
+    whole = not isinstance(default, float)
+    low, high = _BOUNDS[key]
+    number = isinstance(value, int) or (isinstance(value, float) and not whole)
+    if isinstance(value, bool) or not number or not low <= float(str(value)) <= high:
+        msg = f"{where} is {value!r}; it must be a {'whole ' if whole else ''}number from {low:g} to {high:g}"
+        raise WiringError(msg)
+    return value
+
+
+def _check_apart(wiring: Wiring) -> None:
+    """Two outputs on one coil, or two sensors on one register, are a typing error."""
+    pump = wiring.pump
+    if (pump.register is None) == (pump.coil is None):
+        msg = "pump needs either register (a duty) or coil (on and off)"
+        raise WiringError(msg)
+    if pump.register is not None and pump.at_zero == pump.at_full:
+        msg = f"pump: at_zero and at_full are both {pump.at_zero}; the pump would never change"
+        raise WiringError(msg)
+    if pump.register in wiring.on_connect:
+        msg = f"on_connect writes register {pump.register}, which is the pump's; it must be left to the driver"
+        raise WiringError(msg)
+    coils = [solenoid.coil for solenoid in wiring.solenoids.values()] + ([] if pump.coil is None else [pump.coil])
+    registers = [(sensor.table, sensor.register) for sensor in wiring.sensors.values()]
+    used = [f"coil {coil}" for coil in coils] + [f"{table} register {address}" for table, address in registers]
+    for each in used:
+        if used.count(each) > 1:
+            msg = f"{each} is used twice; give each pump, solenoid and sensor its own"
+            raise WiringError(msg)
+    for name, sensor in wiring.sensors.items():
+        if sensor.scale == 0.0 or sensor.minimum >= sensor.maximum:
+            msg = f"sensor {name}: scale must not be 0, and minimum must be below maximum"
+            raise WiringError(msg)
+    if wiring.firmware is Firmware.JAMMKLE:
+        _check_own(wiring)
+
+
+def _check_own(wiring: Wiring) -> None:
+    registers = register_list()
+    full = registers.holding("pump_duty").maximum
+    free = registers.holding("supply_minimum").address
+    addresses = {register.address for register in registers.tables["input_registers"][:SENSORS]}
+    if wiring.pump.register != registers.holding("pump_duty").address:
+        msg = "pump: the firmware jammkle takes the duty in register 1"
+    elif (wiring.pump.at_zero, wiring.pump.at_full) != (0, full):
+        msg = f"pump: the firmware jammkle has at_zero 0 and at_full {full}; with others its safe state would run it"
+    elif any(address < free for address in wiring.on_connect):
+        msg = f"on_connect: registers below {free} of the firmware jammkle are the driver's; see watchdog_ms here"
+    elif any(solenoid.coil >= len(registers.tables["coils"]) for solenoid in wiring.solenoids.values()):
+        msg = "solenoids: the firmware jammkle has coils 0 to 2"
+    elif any(sensor.table != "input" or sensor.register not in addresses for sensor in wiring.sensors.values()):
+        msg = "sensors: the firmware jammkle has input registers 0 to 3"
+    elif any(solenoid.inverted for solenoid in wiring.solenoids.values()):
+        msg = "solenoids: inverted would turn the safe state of the firmware jammkle into its opposite; wire them so"
+    else:
+        return
+    raise WiringError(msg)

@@ -7,19 +7,17 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.atmosphere import Atmosphere
+from jammkle_driver.core.air import Atmosphere, LeakMeter
 from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState, missed
-from jammkle_driver.core.diagnosis import Diagnosis, DiagnosisSettings
-from jammkle_driver.core.evidence import LONGEST_UNKNOWN_S, Evidence
+from jammkle_driver.core.diagnosis import LONGEST_UNKNOWN_S, Diagnosis, DiagnosisSettings, Evidence
 from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
-from jammkle_driver.core.leakage import LeakMeter
 from jammkle_driver.core.regulator import LATE_S, Connected, ExcessVent, PumpLoad, PumpRegulator, RegulatorSettings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jammkle_driver.core.evidence import Moment
+    from jammkle_driver.core.diagnosis import Moment
     from jammkle_driver.core.hardware import PressureSample
     from jammkle_driver.core.watchdog import Instant
 
@@ -77,12 +75,17 @@ class AnkleSettings:
 
 
 class Ankle:
-    """Channels that share one pump; follows wishes, lets go when something fails, and says what it knows."""
+    """Channels that share one pump; follows set points, lets go when something fails, and says what it knows.
+
+    Attributes:
+        settings: What it goes by.
+
+    """
 
     def __init__(self, channels: Sequence[str], settings: AnkleSettings) -> None:
         """Make an ankle of disabled channels."""
         self._names = tuple(channels)
-        self._settings = settings
+        self.settings = settings
         self.atmosphere = Atmosphere(self._names, settings.ambient_pa)
         self.load = PumpLoad(settings.regulator)
         self._counted: set[str] = set()
@@ -91,9 +94,9 @@ class Ankle:
 
     def reset(self) -> None:
         """Be as new, disabled."""
-        self.channels = {name: Channel(name, self._settings.channel) for name in self._names}
-        self.leaks = LeakMeter(self._names, self._settings.diagnosis.air)
-        self.diagnosis = Diagnosis(self._names, self._settings.diagnosis, self.atmosphere.pressure_pa)
+        self.channels = {name: Channel(name, self.settings.channel) for name in self._names}
+        self.leaks = LeakMeter(self._names, self.settings.diagnosis.air)
+        self.diagnosis = Diagnosis(self._names, self.settings.diagnosis, self.atmosphere.pressure_pa)
         self.evidence = Evidence((MANIFOLD, *self._names))
         self.manifold_vacuum_pa: float | None = None
         self.findings: tuple[Finding, ...] = ()
@@ -102,15 +105,10 @@ class Ankle:
         self._duty = 0.0
         self._command = released(self._names)
         self._held: ActuatorCommand | None = None
-        self._vent = ExcessVent(self._settings.diagnosis.air.valve_conductance_m3_s_pa)
+        self._vent = ExcessVent(self.settings.diagnosis.air.valve_conductance_m3_s_pa)
         self._pulsed: frozenset[str] = frozenset()
         self._period_s = _SHORTEST_PERIOD_S
         self._judged_from_s = -math.inf
-
-    @property
-    def settings(self) -> AnkleSettings:
-        """What it goes by."""
-        return self._settings
 
     @property
     def command(self) -> ActuatorCommand:
@@ -149,13 +147,13 @@ class Ankle:
 
     def able(self, channel: str) -> bool:
         """Whether a channel may be jammed, as far as faults go."""
-        if self._settings.fault_policy is FaultPolicy.ANKLE:
+        if self.settings.fault_policy is FaultPolicy.ANKLE:
             return not self.faulty
         return self.channels[channel].state is not ChannelState.FAULT
 
     def ask(self, channel: str, vacuum_pa: float, reason: str) -> None:
-        """Take a wish for one channel; whatever was held before is regulated, or vented, again."""
-        self._end_hold(f"let go with the wish for {channel}")
+        """Take a set point for one channel; whatever was held before is regulated, or vented, again."""
+        self._end_hold(f"let go with the set point for {channel}")
         self.channels[channel].ask(vacuum_pa, reason)
 
     def vent(self, why: Finding) -> None:
@@ -168,7 +166,7 @@ class Ankle:
     def let_go(self, channels: Sequence[str], why: Finding) -> None:
         """Bring channels to the safe state; nothing has failed that must be acknowledged."""
         asked = [self.channels[name] for name in channels if self.channels[name].set_point_pa > 0.0]
-        if self._settings.safe_state is SafeState.HOLD and self._held is None and asked:
+        if self.settings.safe_state is SafeState.HOLD and self._held is None and asked:
             self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for channel in asked:
             if self._held is not None:
@@ -178,13 +176,13 @@ class Ankle:
 
     def fail(self, channels: Sequence[str], why: Finding) -> None:
         """Put channels into FAULT until they are cleared, and the others to where the policy wants them."""
-        hold = self._settings.safe_state is SafeState.HOLD
+        hold = self.settings.safe_state is SafeState.HOLD
         if hold and self._held is None and self.jammed:
             self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for name in channels:
             self.channels[name].fail(why)
         self._spread(why)
-        if self._settings.fault_policy is FaultPolicy.CHANNEL and any(pa > 0.0 for pa in self.set_points_pa.values()):
+        if self.settings.fault_policy is FaultPolicy.CHANNEL and any(pa > 0.0 for pa in self.set_points_pa.values()):
             self._held = None
         self.regulate(0.0)
 
@@ -217,7 +215,7 @@ class Ankle:
             self.judge_from_now_on(now)
         elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), 0.1)
         self._stamps[place] = stamp_s
-        judged = driven and sample.timely and self._settings.diagnose
+        judged = driven and sample.timely and self.settings.diagnose
         judged = judged and not 0.0 <= self._judged_from_s - stamp_s < _LONGEST_WAIT_S
         if judged:
             self.note_command(now)
@@ -267,16 +265,16 @@ class Ankle:
             rise_pa=self._rise_pa(set_point_pa),
         )
         self._duty = self.load.spare(duty, elapsed_s)
-        if self._regulator.full_s > self._settings.channel.jam_timeout_s:
+        if self._regulator.full_s > self.settings.channel.jam_timeout_s:
             self._give_up(min(jammed, key=lambda channel: math.inf if channel.vacuum_pa is None else channel.vacuum_pa))
 
     def _connected_m3(self) -> float:
-        air = self._settings.diagnosis.air
+        air = self.settings.diagnosis.air
         volumes_m3 = zip(self._names, air.channel_volumes_m3, strict=False)
         return air.manifold_volume_m3 + sum(each for name, each in volumes_m3 if self.channels[name].energised)
 
     def _vent_excess(self, stamp_s: float) -> None:
-        air = self._settings.diagnosis.air
+        air = self.settings.diagnosis.air
         volumes_m3 = dict(zip(self._names, air.channel_volumes_m3, strict=False))
         excessive = [
             Connected(name, volumes_m3[name], channel.excess_pa)
@@ -288,7 +286,7 @@ class Ankle:
     def _rise_pa(self, vacuum_pa: float) -> float:
         if self._period_s <= LATE_S:
             return 0.0
-        air = self._settings.diagnosis.air
+        air = self.settings.diagnosis.air
         flow_m3_s = air.pump_free_flow_m3_s * max(1.0 - vacuum_pa / air.pump_ultimate_vacuum_pa, 0.0)
         pressure_pa = max(self.atmosphere.pressure_pa - vacuum_pa, 0.0)
         return flow_m3_s * pressure_pa / self._connected_m3() * _ANSWERED_AFTER * self._period_s
@@ -299,12 +297,12 @@ class Ankle:
         self.leaks.stop()
 
     def note_command(self, now: Instant) -> None:
-        """Note what the actuators are told from now on; to be called whenever they are, or a brief one is missed."""
-        if self._settings.diagnose:
+        """Note what is commanded from now on; to be called whenever something is, or a brief command is missed."""
+        if self.settings.diagnose:
             self.evidence.command(self.command, now.graph_s)
 
     def judge_from_now_on(self, now: Instant) -> None:
-        """Conclude nothing from readings of until now: the hardware did something else than it was told.
+        """Conclude nothing from readings of until now: the hardware did something else than it was commanded.
 
         Readings of that time may still wait to be taken.
         """
@@ -322,14 +320,14 @@ class Ankle:
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""
         self._regulator.reset()
-        timeout_s = self._settings.channel.jam_timeout_s
+        timeout_s = self.settings.channel.jam_timeout_s
         seen = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa with the pump at full duty for "
         seen += f"{timeout_s:g} s (jam_timeout_s)"
         why = finding(Reason.NOT_REACHED, weakest.name, seen, missed(weakest.status))
         self.fail((weakest.name,), why.to_clear())
 
     def _note(self, moment: Moment) -> None:
-        """Let what is vented tell of the atmosphere, and what is at rest of leaks."""
+        """Learn the atmosphere from what is vented, and leaks from what is at rest."""
         elapsed_s = min(moment.elapsed_s, LONGEST_UNKNOWN_S)
         _, command = moment.driven[-1]
         connected = frozenset(name for name, energised in command.solenoids.items() if energised)
@@ -345,7 +343,7 @@ class Ankle:
 
     def _look_into(self, found: Finding | None) -> None:
         """Act on what was found, if anything was, and if it is the first, or another channel's alone."""
-        others_go_on = self._settings.fault_policy is FaultPolicy.CHANNEL and all(map(self._is_alone, self.findings))
+        others_go_on = self.settings.fault_policy is FaultPolicy.CHANNEL and all(map(self._is_alone, self.findings))
         if found is None or (self.findings and not others_go_on):
             return
         self.findings = (*self.findings, found)
@@ -361,7 +359,7 @@ class Ankle:
         return found.place in self.channels
 
     def _spread(self, why: Finding) -> None:
-        if self._settings.fault_policy is FaultPolicy.CHANNEL or not self.faulty:
+        if self.settings.fault_policy is FaultPolicy.CHANNEL or not self.faulty:
             return
         others = [name for name, channel in self.channels.items() if channel.state is not ChannelState.FAULT]
         failed = ", ".join(channel.name for channel in self.faulty)

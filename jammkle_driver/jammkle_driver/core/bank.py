@@ -1,10 +1,4 @@
-"""One Kalman filter per hypothesis of what has failed, on one law of the air, and how much better each explains.
-
-Multiple-model estimation (Magill 1965, "Optimal adaptive estimation of sampled stochastic processes"): each hypothesis
-is an extended Kalman filter on the mass balance of `core.air`, and gains or loses by the likelihood of the pressures
-that come next. What it has gained over the healthy one since it was last no better than that is Page's cumulative sum
-(Page 1954, "Continuous inspection schemes"), so that a fault may begin at any time.
-"""
+"""A bank of extended Kalman filters, one per hypothesis: prediction by the law of the air, correction by readings."""
 
 from __future__ import annotations
 
@@ -15,13 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_driver.core.freshness import KNOWN_AFTER
+from jammkle_driver.core.air import HEAT_TIME_S, SETTLING_S, orifice
 from jammkle_driver.core.hypotheses import Spread, Tables
-from jammkle_driver.core.prediction import Predictor, Step
-from jammkle_driver.core.scoring import Scoring
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping
 
     from numpy.typing import NDArray
 
@@ -29,6 +21,265 @@ if TYPE_CHECKING:
     from jammkle_driver.core.hypotheses import Hypothesis
 
     Flags = NDArray[np.bool_]
+
+
+_LOWEST_PA = 100.0
+"""Pressure below which none is taken to be, Pa: no pump of this kind gets there, and ratios stay finite."""
+
+_LEFT_OUT_PA_RTS = 16.0
+"""How a pressure may wander beyond all flows, Pa/sqrt(s): rounding. Assumed."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """What happened from one set of readings to the next.
+
+    Attributes:
+        duration_s: Time between, s.
+        readings_pa: What each sensor read at the end, Pa absolute: manifold, then channels; NaN where nothing came.
+        connected: Per channel, whether it was commanded to the manifold.
+        switching: Per channel, whether its valve may be moving.
+        duty: The pump's duty, 0 to 1.
+        duty_doubt: How far the duty that acts may be from that, 0 to 1.
+        ambient_pa: Pressure of the atmosphere, Pa.
+        heat_pa: Per volume, how far its pressure may still go as its air comes back to the temperature of the wall, Pa.
+
+    """
+
+    duration_s: float
+    readings_pa: tuple[float, ...]
+    connected: tuple[bool, ...]
+    switching: tuple[bool, ...]
+    duty: float
+    duty_doubt: float
+    ambient_pa: float
+    heat_pa: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """Flows of every hypothesis, Pa m^3/s, and slopes of the pressures' rates.
+
+    Attributes:
+        flows: Valves to the manifold, vents, leaks, the pump.
+        full: What each valve would let through to the manifold and from the vent, were it quite open.
+        pumped: Flow of a whole pump at full duty.
+        by_pressure: Slope of each pressure's rate by each pressure, 1/s.
+        by_built: Slope of each pressure's rate by pump, lines and leaks, Pa/s.
+
+    """
+
+    flows: Array
+    full: Array
+    pumped: Array
+    by_pressure: Array
+    by_built: Array
+
+
+class Predictor:
+    """Advances states and covariances of all hypotheses of one ankle."""
+
+    def __init__(self, air: AirSettings, spread: Spread, tables: Tables) -> None:
+        """Prepare for an ankle."""
+        self._air = air
+        self._spread = spread
+        self._tables = tables
+        self._volumes_m3 = np.array(air.volumes_m3)
+        self._drifting = tuple(np.array(tables.drifting).T)  # hypotheses, and the offset that drifts in each
+        volumes, channels = tables.layout.volumes, tables.layout.volumes - 1
+        self._spreading = np.zeros((volumes, 2 * channels + volumes + 1))  # pressure rate per flow, 1/m^3
+        for channel in range(channels):
+            self._spreading[channel + 1, channel] = -1.0 / self._volumes_m3[channel + 1]
+            self._spreading[0, channel] = 1.0 / self._volumes_m3[0]
+            self._spreading[channel + 1, channels + channel] = 1.0 / self._volumes_m3[channel + 1]
+        for place in range(volumes):
+            self._spreading[place, 2 * channels + place] = 1.0 / self._volumes_m3[place]
+        self._spreading[0, -1] = -1.0 / self._volumes_m3[0]
+
+    def advance(self, state: Array, covariance: Array, step: Step) -> None:
+        """Advance states, shape (hypotheses, quantities), and covariances in place."""
+        tables, volumes, duration_s = self._tables, self._tables.layout.volumes, step.duration_s
+        pressures = np.maximum(state[:, :volumes], _LOWEST_PA)
+        balance = self._balance(state, pressures, step)
+        solved = np.linalg.inv(np.eye(volumes) - duration_s * balance.by_pressure)
+        rate = balance.flows @ self._spreading.T
+        moved = pressures + (solved @ (duration_s * rate)[:, :, None])[:, :, 0]
+        rows = np.zeros((len(state), volumes, state.shape[1]))
+        rows[:, :, :volumes] = solved
+        rows[:, :, 2 * volumes :] = solved @ (duration_s * balance.by_built)
+        carried = rows @ covariance
+        within = carried @ rows.transpose(0, 2, 1)
+        covariance[:, :volumes, :] = carried
+        covariance[:, :, :volumes] = carried.transpose(0, 2, 1)
+        shaped = solved @ self._spreading
+        within += (shaped * self._doubt(state, balance, step)[:, None, :]) @ shaped.transpose(0, 2, 1)
+        place = np.arange(volumes)
+        heat_pa2 = np.square(np.array(step.heat_pa)) / HEAT_TIME_S
+        within[:, place, place] += (_LEFT_OUT_PA_RTS**2 + heat_pa2) * duration_s
+        covariance[:, :volumes, :volumes] = within
+        models, offsets = self._drifting
+        drift = tables.layout.drift
+        state[models, offsets] += duration_s * state[models, drift]
+        covariance[models, offsets, :] += duration_s * covariance[models, drift, :]
+        covariance[models, :, offsets] += duration_s * covariance[models, :, drift]
+        # What is built comes back to its mean within its spread (Ornstein-Uhlenbeck); what was let go walks.
+        decay = np.exp(-duration_s / tables.time_s)
+        decay[:, :volumes] = 1.0
+        state[:] = tables.mean + decay * (state - tables.mean)
+        state[:, :volumes] = np.maximum(moved, _LOWEST_PA)
+        covariance *= decay[:, :, None] * decay[:, None, :]
+        every = np.arange(state.shape[1])
+        covariance[:, every, every] += tables.deviation**2 * (1.0 - decay**2) + tables.wander * duration_s
+
+    def _balance(self, state: Array, pressures: Array, step: Step) -> _Balance:
+        air, tables, layout = self._air, self._tables, self._tables.layout
+        models, volumes = pressures.shape
+        manifold = pressures[:, :1]
+        unit = air.valve_conductance_m3_s_pa
+        share = np.where(tables.opened, 1.0, np.where(tables.closed, 0.0, np.array(step.connected, dtype=float)))
+        line, leak, pump = state[:, layout.lines] * unit, state[:, layout.leaks] * unit, state[:, layout.pump]
+        end = state[:, layout.end] / air.pump_ultimate_vacuum_pa  # 1/Pa
+        drawn, by_channel, by_manifold = orifice(pressures[:, 1:], np.repeat(manifold, volumes - 1, axis=1))
+        inward, _, by_place = orifice(np.full_like(pressures, step.ambient_pa), pressures)
+        vacuum = step.ambient_pa - manifold[:, 0]
+        curve = 1.0 - end * vacuum
+        curve_slope = np.where(curve > 0.0, curve + end * manifold[:, 0], 0.0)
+        pumped = air.pump_free_flow_m3_s * np.maximum(curve, 0.0) * manifold[:, 0]
+        full = np.concatenate([line * drawn, line * inward[:, 1:]], axis=1)
+        valves = full * np.concatenate([share, 1.0 - share], axis=1)
+        flows = np.concatenate([valves, leak * inward, (pump * step.duty * pumped)[:, None]], axis=1)
+
+        into, channel = 1.0 / self._volumes_m3, np.arange(1, volumes)
+        by_pressure = np.zeros((models, volumes, volumes))
+        from_vents = ((1.0 - share) * line + leak[:, 1:]) * by_place[:, 1:]
+        by_pressure[:, channel, channel] = (from_vents - share * line * by_channel) * into[1:]
+        by_pressure[:, channel, 0] = -share * line * by_manifold * into[1:]
+        by_pressure[:, 0, channel] = share * line * by_channel * into[0]
+        drawing = (share * line * by_manifold).sum(axis=1) + leak[:, 0] * by_place[:, 0]
+        by_pressure[:, 0, 0] = (drawing - pump * step.duty * air.pump_free_flow_m3_s * curve_slope) * into[0]
+
+        by_built = np.zeros((models, volumes, layout.size - 2 * volumes))
+        by_built[:, 0, 0] = -step.duty * pumped * into[0]
+        ends = pump * step.duty * air.pump_free_flow_m3_s * manifold[:, 0] * vacuum / air.pump_ultimate_vacuum_pa
+        by_built[:, 0, layout.end - 2 * volumes] = np.where(curve > 0.0, ends, 0.0) * into[0]
+        by_built[:, channel, channel] = ((1.0 - share) * inward[:, 1:] - share * drawn) * unit * into[1:]
+        by_built[:, 0, channel] = share * drawn * unit * into[0]
+        place = np.arange(volumes)
+        by_built[:, place, volumes + place] = inward * unit * into
+        return _Balance(flows, full, pumped, by_pressure, by_built)
+
+    def _doubt(self, state: Array, balance: _Balance, step: Step) -> Array:
+        """Variance of the air that each flow moves beyond what the law says, (Pa m^3)^2."""
+        tables, spread = self._tables, self._spread
+        valves = balance.full.shape[1]
+        # A valve that is stuck does not move, whatever the command.
+        unsure = np.array(step.switching) & ~tables.opened & ~tables.closed
+        unsure = np.concatenate([unsure, unsure], axis=1)
+        relative = np.full(balance.flows.shape, spread.flow)
+        relative[:, :valves] += unsure
+        doubtful = balance.flows.copy()
+        doubtful[:, :valves] = np.where(unsure, balance.full, balance.flows[:, :valves])
+        variance = (relative * doubtful) ** 2
+        variance[:, -1] += (step.duty_doubt * state[:, tables.layout.pump] * balance.pumped) ** 2
+        # A pump that draws nothing must not seem likely by predicting sharply.
+        variance[:, -1] = np.maximum(variance[:, -1], variance[0, -1])
+        doubt: Array = variance * (2.0 * spread.flow_time_s * step.duration_s)
+        return doubt
+
+
+KNOWN_AFTER = 100
+"""Readings from which a sensor's way to repeat itself is known: a second of noise."""
+
+_LIVELY = 0.1
+"""Share of sets that repeat, below which a repeated one is no news: of noise of half a converter's step three sensors
+and a manifold's repeat together in one set of ten or less."""
+
+_BY_CHANCE = 1e-6
+"""Probability of a run below which it is none: once in three hours at 100 Hz."""
+
+
+class Freshness:
+    """Compares each set of readings with the one before.
+
+    Attributes:
+        run: How many sets in a row have repeated the one before them.
+
+    """
+
+    def __init__(self) -> None:
+        """Know nothing of the sensors yet."""
+        self._last: dict[str, float] = {}
+        self._sets = 0
+        self._repeats = 0
+        self.run = 0
+
+    @property
+    def stood_still(self) -> bool:
+        """Whether the run is too long for chance, of sensors that were seen to be lively."""
+        return self.run > 0 and self._lively and self._share**self.run < _BY_CHANCE
+
+    def take(self, readings_pa: Mapping[str, float]) -> bool:
+        """Take the next set, Pa by place; return whether it repeats the last one though its sensors are lively."""
+        same = len(readings_pa) > 1 and readings_pa == self._last
+        self._last = dict(readings_pa)
+        if same:
+            self.run += 1
+            return self._lively
+        if not self.stood_still:
+            self._sets += self.run + 1
+            self._repeats += self.run
+        self.run = 0
+        return False
+
+    @property
+    def _share(self) -> float:
+        return (self._repeats + 1) / (self._sets + 2)  # Laplace's rule of succession
+
+    @property
+    def _lively(self) -> bool:
+        return self._sets >= KNOWN_AFTER and self._share < _LIVELY
+
+
+@dataclass(frozen=True)
+class Scoring:
+    """What a reading may gain or cost, and when it counts.
+
+    Attributes:
+        cap: Squared normalised error beyond which a reading counts no more against a hypothesis than that, 1: one that
+            is off by five deviations is as likely a broken telegram as the doing of a fault.
+        grace_s: How long after a valve has moved a part is not taken anew for built otherwise, s: twice the time in
+            which the air spreads, in which heat and seats that are not quite shut count most.
+        debt_nats: Least score of such a hypothesis in that time: what was lost while valves moved can be gained back.
+            A reading at the cap costs 12.5, so one and a half of those.
+        allowance_nats: What a hypothesis must gain with every set of readings to count: Page's reference value, half
+            the square of a shift by a fifth of a deviation. Without it, an ankle at rest for minutes lets the slightly
+            sharper one win.
+        still_pa: How far a sensor that is taken as stuck must be from what its own filter makes of the pressure, Pa:
+            two deviations of an offset. That a reading stands still where nothing changes says nothing, unless it
+            repeats in vacuum as it never did before.
+        evacuated_pa: Vacuum beyond which a sensor reads somewhere within its range, Pa: more than offset (1 kPa) and
+            weather (2 kPa) together.
+        longer_run: A run of equal readings is news beyond so many times the longest one before, 1: a lively sensor's
+            runs are of one or two, those of a coarse converter or of a slow sensor are as long as they are.
+        more_repeats: And beyond so many more, 1.
+        repeat_nats: What a stuck sensor gains by each further reading of such a run: ln(20), as a healthy one would
+            have ended.
+        lately: Readings that say how fast a pressure changes now, 1: a late one repeats those before it, for 50 ms.
+        unknown_pa: Deviation of a pressure that no sensor has read yet, Pa. Assumed: a tenth of an atmosphere.
+
+    """
+
+    cap: float = 25.0
+    grace_s: float = 2.0 * SETTLING_S
+    debt_nats: float = -20.0
+    allowance_nats: float = 0.02
+    still_pa: float = 500.0
+    evacuated_pa: float = 3e3
+    longer_run: float = 2.0
+    more_repeats: float = 5.0
+    repeat_nats: float = 3.0
+    lately: int = 6
+    unknown_pa: float = 1e4
 
 
 @dataclass(frozen=True)
@@ -58,14 +309,21 @@ class Estimate:
 
 
 class FilterBank:
-    """Filters of all hypotheses about one ankle, advanced together."""
+    """Filters of all hypotheses about one ankle, advanced together.
+
+    Attributes:
+        scoring: How readings count.
+        scores: What each hypothesis has gained over the healthy ankle, nats.
+        changes_while_stuck: How often the reading has changed that a hypothesis takes for stuck, since it last began.
+
+    """
 
     def __init__(
         self, air: AirSettings, ambient_pa: float, spread: Spread | None = None, scoring: Scoring | None = None
     ) -> None:
         """Begin vented, with every hypothesis as good as the healthy one."""
         self._air = air
-        self._scoring = scoring or Scoring()
+        self.scoring = scoring or Scoring()
         self._spread = spread or Spread()
         self._tables = Tables(air, self._spread)
         self._layout = self._tables.layout
@@ -79,21 +337,6 @@ class FilterBank:
         """The healthy ankle, and then everything that may have failed."""
         return self._tables.hypotheses
 
-    @property
-    def scoring(self) -> Scoring:
-        """How readings count."""
-        return self._scoring
-
-    @property
-    def scores(self) -> Array:
-        """What each hypothesis has gained over the healthy ankle, nats."""
-        return self._scores
-
-    @property
-    def changes_while_stuck(self) -> Array:
-        """How often the reading has changed that a hypothesis takes for stuck, since it last began."""
-        return self._changes_while_stuck
-
     def reset(self, ambient_pa: float) -> None:
         """Begin anew, vented at `ambient_pa`, Pa, or at what the first readings say."""
         models, size = self._tables.mean.shape
@@ -102,15 +345,15 @@ class FilterBank:
         self._state[:, :volumes] = ambient_pa
         self._covariance = np.zeros((models, size, size))
         self._covariance[:, self._every, self._every] = self._tables.deviation**2
-        self._scores = np.zeros(models)
+        self.scores = np.zeros(models)
         self._held_pa = np.full((models, volumes), ambient_pa)
         self._held_variance = np.full((models, volumes), self._spread.noise_pa**2)
         self._last_pa = np.full(volumes, np.nan)
-        self._lately: deque[tuple[float, Array]] = deque(maxlen=self._scoring.lately)
+        self._lately: deque[tuple[float, Array]] = deque(maxlen=self.scoring.lately)
         self._run = np.zeros(volumes)
         self._longest_run = np.zeros(volumes)
         self._changes = np.zeros(volumes)
-        self._changes_while_stuck = np.zeros(models)
+        self.changes_while_stuck = np.zeros(models)
         self._bridging = False
         self._fresh = True
         self._grace_s = 0.0
@@ -122,14 +365,14 @@ class FilterBank:
     def bridge(self) -> None:
         """Forget where the pressures are, and nothing else: readings of a while are missing."""
         index = self._every[: self._layout.volumes]
-        self._covariance[:, index, index] += self._scoring.unknown_pa**2
+        self._covariance[:, index, index] += self.scoring.unknown_pa**2
         self._bridging = True
 
     def adopt(self, model: int) -> None:
         """Take what a hypothesis says for the healthy ankle, and let every fault begin from there."""
         self._state[0] = np.clip(self._state[model], self._tables.least[0], self._tables.most[0])
         self._covariance[0] = self._covariance[model]
-        self._scores[:] = 0.0
+        self.scores[:] = 0.0
         self._begin_again()
 
     def estimate(self, model: int = 0) -> Estimate:
@@ -156,25 +399,25 @@ class FilterBank:
         self._predictor.advance(self._state, self._covariance, step)
         likelihood = self._weigh(step.readings_pa, self._late_pa(readings_pa, step.duration_s))
         repeats, beyond_doubt = self._repeats(readings_pa, step.ambient_pa)
-        likelihood += self._scoring.repeat_nats * repeats
+        likelihood += self.scoring.repeat_nats * repeats
         if self._bridging:
             self._bridging = False
             return
-        gain = likelihood - likelihood[0] - self._scoring.allowance_nats
+        gain = likelihood - likelihood[0] - self.scoring.allowance_nats
         # While a valve may or may not have moved yet, what predicts sharply is not the likelier for it: then
         # hypotheses may lose, but not gain, and none begins anew.
         if any(step.switching):
-            self._grace_s = self._scoring.grace_s
+            self._grace_s = self.scoring.grace_s
             gain = np.minimum(gain, 0.0)
-        least = np.where(self._tables.built, self._scoring.debt_nats if self._grace_s > 0.0 else 0.0, 0.0)
-        self._scores = np.maximum(self._scores + gain, least)
+        least = np.where(self._tables.built, self.scoring.debt_nats if self._grace_s > 0.0 else 0.0, 0.0)
+        self.scores = np.maximum(self.scores + gain, least)
         if any(step.switching):
             return
         self._grace_s -= step.duration_s
         tells_nothing = self._nothing_changes() & ~beyond_doubt
-        self._scores = np.where(tells_nothing, np.minimum(self._scores, 0.0), self._scores)
-        self._scores[0] = 0.0
-        self._scores[self._known] = 0.0
+        self.scores = np.where(tells_nothing, np.minimum(self.scores, 0.0), self.scores)
+        self.scores[0] = 0.0
+        self.scores[self._known] = 0.0
         self._begin_again()
 
     def _late_pa(self, readings_pa: Array, duration_s: float) -> Array:
@@ -199,23 +442,23 @@ class FilterBank:
         changed = heard & ~same
         self._longest_run = np.where(changed, np.maximum(self._longest_run, self._run), self._longest_run)
         self._changes += changed
-        self._changes_while_stuck += (self._tables.stuck & changed).any(axis=1)
+        self.changes_while_stuck += (self._tables.stuck & changed).any(axis=1)
         self._run = np.where(changed, 0.0, self._run + same)
         self._last_pa = np.where(heard, readings_pa, self._last_pa)
         news = (
             same
             & (self._changes >= KNOWN_AFTER)
-            & (self._run > self._scoring.longer_run * self._longest_run + self._scoring.more_repeats)
+            & (self._run > self.scoring.longer_run * self._longest_run + self.scoring.more_repeats)
         )
         repeats: Flags = (self._tables.stuck & news).any(axis=1)
-        evacuated = np.nan_to_num(ambient_pa - readings_pa) > self._scoring.evacuated_pa
+        evacuated = np.nan_to_num(ambient_pa - readings_pa) > self.scoring.evacuated_pa
         return repeats, (self._tables.stuck & news & evacuated).any(axis=1)
 
     def _nothing_changes(self) -> Flags:
         """Hypotheses of a stuck sensor whose pressure is still what that reads."""
         layout, stuck = self._layout, self._tables.stuck
         seen_pa = self._state[:, layout.pressures] + self._state[:, layout.offsets]
-        still: Flags = (stuck & (np.abs(seen_pa - self._held_pa) < self._scoring.still_pa)).any(axis=1)
+        still: Flags = (stuck & (np.abs(seen_pa - self._held_pa) < self.scoring.still_pa)).any(axis=1)
         return still
 
     def _begin(self, readings_pa: Array, ambient_pa: float) -> None:
@@ -224,13 +467,13 @@ class FilterBank:
         self._state[:, :volumes] = np.where(heard, readings_pa, ambient_pa)
         self._held_pa[:] = self._state[:, :volumes]
         index = self._every[:volumes]
-        self._covariance[:, index, index] = np.where(heard, self._spread.offset_pa, self._scoring.unknown_pa) ** 2
+        self._covariance[:, index, index] = np.where(heard, self._spread.offset_pa, self.scoring.unknown_pa) ** 2
         self._fresh = False
 
     def _begin_again(self) -> None:
         """Let hypotheses that have gained nothing start from where the healthy one is, their fault beginning now."""
         tables, every = self._tables, self._every
-        again = tables.begins_again & (self._scores == 0.0)
+        again = tables.begins_again & (self.scores == 0.0)
         self._state[again] = self._state[0]
         self._covariance[again] = self._covariance[0]
         moved = again[:, None] & tables.moved
@@ -242,7 +485,7 @@ class FilterBank:
         expected_pa = self._state[0, self._layout.pressures] + self._state[0, self._layout.offsets]
         self._held_pa[again] = np.where(self._run > 0, self._last_pa, expected_pa)  # what repeats may have jumped there
         self._held_variance[again] = self._spread.noise_pa**2
-        self._changes_while_stuck[again] = 0.0
+        self.changes_while_stuck[again] = 0.0
 
     def _weigh(self, readings_pa: tuple[float, ...], late_pa: Array) -> Array:
         """Take the readings one after the other into every filter; return the log-likelihood of each."""
@@ -259,13 +502,13 @@ class FilterBank:
             error = reading_pa - seen_pa
             expected = np.where(stuck, held, row[:, place] + row[:, offset]) + noise
             squared = error * error / expected
-            total -= 0.5 * (np.minimum(squared, self._scoring.cap) + np.log(expected))
+            total -= 0.5 * (np.minimum(squared, self.scoring.cap) + np.log(expected))
             share = held / (held + noise)
             self._held_pa[:, place] += np.where(stuck, share * error, 0.0)
             self._held_variance[:, place] = share * noise
             # Beyond the cap a reading pulls no harder than at it (Huber 1964).
             # But where the pressures begin anew, they begin with what is read, however far that is.
-            beyond = 1.0 if self._bridging else np.maximum(1.0, squared / self._scoring.cap)
+            beyond = 1.0 if self._bridging else np.maximum(1.0, squared / self.scoring.cap)
             gain = row * np.where(stuck, 0.0, 1.0 / (expected * beyond))[:, None]
             state += gain * error[:, None]
             covariance -= gain[:, :, None] * row[:, None, :]

@@ -79,137 +79,113 @@ class ChannelStatus:
 
 
 class Channel:
-    """State machine of one channel. Fed with wishes and measurements; says whether to energise the solenoid."""
+    """State machine of one channel. Fed with set points and measurements; says whether to energise the solenoid.
+
+    Attributes:
+        name: Name of the channel.
+        state: Where the channel stands.
+        set_point_pa: Vacuum to hold, Pa; 0 = unjam.
+        vacuum_pa: Vacuum measured, Pa; None where it is not.
+        energised: Whether the solenoid shall connect the channel to the manifold.
+        reason: Why it is in this state.
+        fault: What has failed, or why it was let go.
+
+    """
 
     def __init__(self, name: str, settings: ChannelSettings) -> None:
         """Make a disabled channel about which nothing is known."""
-        self._name = name
+        self.name = name
         self._settings = settings
         self._enabled = False
-        self._state = ChannelState.UNKNOWN
-        self._set_point_pa = 0.0
-        self._vacuum_pa: float | None = None
-        self._reason = "driver is not active"
+        self.state = ChannelState.UNKNOWN
+        self.set_point_pa = 0.0
+        self.vacuum_pa: float | None = None
+        self.reason = "driver is not active"
         self._in_state_s = 0.0
         self._missed_s = 0.0
-        self._energised = False
-        self._fault = Reason.NONE
+        self.energised = False
+        self.fault = Reason.NONE
         self._values: Mapping[str, str] = {}
         self._held = False
 
     @property
-    def name(self) -> str:
-        """Name of the channel."""
-        return self._name
-
-    @property
-    def state(self) -> ChannelState:
-        """Where the channel stands."""
-        return self._state
-
-    @property
-    def set_point_pa(self) -> float:
-        """Vacuum to hold, Pa; 0 = unjam."""
-        return self._set_point_pa
-
-    @property
-    def vacuum_pa(self) -> float | None:
-        """Vacuum measured, Pa; None where it is not."""
-        return self._vacuum_pa
-
-    @property
-    def energised(self) -> bool:
-        """Whether the solenoid shall connect the channel to the manifold."""
-        return self._energised
-
-    @property
     def excess_pa(self) -> float:
         """How far a connected channel is above the band around its set point, and from there, Pa; 0 where it is not."""
-        if not self._energised or self._held or self._vacuum_pa is None:
+        if not self.energised or self._held or self.vacuum_pa is None:
             return 0.0
-        excess_pa = self._vacuum_pa - self._set_point_pa
+        excess_pa = self.vacuum_pa - self.set_point_pa
         return excess_pa if excess_pa > self._settings.tolerance_pa else 0.0
-
-    @property
-    def reason(self) -> str:
-        """Why it is in this state."""
-        return self._reason
 
     @property
     def status(self) -> ChannelStatus:
         """Everything known of the channel."""
         return ChannelStatus(
-            self._name, self._state, self._set_point_pa, self._vacuum_pa, self._reason, self._fault, self._values
+            self.name, self.state, self.set_point_pa, self.vacuum_pa, self.reason, self.fault, self._values
         )
 
     def enable(self) -> None:
         """Start to follow; nothing is wanted yet."""
         self._enabled = True
-        if self._state is not ChannelState.FAULT:
-            self._set_point_pa = 0.0
-            self._reason = "" if self._vacuum_pa is not None else "no pressure measured yet"
+        if self.state is not ChannelState.FAULT:
+            self.set_point_pa = 0.0
+            self.reason = "" if self.vacuum_pa is not None else "no pressure measured yet"
             self._follow()
 
     def disable(self, reason: str) -> None:
         """Release, and follow nothing until `enable`; a fault stays."""
         self._enabled = False
-        self._set_point_pa = 0.0
-        if self._state is not ChannelState.FAULT:
-            self._reason = reason
+        self.set_point_pa = 0.0
+        if self.state is not ChannelState.FAULT:
+            self.reason = reason
         self._follow()
 
-    @property
-    def fault(self) -> Reason:
-        """What has failed, or why it was let go."""
-        return self._fault
-
     def hold(self, why: Finding) -> None:
-        """Stay connected as it is, until the next wish: nothing is regulated, and nothing counts as missed."""
+        """Stay connected as it is, until the next set point: nothing is regulated, and nothing counts as missed."""
         self._held = True
         self._note(why)
 
     def ask(self, vacuum_pa: float, reason: str) -> None:
-        """Take a new wish: `vacuum_pa` Pa, 0 to vent. A channel that is disabled or in FAULT stays as it is.
+        """Take a new set point: `vacuum_pa` Pa, 0 to vent. A channel that is disabled or in FAULT stays as it is.
 
         Args:
             vacuum_pa: Vacuum wanted, Pa.
             reason: Who asks, or why.
 
         """
-        if not self._enabled or self._state is ChannelState.FAULT:
+        if not self._enabled or self.state is ChannelState.FAULT:
             return
         self._held = False
-        self._fault = Reason.NONE
+        self.fault = Reason.NONE
         self._values = {}
-        if vacuum_pa != self._set_point_pa:
-            self._missed_s = 0.0
-        self._set_point_pa = vacuum_pa
-        self._reason = reason
+        if vacuum_pa != self.set_point_pa:
+            self._missed_s = self._in_state_s = 0.0
+        self.set_point_pa = vacuum_pa
+        self.reason = reason
         self._follow()
 
     def let_go(self, why: Finding) -> None:
-        """Vent, not because anybody wishes it, but for what was found. A channel in FAULT keeps its first reason."""
-        if not self._enabled or self._state is ChannelState.FAULT:
+        """Vent, not because anybody asks for it, but for what was found. A channel in FAULT keeps its first reason."""
+        if not self._enabled or self.state is ChannelState.FAULT:
             return
         self.ask(0.0, why.text)
         self._note(why)
 
     def measure(self, vacuum_pa: float, elapsed_s: float) -> None:
         """Take a measurement of `vacuum_pa` Pa, `elapsed_s` s after the one before (0 for the first)."""
-        if self._vacuum_pa is None and self._state is ChannelState.UNKNOWN and self._enabled:
-            self._reason = ""
-        self._vacuum_pa = vacuum_pa
+        if self.vacuum_pa is None and self.state is ChannelState.UNKNOWN and self._enabled:
+            self.reason = ""
+        self.vacuum_pa = vacuum_pa
         passed_s = min(elapsed_s, _LONGEST_STEP_S)
         self._in_state_s += passed_s
         self._missed_s += passed_s
         self._follow()
-        if self._set_point_pa == 0.0 or self._held or self._state is ChannelState.JAMMED:
+        if self.set_point_pa == 0.0 or self._held or self.state is ChannelState.JAMMED:
             self._missed_s = 0.0
         self._check_time()
 
     def forget_pressure(self) -> None:
         """Treat the pressure as not measured."""
-        self._vacuum_pa = None
+        self.vacuum_pa = None
         self._follow()
 
     def fail(self, why: Finding) -> None:
@@ -217,56 +193,56 @@ class Channel:
 
         But a board that did not answer, and then says that it has started anew, had been away for that.
         """
-        if self._state is ChannelState.FAULT:
-            if self._fault is Reason.BOARD_UNPLUGGED and why.reason in {Reason.BOARD_REBOOTED, Reason.BROWN_OUT}:
+        if self.state is ChannelState.FAULT:
+            if self.fault is Reason.BOARD_UNPLUGGED and why.reason in {Reason.BOARD_REBOOTED, Reason.BROWN_OUT}:
                 self._note(why)
             return
-        self._set_point_pa = 0.0
+        self.set_point_pa = 0.0
         self._held = False
         self._note(why)
         self._enter(ChannelState.FAULT)
-        self._energised = False
+        self.energised = False
 
     def clear(self) -> None:
         """Leave FAULT, or forget an emergency stop: vented, nothing is wanted."""
-        self._set_point_pa = 0.0
+        self.set_point_pa = 0.0
         self._held = False
-        self._fault = Reason.NONE
+        self.fault = Reason.NONE
         self._values = {}
-        self._reason = "cleared by ~/clear_fault" if self._enabled else "driver is not active"
-        if self._state is ChannelState.FAULT:
+        self.reason = "cleared by ~/clear_fault" if self._enabled else "driver is not active"
+        if self.state is ChannelState.FAULT:
             self._enter(ChannelState.UNKNOWN)
         self._follow()
 
     def _note(self, why: Finding) -> None:
-        self._reason, self._fault, self._values = why.text, why.reason, why.values
+        self.reason, self.fault, self._values = why.text, why.reason, why.values
 
     def _follow(self) -> None:
-        if self._state is not ChannelState.FAULT:
+        if self.state is not ChannelState.FAULT:
             self._enter(self._observed())
-        if self._state in (ChannelState.FAULT, ChannelState.UNKNOWN) or self._vacuum_pa is None:
-            self._energised = False
+        if self.state in (ChannelState.FAULT, ChannelState.UNKNOWN) or self.vacuum_pa is None:
+            self.energised = False
             return
         if self._held:
             return
-        self._energised = self._set_point_pa > 0.0
+        self.energised = self.set_point_pa > 0.0
 
     def _observed(self) -> ChannelState:
-        if not self._enabled or self._vacuum_pa is None:
+        if not self._enabled or self.vacuum_pa is None:
             return ChannelState.UNKNOWN
         settings = self._settings
-        if self._set_point_pa == 0.0:
-            slack_pa = settings.hysteresis_pa if self._state is ChannelState.UNJAMMED else 0.0
-            vented = self._vacuum_pa <= settings.vented_vacuum_pa + slack_pa
+        if self.set_point_pa == 0.0:
+            slack_pa = settings.hysteresis_pa if self.state is ChannelState.UNJAMMED else 0.0
+            vented = self.vacuum_pa <= settings.vented_vacuum_pa + slack_pa
             return ChannelState.UNJAMMED if vented else ChannelState.VENTING
-        error_pa = self._vacuum_pa - self._set_point_pa
+        error_pa = self.vacuum_pa - self.set_point_pa
         if abs(error_pa) <= settings.tolerance_pa:
             return ChannelState.JAMMED
         return ChannelState.JAMMING if error_pa < 0.0 else ChannelState.VENTING
 
     def _enter(self, state: ChannelState) -> None:
-        if state is not self._state:
-            self._state = state
+        if state is not self.state:
+            self.state = state
             self._in_state_s = 0.0
 
     def _check_time(self) -> None:
@@ -274,22 +250,22 @@ class Channel:
         if self._missed_s > settings.jam_timeout_s:
             self._give_up(
                 Reason.NOT_REACHED,
-                f"at {self._vacuum_pa:.0f} of {self._set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
+                f"at {self.vacuum_pa:.0f} of {self.set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
                 "(jam_timeout_s)",
             )
         elif (
-            self._set_point_pa == 0.0
-            and self._state is ChannelState.VENTING
+            self.set_point_pa == 0.0
+            and self.state is ChannelState.VENTING
             and self._in_state_s > settings.vent_timeout_s
         ):
             self._give_up(
                 Reason.NOT_VENTED,
-                f"still at {self._vacuum_pa:.0f} Pa, wanted {self._set_point_pa:.0f} Pa, after venting for "
+                f"still at {self.vacuum_pa:.0f} Pa, wanted {self.set_point_pa:.0f} Pa, after venting for "
                 f"{settings.vent_timeout_s:g} s (vent_timeout_s)",
             )
 
     def _give_up(self, reason: Reason, seen: str) -> None:
-        self.fail(finding(reason, self._name, seen, missed(self.status)).to_clear())
+        self.fail(finding(reason, self.name, seen, missed(self.status)).to_clear())
 
 
 def missed(status: ChannelStatus) -> dict[str, str]:

@@ -1,33 +1,142 @@
-"""What has failed, from what was commanded and what the pressure sensors read: one verdict, with its numbers.
+"""What has failed, found from what was measured and what was driven meanwhile, by the hardware's own times.
 
-The readings of a moment are handed to the filters of `core.bank`; a fault is told once the hypothesis of it has gained
-`THRESHOLD` over the healthy ankle and leads all others. A sensor that reads what no pressure can be is
-told without a model.
+A busy host hands readings and acknowledgements over late, in any order, or not at all. `Evidence` puts them in order by
+their stamps, and a set of readings counts only once the hardware has said what it drove up to then. Where it has not,
+the pressures begin anew; so a pause of the host can hide a fault for a moment, and never make one. `Diagnosis` decides
+between the hypotheses of the bank.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.bank import FilterBank
-from jammkle_driver.core.description import describe, describe_out_of_range, describe_stand_still
-from jammkle_driver.core.evidence import LATE_SETS
-from jammkle_driver.core.faults import Finding, Reason
-from jammkle_driver.core.freshness import Freshness
+from jammkle_driver.core.air import HeatMeter
+from jammkle_driver.core.bank import FilterBank, Freshness, Step
+from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.core.heat import HeatMeter
-from jammkle_driver.core.prediction import Step
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from jammkle_driver.core.air import AirSettings
-    from jammkle_driver.core.atmosphere import AtmosphereStatus
+    from jammkle_driver.core.air import AirSettings, AtmosphereStatus
     from jammkle_driver.core.bank import Estimate
-    from jammkle_driver.core.evidence import Moment
     from jammkle_driver.core.hardware import ActuatorCommand
+    from jammkle_driver.core.hypotheses import Hypothesis
+
+
+LONGEST_UNKNOWN_S = 0.1
+"""Time from one acknowledgement to the next, s, beyond which nobody knows what was driven in between: two of the
+periods at which hardware repeats it (20 Hz, jammkle_msgs/ActuatorStates)."""
+
+LATE_SETS = 5
+"""Sets of readings after which one that is missing a place is taken without it."""
+
+_KEPT_S = 2.5
+"""How long what was driven is remembered, s: longer than readings may be missing until all begins anew."""
+
+_MOST_WAITING = 200
+"""Sets that wait for an acknowledgement at the most: two seconds; older ones count for nothing."""
+
+_SET_BACK_S = 1.0
+"""By how much a stamp must be before the last one, s, to be of a clock that was set back, and not merely late."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Readings of one moment, and what led to them.
+
+    Attributes:
+        stamp_s: When they were made, s.
+        readings_pa: Pa absolute, by place; one that is missing was not read.
+        elapsed_s: Time since the moment before, s; 0 of the first one.
+        driven: What the hardware drove over the last few seconds, each with the stamp since when, s; oldest first.
+        known: Whether all of that is known ever since the moment before.
+
+    """
+
+    stamp_s: float
+    readings_pa: Mapping[str, float]
+    elapsed_s: float
+    driven: tuple[tuple[float, ActuatorCommand], ...]
+    known: bool
+
+
+class Evidence:
+    """Puts readings and what was driven in order."""
+
+    def __init__(self, places: Sequence[str]) -> None:
+        """Expect readings of `places`."""
+        self._places = tuple(places)
+        self._acknowledged = False
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all readings and commands; what comes now begins anew."""
+        self._driven: deque[tuple[float, ActuatorCommand]] = deque()
+        self._until_s = -math.inf
+        self._holes: deque[tuple[float, float]] = deque()
+        self._waiting: dict[float, dict[str, float]] = {}
+        self._last_s = -math.inf
+        self._silent_sets = dict.fromkeys(self._places, 0)
+
+    @property
+    def acknowledged_s(self) -> float:
+        """Stamp up to which the hardware has said what it drove, s; minus infinity if it has said nothing."""
+        return self._until_s
+
+    def command(self, command: ActuatorCommand, stamp_s: float) -> None:
+        """Note what the hardware is commanded from `stamp_s` on, s; counts only where it acknowledges nothing."""
+        if not self._acknowledged:
+            self._drive(command, stamp_s)
+
+    def acknowledge(self, command: ActuatorCommand, stamp_s: float) -> None:
+        """Note what the hardware says that it drives, from `stamp_s` on or still then, s."""
+        if not self._acknowledged or stamp_s < self._until_s:  # its first one, or a clock that was set back
+            self._acknowledged = True
+            self.clear()
+        elif stamp_s - self._until_s > LONGEST_UNKNOWN_S:
+            self._holes.append((self._until_s, stamp_s))
+        self._until_s = stamp_s
+        self._drive(command, stamp_s)
+
+    def read(self, place: str, pressure_pa: float, stamp_s: float) -> None:
+        """Take one reading, Pa absolute."""
+        if stamp_s < self._last_s - _SET_BACK_S:
+            self.clear()
+        if stamp_s > self._last_s:
+            self._waiting.setdefault(stamp_s, {})[place] = pressure_pa
+            while len(self._waiting) > _MOST_WAITING:
+                del self._waiting[min(self._waiting)]
+
+    def due(self) -> Iterator[Moment]:
+        """Yield, in order, the moments that are complete, and for which it is known what was driven."""
+        while self._waiting:
+            oldest_s = min(self._waiting)
+            if self._acknowledged and oldest_s > self._until_s:
+                return
+            expected = sum(1 for silent in self._silent_sets.values() if silent <= 2 * LATE_SETS)
+            if len(self._waiting[oldest_s]) < expected and len(self._waiting) <= LATE_SETS:
+                return
+            readings_pa = self._waiting.pop(oldest_s)
+            holes = [(begin_s, end_s) for begin_s, end_s in self._holes if begin_s < oldest_s and end_s > self._last_s]
+            if not self._driven or oldest_s < self._driven[0][0] or any(oldest_s < end_s for _, end_s in holes):
+                continue  # nobody knows what led to it
+            for place in self._places:
+                self._silent_sets[place] = 0 if place in readings_pa else self._silent_sets[place] + 1
+            elapsed_s = oldest_s - self._last_s if math.isfinite(self._last_s) else 0.0
+            self._last_s = oldest_s
+            self._holes = deque(hole for hole in self._holes if hole[1] > oldest_s)
+            while len(self._driven) > 1 and self._driven[1][0] < oldest_s - _KEPT_S:
+                self._driven.popleft()
+            yield Moment(oldest_s, readings_pa, elapsed_s, tuple(self._driven), known=not holes)
+
+    def _drive(self, command: ActuatorCommand, stamp_s: float) -> None:
+        if not self._driven or command != self._driven[-1][1]:
+            self._driven.append((stamp_s, command))
+
 
 THRESHOLD = 45.0
 """Log-likelihood that a fault must have gained, nats. A cumulative sum crosses h by chance after exp(h) steps at the
@@ -35,13 +144,13 @@ least (Lorden 1971): exp(20) are 1500 hours of 30 hypotheses at 100 Hz. The rest
 ankles whose parts are off by 10 to 20 % came to 35 in hours of jamming."""
 
 LEAD = 15.0
-"""How far the best hypothesis must lead any other to be told at once, nats: odds of three million to one."""
+"""How far the best hypothesis must lead any other to be reported at once, nats: odds of three million to one."""
 
 STEADY_S = 0.25
 """How long a hypothesis must lead, s: five of the time constants in which a channel fills."""
 
 PATIENCE_S = 1.0
-"""How long two hypotheses are waited for to separate; then the better one is told, s."""
+"""How long two hypotheses are waited for to separate; then the better one is reported, s."""
 
 LEVEL_COST = 15.0
 """What a stuck sensor must gain more than other faults, nats: its level is fitted to the very readings."""
@@ -168,7 +277,7 @@ class Diagnosis:
             return None
         if self._freshness.stood_still:
             return self._all_stand_still(duration_s, readings_pa, ambient_pa)
-        if stood_still:  # it went on just now: with what it was told long ago, and from who knows where
+        if stood_still:  # it went on just now: with what it was commanded long ago, and from who knows where
             self._thawed = (self._last_s, stamp_s)
             self._bank.bridge()
         self._last_s = stamp_s
@@ -263,3 +372,67 @@ def _since(driven: Sequence[tuple[float, ActuatorCommand]], begin_s: float, end_
     before = [command for since_s, command in driven if since_s < begin_s]
     within = [command for since_s, command in driven if begin_s <= since_s <= end_s]
     return [*before[-1:], *within] or [driven[0][1]]
+
+
+def describe(hypothesis: Hypothesis, places: Sequence[str], estimate: Estimate, gained: float) -> Finding:
+    """Return what has failed by a hypothesis, as a finding.
+
+    Args:
+        hypothesis: What has failed, and where.
+        places: Names of the volumes, the manifold first.
+        estimate: What the hypothesis makes of the ankle.
+        gained: What it has gained over the healthy ankle, nats.
+
+    """
+    place, index = places[hypothesis.place], hypothesis.place
+    values = {"log-likelihood gained (nats)": f"{gained:.0f}"}
+    reason = hypothesis.reason
+    if reason is Reason.LEAK:
+        leak = estimate.leaks_m3_s_pa[index]
+        values["leak conductance (m^3/(s Pa))"] = f"{leak:.2e}"
+        return finding(reason, place, f"leaks with a conductance of {leak * 1e8:.3f} dm^3/(s bar)", values)
+    if reason is Reason.BLOCKED_LINE:
+        share = estimate.line_shares[index - 1]
+        values["line conductance (share of declared)"] = f"{share:.3f}"
+        return finding(reason, place, f"line lets through {100.0 * share:.0f} % of what it should", values)
+    if reason in {Reason.PUMP_WEAK, Reason.PUMP_DEAD}:
+        share = estimate.pump_share
+        values["pump flow (share of declared)"] = f"{share:.2f}"
+        return finding(reason, MANIFOLD, f"pump draws {100.0 * share:.0f} % of its flow", values)
+    if reason is Reason.SENSOR_DRIFTING:
+        offset_pa = estimate.offsets_pa[index]
+        values["sensor offset (Pa)"] = f"{offset_pa:.0f}"
+        return finding(reason, place, f"sensor reads {offset_pa:+.0f} Pa off", values)
+    must_pa, manifold_pa = estimate.pressures_pa[index], estimate.pressures_pa[0]
+    values["pressure that must be (Pa)"] = f"{must_pa:.0f}"
+    if reason is Reason.SENSOR_STUCK:
+        seen = f"sensor's reading stands still where the pressure must be {must_pa:.0f} Pa absolute"
+        return finding(reason, place, seen, values)
+    values["pressure of the manifold (Pa)"] = f"{manifold_pa:.0f}"
+    stays = "at the manifold" if reason is Reason.VALVE_STUCK_OPEN else "at the vent, or its line is shut"
+    seen = f"valve stays {stays}: {must_pa:.0f} Pa absolute, the manifold {manifold_pa:.0f}"
+    return finding(reason, place, seen, values)
+
+
+def describe_stand_still(duration_s: float, sets: int) -> Finding:
+    """Return as a finding that all sensors have repeated one reading, so many times and for so long, s."""
+    seen = f"and all other sensors repeat one reading to the digit for {duration_s:.1f} s"
+    return finding(Reason.SENSOR_STUCK, MANIFOLD, seen, {"repeated sets (1)": str(sets)})
+
+
+def describe_out_of_range(
+    place: str, reading_pa: float, least_pa: float, most_pa: float, *, atmosphere_measured: bool
+) -> Finding:
+    """Return as a finding that a sensor reads what no pressure can be, Pa absolute.
+
+    Where vented channels have not shown the atmosphere yet, the range is that of a parameter, which may be wrong.
+    """
+    values = {
+        "reading (Pa)": f"{reading_pa:.0f}",
+        "least that can be (Pa)": f"{least_pa:.0f}",
+        "most that can be (Pa)": f"{most_pa:.0f}",
+    }
+    seen = f"reads {reading_pa:.0f} Pa absolute, and only {least_pa:.0f} to {most_pa:.0f} Pa can be"
+    if not atmosphere_measured:
+        seen += " if ambient_pressure_pa is right, which no vented channel has confirmed yet"
+    return finding(Reason.SENSOR_OUT_OF_RANGE, place, seen, values)

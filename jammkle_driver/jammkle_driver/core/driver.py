@@ -3,35 +3,116 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from jammkle_common.names import WAY_BACK
-from jammkle_driver.core.admission import INACTIVE, check_able, check_ready
-from jammkle_driver.core.ankle import Ankle, SafeState
-from jammkle_driver.core.emergency_stop import EmergencyStop
-from jammkle_driver.core.faults import Finding, Reason
+from jammkle_driver.core.ankle import Ankle, FaultPolicy, SafeState
+from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.faults import REMEDIES, Finding, Reason
 from jammkle_driver.core.hardware import ActuatorCommand, LinkState, LinkStatus, PressureSample, released
-from jammkle_driver.core.link import BOARD, LinkGuard, NoiseMeter, RestartWatch
-from jammkle_driver.core.overload import OverloadStatus, OverloadWatch
-from jammkle_driver.core.publishers import ONLY_PUBLISHER, Publication
+from jammkle_driver.core.link import BOARD, LinkGuard, NoiseMeter, RestartWatch, SensorWatch, link_numbers
 from jammkle_driver.core.requests import (
+    ONLY_PUBLISHER,
+    CommandStreams,
+    EmergencyStop,
+    Publication,
     RequestError,
-    Wish,
+    SetPoint,
     check_shared_vacuum,
     checked_channels,
+    checked_set_points,
     checked_vacuum,
-    checked_wishes,
 )
-from jammkle_driver.core.sensors import SensorWatch
-from jammkle_driver.core.status import DriverStatus, Trouble, worst_trouble
-from jammkle_driver.core.stream import WishStreams
+from jammkle_driver.core.watchdog import OverloadStatus, OverloadWatch
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from jammkle_driver.core.air import AtmosphereStatus
+    from jammkle_driver.core.ankle import AnkleSettings
+    from jammkle_driver.core.channel import ChannelStatus
     from jammkle_driver.core.requests import VacuumLimits
-    from jammkle_driver.core.settings import DriverSettings
     from jammkle_driver.core.watchdog import Instant
+
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """What a driver goes by.
+
+    Attributes:
+        limits: Vacuum that may be asked for.
+        ankle: What channels, pump and diagnosis go by.
+        command_timeout_s: Silence after which what a stream of set points jammed is let go, s.
+        pressure_timeout_s: Silence after which a pressure counts as not measured, s.
+        emergency_stop_timeout_s: Silence of the emergency stop that counts as a stop, s; 0 = never.
+        tick_period_s: Time between two calls of `Driver.tick`, s.
+
+    """
+
+    limits: VacuumLimits
+    ankle: AnkleSettings
+    command_timeout_s: float
+    pressure_timeout_s: float
+    emergency_stop_timeout_s: float
+    tick_period_s: float
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """The worst that is known of the whole ankle.
+
+    Attributes:
+        reason: What it is; NONE where all is well.
+        text: One line: what was seen, with numbers.
+        action: What was done about it.
+        values: What was seen in numbers for people, with units in the key.
+
+    """
+
+    reason: Reason = Reason.NONE
+    text: str = ""
+    action: str = ""
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class DriverStatus:
+    """What is known of the whole driver.
+
+    Attributes:
+        active: Whether it follows requests.
+        stop_reason: Why everything is stopped; empty where it is not.
+        manifold_vacuum_pa: Vacuum in the manifold, Pa; None where it is not measured.
+        channels: One status per channel, in the driver's order.
+        trouble: The worst that is known of the whole ankle.
+        limits: Vacuum that may be asked for; None where nobody asks.
+        atmosphere: What vacuum is counted from; None where nobody asks.
+        held: Whether solenoids are kept as they were, the pump off.
+        line_noise: What is wrong with the line to the board; None where nothing is.
+        restarted: That the board has started anew a while ago; None where it has not.
+        stop_publishers: How many publishers of emergency_stop there are that have said anything.
+        stop_asked_by: How many of them said true last.
+        commanders: How many publish jam_command now.
+
+    """
+
+    active: bool
+    stop_reason: str
+    manifold_vacuum_pa: float | None
+    channels: tuple[ChannelStatus, ...]
+    trouble: Trouble = Trouble()
+    limits: VacuumLimits | None = None
+    atmosphere: AtmosphereStatus | None = None
+    held: bool = False
+    line_noise: Finding | None = None
+    restarted: Finding | None = None
+    stop_publishers: int = 0
+    stop_asked_by: int = 0
+    commanders: int = 0
+
+
+INACTIVE = "driver is not active"
 
 
 class Driver:
@@ -40,15 +121,20 @@ class Driver:
     Requests are atomic: they raise `RequestError` and change nothing, or are taken whole and return one line that
     says what was taken. Per channel the latest change wins, from wherever it came. All jammed channels share one
     vacuum, since they share one manifold.
+
+    Attributes:
+        limits: Vacuum that may be asked for.
+        ankle: The ankle, to look at.
+
     """
 
     def __init__(self, channels: Sequence[str], settings: DriverSettings) -> None:
         """Make an inactive driver: everything released."""
         self._names = tuple(channels)
         self._settings = settings
-        self._limits = settings.limits
-        self._ankle = Ankle(self._names, settings.ankle)
-        self._streams = WishStreams(settings.command_timeout_s)
+        self.limits = settings.limits
+        self.ankle = Ankle(self._names, settings.ankle)
+        self._streams = CommandStreams(settings.command_timeout_s)
         self._sensors = SensorWatch(self._names, settings.pressure_timeout_s, settings.tick_period_s)
         self._emergency_stop = EmergencyStop(settings.emergency_stop_timeout_s)
         self._overload = OverloadWatch(settings.tick_period_s)
@@ -66,35 +152,30 @@ class Driver:
         self._line_noise: Finding | None = None
         self._restarted: Finding | None = None
 
-    @property
-    def limits(self) -> VacuumLimits:
-        """Vacuum that may be asked for."""
-        return self._limits
-
     def limit(self, limits: VacuumLimits) -> None:
         """Take new limits; what was asked before stays."""
-        self._limits = limits
+        self.limits = limits
 
     @property
     def command(self) -> ActuatorCommand:
         """What the actuators shall do now."""
         if not self._active:
             return released(self._names)
-        if self._emergency_stop.reason and not self._ankle.held:
+        if self._emergency_stop.reason and not self.ankle.held:
             return released(self._names)
-        return self._ankle.command
+        return self.ankle.command
 
     @property
     def status(self) -> DriverStatus:
         """What is known now."""
-        ankle = self._ankle
+        ankle = self.ankle
         return DriverStatus(
             active=self._active,
             stop_reason=self._emergency_stop.reason,
             manifold_vacuum_pa=ankle.manifold_vacuum_pa,
             channels=tuple(channel.status for channel in ankle.channels.values()),
             trouble=self._trouble,
-            limits=self._limits,
+            limits=self.limits,
             atmosphere=ankle.atmosphere.status,
             held=ankle.held,
             line_noise=self._line_noise,
@@ -107,20 +188,15 @@ class Driver:
     @property
     def standing(self) -> tuple[object, ...]:
         """All of the status but what was measured: what everybody is to know at once when it changes."""
-        channels = [(each.state, each.set_point_pa, each.reason) for each in self._ankle.channels.values()]
+        channels = [(each.state, each.set_point_pa, each.reason) for each in self.ankle.channels.values()]
         return (
             self._active,
             self._emergency_stop.reason,
             self._streams.speaking,
             self._trouble.reason,
-            self._limits,
+            self.limits,
             *channels,
         )
-
-    @property
-    def ankle(self) -> Ankle:
-        """The ankle, to look at."""
-        return self._ankle
 
     @property
     def own_pace(self) -> OverloadStatus:
@@ -132,22 +208,22 @@ class Driver:
         self._active = True
         self._streams.forget()
         self._emergency_stop.begin(now)
-        for channel in self._ankle.channels.values():
+        for channel in self.ankle.channels.values():
             channel.enable()
-        self._ankle.regulate(0.0)
+        self.ankle.regulate(0.0)
 
     def deactivate(self) -> None:
         """Release everything and refuse requests; faults stay until cleared."""
         self._active = False
         self._streams.forget()
-        self._ankle.release()
-        for channel in self._ankle.channels.values():
+        self.ankle.release()
+        for channel in self.ankle.channels.values():
             channel.disable(INACTIVE)
-        self._ankle.regulate(0.0)
+        self.ankle.regulate(0.0)
 
     def reset(self) -> None:
         """Be as new, inactive; only an emergency stop stays."""
-        self._ankle.reset()
+        self.ankle.reset()
         self._sensors.forget()
         self._link_guard = LinkGuard()
         self.deactivate()
@@ -163,13 +239,13 @@ class Driver:
         names = checked_channels(channels, self._names)
         vacuum_pa = checked_vacuum(vacuum_pa, self.limits)
         check_ready(active=self._active, stop_reason=self._emergency_stop.reason, board=self._why_not_ready)
-        check_able(self._ankle, names)
-        wishes = [Wish(name, vacuum_pa) for name in names]
-        check_shared_vacuum(wishes, self._ankle.set_points_pa)
-        for wish in wishes:
-            self._take(wish, f"asked by {asked_by}")
-            self._streams.release(wish.channel)
-        self._ankle.regulate(0.0)
+        check_able(self.ankle, names)
+        set_points = [SetPoint(name, vacuum_pa) for name in names]
+        check_shared_vacuum(set_points, self.ankle.set_points_pa)
+        for set_point in set_points:
+            self._take(set_point, f"asked by {asked_by}")
+            self._streams.release(set_point.channel)
+        self.ankle.regulate(0.0)
         return f"jamming {', '.join(names)} at {vacuum_pa:g} Pa below ambient"
 
     def unjam(self, channels: Sequence[str], asked_by: str) -> str:
@@ -183,23 +259,23 @@ class Driver:
         if not self._active:
             msg = f"{INACTIVE}: every channel is vented already; activate it to follow requests"
             raise RequestError(msg)
-        self._ankle.release()
+        self.ankle.release()
         for name in names:
-            self._take(Wish(name, 0.0), f"asked by {asked_by}")
+            self._take(SetPoint(name, 0.0), f"asked by {asked_by}")
             self._streams.release(name)
-        self._ankle.regulate(0.0)
+        self.ankle.regulate(0.0)
         return f"unjamming {', '.join(names)}; {WAY_BACK}"
 
     def follow(
         self,
-        wishes: Sequence[Wish],
+        set_points: Sequence[SetPoint],
         now: Instant,
         asked_by: str,
         *,
         anew: bool = False,
         publication: Publication = ONLY_PUBLISHER,
     ) -> None:
-        """Take one message of a stream of wishes; only changes count, repeating keeps them alive.
+        """Take one message of a stream of set points; only changes count, repeating keeps them alive.
 
         A channel in FAULT or stopped does not follow, and the change is spent: it does not jam by itself later.
         With `anew` everything counts as a change: that is the way back after a service, a fault or a stop.
@@ -207,33 +283,33 @@ class Driver:
         Changes are those of each publisher, so that two that contradict one another do not take turns.
 
         Raises:
-            RequestError: one of the wishes is bad, a channel that is not named is jammed to another vacuum, or the
+            RequestError: one of the set points is bad, a channel that is not named is jammed to another vacuum, or the
                 driver is inactive. Nothing has changed, and the message is no sign of life.
 
         """
         if not self._active:
             msg = f"{INACTIVE}: activate it first"
             raise RequestError(msg)
-        stream = self._streams.of(wishes, publication, now)
+        stream = self._streams.of(set_points, publication, now)
         if stream is None:
             return
-        checked = checked_wishes(wishes, self._names, self.limits)
-        # Before its first measurement a channel cannot follow; the wish counts as soon as it can.
-        heard = [
-            wish
-            for wish in checked
-            if self._ankle.channels[wish.channel].vacuum_pa is not None and not self._why_not_ready
+        checked = checked_set_points(set_points, self._names, self.limits)
+        # Before its first measurement a channel cannot follow; the set point counts as soon as it can.
+        measured = [
+            set_point
+            for set_point in checked
+            if self.ankle.channels[set_point.channel].vacuum_pa is not None and not self._why_not_ready
         ]
-        able = [wish for wish in heard if self._can_follow(wish.channel)]
+        able = [set_point for set_point in measured if self._can_follow(set_point.channel)]
         new = tuple(able) if anew else stream.changes(able)
-        jams = any(wish.vacuum_pa > 0.0 for wish in new)
-        taken = [wish for wish in able if wish in new or (jams and self._holds_another(wish))]
-        check_shared_vacuum(taken, self._ankle.set_points_pa)
-        stream.hear(heard, now)
-        for wish in taken:
-            self._take(wish, f"asked by {asked_by}")
-            self._streams.lead(stream, wish.channel)
-        self._ankle.regulate(0.0)
+        jams = any(set_point.vacuum_pa > 0.0 for set_point in new)
+        taken = [set_point for set_point in able if set_point in new or (jams and self._holds_another(set_point))]
+        check_shared_vacuum(taken, self.ankle.set_points_pa)
+        stream.take(measured, now)
+        for set_point in taken:
+            self._take(set_point, f"asked by {asked_by}")
+            self._streams.lead(stream, set_point.channel)
+        self.ankle.regulate(0.0)
 
     def emergency_stop(self, *, stop: bool, now: Instant, publication: Publication = ONLY_PUBLISHER) -> None:
         """Take a message of an emergency stop: True releases everything, False only permits `clear_fault`.
@@ -254,13 +330,13 @@ class Driver:
         refusal = self._emergency_stop.clear(now)
         if refusal:
             raise RequestError(refusal)
-        faulty = self._ankle.faulty
+        faulty = self.ankle.faulty
         cleared = (["emergency stop"] if was_stopped else []) + [channel.name for channel in faulty]
         for channel in faulty:
             if self._sensors.silent(channel.name):
                 channel.forget_pressure()
         if cleared:
-            self._ankle.clear(tuple(self._ankle.channels.values()) if was_stopped else faulty)
+            self.ankle.clear(tuple(self.ankle.channels.values()) if was_stopped else faulty)
         self._stopped = False
         self._link_guard.clear()
         return f"cleared: {', '.join(cleared)}; vented until asked anew: {WAY_BACK}" if cleared else "nothing to clear"
@@ -271,19 +347,19 @@ class Driver:
         self._sensors.take(sample.place, valid=valid)
         if not valid:
             return
-        self._ankle.measure(sample, now, driven=self._active)
+        self.ankle.measure(sample, now, driven=self._active)
 
     def take_driven(self, driven: ActuatorCommand, stamp_s: float) -> None:
         """Take what the hardware says that it drives, from `stamp_s` on or still then, s, on the clock of the samples.
 
         Every change, and at least 20 times a second: what is read while it is silent is no evidence of a fault.
         """
-        self._ankle.evidence.acknowledge(driven, stamp_s)
+        self.ankle.evidence.acknowledge(driven, stamp_s)
 
     def look_at_link(self, link: LinkStatus, now: Instant) -> bool:
         """Take the state of the link: fail, or let go, with a board that does not answer or has let go by itself.
 
-        While a board that had let go has not yet taken the release nothing jams; a stream's wish then counts.
+        While a board that had let go has not yet taken the release nothing jams; a stream's set point then counts.
 
         Returns:
             Whether the board's latched safe state is to be acknowledged now.
@@ -292,26 +368,26 @@ class Driver:
         self._link = link
         if link.plant_restarts != self._plant_restarts:
             self._plant_restarts = link.plant_restarts
-            self._ankle.begin_anew(now)
+            self.ankle.begin_anew(now)
         if link.paused != self._plant_paused:
             self._plant_paused = link.paused
-            self._ankle.judge_from_now_on(now)
-        verdict = self._link_guard.look(link, jammed=self._ankle.jammed)
+            self.ankle.judge_from_now_on(now)
+        verdict = self._link_guard.look(link, jammed=self.ankle.jammed)
         self._board_waits = verdict.wait
-        if verdict.fault is not None or verdict.wait:  # it did something else than it was told
-            self._ankle.judge_from_now_on(now)
+        if verdict.fault is not None or verdict.wait:  # it did something else than it was commanded
+            self.ankle.judge_from_now_on(now)
         if verdict.fault is not None:
-            self._ankle.fail(self._names, verdict.fault)
+            self.ankle.fail(self._names, verdict.fault)
         if verdict.let_go is not None:
-            self._ankle.vent(verdict.let_go)
+            self.ankle.vent(verdict.let_go)
             self._streams.forget()
-            self._ankle.regulate(0.0)
+            self.ankle.regulate(0.0)
         if link.state is LinkState.LOST:
             self._forget_pressures()
         return verdict.acknowledge
 
     def watch_link(self, link: LinkStatus, now: Instant) -> None:
-        """Count wrong check sums and the board's starts, several times a second; told, and nothing is let go."""
+        """Count wrong check sums and the board's starts, several times a second; reported, and nothing is let go."""
         self._line_noise = self._noise.look(link, now.steady_s)
         self._restarted = self._restarts.look(link, now.steady_s)
 
@@ -328,25 +404,25 @@ class Driver:
         self._sensors.tick(0.0 if self._plant_paused else passed_s, asked=self._link.exchanges > 0)
         stood_s = self._overload.tick(now.steady_s)
         if stood_s > 0.0:
-            # Who stood still has heard nothing, and nobody is to blame for that.
+            # Who stood still has received nothing, and nobody is to blame for that.
             self._emergency_stop.excuse(stood_s)
             self._streams.excuse(stood_s)
-            self._ankle.stood_still()
-        self._sensors.look(self._ankle, active=self._active)
+            self.ankle.stood_still()
+        self._sensors.look(self.ankle, active=self._active)
         if self._sensors.unanswered:
             self._let_go_blind()
         for name in self._streams.fall_silent(now):
             verb = "unjammed" if self._settings.ankle.safe_state is SafeState.VENT else "held"
             text = f"{verb}: no accepted jam_command for {self._streams.timeout_s:g} s (command_timeout_s)"
-            self._ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self._streams.values))
+            self.ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self._streams.values))
         if self._active:
             self._emergency_stop.tick(stop_publishers, now)
             self._obey_stop()
-        self._ankle.regulate(0.0)
+        self.ankle.regulate(0.0)
 
     @property
     def _trouble(self) -> Trouble:
-        return worst_trouble(self._ankle, self._sensors, self._link, self._line_noise, self.own_pace)
+        return worst_trouble(self.ankle, self._sensors, self._link, self._line_noise, self.own_pace)
 
     @property
     def _why_not_ready(self) -> str:
@@ -356,35 +432,150 @@ class Driver:
         return "the board has let go and has not yet taken the release" if self._board_waits else ""
 
     def _forget_pressures(self) -> None:
-        self._ankle.manifold_vacuum_pa = None
-        for channel in self._ankle.channels.values():
+        self.ankle.manifold_vacuum_pa = None
+        for channel in self.ankle.channels.values():
             channel.forget_pressure()
-        self._ankle.regulate(0.0)
+        self.ankle.regulate(0.0)
 
     def _let_go_blind(self) -> None:
         """Go to the safe state where answers come too late to count, which no fault is concluded from."""
         text = f"let go: no answer of the board for {self._sensors.timeout_s:g} s (pressure_timeout_s)"
-        self._ankle.let_go(self._names, Finding(Reason.BOARD_LET_GO, BOARD, text, self._sensors.values))
+        self.ankle.let_go(self._names, Finding(Reason.BOARD_LET_GO, BOARD, text, self._sensors.values))
         self._streams.forget()
         self._forget_pressures()
 
     def _can_follow(self, channel: str) -> bool:
-        return not self._emergency_stop.reason and self._ankle.able(channel)
+        return not self._emergency_stop.reason and self.ankle.able(channel)
 
-    def _holds_another(self, wish: Wish) -> bool:
-        return wish.vacuum_pa > 0.0 and self._ankle.channels[wish.channel].set_point_pa not in (0.0, wish.vacuum_pa)
+    def _holds_another(self, asked: SetPoint) -> bool:
+        held_pa = self.ankle.channels[asked.channel].set_point_pa
+        return asked.vacuum_pa > 0.0 and held_pa not in (0.0, asked.vacuum_pa)
 
-    def _take(self, wish: Wish, reason: str) -> None:
-        self._ankle.ask(wish.channel, wish.vacuum_pa, reason)
+    def _take(self, set_point: SetPoint, reason: str) -> None:
+        self.ankle.ask(set_point.channel, set_point.vacuum_pa, reason)
 
     def _obey_stop(self) -> None:
         reason = self._emergency_stop.reason
         if not reason or self._stopped:
             return
         self._stopped = True
-        self._ankle.let_go(self._names, Finding(Reason.NONE, "ankle", f"emergency stop: {reason}"))
+        self.ankle.let_go(self._names, Finding(Reason.NONE, "ankle", f"emergency stop: {reason}"))
         for name in self._names:
-            if not self._ankle.held:
-                self._ankle.channels[name].ask(0.0, f"emergency stop: {reason}")
+            if not self.ankle.held:
+                self.ankle.channels[name].ask(0.0, f"emergency stop: {reason}")
             self._streams.release(name)
-        self._ankle.regulate(0.0)
+        self.ankle.regulate(0.0)
+
+
+def check_ready(*, active: bool, stop_reason: str, board: str) -> None:
+    """Check that a driver may jam at all.
+
+    Args:
+        active: Whether it follows requests.
+        stop_reason: Why everything is stopped; empty where it is not.
+        board: Why the board takes no jam now; empty where it does.
+
+    Raises:
+        RequestError: it may not.
+
+    """
+    if not active:
+        msg = f"{INACTIVE}: cannot jam; activate it first (lifecycle transition 'activate')"
+        raise RequestError(msg)
+    if stop_reason:
+        msg = f"emergency stop ({stop_reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
+        raise RequestError(msg)
+    if board:
+        msg = f"{board}: cannot jam; ask again"
+        raise RequestError(msg)
+
+
+def check_able(ankle: Ankle, channels: Sequence[str]) -> None:
+    """Check that channels may be jammed as far as faults and sensors go.
+
+    Raises:
+        RequestError: one is in FAULT or, by the policy, another one is; or its pressure is not measured.
+
+    """
+    for name in channels:
+        status = ankle.channels[name].status
+        if status.state is ChannelState.FAULT:
+            msg = f"channel '{name}' is in FAULT ({status.reason}); nothing was jammed"
+            raise RequestError(msg)
+        if not ankle.able(name):
+            failed = ankle.faulty[0].status
+            msg = f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
+            raise RequestError(msg)
+        if status.state is ChannelState.UNKNOWN:
+            msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
+            raise RequestError(msg)
+
+
+def check_carried_out(status: DriverStatus, channels: Sequence[str], link: LinkStatus | None) -> None:
+    """Check that a release which was just commanded can take place.
+
+    Args:
+        status: What the driver knows.
+        channels: Channels that were released; none named: all.
+        link: What is known of the hardware's other end.
+
+    Raises:
+        RequestError: nobody is there to carry it out, or a channel does not vent.
+
+    """
+    if link is not None and link.state is not LinkState.CONNECTED:
+        way_out = "a board with a watchdog lets go by itself; cut the supply of any other"
+        msg = f"released, but the board gets no command ({link.detail}): {way_out}"
+        raise RequestError(msg)
+    for channel in status.channels:
+        if channels and channel.name not in channels:
+            continue
+        if channel.fault is Reason.BOARD_UNPLUGGED:
+            msg = f"released, but no sensor answers, so nobody may be there to do it: {channel.reason}"
+            raise RequestError(msg)
+        if channel.fault in {Reason.VALVE_STUCK_OPEN, Reason.NOT_VENTED}:
+            msg = f"released, but {channel.name} does not vent: {channel.reason}"
+            raise RequestError(msg)
+
+
+def worst_trouble(
+    ankle: Ankle, sensors: SensorWatch, link: LinkStatus, line_noise: Finding | None, own_pace: OverloadStatus
+) -> Trouble:
+    """Return the worst: a fault, a lost board, what was let go, a silent manifold, a noisy line, the own pace."""
+    return _of_ankle(ankle, link) or _of_what_is_around(ankle, sensors, line_noise, own_pace)
+
+
+def _of_ankle(ankle: Ankle, link: LinkStatus) -> Trouble | None:
+    faulty = ankle.faulty
+    acts = "kept as it was, pump off" if ankle.held else "vented"
+    if faulty:
+        names = ", ".join(each.name for each in faulty)
+        others = "every channel" if ankle.settings.fault_policy is FaultPolicy.ANKLE else names
+        worst = faulty[0].status
+        return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
+    if link.state is LinkState.LOST:
+        text = f"the board does not answer ({link.detail}): {REMEDIES[Reason.BOARD_UNPLUGGED]}"
+        return Trouble(Reason.BOARD_UNPLUGGED, text, "nothing jams until it answers", link_numbers(link))
+    let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
+    if let_go:
+        names = ", ".join(channel.name for channel in let_go)
+        worst = let_go[0].status
+        return Trouble(worst.fault, worst.reason, f"{names} {acts} until asked anew", worst.values)
+    return None
+
+
+def _of_what_is_around(
+    ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadStatus
+) -> Trouble:
+    if sensors.manifold_measured and ankle.manifold_vacuum_pa is None:
+        text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
+        return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone", sensors.values)
+    if line_noise is not None:
+        action = "none: the line repeats what is lost"
+        return Trouble(line_noise.reason, line_noise.text, action, line_noise.values)
+    if own_pace.overloaded:
+        stalls = f"it stood still {own_pace.stalls} times, at most {own_pace.longest_s:.2f} s"
+        text = f"the driver's work comes {own_pace.late_s:.3f} s late; {stalls}"
+        action = "none: the board lets go where that lasts"
+        return Trouble(Reason.EXECUTOR_OVERLOADED, text, action, own_pace.values)
+    return Trouble()

@@ -97,7 +97,7 @@ class LinkStatus:
         state: See `LinkState`.
         detail: One line for people: what is connected, or what is tried and why it fails.
         starts: How often the board was seen to have started: it goes up by one when it was rebooted.
-        reset_cause: What has last reset the board; None where it does not tell.
+        reset_cause: What has last reset the board; None where it does not say.
         latched: Why the board has gone to its safe state and takes no jam until `Hardware.acknowledge`.
         faults: What the board finds wrong now.
         supply_v: Voltage of the supply, V; None where it is not measured.

@@ -1,11 +1,4 @@
-"""What may have failed, and how the state of a filter differs where it has: ranges, stuck valves, stuck sensors.
-
-A state holds, for a manifold and the channels: pressures, Pa; offsets of the sensors, Pa; the pump's share of its flow;
-each line's share of its conductance; each volume's leak as a share of a valve's conductance; how fast the offset
-drifts that a hypothesis is about, Pa/s; and how early the pump ends, the declared ultimate vacuum over its own. In a
-healthy ankle all but the pressures keep to a range about what was declared; each hypothesis takes one of them to
-another range.
-"""
+"""Hypotheses of what may have failed, and what each changes in the law of the air."""
 
 from __future__ import annotations
 
@@ -18,6 +11,7 @@ from jammkle_driver.core.faults import Reason
 
 if TYPE_CHECKING:
     from jammkle_driver.core.air import AirSettings
+
 
 HEALTHY_OFFSET_PA = (-1000.0, 1000.0)
 """Offset of a good sensor, Pa: 1 % of an atmosphere, as cheap data sheets say over temperature."""
@@ -50,8 +44,8 @@ DRIFT_TIME_S = 5.0
 _RANGE_SPREAD = 0.4
 """Standard deviation of a share within its range, over the range's width: about that of a uniform one."""
 
-_RANGE_WALK = 0.1
-"""How a share may walk within its range, over its width, 1/sqrt(s)."""
+_RANGE_WANDER = 0.1
+"""How a share may wander within its range, over its width, 1/sqrt(s)."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +149,7 @@ class Tables:
         self.mean = np.zeros(shape)
         self.deviation = np.zeros(shape)
         self.time_s = np.full(shape, spread.change_time_s)
-        self.walk = np.zeros(shape)  # variance per s
+        self.wander = np.zeros(shape)  # variance per s
         self.jump = np.zeros(shape)
         self.least = np.full(shape, -np.inf)
         self.most = np.full(shape, np.inf)
@@ -218,6 +212,6 @@ class Tables:
         self.least[model, index], self.most[model, index] = low, high
         self.mean[model, index] = 0.5 * (low + high)
         self.deviation[model, index] = _RANGE_SPREAD * (high - low)
-        self.walk[model, index] = (_RANGE_WALK * (high - low)) ** 2
+        self.wander[model, index] = (_RANGE_WANDER * (high - low)) ** 2
         self.time_s[model, index] = np.inf
         self.moved[model, index] = True

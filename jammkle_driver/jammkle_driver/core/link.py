@@ -1,13 +1,20 @@
-"""What the state of the link to the hardware means for the driver: when to fail, when to acknowledge a board."""
+"""What silence means: of the board behind the link, and of single sensors."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from jammkle_driver.core.faults import Finding, Reason, finding
-from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
+from jammkle_driver.core.faults import REMEDIES, Finding, Reason, finding
+from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, ResetCause, SafeCause
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_driver.core.ankle import Ankle
+
 
 BOARD = "board"
 """Place of what is found at the board."""
@@ -18,8 +25,8 @@ LINE = "line"
 NOISE_WINDOW_S = 5.0
 """Time over which check sum errors are counted, s. Assumed."""
 
-RESTART_TOLD_S = 60.0
-"""How long a board's new start is told, s. Chosen: people look at /diagnostics now and then."""
+RESTART_REPORTED_S = 60.0
+"""How long a board's new start is reported, s. Chosen: people look at /diagnostics now and then."""
 
 NOISE_SHARE = 0.01
 """Share of telegrams with a wrong check sum from which the line is noisy: a good one has less than one in a million."""
@@ -31,7 +38,7 @@ class LinkVerdict:
 
     Attributes:
         fault: Why every channel must go to FAULT; None where none must.
-        let_go: Why the board has let go although nothing has failed: the driver had not been heard. None where not.
+        let_go: Why the board has let go although nothing has failed: no command had come. None where not.
         wait: Whether nothing may jam yet: the board that let go has not yet taken the release.
         acknowledge: Whether the board's latched safe state is acknowledged now.
 
@@ -64,7 +71,7 @@ class LinkGuard:
 
         """
         if jammed and link.state is LinkState.CONNECTED and link.latched == {SafeCause.HOST_SILENT}:
-            # The driver itself was late: what is wished again may be jammed again.
+            # The driver itself was late: what is asked for again may be jammed again.
             text = f"the board let go: {SafeCause.HOST_SILENT.value}"
             let_go = Finding(Reason.BOARD_LET_GO, BOARD, text, link_numbers(link))
             return LinkVerdict(let_go=let_go, wait=True, acknowledge=True)
@@ -124,12 +131,12 @@ class RestartWatch:
         self._at_s = -math.inf
 
     def look(self, link: LinkStatus, steady_s: float) -> Finding | None:
-        """Return what is to be said of a start at most `RESTART_TOLD_S` s ago; the first one is none."""
+        """Return what is to be said of a start at most `RESTART_REPORTED_S` s ago; the first one is none."""
         if link.starts > self._starts:
             if self._starts > 0:
                 self._at_s = steady_s
             self._starts = link.starts
-        if steady_s > self._at_s + RESTART_TOLD_S:
+        if steady_s > self._at_s + RESTART_REPORTED_S:
             return None
         cause = "" if link.reset_cause is None else f", by {link.reset_cause.value}"
         seen = f"has started anew {steady_s - self._at_s:.0f} s ago{cause}; {link.starts} starts were seen"
@@ -142,7 +149,7 @@ class NoiseMeter:
     """Counts wrong check sums over the last few seconds."""
 
     def __init__(self) -> None:
-        """Make one that has heard nothing."""
+        """Make one that has counted nothing."""
         self._marks: deque[tuple[float, int, int]] = deque()
 
     def look(self, link: LinkStatus, steady_s: float) -> Finding | None:
@@ -162,3 +169,103 @@ class NoiseMeter:
         }
         seen = f"has noise: {100.0 * share:.0f} % of telegrams had a wrong check sum in the last {NOISE_WINDOW_S:g} s"
         return finding(Reason.LINE_NOISE, LINE, seen, values)
+
+
+class SensorWatch:
+    """Counts for how long each sensor has given no pressure; a channel without one fails, a manifold does not.
+
+    A silent sensor ends in a latched fault, which needs evidence that a pause of the host cannot make. So silence is
+    counted in ticks of the driver, each by two periods at the most, however late it comes; and where hardware is asked
+    and answers, by those ticks alone in which an answer was taken. Whether it answers at all, its link says.
+
+    Attributes:
+        timeout_s: Silence after which a pressure counts as not measured, s.
+
+    """
+
+    def __init__(self, channels: Sequence[str], timeout_s: float, period_s: float) -> None:
+        """Watch the sensors of `channels` and of the manifold.
+
+        Args:
+            channels: Names of the channels.
+            timeout_s: Silence that counts as not measured, s.
+            period_s: Time between two ticks, s.
+
+        """
+        self._names = tuple(channels)
+        self.timeout_s = timeout_s
+        self._period_s = period_s
+        self.forget()
+
+    def forget(self) -> None:
+        """Be as new: no pressure was taken yet."""
+        self._silent_s: dict[str, float] = {}
+        self._all_silent_s = self._unanswered_s = 0.0
+        self._measured: set[str] = set()
+        self._answered = False
+
+    @property
+    def manifold_measured(self) -> bool:
+        """Whether the manifold's sensor ever gave a pressure."""
+        return MANIFOLD in self._silent_s
+
+    @property
+    def values(self) -> dict[str, str]:
+        """What a silent sensor has not kept to, in numbers for people."""
+        return {"silence allowed (s)": f"{self.timeout_s:g}"}
+
+    @property
+    def unanswered(self) -> bool:
+        """Whether hardware that is asked has not answered for the time-out: every pressure is an old one."""
+        return self._unanswered_s > self.timeout_s
+
+    def take(self, place: str, *, valid: bool) -> None:
+        """Note an answer of the hardware, and whether a sensor's pressure was in it."""
+        self._answered = True
+        self._unanswered_s = 0.0
+        if valid:
+            self._measured.add(place)
+            self._silent_s[place] = self._all_silent_s = 0.0
+
+    def silent(self, place: str) -> bool:
+        """Whether a sensor that gave a pressure once gives none now."""
+        return self._silent_s.get(place, 0.0) > self.timeout_s
+
+    def tick(self, passed_s: float, *, asked: bool) -> None:
+        """Count the time since the last tick.
+
+        Args:
+            passed_s: That time, s; 0 where nothing could be measured in it.
+            asked: Whether the hardware is asked, and answers each time; else it speaks by itself.
+
+        """
+        counted_s = min(max(passed_s, 0.0), 2.0 * self._period_s)
+        if asked and not self._answered:
+            self._unanswered_s += counted_s
+        else:
+            for place in self._silent_s.keys() - self._measured:
+                self._silent_s[place] += counted_s
+            self._all_silent_s += 0.0 if self._measured else counted_s
+        self._measured.clear()
+        self._answered = False
+
+    def look(self, ankle: Ankle, *, active: bool) -> None:
+        """Let an ankle forget the pressures of silent sensors; where it is active, their channels fail."""
+        measured = [name for name, channel in ankle.channels.items() if channel.vacuum_pa is not None]
+        silent = [name for name in measured if self.silent(name)]
+        # Sensors of one board fall silent within milliseconds, and each may be the first to be noticed.
+        every = bool(silent) and self._all_silent_s > 0.5 * self.timeout_s
+        if every:
+            silent = measured
+        if every or self.silent(MANIFOLD):
+            ankle.manifold_vacuum_pa = None
+        for name in silent:
+            ankle.channels[name].forget_pressure()
+        if not silent or not active:
+            return
+        reason = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
+        place = ", ".join(silent)
+        whose = "no sensor gives" if every else f"{place} sensor gives no"
+        remedy = "look at hardware or simulation" if every else REMEDIES[reason]
+        text = f"{whose} valid pressure for {self.timeout_s:g} s (pressure_timeout_s): {remedy}"
+        ankle.fail(silent, Finding(reason, place, text, self.values).to_clear())

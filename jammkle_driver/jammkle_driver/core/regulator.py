@@ -50,31 +50,27 @@ class RegulatorSettings:
 
 
 class PumpRegulator:
-    """PI regulator from measured vacuum to pump duty, bounded 0 to 1, with conditional integration."""
+    """PI regulator from measured vacuum to pump duty, bounded 0 to 1, with conditional integration.
+
+    Attributes:
+        full_s: For how long the pump has worked at full duty for one set point, without coming to it, s.
+        resting: Whether the set point is held without the pump.
+
+    """
 
     def __init__(self, settings: RegulatorSettings) -> None:
         """Make a regulator at rest."""
         self._settings = settings
         self._integral = 0.0
-        self._resting = False
+        self.resting = False
         self._set_point_pa = 0.0
-        self._full_s = 0.0
-
-    @property
-    def full_s(self) -> float:
-        """For how long the pump has worked at full duty for one set point, without coming to it, s."""
-        return self._full_s
-
-    @property
-    def resting(self) -> bool:
-        """Whether the set point is held without the pump."""
-        return self._resting
+        self.full_s = 0.0
 
     def reset(self) -> None:
         """Forget the integral, and how long the pump has worked."""
         self._integral = 0.0
-        self._resting = False
-        self._full_s = 0.0
+        self.resting = False
+        self.full_s = 0.0
 
     def update(
         self,
@@ -108,9 +104,9 @@ class PumpRegulator:
         spare_pa = set_point_pa + settings.channel_lead_pa - deepest_vacuum_pa
         error_pa = min(set_point_pa - channel_vacuum_pa, spare_pa)
         # A tight ankle holds its vacuum by itself; a pump that trickles would wear out for nothing.
-        self._resting = error_pa <= (settings.rest_band_pa if self._resting else 0.0)
-        if self._resting:
-            self._integral = self._full_s = 0.0
+        self.resting = error_pa <= (settings.rest_band_pa if self.resting else 0.0)
+        if self.resting:
+            self._integral = self.full_s = 0.0
             return 0.0
         if manifold_vacuum_pa is not None:
             error_pa = min(error_pa, set_point_pa + settings.manifold_lead_pa - manifold_vacuum_pa)
@@ -125,7 +121,7 @@ class PumpRegulator:
         most = 1.0 if rise_pa <= max(error_pa, 0.0) else max(error_pa, 0.0) / rise_pa
         duty = min(max(proportional + self._integral, 0.0), most)
         goes_on = duty >= _NEARLY_ALL and set_point_pa == self._set_point_pa
-        self._full_s = self._full_s + passed_s if goes_on else 0.0
+        self.full_s = self.full_s + passed_s if goes_on else 0.0
         self._set_point_pa = set_point_pa
         return round(duty * _DUTY_STEPS) / _DUTY_STEPS
 
@@ -135,31 +131,26 @@ class PumpLoad:
 
     Short work at full duty is free; the duty is held to the rated one once the mean has come up to it, and until it
     has fallen by a tenth (the usual I^2 t protection of drives, IEC 60034-1 duty type S3, with duty for the losses).
+
+    Attributes:
+        mean_duty: Mean duty over the thermal time constant, 0 to 1.
+        limited: Whether the pump is being spared.
+
     """
 
     def __init__(self, settings: RegulatorSettings) -> None:
         """Make a cold pump."""
         self._settings = settings
-        self._mean_duty = 0.0
-        self._limited = False
-
-    @property
-    def mean_duty(self) -> float:
-        """Mean duty over the thermal time constant, 0 to 1."""
-        return self._mean_duty
-
-    @property
-    def limited(self) -> bool:
-        """Whether the pump is being spared."""
-        return self._limited
+        self.mean_duty = 0.0
+        self.limited = False
 
     def spare(self, duty: float, elapsed_s: float) -> float:
         """Return the duty that the pump may have, 0 to 1, `elapsed_s` s after the last one."""
         rated = self._settings.rated_duty
-        self._limited = self._mean_duty >= (0.9 * rated if self._limited else rated)
-        allowed = min(duty, 0.9 * rated) if self._limited and rated < 1.0 else duty
+        self.limited = self.mean_duty >= (0.9 * rated if self.limited else rated)
+        allowed = min(duty, 0.9 * rated) if self.limited and rated < 1.0 else duty
         share = min(max(elapsed_s, 0.0) / self._settings.thermal_time_s, 1.0)
-        self._mean_duty += share * (allowed - self._mean_duty)
+        self.mean_duty += share * (allowed - self.mean_duty)
         return allowed
 
 

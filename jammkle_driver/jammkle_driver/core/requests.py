@@ -1,11 +1,14 @@
-"""What may be asked of the driver: names and vacuums are checked here, with one line that says what is wrong."""
+"""Who asks for what: services, streams of commands, emergency stops, and whether it may be done."""
 
 from __future__ import annotations
 
 import math
 import reprlib
+from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+
+from jammkle_driver.core.watchdog import Instant, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,7 +39,7 @@ class VacuumLimits:
 
 
 @dataclass(frozen=True)
-class Wish:
+class SetPoint:
     """What one channel shall do.
 
     Attributes:
@@ -81,8 +84,10 @@ def checked_vacuum(vacuum_pa: float, limits: VacuumLimits) -> float:
     return vacuum_pa
 
 
-def checked_wishes(wishes: Sequence[Wish], known: Sequence[str], limits: VacuumLimits) -> tuple[Wish, ...]:
-    """Return the wishes unchanged if every one of them can be taken.
+def checked_set_points(
+    set_points: Sequence[SetPoint], known: Sequence[str], limits: VacuumLimits
+) -> tuple[SetPoint, ...]:
+    """Return the set points unchanged if every one of them can be taken.
 
     Raises:
         RequestError: a channel is unknown or named twice, a vacuum is neither 0 nor in range, or two vacuums to jam
@@ -90,20 +95,20 @@ def checked_wishes(wishes: Sequence[Wish], known: Sequence[str], limits: VacuumL
 
     """
     named: set[str] = set()
-    for wish in wishes:
-        checked_channels([wish.channel], known)
-        if wish.channel in named:
-            msg = f"channel '{wish.channel}' is named twice; name each channel once"
+    for set_point in set_points:
+        checked_channels([set_point.channel], known)
+        if set_point.channel in named:
+            msg = f"channel '{set_point.channel}' is named twice; name each channel once"
             raise RequestError(msg)
-        named.add(wish.channel)
-        in_range = math.isfinite(wish.vacuum_pa) and limits.minimum_pa <= wish.vacuum_pa <= limits.maximum_pa
-        if wish.vacuum_pa != 0.0 and not in_range:
+        named.add(set_point.channel)
+        in_range = math.isfinite(set_point.vacuum_pa) and limits.minimum_pa <= set_point.vacuum_pa <= limits.maximum_pa
+        if set_point.vacuum_pa != 0.0 and not in_range:
             msg = (
-                f"vacuum_pa of '{wish.channel}' is {wish.vacuum_pa:g}; "
+                f"vacuum_pa of '{set_point.channel}' is {set_point.vacuum_pa:g}; "
                 f"it must be 0 to unjam, or {limits.minimum_pa:g} to {limits.maximum_pa:g} Pa below ambient"
             )
             raise RequestError(msg)
-    jams = [wish for wish in wishes if wish.vacuum_pa > 0.0]
+    jams = [set_point for set_point in set_points if set_point.vacuum_pa > 0.0]
     for jam in jams:
         if jam.vacuum_pa != jams[0].vacuum_pa:
             msg = (
@@ -111,27 +116,27 @@ def checked_wishes(wishes: Sequence[Wish], known: Sequence[str], limits: VacuumL
                 "channels share one manifold, so name one vacuum for all that shall jam"
             )
             raise RequestError(msg)
-    return tuple(wishes)
+    return tuple(set_points)
 
 
-def check_shared_vacuum(wishes: Sequence[Wish], held_pa: Mapping[str, float]) -> None:
-    """Check that all channels still share one vacuum once the wishes are taken.
+def check_shared_vacuum(set_points: Sequence[SetPoint], held_pa: Mapping[str, float]) -> None:
+    """Check that all channels still share one vacuum once the set points are taken.
 
     One pump, one manifold and valves that only connect or vent cannot hold two vacuums at once.
 
     Args:
-        wishes: What would be taken; its vacuums are 0 or one and the same.
+        set_points: What would be taken; its vacuums are 0 or one and the same.
         held_pa: Vacuum asked for until now, per channel, Pa; 0 = unjam.
 
     Raises:
-        RequestError: a channel that the wishes leave alone is jammed to another vacuum.
+        RequestError: a channel that the set points leave alone is jammed to another vacuum.
 
     """
-    named = {wish.channel for wish in wishes}
-    for vacuum_pa in {wish.vacuum_pa for wish in wishes if wish.vacuum_pa > 0.0}:
+    named = {set_point.channel for set_point in set_points}
+    for vacuum_pa in {set_point.vacuum_pa for set_point in set_points if set_point.vacuum_pa > 0.0}:
         others = {name: pa for name, pa in held_pa.items() if name not in named and pa not in (0.0, vacuum_pa)}
         if others:
-            jams = [wish.channel for wish in wishes if wish.vacuum_pa == vacuum_pa]
+            jams = [set_point.channel for set_point in set_points if set_point.vacuum_pa == vacuum_pa]
             msg = (
                 f"vacuum_pa is {vacuum_pa:g} for {_listed(jams)}, but {_listed(list(others))} "
                 f"{'hold' if len(others) > 1 else 'holds'} {max(others.values()):g} Pa: channels share one manifold, "
@@ -149,3 +154,343 @@ def _shown(name: str) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+Value = TypeVar("Value")
+
+GONE_AFTER_S = 1.0
+"""How long there must have been fewer publishers than have sent before one counts as gone, s.
+
+Assumed; discovery on one machine takes about 0.3 s.
+"""
+_REMEMBERED = 256
+"""Messages whose second delivery, by another subscription, is known: 2 s of six publishers at 20 Hz."""
+
+
+class Publication(NamedTuple):
+    """What the middleware says of a message.
+
+    Attributes:
+        number: Which of its publisher's messages it is, from 1; 0 where the middleware does not count, so that all
+            publishers are taken for one.
+        sent_ns: When it was published, ns since 1970 by the publisher's clock.
+        publishers: How many publishers the topic has now.
+
+    """
+
+    number: int = 0
+    sent_ns: int = 0
+    publishers: int = 1
+
+
+ONLY_PUBLISHER = Publication()
+"""Of messages that all come from one publisher."""
+
+
+@dataclass
+class Publisher(Generic[Value]):
+    """One of a topic's publishers.
+
+    Attributes:
+        number: Number of its last message.
+        sent_ns: When that was published, ns.
+        received_s: When that was received, s of the driver's time.
+        value: What it said.
+        gone: Whether it is no longer in the graph.
+
+    """
+
+    number: int
+    sent_ns: int
+    received_s: float
+    value: Value
+    gone: bool = False
+
+
+class Publishers(Generic[Value]):
+    """Those of one topic that have sent something."""
+
+    def __init__(self, keep: Value | None = None) -> None:
+        """Know of none.
+
+        Args:
+            keep: Whoever said this last is the last to count as gone.
+
+        """
+        self._keep = keep
+        self.all: list[Publisher[Value]] = []
+        self._seen: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
+        self._too_many_since_s: float | None = None
+
+    def take(self, value: Value, publication: Publication, now_s: float) -> Publisher[Value] | None:
+        """Return the publisher of a message, its value and time noted.
+
+        Of several that it may be from, it is the one that has said the same before, and of those the one that has been
+        silent the longest: one that says true is never taken back by a false of somebody else.
+
+        Args:
+            value: What the message says.
+            publication: What the middleware says of it.
+            now_s: Time, s.
+
+        Returns:
+            Whose it is; None for a message that was received before, or is older than its publisher's last.
+
+        """
+        number, sent_ns, publishers = publication
+        self.count(publishers, now_s)
+        if number and (number, sent_ns) in self._seen:
+            return None
+        self._seen.append((number, sent_ns))
+        publisher = self._find(value, publication)
+        if publisher is None:
+            if self._is_late(publication):
+                return None
+            publisher = Publisher(number, sent_ns, now_s, value)
+            self.all.append(publisher)
+        publisher.number, publisher.sent_ns, publisher.value = number, sent_ns, value
+        publisher.received_s, publisher.gone = now_s, False
+        return publisher
+
+    def count(self, publishers: int, now_s: float) -> None:
+        """Take how many publishers the graph knows now."""
+        present = [each for each in self.all if not each.gone]
+        too_many = len(present) - publishers
+        if too_many <= 0:
+            self._too_many_since_s = None
+            return
+        if self._too_many_since_s is None:
+            self._too_many_since_s = now_s
+        since_s = self._too_many_since_s = min(self._too_many_since_s, now_s)
+        if now_s - since_s < GONE_AFTER_S:
+            return
+        silent = [each for each in present if each.received_s <= since_s]
+        silent.sort(key=lambda each: (each.value == self._keep, each.received_s))
+        for each in silent[:too_many]:
+            each.gone = True
+        self._too_many_since_s = None
+
+    def forget_gone(self) -> None:
+        """Forget those that are no longer in the graph."""
+        self.all = [each for each in self.all if not each.gone]
+
+    def _find(self, value: Value, publication: Publication) -> Publisher[Value] | None:
+        number = publication.number
+        if number == 0:
+            return next((each for each in self.all if each.number == 0), None)
+        before = [each for each in self.all if 0 < each.number < number]
+        next_of = [each for each in before if each.number == number - 1]
+        if not next_of and self._knows_all(publication):  # some were lost
+            nearest = max((each.number for each in before), default=0)
+            next_of = [each for each in before if each.number == nearest]
+        return min(next_of, key=lambda each: (each.value != value, each.sent_ns), default=None)
+
+    def _is_late(self, publication: Publication) -> bool:
+        newer = (each.number > publication.number and each.sent_ns > publication.sent_ns for each in self.all)
+        return publication.number > 1 and self._knows_all(publication) and any(newer)
+
+    def _knows_all(self, publication: Publication) -> bool:
+        return sum(not each.gone for each in self.all) >= publication.publishers
+
+
+class CommandStream:
+    """Remembers what one publisher said last, per channel, and which channels follow it.
+
+    Before its first message, and after it went silent, a stream counts as wishing nothing (0 Pa everywhere),
+    so that one that begins with 0 takes nothing away from a channel that a service jammed.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        """Make a stream that has said nothing; it is silent after `timeout_s` s."""
+        self._watchdog = Watchdog(timeout_s)
+        self._last: dict[str, float] = {}
+        self._followers: set[str] = set()
+
+    def changes(self, set_points: Sequence[SetPoint]) -> tuple[SetPoint, ...]:
+        """Return the set points that would be new."""
+        return tuple(
+            set_point for set_point in set_points if set_point.vacuum_pa != self._last.get(set_point.channel, 0.0)
+        )
+
+    def take(self, set_points: Sequence[SetPoint], now: Instant) -> None:
+        """Take one message: a sign of life, and none of its set points is new any more."""
+        self._watchdog.feed(now)
+        self._last.update({set_point.channel: set_point.vacuum_pa for set_point in set_points})
+
+    def lead(self, channel: str) -> None:
+        """Note that the channel follows the stream."""
+        self._followers.add(channel)
+
+    def release(self, channel: str) -> None:
+        """Note that the channel follows something else, or nothing."""
+        self._followers.discard(channel)
+
+    def fall_silent(self, now: Instant) -> tuple[str, ...]:
+        """Return the channels to vent because the stream has just fallen silent; mostly none."""
+        if not self._watchdog.expired(now):
+            return ()
+        followers = tuple(sorted(self._followers))
+        self.forget()
+        return followers
+
+    @property
+    def alive(self) -> bool:
+        """Whether it has been accepted, and has not fallen silent since."""
+        return self._watchdog.fed
+
+    def excuse(self, stood_s: float) -> None:
+        """Leave out a time in which nothing could have come; see `Watchdog.excuse`."""
+        self._watchdog.excuse(stood_s)
+
+    def forget(self) -> None:
+        """Behave as if nothing had been said."""
+        self._watchdog.forget()
+        self._last.clear()
+        self._followers.clear()
+
+
+class CommandStreams:
+    """A stream of set points from each publisher, so that two that contradict one another do not take turns.
+
+    Per channel the latest change wins, whoever it came from; the channel then follows that publisher alone.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        """Know of no publisher; each is silent after `timeout_s` s."""
+        self.timeout_s = timeout_s
+        self._publishers: Publishers[tuple[SetPoint, ...]] = Publishers()
+        self._streams: dict[int, tuple[Publisher[tuple[SetPoint, ...]], CommandStream]] = {}
+
+    @property
+    def values(self) -> dict[str, str]:
+        """What a silent stream has not kept to, in numbers for people, with units in the key."""
+        return {"silence allowed (s)": f"{self.timeout_s:g}"}
+
+    @property
+    def speaking(self) -> int:
+        """How many publishers have been accepted and are not silent."""
+        return sum(stream.alive for _, stream in self._streams.values())
+
+    def of(self, set_points: Sequence[SetPoint], publication: Publication, now: Instant) -> CommandStream | None:
+        """Return the stream that a message is part of; None where it was received before."""
+        publisher = self._publishers.take(tuple(set_points), publication, now.graph_s)
+        self._publishers.forget_gone()
+        if publisher is None:
+            return None
+        return self._streams.setdefault(id(publisher), (publisher, CommandStream(self.timeout_s)))[1]
+
+    def lead(self, stream: CommandStream, channel: str) -> None:
+        """Note that the channel follows this stream, and no other."""
+        self.release(channel)
+        stream.lead(channel)
+
+    def release(self, channel: str) -> None:
+        """Note that the channel follows no stream."""
+        for _, stream in self._streams.values():
+            stream.release(channel)
+
+    def fall_silent(self, now: Instant) -> tuple[str, ...]:
+        """Return the channels to vent because their stream has just fallen silent; mostly none."""
+        vented: list[str] = []
+        for key, (_, stream) in tuple(self._streams.items()):
+            vented += stream.fall_silent(now)
+            if not stream.alive:
+                del self._streams[key]
+        return tuple(sorted(vented))
+
+    def excuse(self, stood_s: float) -> None:
+        """Leave out a time in which nothing could have come; see `Watchdog.excuse`."""
+        for _, stream in self._streams.values():
+            stream.excuse(stood_s)
+
+    def forget(self) -> None:
+        """Behave as if nothing had been said."""
+        self._streams.clear()
+
+
+class EmergencyStop:
+    """Says why everything is to be stopped; the reason stays until it is cleared."""
+
+    def __init__(self, timeout_s: float) -> None:
+        """Ask for nothing.
+
+        Args:
+            timeout_s: Silence of any publisher that is a stop, s; 0: silence is none.
+
+        """
+        self._timeout_s = timeout_s or math.inf
+        self._silence = Watchdog(self._timeout_s)
+        """Of all of them, where there may be none."""
+        self._publishers: Publishers[bool] = Publishers(keep=True)
+        self.reason = ""
+        """Why everything is stopped; empty where it is not."""
+
+    @property
+    def asked_by(self) -> int:
+        """How many publishers said true last. One that has left the graph counts until another says false."""
+        return sum(each.value for each in self._publishers.all)
+
+    @property
+    def publishers(self) -> int:
+        """How many publishers there are that have said anything."""
+        return sum(not each.gone for each in self._publishers.all)
+
+    def begin(self, now: Instant) -> None:
+        """Count silence from now on."""
+        self._silence.feed(now)
+
+    def take(self, publication: Publication, now: Instant, *, stop: bool) -> None:
+        """Take a message."""
+        self._silence.feed(now)
+        if self._publishers.take(stop, publication, now.graph_s) is None:
+            return
+        if stop:
+            self.reason = self.reason or "emergency_stop is true"
+            return
+        for each in self._publishers.all:
+            each.value = each.value and not each.gone
+        if math.isinf(self._timeout_s):
+            self._publishers.forget_gone()
+
+    def tick(self, publishers: int | None, now: Instant) -> None:
+        """Look for publishers that have fallen silent or have left.
+
+        Args:
+            publishers: How many the topic has in the graph; None where that is not known.
+            now: The time.
+
+        """
+        if publishers is not None:
+            self._publishers.count(publishers, now.graph_s)
+        if self.reason:
+            return
+        silent = self._silent(now)
+        if silent:
+            of = f" from {silent} of {len(self._publishers.all)} publishers" if len(self._publishers.all) > 1 else ""
+            self.reason = f"no emergency_stop{of} for {self._timeout_s:g} s (emergency_stop_timeout_s)"
+
+    def excuse(self, stood_s: float) -> None:
+        """Leave out a time in which the driver stood still itself; see `Watchdog.excuse`."""
+        self._silence.excuse(stood_s)
+        for each in self._publishers.all:
+            each.received_s += stood_s
+
+    def clear(self, now: Instant) -> str:
+        """End the stop, and return why it cannot be ended; empty where it is."""
+        if self.asked_by:
+            known = len(self._publishers.all)
+            of, who = (f" from {self.asked_by} of {known} publishers", "each of them") if known > 1 else ("", "it")
+            return f"emergency_stop is still true{of}; publish false on {who} first, then call ~/clear_fault again"
+        self.reason = ""
+        self._silence.feed(now)
+        self._publishers.forget_gone()
+        silent = [each for each in self._publishers.all if now.graph_s - each.received_s > self._timeout_s]
+        self._publishers.all = [each for each in self._publishers.all if each not in silent]
+        return ""
+
+    def _silent(self, now: Instant) -> int:
+        """Return how many publishers are silent, or 1 where none has ever been there."""
+        for each in self._publishers.all:
+            each.received_s = min(each.received_s, now.graph_s)  # a simulation that was started anew
+        silent = sum(now.graph_s - each.received_s > self._timeout_s for each in self._publishers.all)
+        return silent or int(self._silence.expired(now))

@@ -1,0 +1,409 @@
+"""`jammkle hardware check`: one question after the other, from a board just connected to calibrated sensors."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import select
+import statistics
+import sys
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import typer
+import yaml
+
+from jammkle_common.command.errors import Interrupted
+from jammkle_common.constants import HELD_VACUUM_PA
+from jammkle_common.names import CHANNELS
+from jammkle_driver.board.check import PERIOD_S, RELEASED, CheckRow, Probe, check, command
+from jammkle_driver.board.line import Line, LineError, RefusedError
+from jammkle_driver.board.protocol import make_protocol
+from jammkle_driver.board.wiring import Firmware, standard_board_file
+from jammkle_driver.core.hardware import MANIFOLD, BoardFault
+from jammkle_driver.core.registers import register_list
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from jammkle_driver.board.protocol import BoardProtocol
+    from jammkle_driver.board.wiring import Wiring
+    from jammkle_driver.core.hardware import ActuatorCommand
+
+
+_LOOK_S = 0.02
+"""How often is looked for what was typed, s. Assumed: nobody notices it."""
+
+_MOST_BYTES = 4096
+"""Longest line of a terminal (N_TTY in Linux)."""
+
+_ANSWERS = {"": True, "y": True, "yes": True, "n": False, "no": False}
+
+
+class Prompt:
+    """Who sits at the terminal.
+
+    A line is read when it is there: a thread that waited for it would hold up the end, and that end stops a pump.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing typed."""
+        self._typed = b""
+
+    def reported(self, row: CheckRow) -> None:
+        """Show a row as soon as it is known."""
+        typer.echo(f"{'ok  ' if row.passed else 'FAIL'} {row.what}: {row.measured}", err=True)
+
+    async def agrees(self, question: str) -> bool:
+        """Ask until yes or no is typed; nothing is yes.
+
+        Raises:
+            Interrupted: nobody is there to answer.
+
+        """
+        while (answer := (await self._answer(f"{question} [Y/n]: ")).lower()) not in _ANSWERS:
+            typer.echo(f"'{answer}' is neither y nor n", err=True)
+        return _ANSWERS[answer]
+
+    async def number(self, question: str, least: float, most: float) -> float | None:
+        """Ask until a number that can be right, or nothing, is typed.
+
+        Raises:
+            Interrupted: nobody is there to answer.
+
+        """
+        while answer := await self._answer(f"{question}; nothing: skip: "):
+            try:
+                number = float(answer.replace(",", "."))
+            except ValueError:
+                number = math.nan
+            if least <= number <= most:
+                return number
+            if math.isfinite(number):
+                typer.echo(f"{answer} cannot be: {least:g} to {most:g} is asked for", err=True)
+            else:
+                typer.echo(f"'{answer}' is not a number", err=True)
+        return None
+
+    async def _answer(self, question: str) -> str:
+        typer.echo(question, nl=False, err=True)
+        try:
+            return await self._line()
+        except (Interrupted, asyncio.CancelledError):
+            typer.echo(err=True)  # what is said next gets a line of its own
+            raise
+
+    async def _line(self) -> str:
+        if sys.stdin is None:
+            raise Interrupted
+        while b"\n" not in self._typed:
+            if not select.select([sys.stdin], [], [], 0.0)[0]:
+                await asyncio.sleep(_LOOK_S)
+                continue
+            try:
+                came = os.read(sys.stdin.fileno(), _MOST_BYTES)
+            except OSError:  # the terminal was closed
+                came = b""
+            if not came and not self._typed:
+                raise Interrupted
+            self._typed += came or b"\n"
+        line, _, self._typed = self._typed.partition(b"\n")
+        return line.decode(errors="replace").strip()
+
+
+_AVERAGED_S = 0.5
+_BOOT_S = 3.0
+"""An Arduino's bootloader waits for up to 2 s."""
+_EVACUATION_S = 10.0
+_REPLY_TIMEOUT_S = 0.08
+"""Commissioning has time: a computer that is busy so long has lost nothing, and the board's watchdog still waits."""
+_TRIES = 10
+
+
+class Person(Protocol):
+    """Whoever stands beside the board."""
+
+    def reported(self, row: CheckRow) -> None:
+        """Be shown a row as soon as it is known."""
+
+    async def number(self, question: str, least: float, most: float) -> float | None:
+        """Answer with a number between these; None: not known. Takes its time, and never blocks."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a person is asked: in words, and the numbers between which an answer can be right."""
+
+    text: str
+    least: float
+    most: float
+
+
+@dataclass(frozen=True)
+class CommissioningOptions:
+    """What is walked.
+
+    Attributes:
+        port: Where the board is.
+        wiring: How it is wired.
+        board_file: The file that says so; None: the shipped one.
+        output: Where a new board file goes; None: beside the old one.
+        calibrates: Whether the sensors are calibrated.
+        pace: Factor on how long is waited for pump, valves and leaks.
+
+    """
+
+    port: str
+    wiring: Wiring
+    board_file: Path | None
+    output: Path | None
+    calibrates: bool
+    pace: float = 1.0
+
+
+async def commission(
+    options: CommissioningOptions, person: Person, stops: Callable[[], bool] = lambda: False
+) -> list[CheckRow]:
+    """Check pump, valves, sensors and leaks; whatever happens, the outputs are released at the end.
+
+    Args:
+        options: What is walked.
+        person: Who reads and answers.
+        stops: Whether somebody wants an end: the outputs are then released, too.
+
+    Raises:
+        LineError: the board is not there, or has gone.
+        Interrupted: somebody wanted an end; the outputs are released.
+
+    """
+    patient = replace(options.wiring, reply_timeout_s=max(options.wiring.reply_timeout_s, _REPLY_TIMEOUT_S))
+    line = Line(options.port, patient, tries=_TRIES)
+    rows: list[CheckRow] = []
+
+    def tell(row: CheckRow) -> None:
+        rows.append(row)
+        person.reported(row)
+
+    try:
+        await line.open()
+        talk = make_protocol(line, options.wiring, "vent")
+        said = await _patiently(talk, stops)
+        probe = Probe(talk, options.wiring, options.pace, stops)
+        try:
+            tell(await _link_row(probe, said))
+            async for row in check(probe, options.wiring):
+                tell(row)
+            if options.calibrates:  # also where the pump has failed: a bad calibration looks just like that
+                tell(await _calibrate(options, line, probe, person))
+        finally:
+            await _release(talk, options.wiring)
+    except RefusedError as error:
+        msg = f"{error}: the board does not do what its file says"
+        raise LineError(msg) from error
+    finally:
+        line.close()
+    return rows
+
+
+async def _release(talk: BoardProtocol, wiring: Wiring) -> None:
+    """Release every output.
+
+    Raises:
+        LineError: the board did not take it.
+
+    """
+    try:
+        await talk.exchange(RELEASED)
+    except LineError as error:
+        if wiring.firmware is Firmware.JAMMKLE:  # its watchdog lets go
+            raise
+        msg = f"{error}; pump and valves may still be on: switch off their supply"
+        raise LineError(msg) from error
+
+
+async def _patiently(talk: BoardProtocol, stops: Callable[[], bool]) -> str:
+    """Open a board that may just have been reset by the opening of its port.
+
+    Raises:
+        LineError: still no answer after its bootloader must be through.
+        Interrupted: somebody wants an end.
+
+    """
+    end_s = time.monotonic() + _BOOT_S
+    while True:
+        if stops():
+            raise Interrupted
+        try:
+            return await talk.open()
+        except LineError:
+            if time.monotonic() > end_s:
+                raise
+        await asyncio.sleep(_AVERAGED_S)
+
+
+async def _link_row(probe: Probe, said: str) -> CheckRow:
+    came = await probe.exchanges(RELEASED, _AVERAGED_S)
+    if not came:
+        msg = "no reply"
+        raise LineError(msg)
+    states = [exchange.state for _, exchange in came if exchange.state is not None]
+    supply = f", supply {states[-1].supply_v:.1f} V" if states else ""
+    low = bool(states) and BoardFault.SUPPLY_LOW in states[-1].faults  # by the board's own `supply_minimum`
+    to_do = "supply of pump and valves: is it on? divider at its pin, `supply_minimum`" if low else ""
+    return CheckRow("board", passed=not low, measured=f"{said}{supply}", to_do=to_do)
+
+
+async def _calibrate(options: CommissioningOptions, line: Line, probe: Probe, person: Person) -> CheckRow:
+    what = "calibration"
+    await probe.vent()
+    air_kpa = [pa / 1e3 for pa in AIR_PA]
+    barometer = Question("Pressure of the air now, kPa, absolute, as a barometer reads it", *air_kpa)
+    ambient_kpa, first = await _asked(options, line, probe, person, RELEASED, barometer)
+    if ambient_kpa is None:
+        return CheckRow(what, passed=True, measured="left as it is", to_do="run this again with barometer and gauge")
+    place = MANIFOLD if MANIFOLD in options.wiring.sensors else CHANNELS[0]
+    await probe.drive(command(CHANNELS, 1.0), _EVACUATION_S, lambda m: m.vacuum_pa[place] >= HELD_VACUUM_PA)
+    held = command(CHANNELS, 0.0)
+    await probe.exchanges(held, _AVERAGED_S)
+    gauge = Question("Vacuum that a gauge at the manifold reads now, kPa below ambient", -ambient_kpa, ambient_kpa)
+    gauge_kpa, second = await _asked(options, line, probe, person, held, gauge)
+    await probe.exchanges(RELEASED, _AVERAGED_S)
+    if gauge_kpa is None:
+        return CheckRow(what, passed=True, measured="left as it is", to_do="run this again with barometer and gauge")
+    ambient_pa = 1e3 * ambient_kpa
+    try:
+        lines = sensor_lines(first, ambient_pa, second, ambient_pa - 1e3 * abs(gauge_kpa))
+    except CalibrationError as error:
+        return CheckRow(what, passed=False, measured="not written", to_do=str(error))
+    if options.wiring.firmware is Firmware.JAMMKLE:
+        await store(line, options.wiring, lines)
+        where = "stored on the board"
+    else:
+        target = options.output or (options.board_file or standard_board_file()).with_suffix(".calibrated.yaml")
+        write_board_file(options.board_file or standard_board_file(), target, lines)
+        where = f"written to {target}"
+    return CheckRow(what, passed=True, measured=f"two points, {where}")
+
+
+async def _asked(
+    options: CommissioningOptions, line: Line, probe: Probe, person: Person, held: ActuatorCommand, question: Question
+) -> tuple[float | None, Mapping[str, float]]:
+    """Ask for a number while a command is kept; return it with the sensors' numbers from just before the answer."""
+    answer = asyncio.ensure_future(person.number(question.text, question.least, question.most))
+    numbers: list[Mapping[str, int]] = []
+    kept = int(_AVERAGED_S / PERIOD_S)
+    try:
+        while not answer.done() or len(numbers) < kept:
+            exchange = await probe.exchange(held)
+            raw = options.wiring.firmware is Firmware.JAMMKLE
+            numbers.append(await raw_numbers(line, options.wiring) if raw else exchange.numbers)
+            del numbers[:-kept]
+            await asyncio.sleep(PERIOD_S)
+    finally:
+        answer.cancel()
+    return await answer, {place: statistics.fmean(each[place] for each in numbers) for place in numbers[0]}
+
+
+LEAST_VACUUM_PA = 20e3
+"""Two points that lie closer make a line that is wrong at its far end by several times their own error."""
+
+_LEAST_STEPS = 10.0
+
+AIR_PA = (50e3, 110e3)
+"""Pressures of the air that can be, Pa absolute: from 5500 m to below the sea, as for the driver's parameter."""
+
+
+class CalibrationError(ValueError):
+    """Two points that make no line. One line of text."""
+
+
+@dataclass(frozen=True)
+class SensorLine:
+    """A sensor's straight line through two points.
+
+    Attributes:
+        low: Smaller number of its register, and the pressure there, Pa.
+        high: Larger number, and the pressure there, Pa.
+
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+
+    @property
+    def scale(self) -> float:
+        """Pa per step."""
+        return (self.high[1] - self.low[1]) / (self.high[0] - self.low[0])
+
+    @property
+    def offset_pa(self) -> float:
+        """Pa at number 0."""
+        return self.low[1] - self.scale * self.low[0]
+
+
+def sensor_lines(
+    first: Mapping[str, float], first_pa: float, second: Mapping[str, float], second_pa: float
+) -> dict[str, SensorLine]:
+    """Return each sensor's line from its numbers at two pressures, Pa.
+
+    Raises:
+        CalibrationError: a pressure cannot be, they are too close, or a sensor does not follow.
+
+    """
+    if not AIR_PA[0] <= first_pa <= AIR_PA[1]:
+        low_kpa, high_kpa = AIR_PA[0] / 1e3, AIR_PA[1] / 1e3
+        msg = f"the air is at {first_pa / 1e3:g} kPa; it must be {low_kpa:g} to {high_kpa:g} kPa, absolute"
+        raise CalibrationError(msg)
+    if not 0.0 <= second_pa <= AIR_PA[1]:
+        msg = f"the gauge leaves {second_pa / 1e3:g} kPa of the air; it reads vacuum in kPa, less than the air itself"
+        raise CalibrationError(msg)
+    if abs(first_pa - second_pa) < LEAST_VACUUM_PA:
+        msg = (
+            f"the two points are {abs(first_pa - second_pa) / 1e3:.1f} kPa apart; at least {LEAST_VACUUM_PA / 1e3:.0f}"
+        )
+        raise CalibrationError(msg)
+    lines = {}
+    for place, number in first.items():
+        if abs(number - second[place]) < _LEAST_STEPS:
+            msg = f"sensor {place} reads {number:.0f} at both pressures: it does not measure"
+            raise CalibrationError(msg)
+        low, high = sorted(((number, first_pa), (second[place], second_pa)))
+        lines[place] = SensorLine(low, high)
+    return lines
+
+
+async def raw_numbers(line: Line, wiring: Wiring) -> dict[str, int]:
+    """Return what the converter of the project's firmware reads for each sensor, before any calibration."""
+    registers = register_list()
+    first = registers.input("pressure_1").address
+    numbers = await line.read("input", registers.input("raw_1").address, len(registers.tables["coils"]) + 1)
+    return {place: numbers[sensor.register - first] for place, sensor in wiring.sensors.items()}
+
+
+async def store(line: Line, wiring: Wiring, lines: Mapping[str, SensorLine]) -> None:
+    """Write the points to a board with the project's firmware, which keeps them over a reset."""
+    registers = register_list()
+    for place, found in lines.items():
+        sensor = wiring.sensors[place].register - registers.input("pressure_1").address + 1
+        first = registers.holding(f"sensor_{sensor}_raw_low")
+        pressure = registers.holding(f"sensor_{sensor}_pressure_low")
+        points = [first.steps(found.low[0]), pressure.steps(found.low[1])]
+        points += [first.steps(found.high[0]), pressure.steps(found.high[1])]
+        await line.write(first.address, points)
+    await line.write_register(registers.holding("store").address, 1)
+
+
+def write_board_file(source: Path, target: Path, lines: Mapping[str, SensorLine]) -> None:
+    """Write a copy of a board file with new scale and offset of each sensor; comments do not come along.
+
+    Raises:
+        OSError: it cannot be written.
+
+    """
+    content: dict[str, Any] = yaml.safe_load(source.read_text(encoding="utf-8"))
+    for place, found in lines.items():
+        content["sensors"][place] |= {"scale": found.scale, "offset_pa": found.offset_pa, "vacuum": False}
+    target.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

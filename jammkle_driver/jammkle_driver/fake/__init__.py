@@ -1,1 +1,0 @@
-"""Hardware in process: a small plant of pump, manifold and channels, with faults by script."""

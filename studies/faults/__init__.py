@@ -1,0 +1,1 @@
+"""The driver's diagnosis, judged: random faults, healthy ankles, and soaks."""
