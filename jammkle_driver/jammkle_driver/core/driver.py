@@ -427,7 +427,7 @@ class Driver:
     @property
     def _why_not_ready(self) -> str:
         """Why the board takes no jam now; empty where it does."""
-        if self._link.state is LinkState.LOST:
+        if self._link.state is LinkState.LOST and not self.ankle.faulty:  # else the fault is the reason
             return f"the board does not answer ({self._link.detail})"
         return "the board has let go and has not yet taken the release" if self._board_waits else ""
 
