@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast
 
-from jammkle_common.messages import message_class
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
@@ -215,6 +213,8 @@ def on_change(node: Node, table: type[P], apply: Callable[[P], None]) -> None:
 
     What is refused is refused in this project's words: rclpy's own name neither the value, nor why, nor the way out.
     """
+    from jammkle_common.messages import message_class  # noqa: PLC0415 - rigs take parameters and no messages
+
     known = {row.name: row for row in rows(table)}
     result = message_class("rcl_interfaces/msg/SetParametersResult")
 
@@ -256,6 +256,8 @@ def _check_dynamic(row: ParameterRow, value: object) -> None:
 def _descriptor(row: ParameterRow) -> Any:
     """Return rcl_interfaces/ParameterDescriptor."""
     unit = f" [{row.unit}]" if row.unit else ""
+    from jammkle_common.messages import message_class  # noqa: PLC0415 - rigs take parameters and no messages
+
     descriptor = message_class("rcl_interfaces/msg/ParameterDescriptor")(
         name=row.name,
         description=f"{row.description}{unit}",
