@@ -286,3 +286,44 @@ def test_the_lock_file_names_all_that_it_takes() -> None:
     """It is installed as it stands, so that what it does not name is missing."""
     result = subprocess.run([sys.executable, "-m", "pip", "check"], capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout
+
+
+def code_of(name: str) -> str:
+    """Return the source of a function or class that is named with dots.
+
+    Raises:
+        LookupError: there is none of that name.
+
+    """
+    module, rest = name, []
+    while not is_module(module):
+        module, _, last = module.rpartition(".")
+        rest.insert(0, last)
+        if not module:
+            raise LookupError(name)
+    text = folder_of(module).with_suffix(".py").read_text()
+    found: ast.AST = ast.parse(text)
+    for each in rest:
+        body = [node for node in getattr(found, "body", []) if getattr(node, "name", None) == each]
+        if not body:
+            raise LookupError(name)
+        found = body[0]
+    return str(ast.get_source_segment(text, found))
+
+
+def test_the_ways_through_the_code_are_as_the_page_has_them() -> None:
+    """Every name on the page is in the code, and every indented one is called by the one that it stands under."""
+    text = (ROOT / "docs" / "code.md").read_text()
+    blocks = re.findall(r"<!-- calls -->\n```\n(.*?)```", text, re.DOTALL)
+    assert len(blocks) == 2
+    callers: list[str] = []
+    for line in "\n\n".join(blocks).split("\n"):
+        if not line.strip():
+            continue
+        depth, name = (len(line) - len(line.lstrip())) // 4, line.split()[0]
+        code_of(name)
+        if depth:
+            caller, called = callers[depth - 1], name.rpartition(".")[2]
+            calls = code_of(caller).replace("diagnose_recordings(", "diagnose(")  # as it is imported there
+            assert re.search(rf"\b{called}\(", calls), f"{caller} does not call {name}"
+        callers = [*callers[:depth], name]

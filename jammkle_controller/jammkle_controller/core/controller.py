@@ -159,24 +159,24 @@ class AnkleController:
 
     def on_switch(self, *, closed: bool, time_ns: int) -> Reaction:
         """Take a foot contact switch."""
-        return self._hear(self.inputs.on_switch(closed=closed, time_ns=time_ns), time_ns)
+        return self._take_event(self.inputs.on_switch(closed=closed, time_ns=time_ns), time_ns)
 
     def on_plan(self, *, contact: bool, time_ns: int) -> Reaction:
         """Take whether the gait plans contact now."""
-        return self._hear(self.inputs.on_plan(contact=contact, time_ns=time_ns), time_ns)
+        return self._take_event(self.inputs.on_plan(contact=contact, time_ns=time_ns), time_ns)
 
     def on_load(self, load_n: float, time_ns: int) -> Reaction:
         """Take the load on the foot, N, positive."""
-        return self._hear(self.inputs.on_load(load_n, time_ns), time_ns)
+        return self._take_event(self.inputs.on_load(load_n, time_ns), time_ns)
 
     def on_phase(self, phase: float, time_ns: int) -> Reaction:
         """Take the gait's phase, 0 at touch-down to 1 at the next."""
-        return self._hear(self.inputs.on_phase(phase, time_ns), time_ns)
+        return self._take_event(self.inputs.on_phase(phase, time_ns), time_ns)
 
     def on_leg(self, reading: LegReading, time_ns: int) -> Reaction:
         """Take angles, rates and efforts of hip and knee."""
         falls = self._detector.available and self._detector.motion.load < FALLING
-        return self._hear(self.inputs.on_leg(reading, time_ns, falls=falls), time_ns)
+        return self._take_event(self.inputs.on_leg(reading, time_ns, falls=falls), time_ns)
 
     def on_pose(self, pose: LegPose, time_ns: int) -> Reaction:
         """Take angles and rates from the body down to the foot."""
@@ -202,7 +202,7 @@ class AnkleController:
         self._react(event)
         return self._reaction((event,), before_pa, time_ns)
 
-    def _hear(self, event: ContactEvent | None, time_ns: int) -> Reaction:
+    def _take_event(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         if event is None:
             return Reaction((), changed=False)
         lifted = event.kind is ContactKind.LIFTOFF
