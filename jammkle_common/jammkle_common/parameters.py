@@ -247,7 +247,7 @@ def on_change(node: Node, table: type[P], apply: Callable[[P], None]) -> None:
 def _check_dynamic(row: ParameterRow, value: object) -> None:
     if not row.dynamic:
         problem = (
-            "it stays so while the node runs, which is built on it: stop the node and start it with "
+            "it stays so while the node runs, which is built on it; stop the node and start it with "
             f"-p {row.name}:=VALUE"
         )
         raise ParameterError(problem, row.name, value)
