@@ -105,7 +105,7 @@ class Scene:
 
     def line(self, name: str) -> DiagnosticStatus:
         """Return the latest line on /diagnostics whose name ends so."""
-        for message in reversed(self.probe.heard[DIAGNOSTICS.name]):
+        for message in reversed(self.probe.received[DIAGNOSTICS.name]):
             for status in message.status:
                 if status.name.endswith(name):
                     return status

@@ -38,7 +38,7 @@ class Onlooker:
         self.node = node
         self.solenoids = dict.fromkeys(names.CHANNELS, False)
         self.duty = 0.0
-        self.heard: list[str] = []
+        self.received: list[str] = []
         self.states: list[JamState] = []
         self.lines: dict[str, DiagnosticStatus] = {}
         for channel, topic in names.SOLENOIDS.items():
@@ -55,7 +55,7 @@ class Onlooker:
     def _on_solenoid(self, channel: str) -> Callable[[Bool], None]:
         def take(message: Bool) -> None:
             self.solenoids[channel] = message.data
-            self.heard.append(channel)
+            self.received.append(channel)
 
         return take
 

@@ -1,4 +1,4 @@
-"""A driver's node on a fake ankle, on real DDS: things fail behind it, and what it tells is heard."""
+"""A driver's node on a fake ankle, on real DDS: things fail behind it, and what it tells is received."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ class Ankle:
             elif ChannelJamState.UNJAMMED in states:
                 self.trigger(names.JAM_ALL)
             if states != {ChannelJamState.JAMMED} or self.fault.reason not in PASSING:
-                self.said.heard.clear()
-            return self.said.heard.count(ACHILLES) > STEADY_TICKS
+                self.said.received.clear()
+            return self.said.received.count(ACHILLES) > STEADY_TICKS
 
         self.graph.spin_until(jammed, TIMEOUT_S)
 

@@ -67,7 +67,7 @@ class Probe:
         self.node: Node = rclpy.create_node("probe", namespace=namespace, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.heard: dict[str, list[Any]] = defaultdict(list)
+        self.received: dict[str, list[Any]] = defaultdict(list)
         self._ticked_s: float | None = None
         self.node.create_subscription(Clock, CLOCK.name, self._take_tick, subscriber_qos(CLOCK))
 
@@ -80,12 +80,12 @@ class Probe:
         rclpy.shutdown(context=self.context)
 
     def listen(self, *topics: Topic) -> None:
-        """Keep every message of these topics in `heard`, by topic name."""
+        """Keep every message of these topics in `received`, by topic name."""
         for topic in topics:
             self.node.create_subscription(
                 interface(topic.message_type),
                 topic.name,
-                self.heard[topic.name].append,
+                self.received[topic.name].append,
                 subscriber_qos(topic),
             )
 
@@ -95,7 +95,7 @@ class Probe:
 
     def last(self, topic: Topic) -> Any:
         """Latest message of `topic`, or None."""
-        return self.heard[topic.name][-1] if self.heard[topic.name] else None
+        return self.received[topic.name][-1] if self.received[topic.name] else None
 
     def spin_until(self, holds: Callable[[], bool], what: str, timeout_s: float = TIMEOUT_S) -> None:
         """Serve callbacks until `holds()`; fail with the last messages if it never does."""
@@ -108,8 +108,8 @@ class Probe:
                 real_s = now_s
             simulated_s = ticked_s
             if waited_s > timeout_s or now_s - real_s > timeout_s:
-                last = {name: messages[-1] for name, messages in self.heard.items() if messages}
-                msg = f"gave up waiting until {what}; last heard: {last}"
+                last = {name: messages[-1] for name, messages in self.received.items() if messages}
+                msg = f"gave up waiting until {what}; last received: {last}"
                 raise AssertionError(msg)
             self.executor.spin_once(timeout_sec=0.05)
 
@@ -126,7 +126,7 @@ class Probe:
             self.node.destroy_client(client)
 
     def channel_states(self) -> dict[str, int]:
-        """State per channel as last heard on jam_state; empty if none was heard."""
+        """State per channel as last received on jam_state; empty if none was received."""
         state = self.last(JAM_STATE)
         return {channel.channel: channel.state for channel in state.channels} if state else {}
 
@@ -157,7 +157,7 @@ class Probe:
         def holds_jammed() -> bool:
             state = self.last(JAM_STATE)
             if state is not None and state.fault.reason == Fault.BOARD_LET_GO:
-                self.heard[JAM_STATE.name].clear()
+                self.received[JAM_STATE.name].clear()
                 self.call(JAM, channels=list(channels))
             return holds()
 

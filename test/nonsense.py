@@ -175,7 +175,7 @@ class Terminal:
             return b""
 
     def heard_something(self, timeout_s: float = 0.0) -> bool:
-        """Whether something is there to be heard."""
+        """Whether something is there to be received."""
         return bool(select.select([self.mine], [], [], timeout_s)[0])
 
     def lies_there(self) -> int:
@@ -215,13 +215,13 @@ class NonsenseBoard:
         self.terminal.close()
 
     def _run(self) -> None:
-        heard = b""
+        received = b""
         while not self._stop.is_set():
             if not self.terminal.heard_something(_LOOKS_S):
                 continue
-            heard = (heard + self.terminal.take())[-300:]
-            if is_whole(heard):
-                request, heard = heard, b""
+            received = (received + self.terminal.take())[-300:]
+            if is_whole(received):
+                request, received = received, b""
                 self._answer(request)
 
     def _answer(self, request: bytes) -> None:

@@ -93,9 +93,9 @@ def worst(scene: Scene) -> Fault:
 
 def rest(scene: Scene) -> None:
     """Wait until the driver has seen a second of what is."""
-    heard = scene.probe.heard[MANIFOLD_PRESSURE.name]
-    heard.clear()
-    scene.probe.spin_until(lambda: len(heard) > STEADY_READINGS, "a second of readings")
+    received = scene.probe.received[MANIFOLD_PRESSURE.name]
+    received.clear()
+    scene.probe.spin_until(lambda: len(received) > STEADY_READINGS, "a second of readings")
 
 
 def shake_until_reported(scene: Scene, broken: Broken) -> Fault:
@@ -129,14 +129,14 @@ def test_what_fails_behind_the_pins_is_reported_apart(scene: Scene, plant: Fault
             scene.probe.call(UNJAM_ALL)
             scene.probe.wait_for_channels(ChannelJamState.UNJAMMED)
         rest(scene)
-        scene.probe.heard[JAM_STATE.name].clear()
+        scene.probe.received[JAM_STATE.name].clear()
         scene.bench.longest_gap_s = 0.0
         broke_s = time.monotonic()
         plant.inject(broken.fault, broken.place, broken.size)
-        scene.probe.spin_until(lambda: scene.probe.last(JAM_STATE) is not None, "jam_state is heard")
+        scene.probe.spin_until(lambda: scene.probe.last(JAM_STATE) is not None, "jam_state is received")
         reported = shake_until_reported(scene, broken)
         sys.stdout.write(f"{name}: {scene.delay_s(broke_s, all_off):.2f} s, {reported.text}\n")
-        disturbed = {each.fault.reason for each in scene.probe.heard[JAM_STATE.name]} & BUSY
+        disturbed = {each.fault.reason for each in scene.probe.received[JAM_STATE.name]} & BUSY
         plant.heal()
         if reported.reason == broken.reason or not (disturbed or scene.bench.longest_gap_s > STOOD_STILL_S):
             break

@@ -136,28 +136,28 @@ def test_hold_keeps_tendons_connected_whatever_stops(make_scene: Callable[..., S
 def test_the_set_point_is_held_on_the_board(make_scene: Callable[..., Scene]) -> None:
     """Steady, each channel's own sensor reads within 1.5 kPa of the set point."""
     scene = make_scene()
-    heard = scene.probe.heard
+    received = scene.probe.received
     scene.probe.listen(*PRESSURES.values())
 
     def near() -> bool:
         return scene.manifold_pa() == pytest.approx(HELD_PA, abs=REGULATED_PA)
 
     def steady() -> bool:
-        return min(len(heard[topic.name]) for topic in PRESSURES.values()) >= STEADY_READINGS
+        return min(len(received[topic.name]) for topic in PRESSURES.values()) >= STEADY_READINGS
 
     for _ in range(5):
         scene.jam()
         scene.probe.spin_until(near, "drawn to the set point")
         began = len(scene.bench.edges)
         for topic in PRESSURES.values():
-            heard[topic.name].clear()
+            received[topic.name].clear()
         scene.probe.spin_until(steady, "a while of readings")
         # A machine so busy that the board lets go is not what is measured here.
         if all(edge.solenoids for edge in scene.bench.edges[began:]):
             break
     else:
         pytest.fail("the board let go five times")
-    errors_pa = [abs(each.fluid_pressure - HELD_PA) for topic in PRESSURES.values() for each in heard[topic.name]]
+    errors_pa = [abs(each.fluid_pressure - HELD_PA) for topic in PRESSURES.values() for each in received[topic.name]]
     assert sum(error_pa < REGULATED_PA for error_pa in errors_pa) > 0.95 * len(errors_pa)
 
 
@@ -251,7 +251,7 @@ def test_gauges_count_from_the_atmosphere_that_is_declared_now(
         """Return each row on the atmosphere that names this parameter, once channels have told it."""
         rows = [
             status
-            for message in probe.heard[DIAGNOSTICS.name]
+            for message in probe.received[DIAGNOSTICS.name]
             for status in message.status
             if status.name.endswith("driver: atmosphere")
         ]

@@ -29,7 +29,10 @@ def subsystems(probe: Probe) -> dict[str, SubsystemGap]:
 def lines(probe: Probe) -> list[DiagnosticStatus]:
     """Every line that the monitor has put on /diagnostics."""
     return [
-        line for array in probe.heard[DIAGNOSTICS.name] for line in array.status if f"{GAP_MONITOR_NODE}: " in line.name
+        line
+        for array in probe.received[DIAGNOSTICS.name]
+        for line in array.status
+        if f"{GAP_MONITOR_NODE}: " in line.name
     ]
 
 
@@ -58,9 +61,9 @@ def test_nothing_is_warned_of_without_an_effect(
     probe.wait_until_jammed()
     assert probe.call(RESET).success
     probe.wait_until_jammed()
-    since = len(probe.heard[SIMULATOR_GAP.name])
-    probe.spin_until(lambda: len(probe.heard[SIMULATOR_GAP.name]) > since + 4 * REPORTS, "all of it was followed")
-    said = [each for message in probe.heard[SIMULATOR_GAP.name] for each in message.subsystems]
+    since = len(probe.received[SIMULATOR_GAP.name])
+    probe.spin_until(lambda: len(probe.received[SIMULATOR_GAP.name]) > since + 4 * REPORTS, "all of it was followed")
+    said = [each for message in probe.received[SIMULATOR_GAP.name] for each in message.subsystems]
     assert SubsystemGap.WIDE not in {each.state for each in said}
     # On a busy machine not every report has everything to compare.
     compared = [each for each in said if math.isfinite(each.gap)]

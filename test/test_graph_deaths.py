@@ -84,19 +84,19 @@ class Witness:
 
     def line(self, name: str) -> Any:
         """The latest line of that name, `/node: about`."""
-        for array in reversed(self.probe.heard[DIAGNOSTICS.name]):
+        for array in reversed(self.probe.received[DIAGNOSTICS.name]):
             for status in array.status:
                 if status.name == name:
                     return status
         return None
 
     def missed(self, by: str, who: str) -> bool:
-        del self.probe.heard[DIAGNOSTICS.name][:-50]
+        del self.probe.received[DIAGNOSTICS.name][:-50]
         line = self.line(f"/{by}: nodes")
         return line is not None and f"{who} is dead" in line.message
 
     def clock_missed(self, by: str) -> bool:
-        del self.probe.heard[DIAGNOSTICS.name][:-50]
+        del self.probe.received[DIAGNOSTICS.name][:-50]
         line = self.line(f"/{by}: nodes")
         return line is not None and line.message.startswith("/clock has not ticked")
 
@@ -208,7 +208,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     assert probe.call(UNJAM_ALL).success
     probe.spin_until(lambda: not witness.energised(), "a held ankle is vented by ~/unjam_all")
     processes.start("controller", "use_sim_time:=true")
-    probe.heard[DIAGNOSTICS.name].clear()
+    probe.received[DIAGNOSTICS.name].clear()
     probe.spin_until(
         lambda: (line := witness.line("/driver: nodes")) is not None and "sim" in line.message,
         "the driver hears the simulation",

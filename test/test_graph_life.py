@@ -58,7 +58,9 @@ def test_the_first_session(domain_id: int, make_probe: Callable[..., Probe], tmp
     for words in (*CHANNELS, "unjamming", "achilles at 45000 Pa"):
         assert words in said, said
     assert (tmp_path / "up.log").read_text().endswith("jammkle: stopped\n")
-    probe.spin_until(lambda: all(probe.heard[topic.name] for topic in SOLENOIDS.values()), "the solenoids are heard")
+    probe.spin_until(
+        lambda: all(probe.received[topic.name] for topic in SOLENOIDS.values()), "the solenoids are received"
+    )
     probe.spin_until(lambda: not any(probe.last(topic).data for topic in SOLENOIDS.values()), "all solenoids released")
     probe.spin_until(lambda: probe.last(PUMP_DUTY).data == 0.0, "the pump is off")
 

@@ -58,7 +58,7 @@ def test_status_lists_every_node_every_time(graph: tuple[Up, Probe], begin: Call
 
 def lines_of(probe: Probe) -> set[str]:
     """Names of the lines on /diagnostics so far, `/node: about`."""
-    return {status.name for message in probe.heard[DIAGNOSTICS.name] for status in message.status}
+    return {status.name for message in probe.received[DIAGNOSTICS.name] for status in message.status}
 
 
 def node_of(line: str) -> str:
@@ -122,6 +122,6 @@ def test_a_vacuum_beyond_the_limit_is_bad_input(graph: tuple[Up, Probe], begin: 
 
 def commanded(probe: Probe) -> bool:
     """Whether the driver says from now on that a vacuum is commanded."""
-    before = len(probe.heard[JAM_STATE.name])
-    probe.spin_until(lambda: len(probe.heard[JAM_STATE.name]) > before, "the driver tells its state")
+    before = len(probe.received[JAM_STATE.name])
+    probe.spin_until(lambda: len(probe.received[JAM_STATE.name]) > before, "the driver tells its state")
     return any(channel.commanded_vacuum_pa > 0.0 for channel in probe.last(JAM_STATE).channels)

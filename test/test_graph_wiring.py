@@ -102,7 +102,7 @@ def test_who_joins_late_gets_what_is_latched(probe: Probe) -> None:
     latched = (SIM_PARAMETERS, JAM_STATE, *SOLENOIDS.values())
     with contextlib.closing(Probe(probe.context.get_domain_id())) as late:
         late.listen(*latched)
-        late.spin_until(lambda: all(late.heard[topic.name] for topic in latched), "everything latched has come")
+        late.spin_until(lambda: all(late.received[topic.name] for topic in latched), "everything latched has come")
         assert "slope_deg" in late.last(SIM_PARAMETERS).data
 
 
@@ -136,7 +136,7 @@ def test_two_ankles_live_side_by_side(
     right.listen(CLOCK, IMU, JAM_STATE)
     up = start("up", "--namespace", "rf_ankle", *left_alone)
     right.wait_until_up()
-    right.spin_until(lambda: bool(right.last(IMU)), "the second ankle's IMU is heard")
+    right.spin_until(lambda: bool(right.last(IMU)), "the second ankle's IMU is received")
     assert len(right.node.get_publishers_info_by_topic(CLOCK.name)) == 1
     assert "comes from /lf_ankle/sim" in up.text()
     assert abs(seconds(right.last(IMU).header.stamp) - seconds(right.last(CLOCK).clock)) < LATE_S / 2
@@ -151,8 +151,8 @@ def test_two_ankles_live_side_by_side(
 def test_the_clock_never_runs_backwards(probe: Probe) -> None:
     """Ticks rise strictly while the simulation runs, and do not fall in a reset."""
     probe.listen(CLOCK)
-    probe.spin_until(lambda: len(probe.heard[CLOCK.name]) > 200, "the clock ticked 200 times")
+    probe.spin_until(lambda: len(probe.received[CLOCK.name]) > 200, "the clock ticked 200 times")
     assert probe.call(RESET).success
-    probe.spin_until(lambda: len(probe.heard[CLOCK.name]) > 400, "the clock ticks on")
-    ticks_ns = [tick.clock.sec * 10**9 + tick.clock.nanosec for tick in probe.heard[CLOCK.name]]
+    probe.spin_until(lambda: len(probe.received[CLOCK.name]) > 400, "the clock ticks on")
+    ticks_ns = [tick.clock.sec * 10**9 + tick.clock.nanosec for tick in probe.received[CLOCK.name]]
     assert ticks_ns == sorted(set(ticks_ns))

@@ -124,7 +124,7 @@ def test_a_stack_around_one_ankle(run: Callable[..., subprocess.Popen[str]], pro
     probe.spin_until(
         lambda: any(
             line.name == wanted and line.message.startswith("JAMMED")
-            for array in probe.heard[DIAGNOSTICS.name]
+            for array in probe.received[DIAGNOSTICS.name]
             for line in array.status
         ),
         "/diagnostics says JAMMED in words",
@@ -143,14 +143,18 @@ def test_the_controller_hears_an_imu_of_another_name(
     probe.spin_until(lambda: probe.node.count_subscribers("/trunk/imu") == 1, "the controller hears the trunk's IMU")
     assert probe.node.count_subscribers(f"{NAMESPACE}/imu/data") == 0
     events = probe.publisher(CONTACT_EVENTS)
-    probe.spin_until(lambda: events.get_subscription_count() > 0, "the events are heard")
+    probe.spin_until(lambda: events.get_subscription_count() > 0, "the events are received")
     for kind, contact in ((ContactEvent.IMPACT, True), (ContactEvent.LIFTOFF, False)):
         events.publish(ContactEvent(type=kind))
         late = make_probe(NAMESPACE)
-        heard: list[bool] = []
+        received: list[bool] = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        late.node.create_subscription(Bool, "contact", lambda message, heard=heard: heard.append(message.data), latched)
-        late.spin_until(lambda heard=heard, contact=contact: heard[-1:] == [contact], "the latched state is heard")
+        late.node.create_subscription(
+            Bool, "contact", lambda message, received=received: received.append(message.data), latched
+        )
+        late.spin_until(
+            lambda received=received, contact=contact: received[-1:] == [contact], "the latched state is received"
+        )
     foot.terminate()
     assert foot.wait(timeout=30) == 0
 
@@ -173,19 +177,19 @@ def test_the_load_on_a_foot_is_estimated(run: Callable[..., Any], make_probe: Ca
     probe = make_probe("/")
     imu = probe.node.create_publisher(Imu, "/imu/data", 10)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    heard: dict[str, list[WrenchStamped]] = {"left": [], "right": []}
+    received: dict[str, list[WrenchStamped]] = {"left": [], "right": []}
     contacts = {}
-    for foot, messages in heard.items():
+    for foot, messages in received.items():
         probe.node.create_subscription(WrenchStamped, f"/{foot}/foot_load", messages.append, 10)
         contacts[foot] = probe.node.create_publisher(Bool, f"/{foot}/contact", latched)
-    probe.spin_until(lambda: imu.get_subscription_count() > 0, "the IMU is heard")
+    probe.spin_until(lambda: imu.get_subscription_count() > 0, "the IMU is received")
     sample = Imu()
     sample.header.frame_id = "trunk"
     sample.linear_acceleration.x, sample.linear_acceleration.z = 1.0, 10.0
 
     def told() -> list[tuple[float, float]]:
         imu.publish(sample)
-        forces = [each[-1].wrench.force for each in heard.values() if each]
+        forces = [each[-1].wrench.force for each in received.values() if each]
         return [(force.x, force.z) for force in forces]
 
     for left, right, expected in ((True, True, [(2.0, 20.0), (2.0, 20.0)]), (False, True, [(0.0, 0.0), (4.0, 40.0)])):
@@ -193,7 +197,7 @@ def test_the_load_on_a_foot_is_estimated(run: Callable[..., Any], make_probe: Ca
         for foot, stands in (("left", left), ("right", right)):
             contacts[foot].publish(Bool(data=stands))
         probe.spin_until(lambda expected=expected: told() == expected, f"the loads are {expected}")
-    assert heard["right"][-1].header.frame_id == "trunk"
+    assert received["right"][-1].header.frame_id == "trunk"
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def ask_for_jams(probe: Probe) -> None:
 
 def reports(probe: Probe) -> str:
     """Return what was last reported of lockstep."""
-    for array in reversed(probe.heard[DIAGNOSTICS.name]):
+    for array in reversed(probe.received[DIAGNOSTICS.name]):
         for status in array.status:
             if status.name == "/sim: lockstep":
                 return str(status.message)
@@ -214,7 +214,7 @@ def test_a_simulation_that_is_started_anew_is_taken_up(processes: Processes, mak
     probe.wait_for_channels(ChannelJamState.JAMMED)
     processes.send("sim", signal.SIGKILL)
     processes.start("sim")
-    probe.heard[CLOCK.name].clear()
+    probe.received[CLOCK.name].clear()
     probe.spin_until(lambda: 0.0 < simulated_s(probe) < 1.0, "time has begun anew")
     probe.spin_until(lambda: simulated_s(probe) > 2.5, "it goes on")
     probe.wait_for_channels(ChannelJamState.JAMMED)

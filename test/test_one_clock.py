@@ -32,7 +32,7 @@ def test_two_simulations_that_make_the_clock_both_warn(processes: Processes, mak
     probe.listen(DIAGNOSTICS)
 
     def warned(name: str) -> bool:
-        reports = (status for array in probe.heard[DIAGNOSTICS.name] for status in array.status)
+        reports = (status for array in probe.received[DIAGNOSTICS.name] for status in array.status)
         latest = [status for status in reports if status.name == f"/{name}/sim: simulation"][-1:]
         return any("/clock is made by 2 simulations: stop the others" in status.message for status in latest)
 
@@ -84,7 +84,7 @@ def test_a_pause_beside_anothers_clock_is_no_fault(processes: Processes, make_pr
 
 def in_step(probe: Probe) -> set[str]:
     """Return the nodes that a simulation is waiting for, or has been."""
-    statuses = (status for array in probe.heard[DIAGNOSTICS.name] for status in array.status)
+    statuses = (status for array in probe.received[DIAGNOSTICS.name] for status in array.status)
     return {value.key for status in statuses if status.name.endswith(LOCKSTEP_LINE) for value in status.values}
 
 

@@ -181,10 +181,10 @@ def clock_ns(probe: Probe) -> int:
 
 def ticks(probe: Probe) -> int:
     """How often /clock is received in some 0.4 s."""
-    before = len(probe.heard[CLOCK.name])
+    before = len(probe.received[CLOCK.name])
     for _ in range(20):
         probe.executor.spin_once(timeout_sec=0.02)
-    return len(probe.heard[CLOCK.name]) - before
+    return len(probe.received[CLOCK.name]) - before
 
 
 def state_of(probe: Probe, channel: str) -> int:

@@ -54,14 +54,14 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     for ankle, probe in probes.items():
         probe.listen(JAM_STATE, *SENSORS)
         probe.wait_until_up()
-        probe.spin_until(lambda probe=probe: all(probe.last(topic) for topic in SENSORS), "every sensor is heard")
+        probe.spin_until(lambda probe=probe: all(probe.last(topic) for topic in SENSORS), "every sensor is received")
         assert probe.last(IMU).header.frame_id == f"{ankle}/imu"
         assert probe.last(PRESSURES[ACHILLES]).header.frame_id == f"{ankle}/achilles"
         assert {"ankle_pitch", "hip", "knee", "abduction"} <= set(probe.last(JOINT_STATES).name)
     whole = make_probe()
     whole.listen(ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES, CLOCK)
     parts = (ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES)
-    whole.spin_until(lambda: all(whole.last(topic) for topic in parts), "the whole robot is heard")
+    whole.spin_until(lambda: all(whole.last(topic) for topic in parts), "the whole robot is received")
     tree = ET.fromstring(whole.last(ROBOT_DESCRIPTION).data)  # noqa: S314 - our own
     moving = {joint.attrib["name"] for joint in tree.findall("joint") if joint.attrib["type"] != "fixed"}
     assert set(whole.last(JOINT_STATES).name) == moving
@@ -74,9 +74,9 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     for probe in probes.values():
         probe.wait_until_jammed()
     assert len(probes["lf_ankle"].node.get_publishers_info_by_topic(CLOCK.name)) == 1
-    whole.heard[CLOCK.name].clear()
-    whole.spin_until(lambda: len(whole.heard[CLOCK.name]) > TICKS, "the clock ticks")
-    ticks_s = [tick.clock.sec + 1e-9 * tick.clock.nanosec for tick in whole.heard[CLOCK.name]]
+    whole.received[CLOCK.name].clear()
+    whole.spin_until(lambda: len(whole.received[CLOCK.name]) > TICKS, "the clock ticks")
+    ticks_s = [tick.clock.sec + 1e-9 * tick.clock.nanosec for tick in whole.received[CLOCK.name]]
     assert min(after - before for before, after in pairwise(ticks_s)) == pytest.approx(0.004)  # for nine nodes
     status = start("status", "--json", str(tmp_path / "status.json"))
     assert status.wait() == 0
@@ -101,7 +101,7 @@ def test_a_quadruped_stands_jams_and_is_recorded(
 
 def nodes_line(probe: Probe, of: str) -> DiagnosticStatus:
     """Return whom a node last said that it hears."""
-    lines = [line for array in probe.heard[DIAGNOSTICS.name] for line in array.status if line.name == f"{of}: nodes"]
+    lines = [line for array in probe.received[DIAGNOSTICS.name] for line in array.status if line.name == f"{of}: nodes"]
     return lines[-1] if lines else DiagnosticStatus()
 
 
@@ -142,7 +142,7 @@ def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
     probe.wait_until_up()
 
     def inputs() -> set[str]:
-        lines = [status for each in probe.heard[DIAGNOSTICS.name] for status in each.status]
+        lines = [status for each in probe.received[DIAGNOSTICS.name] for status in each.status]
         told = [line.message for line in lines if line.name.endswith("controller: inputs")]
         return set(told[-1].removeprefix("beside the IMU: ").split(", ")) if told else set()
 
@@ -160,9 +160,10 @@ def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
 
     probe.spin_until(is_jammed_ahead, "it is jammed ahead of a touch-down")
     probe.spin_until(
-        lambda: {each.data for each in probe.heard[PLANNED_CONTACT.name]} == {True, False}, "stance and swing are told"
+        lambda: {each.data for each in probe.received[PLANNED_CONTACT.name]} == {True, False},
+        "stance and swing are told",
     )
-    phases = [each.data for each in probe.heard[GAIT_PHASE.name]]
+    phases = [each.data for each in probe.received[GAIT_PHASE.name]]
     assert all(0.0 <= phase < 1.0 for phase in phases)
     rises = sorted(after - before for before, after in pairwise(phases) if after > before)
     assert rises[len(rises) // 2] == pytest.approx(0.02, abs=0.001)  # 10 ms of 0.5 s

@@ -70,16 +70,16 @@ def test_the_page_shows_the_robot_and_hands_on_what_is_clicked(
 
 def carriage_m(probe: Probe) -> float:
     """Height that joint_states tells now."""
-    before = len(probe.heard[JOINT_STATES.name])
-    probe.spin_until(lambda: len(probe.heard[JOINT_STATES.name]) > before, "joint_states are heard")
+    before = len(probe.received[JOINT_STATES.name])
+    probe.spin_until(lambda: len(probe.received[JOINT_STATES.name]) > before, "joint_states are received")
     message = probe.last(JOINT_STATES)
     return float(dict(zip(message.name, message.position, strict=True))[CARRIAGE_JOINT])
 
 
 def has_jammed(probe: Probe, channel: str) -> bool:
     """Whether the driver has ever said so: a machine too busy to simulate in time may be let go again."""
-    heard = (each for message in probe.heard[JAM_STATE.name] for each in message.channels)
-    return any(each.channel == channel and each.state == ChannelJamState.JAMMED for each in heard)
+    received = (each for message in probe.received[JAM_STATE.name] for each in message.channels)
+    return any(each.channel == channel and each.state == ChannelJamState.JAMMED for each in received)
 
 
 def near(one_m: float | None, other_m: float) -> bool:

@@ -327,7 +327,7 @@ class FakeBoard:
             self._drive(command, late_s)
 
     def advance(self, duration_s: float) -> None:
-        """Let time pass, and let go once nothing was heard for `WATCHDOG_S`."""
+        """Let time pass, and let go once no command came for `WATCHDOG_S`."""
         for _ in range(round(duration_s / STEP_S)):
             self.plant.advance(STEP_S)
             self._silent_s += STEP_S

@@ -275,7 +275,7 @@ class BoardBench:
         return max(to_s, last_s)
 
     def _take(self, line: str, last_s: float) -> float:
-        """Let outputs act from when they changed, however late that is heard; return the time of the plant."""
+        """Let outputs act from when they changed, however late that is known; return the time of the plant."""
         kind, *numbers = line.split()
         board_s = float(numbers[-1]) / _MICROSECONDS
         if kind != "out":

@@ -181,14 +181,14 @@ def time_message(time_ns: int) -> Time:
 def actuator_states(
     time_ns: int, duty: float, energised: Mapping[str, bool], restarts: int, *, host_silent: bool, paused: bool
 ) -> ActuatorStates:
-    """Return what pump, 0 to 1, and solenoids, by channel, are told from a simulated time, ns, on.
+    """Return what pump, 0 to 1, and solenoids, by channel, are commanded from a simulated time, ns, on.
 
     Args:
         time_ns: Simulated time, ns.
         duty: Of the pump, 0 to 1.
         energised: Per channel.
         restarts: How often the simulated plant was put back to its start.
-        host_silent: Whether the simulated board has let go, as it had not heard the driver.
+        host_silent: Whether the simulated board has let go, as no command of the driver came.
         paused: Whether the plant stands still although the clock may go on.
 
     """

@@ -40,7 +40,7 @@ class RunParameters:
     start_paused: bool = parameter(default=False, description="Wait for ~/set_paused or ~/step after the start")
     start_time_s: float = parameter(
         0.0,
-        "Simulated time at the start; `jammkle up` sets it to the /clock it hears when another ankle makes the clock",
+        "Simulated time at the start; `jammkle up` sets it to the /clock it finds when another ankle makes the clock",
         "s",
         0.0,
         1e9,

@@ -158,7 +158,9 @@ def _tendon_health(ankle: str, broken: Sequence[str]) -> Health:
 def _command_health(ankle: _OnGraph) -> Health:
     about = f"{ankle.name}{COMMANDS_LINE}".strip()
     if ankle.commands.let_go:
-        message = f"no command for {WATCHDOG_S:g} s while something was on: everything released, until told to release"
+        message = (
+            f"no command for {WATCHDOG_S:g} s while something was on: everything released, until a release is commanded"
+        )
         return Health(about, Level.ERROR, message)
     if ankle.commands.refused:
         return Health(about, Level.WARN, ankle.commands.refused)

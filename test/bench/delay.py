@@ -162,7 +162,7 @@ class Stimulus(Probe):
 
     def reported(self, kind: int) -> int:
         """How many events of a kind were reported."""
-        return sum(event.type == kind for event in self.heard[CONTACT_EVENTS.name])
+        return sum(event.type == kind for event in self.received[CONTACT_EVENTS.name])
 
     def feel(self, force_m_s2: float, lasts_s: float) -> None:
         """Send samples of one specific force for so long."""

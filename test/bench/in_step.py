@@ -85,13 +85,13 @@ def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
             probe.spin_until(lambda: _time_s(probe) > 2.0, "it has landed")
             steering = [each for each in up.children() if any(name in each.cmdline() for name in STEERING)]
             before_s, begin_s, core_s = _time_s(probe), time.perf_counter(), sum(map(_core_s, steering))
-            ticks = len(probe.heard[CLOCK.name])
+            ticks = len(probe.received[CLOCK.name])
             end_s = begin_s + MEASURED_S
             probe.spin_until(lambda: time.perf_counter() > end_s, "it was measured", timeout_s=100.0 * MEASURED_S)
             passed_s, simulated_s = time.perf_counter() - begin_s, _time_s(probe) - before_s
             used_s = sum(map(_core_s, steering)) - core_s
-            heard = max(len(probe.heard[CLOCK.name]) - ticks, 1)
-            return simulated_s / passed_s, used_s / simulated_s, 1e3 * passed_s / heard, _way_ms(probe)
+            received = max(len(probe.received[CLOCK.name]) - ticks, 1)
+            return simulated_s / passed_s, used_s / simulated_s, 1e3 * passed_s / received, _way_ms(probe)
         finally:
             probe.close()
             up.stop()
@@ -99,8 +99,8 @@ def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
 
 def _way_ms(probe: Probe) -> float:
     """Return the simulated time from the first event to the first change of a solenoid after it."""
-    event_s = _stamp_s(probe.heard[CONTACT_EVENTS.name][0])
-    after = (_stamp_s(each) for each in probe.heard[ACTUATOR_STATES.name] if any(each.energised))
+    event_s = _stamp_s(probe.received[CONTACT_EVENTS.name][0])
+    after = (_stamp_s(each) for each in probe.received[ACTUATOR_STATES.name] if any(each.energised))
     return 1e3 * (next(at_s for at_s in after if at_s >= event_s) - event_s)
 
 

@@ -133,8 +133,8 @@ def real_time_factor(probe: Probe, meanwhile: Callable[[float], None], settle_s:
 
 def _clock_s(probe: Probe) -> float:
     """Simulated time now."""
-    heard: list[Clock] = []
-    subscription = probe.node.create_subscription(Clock, CLOCK.name, heard.append, subscriber_qos(CLOCK))
-    probe.spin_until(lambda: bool(heard), "/clock ticks")
+    received: list[Clock] = []
+    subscription = probe.node.create_subscription(Clock, CLOCK.name, received.append, subscriber_qos(CLOCK))
+    probe.spin_until(lambda: bool(received), "/clock ticks")
     probe.node.destroy_subscription(subscription)
-    return heard[-1].clock.sec + 1e-9 * heard[-1].clock.nanosec
+    return received[-1].clock.sec + 1e-9 * received[-1].clock.nanosec

@@ -437,14 +437,14 @@ class FilterBank:
 
         At the atmosphere a converter may be at the end of its range, and a healthy reading then repeats, too.
         """
-        heard = np.isfinite(readings_pa)
-        same = heard & (readings_pa == self._last_pa)
-        changed = heard & ~same
+        valid = np.isfinite(readings_pa)
+        same = valid & (readings_pa == self._last_pa)
+        changed = valid & ~same
         self._longest_run = np.where(changed, np.maximum(self._longest_run, self._run), self._longest_run)
         self._changes += changed
         self.changes_while_stuck += (self._tables.stuck & changed).any(axis=1)
         self._run = np.where(changed, 0.0, self._run + same)
-        self._last_pa = np.where(heard, readings_pa, self._last_pa)
+        self._last_pa = np.where(valid, readings_pa, self._last_pa)
         news = (
             same
             & (self._changes >= KNOWN_AFTER)
@@ -463,11 +463,11 @@ class FilterBank:
 
     def _begin(self, readings_pa: Array, ambient_pa: float) -> None:
         volumes = self._layout.volumes
-        heard = np.isfinite(readings_pa)
-        self._state[:, :volumes] = np.where(heard, readings_pa, ambient_pa)
+        valid = np.isfinite(readings_pa)
+        self._state[:, :volumes] = np.where(valid, readings_pa, ambient_pa)
         self._held_pa[:] = self._state[:, :volumes]
         index = self._every[:volumes]
-        self._covariance[:, index, index] = np.where(heard, self._spread.offset_pa, self.scoring.unknown_pa) ** 2
+        self._covariance[:, index, index] = np.where(valid, self._spread.offset_pa, self.scoring.unknown_pa) ** 2
         self._fresh = False
 
     def _begin_again(self) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.features import Alignment, Layout
 
     Progress = Callable[[str, float], None]
-    """Told what is being done, and the share of it that is done, 0 to 1."""
+    """Takes what is being done, and the share of it that is done, 0 to 1."""
     Stop = Callable[[], bool]
     """Asked after every run; True ends the work. One with `at_once` (`StopRequest`) ends a run in its middle, too."""
 
@@ -144,7 +144,7 @@ class Runner:
         Args:
             problem: Its simulator and alignment.
             jobs: Runs at a time, as joblib counts; -1: one per core.
-            progress: Told of long work.
+            progress: Takes reports of long work.
             stop: Asked after every run.
 
         """

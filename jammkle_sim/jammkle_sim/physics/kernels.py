@@ -262,7 +262,7 @@ def pneumatic_history(law: Any, state: Any, steps: int, pressure_pa: Any) -> Non
 
 @compiled
 def air_history(law: Any, state: Any, duty: Any, drawing: Any, pressure_pa: Any) -> None:
-    """Advance the air by one time step per row, pump and valves being told what they do in each.
+    """Advance the air by one time step per row, with what pump and valves do in each.
 
     Args:
         law: Array of one PNEUMATIC_LAW record; its dead time is not used.

@@ -65,7 +65,7 @@ class Timeline:
 
 
 def valve_timeline(command: Timeline, dead_time_s: float, timestep_s: float) -> Timeline:
-    """Return when a solenoid moves, 1 for energised, from what it is told.
+    """Return when a solenoid moves, 1 for energised, from its commands.
 
     It follows its command after the dead time, counted as the simulation's steps count it; a command taken back before
     that has no effect. Without steps it would be: after `dead_time_s` less one time step.
@@ -200,7 +200,7 @@ class _SetDrive:
 
 @dataclass(frozen=True)
 class CommandTrack:
-    """What pump and solenoids were told, since the start of the rig."""
+    """What pump and solenoids were commanded, since the start of the rig."""
 
     duty: Timeline
     """0 to 1."""
@@ -261,7 +261,7 @@ def air(
 
     Args:
         rig: Whose air.
-        commands: What it is told.
+        commands: Of pump and solenoids.
         steps: Time steps.
         start_pa: Absolute pressures at the start, shape (VOLUMES,), Pa; without, all are vented.
 

@@ -30,7 +30,7 @@ class VacuumStep:
 
 @dataclass(frozen=True)
 class Commands:
-    """What pump and solenoids are told."""
+    """What pump and solenoids are commanded."""
 
     pump_duty: float
     """0 to 1."""
