@@ -294,41 +294,6 @@ def test_a_constant_that_cannot_be_simulated_is_stepped_around() -> None:
     assert np.isfinite(found.references_left)
 
 
-@pytest.mark.parametrize(("count", "said"), [(0, "has no reference"), (1, "has one reference"), (2, "")])
-def test_the_cost_of_few_references_is_said(count: int, said: str) -> None:
-    """With two or more there is nothing to say."""
-    made = machine(20)
-    found = diagnose(made.record(2), PROBLEM, references=made.record(count), jobs=1)
-    mentioned = [note for note in found.notes if "reference" in note and "record 5" in note]
-    assert len(mentioned) == (2 if said else 0)
-    assert all(said in note for note in mentioned)
-
-
-def test_references_of_two_machines_are_doubted() -> None:
-    """Three of a healthy machine and two that rub: said, not refused. One machine's are never doubted here."""
-    for seed in range(8):
-        made = machine(seed)
-        assert not doubts(diagnose(made.record(2), PROBLEM, references=made.record(5), jobs=1).notes)
-    made = machine(21)
-    mixed = [*made.record(3), *made.record(2, {"rubbing.torque": 0.1})]
-    notes = doubts(diagnose(made.record(3), PROBLEM, references=mixed, jobs=1).notes)
-    assert notes
-    assert all("two groups" in note for note in notes)
-
-
-def test_references_of_a_faulty_machine_are_doubted() -> None:
-    """The simulator agrees with the recordings in question, and not with what should be healthy."""
-    made = machine(22)
-    faulty = made.record(5, {"rubbing.torque": 0.15})
-    (note,) = doubts(diagnose(made.record(3), PROBLEM, references=faulty, jobs=1).notes)
-    assert "far better than with the references" in note
-
-
-def doubts(notes: tuple[str, ...]) -> list[str]:
-    """Return what was said of other machines."""
-    return [note for note in notes if "another machine" in note]
-
-
 def test_effects_of_sensors_act_on_what_was_measured() -> None:
     """An encoder that is turned on its shaft is found however wrong the simulator is."""
 

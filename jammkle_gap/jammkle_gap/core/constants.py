@@ -95,11 +95,3 @@ class Constants:
     """Probability that the set holds."""
     class_distance: float = 0.05
     """Share of a signature's squared length that another effect leaves, below which the two are equivalent."""
-
-    # Notes on references.
-    divided_rate: float = 0.001
-    """Probability of telling two groups in references of one machine, per diagnosis. Chosen: a note that is wrong once
-    in a thousand is read."""
-    foreign_ratio: float = 4.0
-    """Squares that references leave, in those that the recordings in question leave, above which they are doubted.
-    Chosen: healthy runs differ by 0.15 in the logarithm (`length_spread`), nine times less."""
