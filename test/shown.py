@@ -34,7 +34,6 @@ ELSEWHERE: dict[str, str] = {
     r"(\.venv/bin/)?jammkle demo": _LANDING,
     r"jammkle record -o runs/(my_bag|quadruped)$": "jammkle_bringup/test/test_bringup_recorder.py",
     r"jammkle recover": "jammkle_bringup/test/test_bringup_recovery.py",
-    r"python -m studies\.paper\.printed_constants": "studies/paper/test/test_printed_constants.py",
     r"jammkle gap diagnose runs/leaking": _DIAGNOSIS,
     r"jammkle hardware check": _CHECK,
     r"(.*--hardware modbus --port|.*python -m jammkle_sim.board_bench)": _BOARD,
