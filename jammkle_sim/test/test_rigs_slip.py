@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_common.parameters import ParameterError, from_mapping, rows
+from jammkle_common.parameters import ParameterError, from_mapping, in_si, parameter_of, rows
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs import slip
 from jammkle_sim.rigs.catalogue import run_rig, scattered
@@ -32,10 +32,16 @@ def push(repeat: int | None = None, **values: object) -> RigRun:
     return run_rig("slip", options, lambda _: None, lambda: False)
 
 
+ADVICE = r"([a-z][a-z-]*) of (\d[\d.]*)"
+
+
 def advised(line: str) -> list[dict[str, float]]:
     """Every way out that an error names, as options."""
-    ways = line.split(": give ")[1].split(" or parameter")
-    return [{name: float(value) for name, value in re.findall(r"'(\w+)' of (\d[\d.]*)", way)} for way in ways]
+    ways = line.split(": give ")[1].split(" or --")
+    return [
+        {parameter_of(name): in_si(parameter_of(name), float(value)) for name, value in re.findall(ADVICE, way)}
+        for way in ways
+    ]
 
 
 @pytest.mark.parametrize("repeat", [0, 1])
@@ -109,7 +115,7 @@ def test_leg_hangs_still_until_it_touches() -> None:
 def test_friction_that_wedges_is_refused_with_its_limit() -> None:
     """The line names the friction, the limit and the way out, and the option's own help the limit."""
     with pytest.raises(
-        ParameterError, match=r"'edge_friction' is 0.6; the rigid foot wedges from 0.433 on .*'edge_friction' of 0.31"
+        ParameterError, match=r"'edge_friction' is 0.6; the rigid foot wedges from 0.433 on .*--edge-friction of 0.31"
     ):
         push(foot="rigid_ankle", edge_friction=0.6)
     (row,) = (row for row in rows(SlipOptions) if row.name == "edge_friction")
