@@ -84,7 +84,7 @@ def toml(value: Any) -> str:
 
 def command_tree(folder: Path) -> None:
     """Lay out the source tree of `jammkle`: every package, the definitions of its messages, and its description."""
-    for kind in ("msg", "srv", "action"):
+    for kind in ("msg", "srv"):
         copied(ROOT / INTERFACES / kind, folder / COMMON / "share" / INTERFACES / kind)
     packages: list[str] = []
     package_data: dict[str, list[str]] = {}

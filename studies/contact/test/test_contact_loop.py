@@ -43,7 +43,7 @@ STATE_PERIOD_NS = 10_000_000
 def land(duration_s: float = 2.5) -> tuple[AnkleLoop, list[ImuSample]]:
     """Drop the landing rig with controller and driver around it; return them and what the IMU read."""
     simulation = landing_simulation(LandingOptions(release_time_s=0.5))
-    loop = AnkleLoop(simulation, ControllerParameters())
+    loop = AnkleLoop(simulation.ankle, ControllerParameters())
     samples = []
     for _ in range(round(duration_s * 500)):
         simulation.advance(round(0.002 / simulation.timestep_s))
@@ -182,8 +182,9 @@ def test_efforts_report_every_step_of_a_leg_on_any_mount() -> None:
             received.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
         received.append(Received(time_ns, loop.step(sample.time_s)))
         stands.append(ankle.foot.stands)
-    heard_again = [each for each in received if each.what is not Input.JOINTS]
-    assert [event for event in replay(heard_again, parameters).events if event.source is Source.EFFORTS] == [
+    received_again = [each for each in received if each.what is not Input.JOINTS]
+    again = replay(received_again, parameters, leg_of_robot("leg"))
+    assert [event for event in again.events if event.source is Source.EFFORTS] == [
         event for event in loop.events if event.source is Source.EFFORTS
     ]
     assert np.median(errors_n) < 5.0
