@@ -27,7 +27,7 @@ echo "without ROS: command, rigs and the diagnosis work"
 "$PYTHON" -m venv graph
 graph/bin/pip install --quiet --disable-pip-version-check --find-links "$dist" "jammkle[ros,view,foxglove]"
 export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID="${ROS_DOMAIN_ID:-99}"
-graph/bin/jammkle up --view --foxglove --foxglove-port 0 > up.log 2>&1 &
+graph/bin/jammkle up --view --foxglove -p foxglove:port:=0 > up.log 2>&1 &
 up=$!
 until grep -q "jammkle: up" up.log; do kill -0 "$up" || { cat up.log; exit 1; }; sleep 1; done
 graph/bin/jammkle unjam
