@@ -177,14 +177,14 @@ class Scene:
 
     def stream_jam(self) -> float:
         """Jam everything by a stream of commands; return when its last message left, s."""
-        wish = JamCommand(channels=[ChannelJamCommand(channel=name, vacuum_pa=HELD_VACUUM_PA) for name in CHANNELS])
+        command = JamCommand(channels=[ChannelJamCommand(channel=name, vacuum_pa=HELD_VACUUM_PA) for name in CHANNELS])
         end_s = time.monotonic() + TIMEOUT_S
         sent_s = 0.0
         while not (self.channels_in(ChannelJamState.JAMMED) and self.all_on()):
             assert time.monotonic() < end_s, self.probe.channel_states()
             if self.in_fault():
                 self.clear()
-            self.stream.publish(wish)
+            self.stream.publish(command)
             sent_s = time.monotonic()
             self.probe.executor.spin_once(timeout_sec=STREAM_PERIOD_S)
         return sent_s

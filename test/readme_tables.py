@@ -134,7 +134,7 @@ def tables() -> dict[str, str]:
         )
     made["states of the policy"] = table(
         ("state", "tendons", "meaning"),
-        [(state.value, wish.value, MEANINGS[state]) for state, wish in SET_POINTS.items()],
+        [(state.value, set_point.value, MEANINGS[state]) for state, set_point in SET_POINTS.items()],
     )
     made["transitions of the policy"] = table(
         ("from", "on", "to"),

@@ -1,4 +1,4 @@
-"""One /clock on a graph: who makes a second one hears of it, or is refused, or lives in the first one's time."""
+"""One /clock on a graph: who makes a second one is warned, or is refused, or lives in the first one's time."""
 
 from __future__ import annotations
 

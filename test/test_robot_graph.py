@@ -161,7 +161,7 @@ def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
     probe.spin_until(is_jammed_ahead, "it is jammed ahead of a touch-down")
     probe.spin_until(
         lambda: {each.data for each in probe.received[PLANNED_CONTACT.name]} == {True, False},
-        "stance and swing are told",
+        "stance and swing are published",
     )
     phases = [each.data for each in probe.received[GAIT_PHASE.name]]
     assert all(0.0 <= phase < 1.0 for phase in phases)

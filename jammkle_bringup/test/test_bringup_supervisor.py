@@ -108,8 +108,7 @@ def test_a_death_does_not_quote_what_was_said_long_before(monkeypatch: pytest.Mo
     steady_s = time.monotonic
     monkeypatch.setattr(supervisor_module.time, "monotonic", lambda: steady_s() + passed_s[0])
     with Supervisor([spec("driver", OBEDIENT)], lines.take) as supervisor:
-        while not lines.ready("driver"):
-            time.sleep(0.01)
+        wait_until(lambda: lines.ready("driver"), "it is ready")
         passed_s[0] = 3600.0
         os.kill(supervisor.process_ids()["driver"], signal.SIGKILL)
         death = None
