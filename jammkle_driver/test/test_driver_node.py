@@ -101,9 +101,9 @@ def test_signs_of_life_go_on_while_nothing_changes(graph: Graph) -> None:
     diagnostics: list[DiagnosticArray] = []
     topic = names.DIAGNOSTICS
     graph.node.create_subscription(DiagnosticArray, topic.name, diagnostics.append, subscriber_qos(topic))
-    graph.ankle.heard.clear()
+    graph.ankle.received.clear()
     states = len(graph.ankle.states)
-    graph.spin_until(lambda: all(graph.ankle.heard.count(channel) > 10 for channel in names.CHANNELS))
+    graph.spin_until(lambda: all(graph.ankle.received.count(channel) > 10 for channel in names.CHANNELS))
     graph.spin_until(lambda: len(graph.ankle.states) > states + 1 and len(diagnostics) > 1)
     assert graph.ankle.all_in(ChannelJamState.UNJAMMED)
 
