@@ -64,13 +64,18 @@ def fits(difference: Difference) -> list[Fit]:
     return found
 
 
+def squared(difference: Difference) -> float:
+    """Return the squared length of a difference."""
+    return float(difference.whitened @ difference.whitened)
+
+
 def test_false_alarms_are_as_rare_as_stated() -> None:
     """Of 300 healthy machines no more than a binomial chance of one in a thousand allows."""
     random = np.random.default_rng(21)
     alarms = 0
     for _ in range(300):
         difference = whitened(random)
-        alarms += detect(difference, fits(difference), CONSTANTS).gap
+        alarms += detect(difference, squared(difference), fits(difference), CONSTANTS).gap
     assert alarms <= stats.binom.ppf(0.999, 300, CONSTANTS.false_alarm_rate)
 
 
@@ -80,7 +85,7 @@ def test_power_grows_with_the_size_of_the_gap() -> None:
     for gap in (1.0, 5.0, 9.0, 20.0):
         random = np.random.default_rng(22)
         cases = [whitened(random, gap) for _ in range(40)]
-        power.append(np.mean([detect(each, fits(each), CONSTANTS).gap for each in cases]))
+        power.append(np.mean([detect(each, squared(each), fits(each), CONSTANTS).gap for each in cases]))
     assert power == sorted(power)
     assert power[0] < 0.1
     assert power[-1] > 0.95
@@ -90,7 +95,7 @@ def test_a_gap_that_no_effect_explains_is_seen_altogether() -> None:
     """Noise of twice the size everywhere, along no signature in particular."""
     difference = whitened(np.random.default_rng(23))
     doubled = replace(difference, whitened=2.0 * difference.whitened)
-    found = detect(doubled, fits(doubled), CONSTANTS)
+    found = detect(doubled, squared(doubled), fits(doubled), CONSTANTS)
     assert found.gap
     assert found.effect == ""
     assert found.ratio == pytest.approx(4.0, rel=0.4)
@@ -247,7 +252,7 @@ def test_the_simulators_own_error_leaves_scatter_and_constants_their_priors() ->
         nothing = Fit(
             ("nothing",), {"nothing.p": 0.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(map(np.zeros, sizes))
         )
-        return own.scores([fit, nothing], 1)[1:]
+        return own.scores(nothing, [fit, nothing], 1)[1:]
 
     for error in (0.0, 300.0):
         typical, beyond = (np.subtract(*scores(height, error)) for height in (10.0, 60.0))
@@ -271,7 +276,9 @@ def test_the_simulators_own_error_hides_no_effect_elsewhere_and_is_none_itself()
     def explaining(features: list[np.ndarray]) -> Fit:
         return Fit(("e",), {"e.p": 1.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(features))
 
-    unknown, right, chance = own.scores([explaining(step), explaining([0.1 * each for each in error])], 60)
+    nothing = explaining([0.0 * each for each in step])
+    offered = [explaining(step), explaining([0.1 * each for each in error])]
+    unknown, right, chance = own.scores(nothing, offered, 60)
     assert right > unknown + 3.0
     assert chance < unknown - 3.0
 

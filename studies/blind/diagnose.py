@@ -288,7 +288,7 @@ def least_error(evidence: Evidence) -> list[str]:
         Whitener(np.square(setting.layout.floor), np.zeros((setting.layout.size, 0))) for setting in evidence.settings
     )
     alone = tuple(dataclasses.replace(each, factor=1.0) for each in evidence.difference.settings)
-    plain = dataclasses.replace(evidence.difference, whiteners=whiteners, settings=alone)
+    plain = dataclasses.replace(evidence.difference, whiteners=whiteners, settings=alone, shared=np.zeros((0, 0)))
     plain = dataclasses.replace(plain, whitened=plain.whiten([each.difference for each in evidence.residuals]))
     signatures = grid_signatures(evidence.grids, plain)
     if not signatures:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import block_diag  # type: ignore[import-untyped]  # carries no types
+from scipy.linalg import cho_factor, cho_solve  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.scatter import residuals_of, with_discrepancy
 from jammkle_gap.core.simulate import Task, UnrunnableError
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.scatter import Difference, Residuals, Scatter, Setting
     from jammkle_gap.core.simulate import Problem, Runner
-
-    Features = Sequence[NDArray[np.float64]]
-    """What a candidate makes of the features of each setting; empty: nothing."""
 
 TURNS = 4
 """Times that a step and the variance of what it leaves follow from each other. Chosen: neither moves by more than a
@@ -234,7 +231,7 @@ class Discrepancy:
         difference: Difference,
         constants: Constants,
     ) -> None:
-        """Stack the settings without references, of which there is at least one.
+        """Take the settings without references, of which there is at least one.
 
         Args:
             settings: Runs.
@@ -249,34 +246,35 @@ class Discrepancy:
         self._raw = np.concatenate([residuals[k].difference for k in self._used])
         used = [difference.settings[k] for k in self._used]
         self._factor = np.concatenate([np.full(each.size, each.factor) for each in used])
-        smooth, columns = [], []
+        self._ends = np.cumsum([each.size for each in used])[:-1]
+        smooth, self._columns = [], []
         for each in used:
             named, known = len(each.scatter.amplitudes), each.scatter.columns.shape[1]
             smooth.append(np.square(each.columns[:, named:known]).sum(axis=1))
-            columns.append(np.delete(each.columns, slice(named, known), axis=1))
+            self._columns.append(np.delete(each.columns, slice(named, known), axis=1))
+        self._shared = np.vstack([each.shared for each in used])
         local = self._factor * np.concatenate([each.scatter.variance for each in used])
         # Smooth scatter lasts for a block as this error does, and so counts once a block too.
         self._healthy = local + np.concatenate(smooth)
         self._base = local + self._per_block * np.concatenate(smooth)
         self._expected = np.bincount(self._blocks, self._healthy / self._base)
-        self._columns = np.hstack([block_diag(*columns), np.vstack([each.shared for each in used])])
         self._scale, self._unknown = constants.discrepancy_of_block, constants.unknown_share
         self._pair_penalty, self._of_gap = constants.pair_penalty, constants.discrepancy_of_gap
         self._freedom = min(constants.discrepancy_freedom, float(len(self._expected)))
         # Over settings the error repeats itself, but no more than it hangs together altogether.
         self._share = max(1.0 / len(self._used), self._freedom / len(self._expected))
 
-    def difference_with(self, features: Features) -> Difference:
+    def difference_with(self, fit: Fit) -> Difference:
         """Return the difference whitened by scatter and the error that a candidate leaves."""
         settings = self._difference.settings
         own = [np.zeros(each.size) for each in settings]
-        total, _ = self._split(self._left(features))
-        ends = np.cumsum([settings[k].size for k in self._used])
-        for k, part in zip(self._used, np.split((total - self._base) / self._factor, ends[:-1]), strict=True):
+        total, _, _ = self._split(self._left(fit), fit.scores)
+        parts = np.split((total - self._base) / self._factor, self._ends)
+        for k, part in zip(self._used, parts, strict=True):
             own[k] = part
         return with_discrepancy(self._difference, self._residuals, own)
 
-    def scores(self, fits: Sequence[Fit], effects: int) -> list[float]:
+    def scores(self, nothing: Fit, fits: Sequence[Fit], effects: int) -> list[float]:
         """Return the log-likelihood of none of them, and of each candidate beside its own error, with their priors.
 
         That of a t distribution for every signal and block with one degree of freedom, which all settings share since
@@ -287,6 +285,7 @@ class Discrepancy:
         together, and each of these as all pairs that it is in (Scott and Berger 2010, Ann. Stat. 38:2587).
 
         Args:
+            nothing: None of the effects: the constants alone.
             fits: Candidates.
             effects: How many the library has.
 
@@ -295,8 +294,7 @@ class Discrepancy:
             library.
 
         """
-        nothing = self._left(())
-        rests = [self._weighed(rest) for rest in (nothing, *(self._left(fit.features) for fit in fits))]
+        rests = [self._weighed(fit) for fit in (nothing, *fits)]
         left, priors = np.array([each for each, _ in rests]), np.array([prior for _, prior in rests])
         # As in the posterior, what the best leaves is the noise of all where it is less than expected.
         noise = np.minimum(np.min(left, axis=0), self._expected)
@@ -315,11 +313,10 @@ class Discrepancy:
             scores[0] = max(none[0], likelihoods[best, 0] + none[1] - likelihoods[best, 1])
         return [float(each) for each in scores]
 
-    def _weighed(self, rest: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    def _weighed(self, fit: Fit) -> tuple[NDArray[np.float64], float]:
         """Return what is left of each block beyond scatter and constants, and the square of their scores."""
-        _, scores = self._split(rest)
-        left = np.bincount(self._blocks, np.square(rest - self._columns @ scores) / self._base)
-        return left.astype(float), float(scores @ scores)
+        _, rest, prior = self._split(self._left(fit), fit.scores)
+        return np.bincount(self._blocks, np.square(rest) / self._base).astype(float), prior
 
     def _likelihood(self, left: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
         """Return log-likelihoods of what is left beyond noise: block by block, and of all together, shape (..., 2).
@@ -335,16 +332,39 @@ class Discrepancy:
         together = self._freedom * np.log1p(left.sum(axis=-1) / scale)
         return -0.5 * np.stack([blocks, together], axis=-1)
 
-    def _left(self, features: Features) -> NDArray[np.float64]:
-        return self._raw - np.concatenate([features[k] for k in self._used]) if features else self._raw
+    def _left(self, fit: Fit) -> NDArray[np.float64]:
+        left: NDArray[np.float64] = self._raw - np.concatenate([fit.features[k] for k in self._used])
+        return left
 
-    def _split(self, left: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the variance of every feature, and the scores of the columns: each follows from the other."""
-        # From the scores' prior mean: what scatter could explain at any price stays the simulator's error.
-        scores = np.zeros(self._columns.shape[1])
+    def _split(
+        self, left: NDArray[np.float64], constants: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return the variance of every feature, what scatter and constants leave of it, and their scores' square.
+
+        Variance and scores follow from each other. Those of scatter start at their prior's mean: what it could explain
+        at any price stays the simulator's error. Those of the constants start where they were fitted.
+        """
+        rest, prior = (left - self._shared @ constants if len(constants) else left), 0.0
         total = self._base
         for _ in range(TURNS):
-            total = self._base + self._per_block * beyond(left - self._columns @ scores, self._healthy, self._blocks)
-            weighted = self._columns / total[:, np.newaxis]
-            scores = np.linalg.solve(np.eye(len(scores)) + self._columns.T @ weighted, weighted.T @ left)
-        return total, scores
+            total = self._base + self._per_block * beyond(rest, self._healthy, self._blocks)
+            rest, prior = self._solved(left, total)
+        return total, rest, prior
+
+    def _solved(self, left: NDArray[np.float64], total: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Return what scatter and constants leave, and the square of their scores, by elimination of each setting's."""
+        pieces = [np.split(each, self._ends) for each in (left, total, self._shared)]
+        matrix, right = np.eye(self._shared.shape[1]), np.zeros(self._shared.shape[1])
+        solved = []
+        for columns, part, variance, shared in zip(self._columns, *pieces, strict=True):
+            own, over = columns.T / variance, shared.T / variance
+            factor = cho_factor(np.eye(columns.shape[1]) + own @ columns)
+            alone, along = cho_solve(factor, own @ part), cho_solve(factor, own @ shared)
+            matrix += over @ shared - (over @ columns) @ along
+            right += over @ part - (over @ columns) @ alone
+            solved.append((alone, along))
+        constants = np.linalg.solve(matrix, right)
+        scores = [alone - along @ constants for alone, along in solved]
+        scatter = np.concatenate([columns @ each for columns, each in zip(self._columns, scores, strict=True)])
+        prior = float(constants @ constants) + sum(float(each @ each) for each in scores)
+        return left - scatter - self._shared @ constants, prior

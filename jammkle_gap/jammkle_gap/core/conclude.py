@@ -10,11 +10,13 @@ from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.design import next_experiment
 from jammkle_gap.core.detect import class_names, class_of, detect
+from jammkle_gap.core.ledger import ledger_of, predicted_without
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
 from jammkle_gap.core.posterior import NONE_OF_THEM, by_class, posterior_of
 from jammkle_gap.core.result import (
     Candidate,
     Diagnosis,
+    FittedConstant,
     FittedEffect,
     FittedParameter,
     HeldOutSetting,
@@ -29,15 +31,25 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.calibrate import Calibration
+    from jammkle_gap.core.calibrate import Calibration, Discrepancy
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.detect import Detection
     from jammkle_gap.core.fit import Fit, GridFeatures
+    from jammkle_gap.core.joint import Explained, Machine
     from jammkle_gap.core.posterior import Posterior
     from jammkle_gap.core.scatter import Difference, Residuals, Setting
     from jammkle_gap.core.search import Candidates
     from jammkle_gap.core.simulate import Problem, Runner
+
+
+@dataclass(frozen=True)
+class Unreferenced:
+    """What was found where references are missing, so that the constants of the machine were fitted as well."""
+
+    machine: Machine
+    explained: Explained
+    error: Discrepancy
 
 
 @dataclass(frozen=True)
@@ -46,8 +58,6 @@ class Evidence:
 
     problem: Problem
     settings: tuple[Setting, ...]
-    nominal: tuple[Residuals, ...]
-    """Of the machine as drawn."""
     residuals: tuple[Residuals, ...]
     """Of the machine that signatures were simulated with."""
     calibration: Calibration
@@ -55,14 +65,13 @@ class Evidence:
     """Constants that signatures were simulated with: calibrated, or none where the nominal machine explains more."""
     difference: Difference
     """Whitened by scatter alone."""
-    noticed: Candidates
-    """Fitted to it: whether there is a gap."""
+    noticed: tuple[Fit, ...]
+    """Single effects fitted to it: whether there is a gap."""
     candidates: Candidates
     """Fitted beside model discrepancy where references are missing: which effect it is."""
-    own: Mapping[tuple[str, ...], float]
-    """Log-likelihood of each candidate in the settings without references, and of none of them, ()."""
     classes: tuple[tuple[str, ...], ...]
     grids: GridFeatures
+    unreferenced: Unreferenced | None = None
 
 
 _Z90 = 1.645
@@ -105,15 +114,33 @@ def candidate_of(
 
 
 def left_by(evidence: Evidence, fit: Fit | None) -> NDArray[np.float64]:
-    """Return what a candidate leaves of the difference, whitened by scatter alone."""
+    """Return what a candidate leaves of the difference, whitened by scatter and the priors of the constants."""
     whole = evidence.difference
     return whole.whitened - (whole.whiten(fit.features) if fit is not None and fit.features else 0.0)
 
 
 def explained_by(evidence: Evidence, fit: Fit) -> float:
-    """Return the share of the squared whitened difference that a candidate explains."""
-    left, whole = left_by(evidence, fit), evidence.difference.whitened
+    """Return the share that a candidate explains of what the constants of the machine leave, squared and whitened."""
+    left, whole = left_by(evidence, fit), left_by(evidence, _nothing(evidence))
     return 1.0 - float(left @ left) / float(whole @ whole)
+
+
+def _nothing(evidence: Evidence) -> Fit | None:
+    return None if evidence.unreferenced is None else evidence.unreferenced.explained.nothing
+
+
+def _within(evidence: Evidence) -> Fit | None:
+    return None if evidence.unreferenced is None else evidence.unreferenced.explained.within
+
+
+def changes_of(evidence: Evidence, fit: Fit | None) -> list[NDArray[np.float64]]:
+    """Return what a candidate and its constants change in the features of each setting, in their units."""
+    settings = evidence.difference.settings
+    if fit is None or not fit.features:
+        return [np.zeros(each.size) for each in settings]
+    if not len(fit.scores):
+        return list(fit.features)
+    return [part + each.shared @ fit.scores for part, each in zip(fit.features, settings, strict=True)]
 
 
 def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedEffect, ...]:
@@ -151,8 +178,12 @@ def freedom_of(evidence: Evidence, constants: Constants) -> float:
 def _half_widths(evidence: Evidence, fit: Fit, constants: Constants) -> NDArray[np.float64]:
     """Return half of each parameter's 90 % interval: curvature, times what the fit leaves beyond healthy scatter.
 
-    What is left is model discrepancy, which hangs together over time: see `freedom_of`.
+    What is left is model discrepancy, which hangs together over time: see `freedom_of`. Where the constants were fitted
+    as well, it already weighs the features, and the constants widen the interval.
     """
+    if evidence.unreferenced is not None:
+        covariance = _joint_covariance(evidence.unreferenced.error, fit)
+        return _Z90 * np.sqrt(np.diag(covariance)[: fit.jacobian.shape[1]])
     size = evidence.difference.whitened.size
     beyond = max(fit.left / size / evidence.difference.healthy - 1.0, 0.0)
     inflation = 1.0 + beyond * size / freedom_of(evidence, constants)
@@ -163,24 +194,52 @@ def _half_widths(evidence: Evidence, fit: Fit, constants: Constants) -> NDArray[
     return half
 
 
-def held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tuple[HeldOutSetting, ...]:
-    """Return how far the gap closes in each setting with parameters fitted to the others, by one Gauss-Newton step."""
-    if best is None or len(evidence.settings) < 2:  # noqa: PLR2004 - one alone cannot be held out
-        return ()
-    whole = evidence.difference
+def _joint_covariance(error: Discrepancy, fit: Fit) -> NDArray[np.float64]:
+    """Return the posterior covariance of parameters and scores of the constants (Laplace), beside model discrepancy."""
+    weights = error.difference_with(fit)
+    rows = weights.by_scatter([each.T for each in fit.slopes]).T
+    free = rows.shape[1] - len(fit.scores)
+    scale = np.concatenate([np.maximum(np.linalg.norm(rows[:, :free], axis=0), 1e-12), np.ones(len(fit.scores))])
+    prior = np.concatenate([np.zeros(free), np.ones(len(fit.scores))])
+    normal = (rows / scale).T @ (rows / scale) + np.diag(prior)
+    covariance: NDArray[np.float64] = np.linalg.pinv(normal, hermitian=True) / np.outer(scale, scale)
+    return covariance
+
+
+def predicted_of(evidence: Evidence, best: Fit | None) -> list[NDArray[np.float64]]:
+    """Return what the best candidate leaves in each setting with parameters fitted to the others, whitened by scatter.
+
+    By one Gauss-Newton step; of a single setting it is what the fit itself leaves.
+    """
+    whole, own = evidence.difference, evidence.unreferenced
+    if own is not None:
+        fit = best or own.explained.within
+        return whole.split(whole.by_scatter(predicted_without(own.machine, own.error, whole, fit)))
+    left = whole.split(left_by(evidence, best))
+    if best is None or len(left) == 1:
+        return left
     parts, slopes = whole.split(best.whitened - best.signature), whole.split(best.jacobian)
-    wholes = whole.split(best.whitened)
     found = []
-    for k, setting in enumerate(evidence.settings):
+    for k in range(len(parts)):
         others = [i for i in range(len(parts)) if i != k]
         jacobian = np.concatenate([slopes[i] for i in others])
         rest = np.concatenate([parts[i] for i in others])
         scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
-        step = np.linalg.lstsq(jacobian / scale, rest, rcond=1e-6)[0] / scale
-        single = replace(whole, whitened=wholes[k], settings=(whole.settings[k],))
-        closing = closing_of(single, parts[k] - slopes[k] @ step, [setting], constants.blocks)
-        found.append(HeldOutSetting(setting.name, closing))
-    return tuple(found)
+        found.append(parts[k] - slopes[k] @ (np.linalg.lstsq(jacobian / scale, rest, rcond=1e-6)[0] / scale))
+    return found
+
+
+def held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tuple[HeldOutSetting, ...]:
+    """Return how far the gap closes in each setting with parameters fitted to the others."""
+    fitted = best is not None or evidence.unreferenced is not None
+    if not fitted or len(evidence.settings) < 2:  # noqa: PLR2004 - one alone cannot be held out
+        return ()
+    whole = evidence.difference
+    nominal = whole.split(whole.by_scatter([each.difference for each in evidence.residuals]))
+    return tuple(
+        HeldOutSetting(setting.name, closing_of(before, after, whole.healthy, [setting], constants.blocks))
+        for setting, before, after in zip(evidence.settings, nominal, predicted_of(evidence, best), strict=True)
+    )
 
 
 _ENOUGH = 5
@@ -199,7 +258,8 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     """
     difference, candidates = evidence.difference, evidence.candidates
     fits = {fit.names: fit for fit in (*candidates.singles, *candidates.pairs)}
-    detection = detect(difference, evidence.noticed.singles, constants)
+    nothing, own = left_by(evidence, _nothing(evidence)), evidence.unreferenced
+    detection = detect(difference, float(nothing @ nothing), evidence.noticed, constants)
     # Settings without references have a likelihood of their own.
     referenced = np.repeat(
         [bool(setting.references) for setting in evidence.settings], [each.size for each in difference.settings]
@@ -211,7 +271,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         difference.healthy,
         freedom_of(evidence, constants),
         [replace(fit, left=_squared(fit.whitened - fit.signature, referenced)) for fit in fits.values()],
-        evidence.own,
+        {} if own is None else own.explained.own,
         classes,
         constants,
     )
@@ -231,7 +291,8 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         chosen = [fits[names] for names in named]
         following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
-    left = left_by(evidence, best)
+    nominal = difference.by_scatter([each.difference for each in evidence.residuals])
+    where = nominal if verdict is not Verdict.UNKNOWN else difference.by_scatter(_left(evidence, _within(evidence)))
     return Diagnosis(
         verdict=verdict,
         reasons=_reasons(verdict, detection, posterior, evidence),
@@ -242,15 +303,25 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         gap_probability=detection.probability,
         p_value=detection.p_value,
         false_alarm_rate=constants.false_alarm_rate,
-        where=places_of(evidence.settings, difference, evidence.problem.alignment, constants.blocks),
+        where=places_of(evidence.settings, where, difference.healthy, evidence.problem.alignment, constants.blocks),
         subsystems=_subsystems(evidence, posterior),
-        gap=closing_of(difference, left, evidence.settings, constants.blocks),
+        gap=closing_of(
+            nominal,
+            np.concatenate(predicted_of(evidence, best)),
+            difference.healthy,
+            evidence.settings,
+            constants.blocks,
+        ),
         signals=_signals(evidence, best),
         held_out=held_out(evidence, best, constants),
         classes=evidence.classes,
         silent=candidates.silent,
         calibration=dict(sorted(spread.items(), key=lambda item: -abs(item[1]))),
         references_left=evidence.calibration.after,
+        constants=_constants(evidence, best),
+        ledger=()
+        if own is None or not candidates.finished
+        else ledger_of(own.machine, own.error, difference, best, {(): own.explained.within, **fits}, runner, constants),
         traces=_traces(evidence, best),
         next_experiment=following,
         notes=_notes(evidence),
@@ -272,6 +343,12 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
         f"the difference is {np.sqrt(detection.ratio):.2f} times healthy scatter; a healthy machine shows as much with "
         f"a probability of {detection.p_value:.2g}"
     )
+    if evidence.unreferenced is not None:
+        first = (
+            f"with the constants of the machine fitted within their tolerances the difference is "
+            f"{np.sqrt(detection.ratio):.2f} times scatter; a machine as drawn shows as much with a probability of "
+            f"{detection.p_value:.2g}"
+        )
     if verdict is Verdict.NO_GAP:
         return (first,)
     best = next((names for names in posterior.probabilities if names != NONE_OF_THEM), None)
@@ -300,21 +377,37 @@ def _subsystems(evidence: Evidence, posterior: Posterior) -> dict[str, float]:
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def _signatures(evidence: Evidence, best: Fit | None) -> list[NDArray[np.float64]]:
-    """Return what the best candidate makes of the features of each setting, in their units."""
-    if best is None:
-        return [np.zeros(each.size) for each in evidence.difference.settings]
-    return list(best.features)
+def _left(evidence: Evidence, fit: Fit | None) -> list[NDArray[np.float64]]:
+    parts = zip(evidence.residuals, changes_of(evidence, fit), strict=True)
+    return [each.difference - change for each, change in parts]
+
+
+def _constants(evidence: Evidence, best: Fit | None) -> tuple[FittedConstant, ...]:
+    """Return the constants of the machine beside the best candidate, with their posterior's intervals."""
+    own = evidence.unreferenced
+    if own is None or not evidence.problem.constants:
+        return ()
+    fit = best or own.explained.within
+    root, count = own.machine.root, len(fit.scores)
+    covariance = root @ _joint_covariance(own.error, fit)[-count:, -count:] @ root.T
+    found = []
+    for each, variance in zip(evidence.problem.constants, np.diag(covariance).tolist(), strict=True):
+        value, half = fit.machine.get(each.name, each.null), _Z90 * np.sqrt(variance) * each.sigma
+        interval = (max(value - half, each.minimum), min(value + half, each.maximum))
+        found.append(FittedConstant(each.name, each.unit, value, each.null, (value - each.null) / each.sigma, interval))
+    return tuple(sorted(found, key=lambda each: -abs(each.deviations)))
 
 
 def _signals(evidence: Evidence, best: Fit | None) -> tuple[SignalGap, ...]:
-    return signal_gaps(evidence.settings, evidence.residuals, evidence.difference, _signatures(evidence, best))
+    changes = changes_of(evidence, best or _within(evidence))
+    return signal_gaps(evidence.settings, evidence.residuals, evidence.difference, changes)
 
 
 def _traces(evidence: Evidence, best: Fit | None) -> tuple[Trace, ...]:
     found = []
+    changes = changes_of(evidence, best or _within(evidence))
     for setting, each, own, signature in zip(
-        evidence.settings, evidence.residuals, evidence.difference.settings, _signatures(evidence, best), strict=True
+        evidence.settings, evidence.residuals, evidence.difference.settings, changes, strict=True
     ):
         layout = setting.layout
         deviation = np.sqrt(own.variance)
@@ -332,7 +425,7 @@ def _notes(evidence: Evidence) -> tuple[str, ...]:
         f"setting '{setting.name}' has no reference: an error of the simulator cannot be distinguished from a fault, "
         f"except by the priors of the machine's constants; record {_ENOUGH} runs of the healthy machine"
         for setting in evidence.settings
-        if not setting.references
+        if not setting.references and any(each.references for each in evidence.settings)
     ]
     moved = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     if moved:

@@ -109,7 +109,7 @@ class Detection:
     """Probability of a length as large altogether in a healthy machine."""
 
 
-def detect(difference: Difference, singles: Sequence[Fit], constants: Constants) -> Detection:
+def detect(difference: Difference, length: float, singles: Sequence[Fit], constants: Constants) -> Detection:
     """Test the difference against healthy runs.
 
     Along an effect with p parameters the gain, over p and over the moderated variance of healthy runs along the same
@@ -119,11 +119,11 @@ def detect(difference: Difference, singles: Sequence[Fit], constants: Constants)
 
     Args:
         difference: Of all settings.
+        length: Its square, less what the constants of the machine explain.
         singles: Single effects as fitted.
         constants: Rate of false alarms, prior degrees of freedom.
 
     """
-    length = float(difference.whitened @ difference.whitened)
     best, effect = 1.0, ""
     for fit in singles:
         gain = length - fit.left

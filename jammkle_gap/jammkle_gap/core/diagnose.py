@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.core.calibrate import Discrepancy, calibrate, runnable, uncalibrated
-from jammkle_gap.core.conclude import Evidence, conclude
+from jammkle_gap.core.conclude import Evidence, Unreferenced, conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.detect import classes_of
 from jammkle_gap.core.fit import grid_features, grid_signatures, screen
-from jammkle_gap.core.scatter import difference_of, residuals_of, settings_of, with_discrepancy
-from jammkle_gap.core.search import reweighed, search
+from jammkle_gap.core.joint import Machine, explain
+from jammkle_gap.core.scatter import difference_of, residuals_of, settings_of
+from jammkle_gap.core.search import search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of, with_readings
-from jammkle_gap.core.simulate import Runner, StoppedError, Task, UnrunnableError
+from jammkle_gap.core.simulate import Runner, Task
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.fit import GridFeatures, Screening
     from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.core.scatter import Difference, Residuals, Setting
-    from jammkle_gap.core.search import Candidates, Provisional
+    from jammkle_gap.core.search import Provisional
     from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Progress, Stop
 
@@ -54,7 +55,8 @@ def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
     Args:
         recordings: Of the machine in question; those of the same setting are repeats.
         problem: Simulator, library of effects, nuisances.
-        references: Of the same machine while healthy, in the same settings.
+        references: Of the same machine in its past, in the same settings: then what has changed since is asked, and
+            the simulator's own errors cancel. Without any, simulator and machine are compared.
         experiments: Runs that could be made, to split what cannot be distinguished.
         constants: Of the model; those not given are as derived.
         folder: Where signatures are kept; by default `$XDG_CACHE_HOME/jammkle`.
@@ -119,21 +121,15 @@ def evidence_of(
         settings, [each.scatter for each in difference.settings], slopes, problem, runner, constants
     )
     calibration, calibrated = runnable(calibration, settings, nominal, problem, runner)
-    machine: Mapping[str, float] = {}
-    complete = all(setting.references for setting in settings)
-    if not any(setting.references for setting in settings):
-        residuals, difference, machine = _linearised(
-            settings, residuals, difference, slopes, problem, runner, constants
-        )
-    elif not complete:
-        # Where references are missing, what is known of the machine is all there is.
-        residuals = calibrated
-        difference = _difference(settings, residuals, dictionaries, problem, runner, calibration, constants)
-        machine = calibration.values
     grids = grid_features(problem, settings, dictionaries)
+    if not all(setting.references for setting in settings):
+        # Where some settings have references, these have calibrated the constants; else drawings give their tolerances.
+        prior = Machine(problem, settings, tuple(each.difference for each in calibrated), calibration)
+        difference = _difference(settings, calibrated, dictionaries, problem, runner, calibration, constants)
+        return _jointly(prior, calibrated, difference, grids, runner, constants, provisional)
     signatures = grid_signatures(grids, difference)
-    classes = classes_of(grids_of(problem), signatures, constants)
-    if complete and calibration.after < calibration.before:
+    machine: Mapping[str, float] = {}
+    if calibration.after < calibration.before:
         residuals, difference, machine, screening = _better_machine(
             settings, signatures, residuals, difference, calibrated, calibration.values, problem, runner
         )
@@ -144,52 +140,46 @@ def evidence_of(
         shares = {name: min(max(gain / length, 0.0), 1.0) for name, gain in screening.gains.items()}
         provisional(sorted(shares.items(), key=lambda item: -item[1]))
     candidates = search(problem, settings, screening, difference, machine, runner, constants)
-    noticed = candidates
-    own: dict[tuple[str, ...], float] = {}
-    if not complete and candidates.finished:
-        try:
-            error = Discrepancy(settings, residuals, difference, constants)
-            candidates, own = _search_with_discrepancy(
-                problem, settings, error, grids, machine, candidates, runner, constants
-            )
-        except StoppedError:
-            candidates = replace(candidates, finished=False)
+    classes = classes_of(grids_of(problem), signatures, constants)
     return Evidence(
         problem,
         settings,
-        tuple(nominal),
         tuple(residuals),
         calibration,
         machine,
         difference,
-        noticed,
+        candidates.singles,
         candidates,
-        own,
         classes,
         grids,
     )
 
 
-def _search_with_discrepancy(
-    problem: Problem,
-    settings: Sequence[Setting],
-    error: Discrepancy,
+def _jointly(
+    machine: Machine,
+    residuals: Sequence[Residuals],
+    difference: Difference,
     grids: GridFeatures,
-    machine: Mapping[str, float],
-    noticed: Candidates,
     runner: Runner,
     constants: Constants,
-) -> tuple[Candidates, dict[tuple[str, ...], float]]:
-    """Search again beside model discrepancy, and weigh what was found in both searches.
-
-    Raises:
-        StoppedError: asked to stop.
-
-    """
-    weighed = error.difference_with(())
-    screening = screen(problem, settings, grid_signatures(grids, weighed), weighed, machine, runner)
-    candidates = search(problem, settings, screening, weighed, machine, runner, constants)
-    return reweighed(problem, settings, error, machine, (noticed, candidates), runner, constants)
+    provisional: Provisional | None,
+) -> Evidence:
+    """Explain recordings of which some have no references, beside what is known of the machine's constants."""
+    problem, settings = machine.problem, machine.settings
+    found = explain(machine, residuals, difference, grids, runner, constants, provisional)
+    return Evidence(
+        problem,
+        settings,
+        tuple(residuals),
+        machine.prior,
+        machine.values(machine.mean),
+        difference,
+        found.noticed,
+        found.candidates,
+        classes_of(grids_of(problem), grid_signatures(grids, difference), constants),
+        grids,
+        Unreferenced(machine, found, Discrepancy(settings, residuals, difference, constants)),
+    )
 
 
 def _better_machine(
@@ -246,42 +236,6 @@ def _difference(
 def _laid(rows: NDArray[np.float64], dictionary: Dictionary, setting: Setting, problem: Problem) -> NDArray[np.float64]:
     """Return differences of a dictionary as columns in the features of a setting, shape (n, differences)."""
     return np.ascontiguousarray(dictionary.laid(setting.layout, rows, problem, setting.faulty[0]).T)
-
-
-def _linearised(
-    settings: Sequence[Setting],
-    residuals: Sequence[Residuals],
-    difference: Difference,
-    slopes: Sequence[NDArray[np.float64]],
-    problem: Problem,
-    runner: Runner,
-    constants: Constants,
-) -> tuple[list[Residuals], Difference, Mapping[str, float]]:
-    """Take the machine's constants as linear about where the recordings themselves put them, without any reference.
-
-    They keep their priors: a place to linearise at is no knowledge (as in an iterated Kalman filter; Bell and Cathey
-    1993, IEEE Trans. Autom. Control 38:294). Residuals are those of the linear model at the nominal constants.
-
-    Returns:
-        Residuals, the difference whitened anew, and the constants at that place.
-
-    """
-    asked = [
-        replace(setting, references=setting.faulty, reference_features=setting.faulty_features) for setting in settings
-    ]
-    found = calibrate(asked, [each.scatter for each in difference.settings], slopes, problem, runner, constants)
-    if not found.values:
-        return list(residuals), difference, {}
-    try:
-        made = residuals_of(settings, runner, found.values)
-    except UnrunnableError:
-        return list(residuals), difference, {}
-    shared = _shared(settings, problem, runner, replace(uncalibrated(problem), values=found.values))
-    place = np.array([found.deviations[each.name] for each in problem.constants])
-    moved = [replace(each, faulty=each.faulty + columns @ place) for each, columns in zip(made, shared, strict=True)]
-    none = [np.zeros(each.size) for each in difference.settings]
-    parts = tuple(replace(each, shared=columns) for each, columns in zip(difference.settings, shared, strict=True))
-    return moved, with_discrepancy(replace(difference, settings=parts), moved, none), found.values
 
 
 def _shared(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Signature = Callable[[Mapping[str, float]], NDArray[np.float64]]
     """Whitened signature of parameters by key, shape (n,)."""
 
-_STEP_SHARE, _LEAST_STEP = 0.15, 0.01
+STEP_SHARE, LEAST_STEP = 0.15, 0.01
 """Step of a difference quotient: share of the distance from null, and least share of the range. Chosen: contact makes
 smaller differences of a simulation uneven."""
 _SHORTENINGS = 3
@@ -51,7 +51,15 @@ class Fit:
     whitened: NDArray[np.float64]
     """The difference that it was fitted to, shape (n,)."""
     features: tuple[NDArray[np.float64], ...] = ()
-    """What it makes of the features of each setting, in their units."""
+    """What it makes of the features of each setting, in their units. Where the constants of the machine were fitted
+    beside it, less what `scores` make of them to first order: so that these may be taken as linear about that place."""
+    scores: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """Of the constants where they were fitted beside it: deviations from their prior's mean, along the root of its
+    covariance, shape (constants,)."""
+    machine: Mapping[str, float] = field(default_factory=dict)
+    """Constants that it was simulated with, by name."""
+    slopes: tuple[NDArray[np.float64], ...] = field(default=(), repr=False)
+    """Where constants were fitted: derivatives of the features of each setting by parameters and then by scores."""
 
 
 def refine(
@@ -86,24 +94,7 @@ def refine(
         return known[place]
 
     def jacobian_at(shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        columns = []
-        # A step that changes more than there is to explain is no derivative.
-        reach = max(float(np.linalg.norm(difference - signature_at(shares))), _LEAST_REACH)
-        for i, share in enumerate(shares):
-            step = max(_STEP_SHARE * abs(share - null[i]), _LEAST_STEP)
-            step = -step if share + step > 1.0 else step
-            change = np.zeros(len(difference))
-            for _ in range(_SHORTENINGS):
-                moved = shares.copy()
-                moved[i] += step
-                change = signature_at(moved) - signature_at(shares)
-                length = float(np.linalg.norm(change))
-                if length <= reach:
-                    break
-                step *= reach / length
-            columns.append(change / (moved[i] - share))
-        slopes: NDArray[np.float64] = -np.array(columns).T
-        return slopes
+        return -quotients(signature_at, shares, null, float(np.linalg.norm(difference - signature_at(shares))))
 
     begin = np.clip((np.array([start[key] for key in keys]) - low) / span, 1e-6, 1.0 - 1e-6)
     found = least_squares(
@@ -120,6 +111,41 @@ def refine(
     left = float(np.square(difference - best[1]).sum())
     values = dict(zip(keys, (low + shares * span).tolist(), strict=True))
     return Fit(names, values, best[1], left, -np.asarray(found.jac) / span, difference)
+
+
+def quotients(
+    function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    shares: NDArray[np.float64],
+    null: NDArray[np.float64],
+    reach: float,
+    length_of: Callable[[NDArray[np.float64]], float] = lambda change: float(np.linalg.norm(change)),
+) -> NDArray[np.float64]:
+    """Return difference quotients of a signature, shape (n, parameters).
+
+    Args:
+        function: Of shares of each parameter's range.
+        shares: Where.
+        null: Shares at which the effect is off.
+        reach: Length of what there is to explain. A step that changes more is no derivative, and is shortened.
+        length_of: Gives the whitened length of a change.
+
+    """
+    here, columns = function(shares), []
+    for i, share in enumerate(shares):
+        step = max(STEP_SHARE * abs(share - null[i]), LEAST_STEP)
+        step = -step if share + step > 1.0 else step
+        moved, change = shares, np.zeros_like(here)
+        for _ in range(_SHORTENINGS):
+            moved = shares.copy()
+            moved[i] += step
+            change = function(moved) - here
+            length = length_of(change)
+            if length <= max(reach, _LEAST_REACH):
+                break
+            step *= max(reach, _LEAST_REACH) / length
+        columns.append(change / (moved[i] - share))
+    slopes: NDArray[np.float64] = np.array(columns).reshape(len(shares), here.size).T
+    return slopes
 
 
 _ALTERNATIONS = 3
@@ -291,28 +317,40 @@ class Signatures:
             return np.full(self.difference.whitened.size, _INFEASIBLE)
         return self.difference.whiten(parts)
 
-    def parts(self, values: Mapping[str, float]) -> list[NDArray[np.float64]] | None:
-        """Return the signature in the features of each setting; None where the parameters are infeasible."""
+    def parts(
+        self, values: Mapping[str, float], machine: Mapping[str, float] | None = None
+    ) -> list[NDArray[np.float64]] | None:
+        """Return what parameters and constants change in the features of each setting; None where infeasible.
+
+        Args:
+            values: Parameters, by key.
+            machine: Constants that differ from those prepared with; None: the same. Where there are references these
+                differ as well, and only the parameters change anything.
+
+        """
+        machine = self._machine if machine is None else machine
         parts = []
         for k, setting in enumerate(self._settings):
+            before = machine if setting.references else self._machine
             part = sensed_difference(self._problem, setting, values)
             # Of each feature the effects that sensing does not know are simulated; most often these are all or none.
             known = {key: known_features(self._problem, setting.layout, (key.partition(".")[0],)) for key in values}
-            for features in _uniform_parts(list(known.values())):
+            for features in _uniform_parts([np.zeros(setting.layout.size, dtype=bool), *known.values()]):
                 physical = {key: value for key, value in values.items() if not known[key][features].all()}
-                if physical:
-                    change = self._simulated(k, physical) - self._simulated(k, {})
+                if physical or machine != before:
+                    change = self._simulated(k, physical, machine) - self._simulated(k, {}, before)
                     if not np.isfinite(change).any():
                         return None
                     part[features] += np.nan_to_num(change[features])
             parts.append(part)
         return parts
 
-    def _simulated(self, k: int, values: Mapping[str, float]) -> NDArray[np.float64]:
-        place = (k, tuple(sorted(values.items())))
+    def _simulated(self, k: int, values: Mapping[str, float], machine: Mapping[str, float]) -> NDArray[np.float64]:
+        asked = {**machine, **values}
+        place = (k, tuple(sorted(asked.items())))
         if place not in self._known:
             setting = self._settings[k]
-            task = Task(setting.faulty[0], setting.layout, {**self._machine, **values})
+            task = Task(setting.faulty[0], setting.layout, asked)
             self._known[place] = run_task(self._problem.simulator, self._problem.alignment, task)
             self.made = Made(self.made.runs + 1, self.made.simulated_s + setting.faulty[0].duration_s)
         return self._known[place]

@@ -26,17 +26,19 @@ EVENT_PHASE, WHOLE_RUN = "event", "whole run"
 
 def places_of(
     settings: Sequence[Setting],
-    difference: Difference,
+    left: NDArray[np.float64],
+    healthy: float,
     alignment: Alignment | None,
     blocks: int,
 ) -> tuple[Place, ...]:
-    """Return the share of the squared whitened difference by signal and phase, largest first.
+    """Return the share of a squared whitened difference by signal and phase, largest first.
 
     Intervals are from a bootstrap over blocks of time (Kuensch 1989, Ann. Stat. 17:1217).
 
     Args:
         settings: Runs.
-        difference: Whitened.
+        left: Whitened by scatter, one setting after the other.
+        healthy: What healthy runs leave per feature.
         alignment: Tells how far a run was shifted to its events.
         blocks: Of time, per setting.
 
@@ -46,7 +48,7 @@ def places_of(
     begin = 0
     for k, setting in enumerate(settings):
         layout = setting.layout
-        whitened = difference.whitened[begin : begin + layout.size]
+        whitened = left[begin : begin + layout.size]
         begin += layout.size
         block = np.arange(layout.bins) * blocks // layout.bins + k * blocks
         rows = layout.by_signal(whitened)
@@ -74,7 +76,7 @@ def places_of(
             phase,
             float(total[i] / max(total.sum(), 1e-30)),
             (float(low[i]), float(high[i])),
-            float(np.sqrt(total[i] / counts[signal, phase] / difference.healthy)),
+            float(np.sqrt(total[i] / counts[signal, phase] / healthy)),
         )
         for i, (signal, phase) in enumerate(cells)
         if counts[signal, phase]
@@ -102,17 +104,23 @@ def _phases(setting: Setting, signal: str, alignment: Alignment | None) -> dict[
     return found
 
 
-def closing_of(difference: Difference, left: NDArray[np.float64], settings: Sequence[Setting], blocks: int) -> Closing:
+def closing_of(
+    nominal_left: NDArray[np.float64],
+    left: NDArray[np.float64],
+    healthy: float,
+    settings: Sequence[Setting],
+    blocks: int,
+) -> Closing:
     """Return how far the gap closes.
 
     Args:
-        difference: Whitened, before.
-        left: Whitened, after, shape as the difference: predicted by a fit to other runs.
+        nominal_left: What the nominal simulator leaves, whitened by scatter, one setting after the other.
+        left: What the corrected one leaves, predicted by a fit to other runs.
+        healthy: What healthy runs leave per feature.
         settings: Runs; those in the difference.
         blocks: Of time, per setting, that intervals are resampled by.
 
     """
-    healthy = difference.healthy
     before: list[NDArray[np.float64]] = []
     after: list[NDArray[np.float64]] = []
     counts: list[NDArray[np.float64]] = []
@@ -122,7 +130,7 @@ def closing_of(difference: Difference, left: NDArray[np.float64], settings: Sequ
         part = slice(begin, begin + layout.size)
         begin += layout.size
         block = np.arange(layout.bins) * blocks // layout.bins
-        for values, table in ((difference.whitened[part], before), (left[part], after)):
+        for values, table in ((nominal_left[part], before), (left[part], after)):
             squares = np.square(layout.by_signal(values)).sum(axis=0)
             table.append(np.bincount(block, squares, blocks).astype(np.float64))
         counts.append(np.bincount(block, minlength=blocks).astype(np.float64) * len(layout.signals) * healthy)

@@ -18,7 +18,7 @@ class Verdict(Enum):
     """What a diagnosis says."""
 
     NO_GAP = "NO_GAP"
-    """Simulation and recordings agree within healthy scatter."""
+    """Simulation and recordings agree within scatter and the tolerances of the machine's constants."""
     EFFECTS = "EFFECTS"
     """One effect or combination, or one equivalence class, holds the stated probability."""
     AMBIGUOUS = "AMBIGUOUS"
@@ -139,6 +139,32 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class FittedConstant:
+    """One constant of the machine, fitted together with the best candidate."""
+
+    name: str
+    unit: str
+    value: float
+    nominal: float
+    deviations: float
+    """From nominal, in standard deviations of its tolerance."""
+    interval: tuple[float, float]
+    """90 % interval, in `unit`."""
+
+
+@dataclass(frozen=True)
+class LedgerEntry:
+    """What one part closes of the gap, on recordings that it was not fitted to."""
+
+    part: str
+    """Constants of the machine, an effect, or what is left."""
+    share: float
+    """Of the gap above scatter; all shares add up to 1. What overlaps is split by Shapley's value."""
+    gap: float
+    """Gap with this part alone in the simulator; of what is left: with all of them."""
+
+
+@dataclass(frozen=True)
 class NextExperiment:
     """What to record next, to split the credible set."""
 
@@ -193,6 +219,11 @@ class Diagnosis:
     """Constants of the machine that its references moved by more than a standard deviation of their prior, in such."""
     references_left: float
     """What the calibrated simulator leaves of the references per feature, in their scatter's variance; NaN: none."""
+    constants: tuple[FittedConstant, ...]
+    """Of the machine, as fitted together with the best candidate where references are missing; those that moved by
+    most of their tolerance first."""
+    ledger: tuple[LedgerEntry, ...]
+    """Constants, effects of the best candidate, and what is left; empty where there are references."""
     traces: tuple[Trace, ...]
     next_experiment: NextExperiment | None
     notes: tuple[str, ...]
@@ -261,6 +292,19 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "classes": [list(each) for each in diagnosis.classes],
         "silent": list(diagnosis.silent),
         "calibration": {name: _number(value) for name, value in diagnosis.calibration.items()},
+        "constants": {
+            each.name: {
+                "value": _number(each.value),
+                "unit": each.unit,
+                "nominal": each.nominal,
+                "deviations": _number(each.deviations),
+                "interval": _interval(each.interval),
+            }
+            for each in diagnosis.constants
+        },
+        "ledger": [
+            {"part": each.part, "share": _number(each.share), "gap": _number(each.gap)} for each in diagnosis.ledger
+        ],
         "references_left": _number(diagnosis.references_left),
         "next_experiment": None
         if following is None

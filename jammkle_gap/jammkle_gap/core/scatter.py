@@ -8,6 +8,7 @@ references keeps the machine's own constants as further columns, the same in all
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -334,16 +335,22 @@ class SettingScatter:
 
 @dataclass(frozen=True)
 class Difference:
-    """The whitened difference of all settings, one after the other, and what whitens it."""
+    """The whitened difference of all settings, one after the other, and what whitens it.
+
+    Its covariance is that of scatter, setting by setting, and S S' of the machine's constants, the same in all. It is
+    whitened by the first, then by I plus what the second has become: cost grows as the recordings do.
+    """
 
     whitened: NDArray[np.float64]
     """Shape (n of all settings,)."""
     whiteners: tuple[Whitener, ...]
-    """One per setting; one for all where they share columns."""
+    """By scatter, one per setting."""
     settings: tuple[SettingScatter, ...]
+    shared: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    """S, whitened by scatter, shape (n of all settings, constants)."""
 
     def whiten(self, parts: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Return whitened features.
+        """Return features whitened by scatter and the priors of the machine's constants.
 
         Args:
             parts: Per setting, shape (..., features).
@@ -352,11 +359,21 @@ class Difference:
             Shape (..., features of all settings).
 
         """
+        return self.marginal(self.by_scatter(parts))
+
+    def by_scatter(self, parts: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return features whitened by scatter alone, the constants being as given; shapes as in `whiten`."""
         scaled = [part / np.sqrt(own.factor) for part, own in zip(parts, self.settings, strict=True)]
-        if len(self.whiteners) == len(scaled):
-            each = [whitener(part) for whitener, part in zip(self.whiteners, scaled, strict=True)]
-            return np.concatenate(each, axis=-1)
-        return self.whiteners[0](np.concatenate(scaled, axis=-1))
+        each = [whitener(part) for whitener, part in zip(self.whiteners, scaled, strict=True)]
+        return np.concatenate(each, axis=-1)
+
+    def marginal(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return features that are whitened by scatter, shape (..., n), with the priors of the constants as well."""
+        return values if self._over_constants is None else self._over_constants(values)
+
+    @cached_property
+    def _over_constants(self) -> Whitener | None:
+        return Whitener(np.ones(len(self.shared)), self.shared) if self.shared.any() else None
 
     def split(self, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Return the rows of each setting of a vector or table of all features."""
@@ -422,25 +439,8 @@ def with_discrepancy(
     variances = [each.scatter.variance + more for each, more in zip(settings, own, strict=True)]
     columns = [each.columns / np.sqrt(each.factor) for each in settings]
     whiteners = tuple(Whitener(variance, each) for variance, each in zip(variances, columns, strict=True))
-    if any(np.abs(each.shared).max(initial=0.0) > 0.0 for each in settings):
-        shared = [each.shared / np.sqrt(each.factor) for each in settings]
-        whiteners = (_stacked(variances, columns, shared),)
-    found = replace(difference, whiteners=whiteners)
+    shared = [
+        whitener((each.shared / np.sqrt(each.factor)).T).T for whitener, each in zip(whiteners, settings, strict=True)
+    ]
+    found = replace(difference, whiteners=whiteners, shared=np.concatenate(shared))
     return replace(found, whitened=found.whiten([each.difference for each in residuals]))
-
-
-def _stacked(
-    variances: Sequence[NDArray[np.float64]],
-    columns: Sequence[NDArray[np.float64]],
-    shared: Sequence[NDArray[np.float64]],
-) -> Whitener:
-    """Return the whitener of all settings at once."""
-    total = sum(map(len, variances))
-    width = sum(each.shape[1] for each in columns)
-    table = np.zeros((total, width + shared[0].shape[1]))
-    row = column = 0
-    for own, more in zip(columns, shared, strict=True):
-        table[row : row + len(own), column : column + own.shape[1]] = own
-        table[row : row + len(own), width:] = more
-        row, column = row + len(own), column + own.shape[1]
-    return Whitener(np.concatenate(variances), table)

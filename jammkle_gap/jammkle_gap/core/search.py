@@ -10,14 +10,12 @@ from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]  # ca
 
 from jammkle_gap.core.detect import detect
 from jammkle_gap.core.fit import Fit, Signatures, refine
-from jammkle_gap.core.posterior import NONE_OF_THEM
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.core.simulate import StoppedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from jammkle_gap.core.calibrate import Discrepancy
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.fit import Place, Profiles, Screening
     from jammkle_gap.core.scatter import Difference, Setting
@@ -94,8 +92,9 @@ def search(
         done = {fit.names for fit in sharpened}
         singles = sorted([*sharpened, *(fit for fit in singles if fit.names not in done)], key=lambda fit: fit.left)
     pairs: list[Fit] = []
+    length = float(difference.whitened @ difference.whitened)
     # Where there is no gap a pair has nothing to explain.
-    if finished and detect(difference, singles, constants).gap:
+    if finished and detect(difference, length, singles, constants).gap:
         promising = _promising_pairs(screening.profiles, first, singles, constants)
         pairs, finished = fitted(fit_place, promising, "fitting pairs")
     return Candidates(tuple(singles), tuple(pairs), profiled, silent, finished)
@@ -164,61 +163,3 @@ def sharpened_fit(
     start = {key: float(found.x)}
     better = refine(difference.whitened, fit.names, [(key, parameter)], start, signatures, constants)
     return replace(better, features=tuple(signatures.parts(better.values) or ())), signatures.made
-
-
-def fit_with_discrepancy(
-    problem: Problem,
-    settings: Sequence[Setting],
-    error: Discrepancy,
-    machine: Mapping[str, float],
-    fit: Fit,
-    constants: Constants,
-) -> tuple[Fit, Made]:
-    """Return a candidate fitted anew beside model discrepancy that it leaves, and the runs that it took."""
-    signatures = Signatures(problem, settings, error.difference_with(fit.features), machine)
-    parameters = problem.library.parameters(fit.names)
-    for _ in range(constants.reweighings):
-        signatures.difference = difference = error.difference_with(fit.features)
-        fit = refine(difference.whitened, fit.names, parameters, fit.values, signatures, constants)
-        fit = replace(fit, features=tuple(signatures.parts(fit.values) or ()))
-    return fit, signatures.made
-
-
-def reweighed(
-    problem: Problem,
-    settings: Sequence[Setting],
-    error: Discrepancy,
-    machine: Mapping[str, float],
-    candidates: Sequence[Candidates],
-    runner: Runner,
-    constants: Constants,
-) -> tuple[Candidates, dict[tuple[str, ...], float]]:
-    """Fit candidates anew, each beside model discrepancy that it leaves.
-
-    Args:
-        problem: Simulator, library and sensing.
-        settings: Runs.
-        error: Of the simulator.
-        machine: Calibrated constants.
-        candidates: Found in several ways; of those with the same effects the most likely is kept.
-        runner: Makes the runs.
-        constants: How often.
-
-    Returns:
-        The candidates, and the log-likelihood of each, and of none of them.
-
-    """
-    work = [fit for each in candidates for fit in (*each.singles, *each.pairs) if fit.features]
-    arguments = [(problem, settings, error, dict(machine), fit, constants) for fit in work]
-    answers = runner.map(fit_with_discrepancy, arguments, "weighing the model discrepancy")
-    runner.count(made for _, made in answers)
-    fits = [fit for fit, _ in answers if fit.features]
-    unknown, *scores = error.scores(fits, len(problem.library.effects))
-    kept: dict[frozenset[str], Fit] = {}
-    own = {NONE_OF_THEM: unknown}
-    for fit, score in sorted(zip(fits, scores, strict=True), key=lambda item: -item[1]):
-        if kept.setdefault(frozenset(fit.names), fit) is fit:
-            own[fit.names] = score
-    singles = tuple(fit for fit in kept.values() if len(fit.names) == 1)
-    pairs = tuple(fit for fit in kept.values() if len(fit.names) > 1)
-    return replace(candidates[0], singles=singles, pairs=pairs), own

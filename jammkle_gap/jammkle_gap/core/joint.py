@@ -1,0 +1,516 @@
+"""The machine's constants and a candidate's parameters, fitted together where references are missing.
+
+Maximum of the posterior: the whitened residual of all recordings, with the tolerances of the constants as their priors
+and bounds (Gauss-Newton in a trust region, scipy's `least_squares`). Derivatives by the constants are taken once for
+each recording, at the nominal machine, and shared by all candidates, as in a chord method (Ortega and Rheinboldt 1970,
+Iterative Solution of Nonlinear Equations, ch. 7). It ends where these derivatives say that the gradient is 0, which is
+beside the maximum: for the best candidates they are taken again where the fit has come to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.linalg import solve_triangular  # type: ignore[import-untyped]  # carries no types
+from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_gap.core.calibrate import Discrepancy
+from jammkle_gap.core.detect import detect
+from jammkle_gap.core.fit import (
+    LEAST_STEP,
+    STEP_SHARE,
+    Fit,
+    Profiles,
+    Signatures,
+    grid_signatures,
+    quotients,
+)
+from jammkle_gap.core.posterior import NONE_OF_THEM
+from jammkle_gap.core.search import Candidates
+from jammkle_gap.core.signatures import grids_of
+from jammkle_gap.core.simulate import Made, StoppedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.calibrate import Calibration
+    from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.fit import GridFeatures, Place
+    from jammkle_gap.core.scatter import Difference, Residuals, Setting
+    from jammkle_gap.core.search import Provisional
+    from jammkle_gap.core.simulate import Problem, Runner
+
+_INFEASIBLE = 1e6
+"""Whitened features of what cannot be simulated: far from everything that is measured."""
+_FARTHEST = 10.0
+"""Standard deviations from nominal up to which a constant without bounds is looked for."""
+_NEGLIGIBLE = 0.1
+"""Change of the squared whitened residual at which a fit ends, where one is left per feature: no candidate is more
+likely than another for less."""
+_STEP = 0.2
+"""Step of a difference quotient by a constant, in its standard deviations. Chosen: the payload of an arm lies along a
+ridge with the masses of its links; with whole ones it stays a standard deviation beside the maximum."""
+_ROUNDS = 2
+"""Times that these derivatives are taken anew. Chosen: the second moves that payload by a third of its deviation."""
+_VISIBLE = 1.0
+"""Whitened length of what one standard deviation of a constant moves in a setting, below which it is not seen there."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What is to be explained, and what is known of the machine beforehand: drawings, or what references showed."""
+
+    problem: Problem
+    settings: tuple[Setting, ...]
+    raw: tuple[NDArray[np.float64], ...]
+    """Measured less simulated with the constants as known beforehand, per setting."""
+    prior: Calibration
+    base: Mapping[str, float] = field(default_factory=dict)
+    """Constants that are held where they are, by name."""
+
+    def values(self, deviations: NDArray[np.float64]) -> dict[str, float]:
+        """Return the constants that are not nominal, by name, from deviations in their tolerances' standard ones."""
+        moved = zip(self.problem.constants, deviations.tolist(), strict=True)
+        return {**self.base, **{each.name: each.null + x * each.sigma for each, x in moved if x != 0.0}}
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """Deviations that are known beforehand, shape (constants,)."""
+        return np.array([self.prior.deviations[each.name] for each in self.problem.constants])
+
+    @property
+    def root(self) -> NDArray[np.float64]:
+        """Lower root of their covariance, shape (constants, constants)."""
+        return np.linalg.cholesky(self.prior.covariance).astype(np.float64)
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and largest deviations, shape (constants,) each."""
+        every = self.problem.constants
+        low = np.array([max((each.minimum - each.null) / each.sigma, -_FARTHEST) for each in every])
+        high = np.array([min((each.maximum - each.null) / each.sigma, _FARTHEST) for each in every])
+        return low, high
+
+    def held(self) -> Machine:
+        """Return the same with its constants held where they are known to be."""
+        return replace(
+            self,
+            problem=replace(self.problem, constants=()),
+            prior=replace(self.prior, deviations={}, covariance=np.zeros((0, 0))),
+            base=self.values(self.mean),
+        )
+
+    def steps(self, fit: Fit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return least and largest steps of parameters, and of scores where these are independent, from a fit."""
+        parameters = self.problem.library.parameters(fit.names)
+        low = [each.minimum - fit.values[key] for key, each in parameters]
+        high = [each.maximum - fit.values[key] for key, each in parameters]
+        if not len(fit.scores):
+            return np.minimum(low, -1e-12), np.maximum(high, 1e-12)
+        # Beyond references' knowledge scores mix the constants, and have no bounds of their own.
+        free = np.full(len(fit.scores), np.inf)
+        independent = np.array_equal(self.root, np.eye(len(fit.scores)))
+        least, most = self.bounds
+        below, above = (least - fit.scores, most - fit.scores) if independent else (-free, free)
+        return np.minimum([*low, *below], -1e-12), np.maximum([*high, *above], 1e-12)
+
+
+def fit_jointly(
+    machine: Machine,
+    difference: Difference,
+    start: Fit,
+    evaluations: int,
+    constants: Constants,
+    slopes: Sequence[NDArray[np.float64]] | None = None,
+) -> tuple[Fit, Made]:
+    """Return a candidate fitted together with the constants of the machine, and the runs that it took.
+
+    Args:
+        machine: What is to be explained.
+        difference: Whitens.
+        start: Names, parameters and scores to begin with.
+        evaluations: Simulations of all recordings at most, those for derivatives by the parameters not counted.
+        constants: When it ends.
+        slopes: Derivatives of the features, of `slopes_at`; None: by the constants those that the difference has, and
+            by the parameters anew at every step.
+
+    """
+    objective = _Objective(machine, difference, start.names, slopes)
+    place = objective.begin(start)
+    if len(place):
+        place = least_squares(
+            objective.left,
+            place,
+            jac=objective.jacobian,
+            bounds=objective.bounds,
+            max_nfev=evaluations,
+            xtol=constants.fit_tolerance**2,
+            ftol=_NEGLIGIBLE / difference.whitened.size,
+        ).x
+    made = objective.features(place)
+    if made is None:
+        return replace(start, features=(), whitened=difference.whitened, left=np.inf), objective.made
+    scores = objective.scores(place)
+    parts = [part - each.shared @ scores for part, each in zip(made, difference.settings, strict=True)]
+    signature = difference.whiten(parts)
+    by_parameters = [each / objective.span for each in difference.split(objective.derivatives(place))]
+    by_scores = [each.shared for each in difference.settings]
+    if slopes is not None:
+        by_scores = [each[:, objective.count :] @ machine.root for each in slopes]
+    fit = Fit(
+        start.names,
+        objective.values(place),
+        signature,
+        float(np.square(difference.whitened - signature).sum()),
+        difference.whiten([each.T for each in by_parameters]).T,
+        difference.whitened,
+        tuple(parts),
+        scores,
+        machine.values(place[objective.count :]),
+        tuple(np.hstack(each) for each in zip(by_parameters, by_scores, strict=True)),
+    )
+    return fit, objective.made
+
+
+class _Objective:
+    """Whitened residual and derivatives of a candidate with the constants, at shares of ranges and at deviations."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        difference: Difference,
+        names: tuple[str, ...],
+        slopes: Sequence[NDArray[np.float64]] | None,
+    ) -> None:
+        self._machine, self._difference = machine, difference
+        parameters = machine.problem.library.parameters(names)
+        self._keys, self.count = [key for key, _ in parameters], len(parameters)
+        self._low = np.array([each.minimum for _, each in parameters])
+        self.span = np.array([each.maximum - each.minimum for _, each in parameters])
+        self._null = np.array([(each.null - each.minimum) / (each.maximum - each.minimum) for _, each in parameters])
+        self._mean, self._root = machine.mean, machine.root
+        least, most = machine.bounds
+        self.bounds = np.concatenate([0.0 * self._null, least]), np.concatenate([0.0 * self._null + 1.0, most])
+        self._slopes = slopes
+        self._along = difference.shared
+        if slopes is not None:
+            self._along = difference.by_scatter([each[:, self.count :].T for each in slopes]).T
+        elif len(self._root):
+            # By the deviations themselves, since these are what has bounds.
+            self._along = solve_triangular(self._root, self._along.T, trans="T", lower=True).T
+        self._target = difference.by_scatter(machine.raw)
+        self._signatures = Signatures(machine.problem, machine.settings, difference, machine.values(self._mean))
+        self._known: dict[bytes, list[NDArray[np.float64]] | None] = {}
+        self._derived: dict[bytes, NDArray[np.float64]] = {}
+
+    @property
+    def made(self) -> Made:
+        """Runs so far."""
+        return self._signatures.made
+
+    def begin(self, start: Fit) -> NDArray[np.float64]:
+        """Return where a candidate stands, within the bounds."""
+        shares = (np.array([start.values[key] for key in self._keys]) - self._low) / self.span
+        away = self._root @ start.scores if len(start.scores) else 0.0
+        low, high = self.bounds
+        begin: NDArray[np.float64] = np.clip(np.concatenate([shares, self._mean + away]), low + 1e-6, high - 1e-6)
+        return begin
+
+    def values(self, place: NDArray[np.float64]) -> dict[str, float]:
+        """Return the parameters by key."""
+        return dict(zip(self._keys, (self._low + place[: self.count] * self.span).tolist(), strict=True))
+
+    def scores(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the constants in independent standard deviations from what is known of them."""
+        away = place[self.count :] - self._mean
+        found: NDArray[np.float64] = solve_triangular(self._root, away, lower=True) if len(self._root) else away
+        return found
+
+    def features(self, place: NDArray[np.float64]) -> list[NDArray[np.float64]] | None:
+        """Return what changes in each setting; None where it cannot be simulated."""
+        key = place.tobytes()
+        if key not in self._known:
+            machine = self._machine.values(place[self.count :])
+            self._known[key] = self._signatures.parts(self.values(place), machine)
+        return self._known[key]
+
+    def left(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what is left of the whitened difference, and the scores as what is left of the priors."""
+        made = self.features(place)
+        change = np.full(len(self._target), _INFEASIBLE) if made is None else self._difference.by_scatter(made)
+        return np.concatenate([self._target - change, self.scores(place)])
+
+    def derivatives(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return derivatives of the features by shares of the parameters' ranges, shape (n, parameters)."""
+        if self._slopes is not None:
+            return np.concatenate([each[:, : self.count] for each in self._slopes]) * self.span
+        key = place.tobytes()
+        if key not in self._derived:
+            reach = float(np.linalg.norm(self.left(place)[: len(self._target)]))
+
+            def stacked(shares: NDArray[np.float64]) -> NDArray[np.float64]:
+                made = self.features(np.concatenate([shares, place[self.count :]]))
+                return np.full(len(self._target), _INFEASIBLE) if made is None else np.concatenate(made)
+
+            def length(change: NDArray[np.float64]) -> float:
+                return float(np.linalg.norm(self._difference.by_scatter(self._difference.split(change))))
+
+            self._derived[key] = quotients(stacked, place[: self.count], self._null, reach, length)
+        return self._derived[key]
+
+    def jacobian(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return derivatives of `left`."""
+        own = self._difference.by_scatter([each.T for each in self._difference.split(self.derivatives(place))]).T
+        inverse = np.linalg.inv(self._root) if len(self._root) else self._root
+        rows = [np.hstack([-own, -self._along]), np.hstack([np.zeros((len(self._root), self.count)), inverse])]
+        return np.vstack(rows).astype(np.float64)
+
+
+def slopes_at(machine: Machine, difference: Difference, fit: Fit) -> tuple[list[NDArray[np.float64]], Made]:
+    """Return derivatives of the features where a candidate has come to, and the runs that it took.
+
+    Central differences: what a candidate and the constants cannot be told apart by is small beside either, and would be
+    lost in the curvature.
+
+    Args:
+        machine: The recordings.
+        difference: Tells which constants move what; those that hardly move a setting keep the derivatives they have.
+        fit: The candidate.
+
+    Returns:
+        Per setting, shape (n, parameters + constants): by each parameter, and by one standard deviation of each
+        constant.
+
+    """
+    signatures = Signatures(machine.problem, machine.settings, difference, machine.values(machine.mean))
+    parameters = machine.problem.library.parameters(fit.names)
+    place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
+    spans = [(key, each.minimum, each.maximum, abs(fit.values[key] - each.null)) for key, each in parameters]
+    back = np.linalg.inv(machine.root) if len(place) else np.zeros((0, 0))
+    free = len(parameters)
+    found = [np.hstack([each[:, :free], each[:, free:] @ back]) for each in fit.slopes]
+    always = [np.ones(len(parameters), dtype=bool)] * len(found)
+    moving = [np.linalg.norm(part, axis=0) > _VISIBLE for part in difference.split(difference.shared)]
+    seen = [np.concatenate(each) for each in zip(always, moving, strict=True)]
+    for i in range(len(parameters) + len(place)):
+        if not any(each[i] for each in seen):
+            continue
+        ends, width = [], 0.0
+        for sign in (1.0, -1.0):
+            values, moved = dict(fit.values), place.copy()
+            if i < len(parameters):
+                key, low, high, away = spans[i]
+                step = max(STEP_SHARE * away, LEAST_STEP * (high - low))
+                values[key] = float(np.clip(values[key] + sign * step, low, high))
+                width += sign * values[key]
+            else:
+                j = i - len(parameters)
+                moved[j] = np.clip(moved[j] + sign * _STEP, least[j], most[j])
+                width += sign * moved[j]
+            ends.append(signatures.parts(values, machine.values(moved)))
+        after, before = ends
+        if after is None or before is None or width == 0.0:
+            continue
+        for own, high_part, low_part, visible in zip(found, after, before, seen, strict=True):
+            if visible[i]:
+                own[:, i] = (high_part - low_part) / width
+    return found, signatures.made
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Everything that was fitted beside the constants of the machine."""
+
+    nothing: Fit
+    """None of the effects: the constants alone, beside scatter."""
+    noticed: tuple[Fit, ...]
+    """Single effects beside scatter alone: whether there is a gap."""
+    candidates: Candidates
+    """Beside model discrepancy: which effect it is."""
+    within: Fit
+    """None of the effects, beside model discrepancy."""
+    own: Mapping[tuple[str, ...], float]
+    """Log-likelihood of each candidate, and of none of them, ()."""
+
+
+def explain(
+    machine: Machine,
+    residuals: Sequence[Residuals],
+    difference: Difference,
+    grids: GridFeatures,
+    runner: Runner,
+    constants: Constants,
+    provisional: Provisional | None = None,
+) -> Explained:
+    """Look for the effects that explain the difference beside the constants of the machine.
+
+    Effects and pairs are looked for on their grids, whitened by scatter, and by scatter with the discrepancy that the
+    constants leave. Those that promise most are fitted with the simulator, weighed, and the most likely fitted again
+    with derivatives of their own.
+
+    Args:
+        machine: What is to be explained.
+        residuals: The same, by run.
+        difference: Whitened by scatter and the priors of the constants.
+        grids: What grid points make of the features.
+        runner: Makes the runs.
+        constants: Of the model.
+        provisional: Reports the first answer.
+
+    Raises:
+        StoppedError: asked to stop before anything was fitted.
+
+    """
+    problem = machine.problem
+    error = Discrepancy(machine.settings, residuals, difference, constants)
+    nothing, made = fit_jointly(machine, difference, _start((), {}), constants.joint_evaluations, constants)
+    runner.count([made])
+    screenings = [_Screening(problem, grids, each) for each in (difference, error.difference_with(nothing))]
+    first, second = screenings
+    if provisional is not None:
+        length = max(float(difference.whitened @ difference.whitened), 1.0)
+        provisional([(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in first.singles])
+
+    def fitted(starts: Sequence[Fit], what: str) -> tuple[list[Fit], bool]:
+        work = [(machine, difference, start, constants.joint_evaluations, constants) for start in starts]
+        answers, finished = _until_stopped(runner, fit_jointly, work, what)
+        return sorted((fit for fit, _ in answers if fit.features), key=lambda fit: fit.left), finished
+
+    promising = {place.names: place for each in (second, first) for place in each.singles[: constants.refined]}
+    singles, finished = fitted([_from(problem, place) for place in promising.values()], "fitting")
+    pairs: list[Fit] = []
+    if finished and detect(difference, nothing.left, singles, constants).gap:
+        with_fitted = [place for fit in singles[: constants.paired] for place in first.profiles.seconds(fit)]
+        with_fitted.sort(key=lambda place: -place.gain)
+        names = [place.names[0] for place in second.singles[: constants.paired]]
+        places = [*with_fitted[: constants.refined_pairs // 2], *second.profiles.pairs(names, constants.refined_pairs)]
+        chosen = list({frozenset(place.names): place for place in reversed(places)}.values())[
+            -constants.refined_pairs :
+        ]
+        scores = {fit.names: fit.scores for fit in singles}
+        starts = [replace(_from(problem, place), scores=scores.get(place.names[:1], np.zeros(0))) for place in chosen]
+        pairs, finished = fitted(starts, "fitting pairs")
+    noticed, within = tuple(singles), nothing
+    own: dict[tuple[str, ...], float] = {}
+    if finished:
+        fits, own, finished = _weighed(machine, error, (nothing, *singles, *pairs), runner, constants)
+        within = fits.pop(NONE_OF_THEM)
+        singles = [fit for fit in fits.values() if len(fit.names) == 1]
+        pairs = [fit for fit in fits.values() if len(fit.names) > 1]
+    profiled = {place.names[0]: place.gain for place in first.singles}
+    silent = tuple(effect.name for effect in problem.library if effect.name not in profiled)
+    return Explained(
+        nothing, noticed, Candidates(tuple(singles), tuple(pairs), profiled, silent, finished), within, own
+    )
+
+
+def fit_part(
+    machine: Machine, whitens: Difference, best: Fit, names: tuple[str, ...], constants: Constants
+) -> tuple[Fit, Made]:
+    """Return a fit of some of the effects of a candidate, begun where the candidate has come to, and its runs.
+
+    Args:
+        machine: What is to be explained; that of `held` has its constants nominal.
+        whitens: The difference beside the discrepancy that the candidate leaves.
+        best: The candidate.
+        names: Effects of it, or none.
+        constants: Of the model.
+
+    """
+    if not machine.problem.constants:
+        nominal = tuple(replace(each, shared=each.shared[:, :0]) for each in whitens.settings)
+        whitens = replace(whitens, settings=nominal, shared=whitens.shared[:, :0])
+    return fit_jointly(machine, whitens, _start(names, best.values), constants.joint_evaluations, constants)
+
+
+class _Screening:
+    """Effects on their grids, whitened in one way."""
+
+    def __init__(self, problem: Problem, grids: GridFeatures, difference: Difference) -> None:
+        self.profiles = Profiles(grids_of(problem), grid_signatures(grids, difference), difference.whitened)
+        places = [self.profiles.single(name) for name in self.profiles.names]
+        self.singles = sorted(places, key=lambda place: -place.gain)
+
+
+def _start(names: tuple[str, ...], values: Mapping[str, float]) -> Fit:
+    nothing = np.zeros(0)
+    return Fit(names, values, nothing, np.inf, np.zeros((0, 0)), nothing)
+
+
+def _from(problem: Problem, place: Place) -> Fit:
+    keys = [key for key, _ in problem.library.parameters(place.names)]
+    return _start(place.names, dict(zip(keys, np.concatenate(place.values).tolist(), strict=True)))
+
+
+def _until_stopped(
+    runner: Runner, function: Callable[..., tuple[Fit, Made]], work: Sequence[tuple[Any, ...]], what: str
+) -> tuple[list[tuple[Fit, Made]], bool]:
+    """Return answers to several arguments, and whether all were given before a stop."""
+    finished = True
+    try:
+        answers = runner.map(function, work, what)
+    except StoppedError as stopped:
+        answers, finished = list(stopped.done), False
+    runner.count(made for _, made in answers)
+    return answers, finished
+
+
+def _weighed(
+    machine: Machine, error: Discrepancy, fits: Sequence[Fit], runner: Runner, constants: Constants
+) -> tuple[dict[tuple[str, ...], Fit], dict[tuple[str, ...], float], bool]:
+    """Return candidates beside the discrepancy that each leaves, their log-likelihoods, and whether all were fitted."""
+    count = len(machine.problem.library.effects)
+
+    def scored(fits: Mapping[tuple[str, ...], Fit]) -> dict[tuple[str, ...], float]:
+        others = [names for names in fits if names != NONE_OF_THEM]
+        scores = error.scores(fits[NONE_OF_THEM], [fits[names] for names in others], count)
+        return dict(zip((NONE_OF_THEM, *others), scores, strict=True))
+
+    def likeliest(own: Mapping[tuple[str, ...], float], most: int) -> set[tuple[str, ...]]:
+        def odds(names: tuple[str, ...]) -> float:
+            return own[names] - constants.pair_penalty * (len(names) - 1)
+
+        chosen = sorted((names for names in own if names != NONE_OF_THEM), key=odds, reverse=True)[:most]
+        # A pair is compared with its halves, and so these are fitted as well as it is.
+        return {NONE_OF_THEM, *chosen, *((name,) for names in chosen for name in names if (name,) in own)}
+
+    known = {fit.names: fit for fit in fits}
+    finished, own = True, scored(known)
+    for function, most, what in (
+        (weigh, constants.weighed, "weighing the model discrepancy"),
+        (sharpen, constants.sharpened, "constants of the machine"),
+    ):
+        if not finished or (function is sharpen and not machine.problem.constants):
+            break
+        chosen = likeliest(own, most)
+        known = {names: fit for names, fit in known.items() if names in chosen or function is sharpen}
+        work = [(machine, error, known[names], constants) for names in known if names in chosen]
+        answers, finished = _until_stopped(runner, function, work, what)
+        known.update({fit.names: fit for fit, _ in answers if fit.features})
+        own = scored(known)
+    return known, own, finished
+
+
+def weigh(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
+    """Return a candidate fitted again beside the model discrepancy that it leaves, and the runs that it took."""
+    found, made = fit_jointly(machine, error.difference_with(fit), fit, constants.joint_evaluations, constants)
+    return (found if found.features else fit), made
+
+
+def sharpen(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
+    """Return a weighed candidate fitted again with derivatives of its own, and the runs that it took."""
+    runs = []
+    for _ in range(_ROUNDS):
+        difference = error.difference_with(fit)
+        slopes, made = slopes_at(machine, difference, fit)
+        runs.append(made)
+        found, made = fit_jointly(machine, difference, fit, constants.joint_evaluations, constants, slopes)
+        runs.append(made)
+        if not found.features:
+            break
+        fit = found
+    return fit, Made(sum(each.runs for each in runs), sum(each.simulated_s for each in runs))
