@@ -124,7 +124,8 @@ def evidence_of(
     grids = grid_features(problem, settings, dictionaries)
     if not all(setting.references for setting in settings):
         # Where some settings have references, these have calibrated the constants; else drawings give their tolerances.
-        prior = Machine(problem, settings, tuple(each.difference for each in calibrated), calibration)
+        raw, silent = tuple(each.difference for each in calibrated), _silent(problem, dictionaries, grids)
+        prior = Machine(problem, settings, raw, calibration, silent)
         difference = _difference(settings, calibrated, dictionaries, problem, runner, calibration, constants)
         return _jointly(prior, calibrated, difference, grids, runner, constants, provisional)
     signatures = grid_signatures(grids, difference)
@@ -153,6 +154,17 @@ def evidence_of(
         classes,
         grids,
     )
+
+
+def _silent(problem: Problem, dictionaries: Sequence[Dictionary], grids: GridFeatures) -> tuple[frozenset[str], ...]:
+    """Return parameters and constants that move nothing in a setting, per setting."""
+    found = []
+    for k, dictionary in enumerate(dictionaries):
+        still = np.flatnonzero(~dictionary.constants.any(axis=1)).tolist()
+        names = {problem.constants[i].name for i in still}
+        idle = [effect for effect in problem.library if not grids[effect.name][k].any()]
+        found.append(frozenset(names.union(effect.key(each) for effect in idle for each in effect.parameters)))
+    return tuple(found)
 
 
 def _jointly(

@@ -293,6 +293,7 @@ class Signatures:
         settings: Sequence[Setting],
         difference: Difference,
         machine: Mapping[str, float],
+        silent: Sequence[frozenset[str]] = (),
     ) -> None:
         """Prepare.
 
@@ -301,12 +302,14 @@ class Signatures:
             settings: Runs; the first faulty one of each setting is run again.
             difference: Whitens.
             machine: Calibrated constants, by name.
+            silent: Parameters and constants that move nothing in a setting, and are not simulated there, per setting.
 
         """
         self._problem = problem
         self._settings = settings
         self.difference = difference
         self._machine = dict(machine)
+        self._silent = silent or [frozenset[str]()] * len(settings)
         self._known: dict[tuple[int, tuple[tuple[str, float], ...]], NDArray[np.float64]] = {}
         self.made = Made(0, 0.0)
 
@@ -324,26 +327,49 @@ class Signatures:
 
         Args:
             values: Parameters, by key.
+            machine: Constants; None: those prepared with.
+
+        """
+        found = []
+        for k in range(len(self._settings)):
+            part = self.part(k, values, machine)
+            if part is None:
+                return None
+            found.append(part)
+        return found
+
+    def part(
+        self, k: int, values: Mapping[str, float], machine: Mapping[str, float] | None = None
+    ) -> NDArray[np.float64] | None:
+        """Return what parameters and constants change in the features of one setting; None where infeasible.
+
+        Args:
+            k: Which setting.
+            values: Parameters, by key.
             machine: Constants that differ from those prepared with; None: the same. Where there are references these
                 differ as well, and only the parameters change anything.
 
         """
-        machine = self._machine if machine is None else machine
-        parts = []
-        for k, setting in enumerate(self._settings):
-            before = machine if setting.references else self._machine
-            part = sensed_difference(self._problem, setting, values)
-            # Of each feature the effects that sensing does not know are simulated; most often these are all or none.
-            known = {key: known_features(self._problem, setting.layout, (key.partition(".")[0],)) for key in values}
-            for features in _uniform_parts([np.zeros(setting.layout.size, dtype=bool), *known.values()]):
-                physical = {key: value for key, value in values.items() if not known[key][features].all()}
-                if physical or machine != before:
-                    change = self._simulated(k, physical, machine) - self._simulated(k, {}, before)
-                    if not np.isfinite(change).any():
-                        return None
-                    part[features] += np.nan_to_num(change[features])
-            parts.append(part)
-        return parts
+        setting, silent = self._settings[k], self._silent[k]
+        machine = {
+            key: value
+            for key, value in (self._machine if machine is None else machine).items()
+            if key not in silent or key in self._machine
+        }
+        before = machine if setting.references else self._machine
+        part = sensed_difference(self._problem, setting, values)
+        # Of each feature the effects that sensing does not know are simulated; most often these are all or none.
+        known = {key: known_features(self._problem, setting.layout, (key.partition(".")[0],)) for key in values}
+        for features in _uniform_parts([np.zeros(setting.layout.size, dtype=bool), *known.values()]):
+            physical = {
+                key: value for key, value in values.items() if key not in silent and not known[key][features].all()
+            }
+            if physical or machine != before:
+                change = self._simulated(k, physical, machine) - self._simulated(k, {}, before)
+                if not np.isfinite(change).any():
+                    return None
+                part[features] += np.nan_to_num(change[features])
+        return part
 
     def _simulated(self, k: int, values: Mapping[str, float], machine: Mapping[str, float]) -> NDArray[np.float64]:
         asked = {**machine, **values}

@@ -54,8 +54,6 @@ likely than another for less."""
 _STEP = 0.2
 """Step of a difference quotient by a constant, in its standard deviations. Chosen: the payload of an arm lies along a
 ridge with the masses of its links; with whole ones it stays a standard deviation beside the maximum."""
-_ROUNDS = 2
-"""Times that these derivatives are taken anew. Chosen: the second moves that payload by a third of its deviation."""
 _VISIBLE = 1.0
 """Whitened length of what one standard deviation of a constant moves in a setting, below which it is not seen there."""
 
@@ -69,6 +67,8 @@ class Machine:
     raw: tuple[NDArray[np.float64], ...]
     """Measured less simulated with the constants as known beforehand, per setting."""
     prior: Calibration
+    silent: tuple[frozenset[str], ...]
+    """Parameters and constants that move nothing in a setting, per setting."""
     base: Mapping[str, float] = field(default_factory=dict)
     """Constants that are held where they are, by name."""
 
@@ -76,6 +76,10 @@ class Machine:
         """Return the constants that are not nominal, by name, from deviations in their tolerances' standard ones."""
         moved = zip(self.problem.constants, deviations.tolist(), strict=True)
         return {**self.base, **{each.name: each.null + x * each.sigma for each, x in moved if x != 0.0}}
+
+    def signatures(self, difference: Difference) -> Signatures:
+        """Return what simulates the machine about what is known of it."""
+        return Signatures(self.problem, self.settings, difference, self.values(self.mean), self.silent)
 
     @property
     def mean(self) -> NDArray[np.float64]:
@@ -203,7 +207,7 @@ class _Objective:
             # By the deviations themselves, since these are what has bounds.
             self._along = solve_triangular(self._root, self._along.T, trans="T", lower=True).T
         self._target = difference.by_scatter(machine.raw)
-        self._signatures = Signatures(machine.problem, machine.settings, difference, machine.values(self._mean))
+        self._signatures = machine.signatures(difference)
         self._known: dict[bytes, list[NDArray[np.float64]] | None] = {}
         self._derived: dict[bytes, NDArray[np.float64]] = {}
 
@@ -266,8 +270,9 @@ class _Objective:
         """Return derivatives of `left`."""
         own = self._difference.by_scatter([each.T for each in self._difference.split(self.derivatives(place))]).T
         inverse = np.linalg.inv(self._root) if len(self._root) else self._root
-        rows = [np.hstack([-own, -self._along]), np.hstack([np.zeros((len(self._root), self.count)), inverse])]
-        return np.vstack(rows).astype(np.float64)
+        prior = np.hstack([np.zeros((len(self._root), self.count)), inverse])
+        rows: NDArray[np.float64] = np.vstack([np.hstack([-own, -self._along]), prior])
+        return rows
 
 
 def slopes_at(machine: Machine, difference: Difference, fit: Fit) -> tuple[list[NDArray[np.float64]], Made]:
@@ -286,7 +291,7 @@ def slopes_at(machine: Machine, difference: Difference, fit: Fit) -> tuple[list[
         constant.
 
     """
-    signatures = Signatures(machine.problem, machine.settings, difference, machine.values(machine.mean))
+    signatures = machine.signatures(difference)
     parameters = machine.problem.library.parameters(fit.names)
     place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
     spans = [(key, each.minimum, each.maximum, abs(fit.values[key] - each.null)) for key, each in parameters]
@@ -297,8 +302,6 @@ def slopes_at(machine: Machine, difference: Difference, fit: Fit) -> tuple[list[
     moving = [np.linalg.norm(part, axis=0) > _VISIBLE for part in difference.split(difference.shared)]
     seen = [np.concatenate(each) for each in zip(always, moving, strict=True)]
     for i in range(len(parameters) + len(place)):
-        if not any(each[i] for each in seen):
-            continue
         ends, width = [], 0.0
         for sign in (1.0, -1.0):
             values, moved = dict(fit.values), place.copy()
@@ -311,13 +314,13 @@ def slopes_at(machine: Machine, difference: Difference, fit: Fit) -> tuple[list[
                 j = i - len(parameters)
                 moved[j] = np.clip(moved[j] + sign * _STEP, least[j], most[j])
                 width += sign * moved[j]
-            ends.append(signatures.parts(values, machine.values(moved)))
-        after, before = ends
-        if after is None or before is None or width == 0.0:
-            continue
-        for own, high_part, low_part, visible in zip(found, after, before, seen, strict=True):
-            if visible[i]:
-                own[:, i] = (high_part - low_part) / width
+            ends.append((values, machine.values(moved)))
+        for k, own in enumerate(found):
+            if not seen[k][i] or width == 0.0:
+                continue
+            after, before = (signatures.part(k, *end) for end in ends)
+            if after is not None and before is not None:
+                own[:, i] = (after - before) / width
     return found, signatures.made
 
 
@@ -480,14 +483,15 @@ def _weighed(
 
     known = {fit.names: fit for fit in fits}
     finished, own = True, scored(known)
-    for function, most, what in (
-        (weigh, constants.weighed, "weighing the model discrepancy"),
-        (sharpen, constants.sharpened, "constants of the machine"),
-    ):
-        if not finished or (function is sharpen and not machine.problem.constants):
+    stages = [(weigh, constants.weighed, "weighing the model discrepancy")]
+    if machine.problem.constants:
+        stages += [(sharpen, most, "constants of the machine") for most in constants.sharpened]
+    for function, most, what in stages:
+        if not finished:
             break
         chosen = likeliest(own, most)
-        known = {names: fit for names, fit in known.items() if names in chosen or function is sharpen}
+        if function is weigh:
+            known = {names: fit for names, fit in known.items() if names in chosen}
         work = [(machine, error, known[names], constants) for names in known if names in chosen]
         answers, finished = _until_stopped(runner, function, work, what)
         known.update({fit.names: fit for fit, _ in answers if fit.features})
@@ -503,14 +507,7 @@ def weigh(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) 
 
 def sharpen(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
     """Return a weighed candidate fitted again with derivatives of its own, and the runs that it took."""
-    runs = []
-    for _ in range(_ROUNDS):
-        difference = error.difference_with(fit)
-        slopes, made = slopes_at(machine, difference, fit)
-        runs.append(made)
-        found, made = fit_jointly(machine, difference, fit, constants.joint_evaluations, constants, slopes)
-        runs.append(made)
-        if not found.features:
-            break
-        fit = found
-    return fit, Made(sum(each.runs for each in runs), sum(each.simulated_s for each in runs))
+    difference = error.difference_with(fit)
+    slopes, made = slopes_at(machine, difference, fit)
+    found, more = fit_jointly(machine, difference, fit, constants.joint_evaluations, constants, slopes)
+    return (found if found.features else fit), Made(made.runs + more.runs, made.simulated_s + more.simulated_s)

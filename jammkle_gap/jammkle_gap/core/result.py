@@ -219,17 +219,17 @@ class Diagnosis:
     """Constants of the machine that its references moved by more than a standard deviation of their prior, in such."""
     references_left: float
     """What the calibrated simulator leaves of the references per feature, in their scatter's variance; NaN: none."""
-    constants: tuple[FittedConstant, ...]
-    """Of the machine, as fitted together with the best candidate where references are missing; those that moved by
-    most of their tolerance first."""
-    ledger: tuple[LedgerEntry, ...]
-    """Constants, effects of the best candidate, and what is left; empty where there are references."""
     traces: tuple[Trace, ...]
     next_experiment: NextExperiment | None
     notes: tuple[str, ...]
     spent: Spent
     finished: bool = True
     """False if it was stopped on the way: provisional."""
+    constants: tuple[FittedConstant, ...] = ()
+    """Of the machine, as fitted together with the best candidate where references are missing; those that moved by
+    most of their tolerance first."""
+    ledger: tuple[LedgerEntry, ...] = ()
+    """Constants, effects of the best candidate, and what is left; empty where there are references."""
 
     @property
     def effects(self) -> tuple[FittedEffect, ...]:
