@@ -130,7 +130,7 @@ def test_an_error_of_a_users_simulator_reaches_the_user() -> None:
             raise ValueError(msg)
         return simulate(recording, values)
 
-    with pytest.raises(SimulatorError, match=r"'slow'.*load\.share=0\.12.*ValueError: no root") as raised:
+    with pytest.raises(SimulatorError, match=r"'slow'.*load\.share=0\.\d+.*ValueError: no root") as raised:
         diagnose(machine(1).record(2), replace(PROBLEM, simulator=broken), references=machine(1).record(2), jobs=1)
     assert isinstance(raised.value.__cause__, ValueError)
 

@@ -251,7 +251,8 @@ class _Objective:
     def derivatives(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives of the features by shares of the parameters' ranges, shape (n, parameters)."""
         if self._slopes is not None:
-            return np.concatenate([each[:, : self.count] for each in self._slopes]) * self.span
+            slopes: NDArray[np.float64] = np.concatenate([each[:, : self.count] for each in self._slopes])
+            return slopes * self.span
         key = place.tobytes()
         if key not in self._derived:
             reach = float(np.linalg.norm(self.left(place)[: len(self._target)]))

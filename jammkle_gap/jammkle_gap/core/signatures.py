@@ -240,7 +240,7 @@ def sensed_difference(problem: Problem, setting: Setting, values: Mapping[str, f
     return mean
 
 
-_FORMAT = 5
+_FORMAT = 6
 """Of the files."""
 
 
@@ -348,7 +348,9 @@ def _scattered(
     tasks = [Task(recording, layout, {})]
     singles = (*problem.scatter, *problem.constants)
     tasks += [Task(recording, layout, {each.name: each.null + each.sigma}) for each in singles]
-    draws = np.random.default_rng(0).standard_normal((constants.contact_runs, len(problem.scatter)))
+    # Without a contact the features are as good as linear in what scatters.
+    count = constants.contact_runs if layout.event_s else 0
+    draws = np.random.default_rng(0).standard_normal((count, len(problem.scatter)))
     for draw in draws.tolist():
         values = {each.name: each.null + each.sigma * x for each, x in zip(problem.scatter, draw, strict=True)}
         tasks.append(Task(recording, layout, values))
@@ -368,13 +370,47 @@ def _simulated(
     if not effects:
         return []
     grids = [grid_of(effect).points for effect in effects]
+    ends = [_ends(effect, points) for effect, points in zip(effects, grids, strict=True)]
+    first = _features(recording, layout, effects, [points[at] for points, at in zip(grids, ends, strict=True)], runner)
+    nominal, probes = first[0], np.split(first[1:], np.cumsum([len(at) for at in ends])[:-1])
+    # What moves nothing at its bounds moves nothing between them, and is not simulated there.
+    moving = [not np.array_equal(each, np.broadcast_to(nominal, each.shape), equal_nan=True) for each in probes]
+    rest = [
+        np.delete(points, at, axis=0) if moves else points[:0]
+        for points, at, moves in zip(grids, ends, moving, strict=True)
+    ]
+    second = _features(recording, layout, effects, rest, runner)[1:] if any(map(len, rest)) else first[:0]
+    found = []
+    for points, at, moves, probe, more in zip(
+        grids, ends, moving, probes, np.split(second, np.cumsum([len(points) for points in rest])[:-1]), strict=True
+    ):
+        table = np.zeros((len(points), layout.size))
+        if moves:
+            between = np.setdiff1d(np.arange(len(points)), at)
+            table[at], table[between] = np.nan_to_num(probe - nominal), np.nan_to_num(more - nominal)
+        found.append(table)
+    return found
+
+
+def _ends(effect: Effect, points: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return which points of a grid lie at bounds, or at null, in every parameter."""
+    ends = np.array([(each.minimum, each.null, each.maximum) for each in effect.parameters])
+    return np.flatnonzero((points[:, :, np.newaxis] == ends).any(axis=2).all(axis=1))
+
+
+def _features(
+    recording: Recording,
+    layout: Layout,
+    effects: Sequence[Effect],
+    points: Sequence[NDArray[np.float64]],
+    runner: Runner,
+) -> NDArray[np.float64]:
+    """Return the features of the nominal run, and of every effect at some points, one after the other."""
     tasks = [Task(recording, layout, {})]
-    for effect, points in zip(effects, grids, strict=True):
+    for effect, rows in zip(effects, points, strict=True):
         keys = [effect.key(each) for each in effect.parameters]
-        tasks += [Task(recording, layout, dict(zip(keys, point.tolist(), strict=True))) for point in points]
-    features = np.array(runner.features(tasks, "signatures"))
-    differences = np.nan_to_num(features[1:] - features[0])
-    return np.split(differences, np.cumsum([len(points) for points in grids])[:-1])
+        tasks += [Task(recording, layout, dict(zip(keys, row.tolist(), strict=True))) for row in rows]
+    return np.array(runner.features(tasks, "signatures"))
 
 
 def _contact(
