@@ -64,7 +64,7 @@ def test_the_shell_is_read_as_a_shell_reads_it() -> None:
     script = f"""
 export PATH=x
 .venv/bin/{NAME} up --speed 0 > up.log 2>&1 &   # started; and left alone
-{NAME} gap diagnose a $(printf -- '--reference %s ' b_*) \\
+{NAME} gap diagnose a $(printf -- '--since %s ' b_*) \\
     -o "c d" && {NAME} info c
 """
     assert lines_of(script) == [

@@ -66,7 +66,7 @@ def take(name: str, arguments: tuple[str, ...], prepare: Callable[[Browser], Non
 def first_screen_of_a_gap(folder: Path) -> None:
     """Diagnose a leak, and keep what the page shows before anybody scrolls."""
     (folder / "leak.yaml").write_text(LEAK)
-    references = [part for repeat in range(5) for part in ("--reference", f"healthy_{repeat}")]
+    references = [part for repeat in range(5) for part in ("--since", f"healthy_{repeat}")]
     calls = (
         ("rig", "pressure", "--repeats", "5", "-o", "healthy"),
         ("rig", "pressure", "--effects", "leak.yaml", "--seed", "3", "-o", "leaking"),

@@ -37,11 +37,13 @@ class Sensors(enum.Enum):
 @gap_app.command()
 def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     bags: Annotated[list[Path], typer.Argument(help="Recordings: repeats, or several settings.", metavar="BAG")],
-    reference: Annotated[
+    since: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Recording of the same machine while healthy, same setting; five are good. May be repeated.",
+            help="Earlier recording of the same machine, same setting: what has changed since? Five are good. "
+            "May be repeated.",
             metavar="BAG",
+            show_default="the simulator is compared with",
         ),
     ] = None,
     rig: Annotated[
@@ -77,6 +79,9 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
 ) -> int:
     """Say where recordings and simulator disagree, which effect explains it, and how far the gap closes.
 
+    Give all recordings of one machine together, whatever rigs they are of: its constants are fitted to all of them.
+    With --since the question is what has changed since then.
+
     Ctrl-C ends the search and keeps what is known by then.
     """
     from jammkle_gap.ankle.sensors import SensorSet
@@ -86,7 +91,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     return run(
         DiagnoseRequest(
             bags,
-            reference or [],
+            since or [],
             rig,
             namespace,
             library,

@@ -15,7 +15,7 @@ from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
 from jammkle_common.command.results import progress_bar
 from jammkle_gap.ankle.corrected import corrected_text
-from jammkle_gap.ankle.effects import ankle_library, try_changes
+from jammkle_gap.ankle.effects import ankle_library, machine_constants, try_changes
 from jammkle_gap.ankle.inputs import nominal_rig
 from jammkle_gap.ankle.problem import ankle_problem, experiments
 from jammkle_gap.ankle.recording import load_recordings
@@ -363,7 +363,7 @@ def corrected_file(diagnosis: Diagnosis, problem: Problem, library_file: Path | 
 
     Args:
         diagnosis: What was found.
-        problem: Library that the effects are of, and constants that references calibrate.
+        problem: Library that the effects are of, and constants of the machine.
         library_file: Of the user's own effects, if the library has any.
 
     """
@@ -376,14 +376,18 @@ def corrected_file(diagnosis: Diagnosis, problem: Problem, library_file: Path | 
     said = [f"# {diagnosis.verdict.value}: {words.headline(diagnosis)}"]
     if not diagnosis.finished:
         said.append("# The diagnosis was stopped early: this is provisional.")
-    lines = constant_lines(diagnosis, problem.constants)
+    lines = [] if diagnosis.constants else constant_lines(diagnosis, problem.constants)
     if lines:
         said.append("# Calibrated to the references, and not loaded from here; standard deviations are of the prior:")
     said += [
         f"#   {line['name']}: {line['value']}, nominal {line['nominal']} ({line['deviations']} standard deviations)"
         for line in lines
     ]
-    return "\n".join([*said, corrected_text(problem.library, values, library_file if values else None)])
+    effects = corrected_text(problem.library, values, library_file if values else None)
+    moved = {each.name: each.value for each in diagnosis.constants if each.value != each.nominal}
+    # The header of the constants is that of the effects.
+    constants = corrected_text(machine_constants(), moved).partition("\n")[2] if moved else ""
+    return "\n".join([*said, effects + constants])
 
 
 def list_effects(library: Path | None, json: Path | None) -> int:

@@ -82,7 +82,7 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def healthy(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Record references, and return the arguments that hand them over."""
     folder = tmp_path_factory.mktemp("healthy")
-    return [part for seed in (21, 22, 23) for part in ("--reference", str(bag(folder, f"healthy_{seed}", seed)))]
+    return [part for seed in (21, 22, 23) for part in ("--since", str(bag(folder, f"healthy_{seed}", seed)))]
 
 
 def few(effects: Sequence[str] = FEW) -> list[str]:
@@ -218,7 +218,7 @@ def test_bags_of_another_recorder_are_diagnosed_with_their_rig_by_hand(
     references = []
     for place in map(Path, healthy[1::2]):
         write_foreign(place, tmp_path / place.name)
-        references += ["--reference", str(tmp_path / place.name)]
+        references += ["--since", str(tmp_path / place.name)]
     offered = few(("line_leak_achilles", "pump_wear", "valve_dead_time"))
     call = ["gap", "diagnose", str(tmp_path / "foreign"), *offered, "-o", str(tmp_path / "out")]
     call += ["--json", f"{tmp_path}/x.json"]
@@ -262,7 +262,7 @@ def test_what_cannot_be_told_apart_is_said_to_be(tmp_path: Path) -> None:
     assert main([*pull, "--repeats", "3", "--seed", "5", "-o", f"{tmp_path}/healthy"]) == 0
     assert main([*pull, "--effects", str(tmp_path / "soft.yaml"), "-o", f"{tmp_path}/pull"]) == 0
     call = ["gap", "diagnose", f"{tmp_path}/pull", *few(("tendon_stiffness", "fibre_loss_peroneal_left", "pump_wear"))]
-    call += [part for i in range(3) for part in ("--reference", f"{tmp_path}/healthy_{i}")]
+    call += [part for i in range(3) for part in ("--since", f"{tmp_path}/healthy_{i}")]
     assert main([*call, "-o", f"{tmp_path}/out", "--json", f"{tmp_path}/x.json"]) == 0
     found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
     assert found["verdict"] in {"EFFECTS", "AMBIGUOUS"}
@@ -328,10 +328,10 @@ def test_the_command_knows_the_sets_of_sensors() -> None:
     [
         (["{folder}/nowhere"], "nowhere"),
         (["{bag}", "{bag}"], "is given twice"),
-        (["{bag}", "--reference", "{bag}"], "as a reference too"),
+        (["{bag}", "--since", "{bag}"], "as a reference too"),
         (["{bag}", "--rig", "catapult"], "known are: tensile"),
         (["{bag}", "--rig", "tensile"], "was recorded on rig 'pressure'"),
-        (["{bag}", "--reference", "{folder}/gone"], "gone does not exist"),
+        (["{bag}", "--since", "{folder}/gone"], "gone does not exist"),
         (["{bag}", "--library", "{folder}/fails.yaml"], "fails with KeyError: 'stifness'; mend it in"),
         (["{bag}", "--jobs", "0"], "1 or more"),
         (["{bag}", "--sensors", "eyes"], "'robot', 'rig', 'instrumented'"),

@@ -67,7 +67,7 @@ ASKED = Asked(
     "",
     {each.name: each.sentence for each in (LEAK, WEAR, FRICTION)},
     "out/corrected.yaml",
-    Origin("1.2.3", "2026-01-02 03:04:05+00:00", "jammkle gap diagnose one two --reference healthy -o out"),
+    Origin("1.2.3", "2026-01-02 03:04:05+00:00", "jammkle gap diagnose one two --since healthy -o out"),
     (LEVER,),
 )
 

@@ -4,7 +4,8 @@
     line_leak_achilles:
       conductance_dm3_s_bar: 0.0021   # dm3/(s bar), 0 to 0.01, off at 0
 
-`jammkle rig --effects` and the sim node load it through an entry point.
+Constants of the machine stand in it as effects do. `jammkle rig --effects` and the sim node load it through an entry
+point.
 """
 
 from __future__ import annotations
@@ -14,14 +15,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jammkle_gap.ankle.effects import ankle_library, apply_effects, read_yaml
-from jammkle_gap.core.effects import BadEffectError
+import numpy as np
+
+from jammkle_gap.ankle.effects import (
+    ankle_library,
+    apply_effects,
+    apply_to_inputs,
+    machine_constants,
+    read_yaml,
+)
+from jammkle_gap.ankle.inputs import AnkleInputs, drawing_of, rig_of
+from jammkle_gap.core.effects import BadEffectError, Library
+from jammkle_sim.rigs.catalogue import RIGS
+from jammkle_sim.rigs.replay import CommandTrack, Timeline
 from jammkle_sim.rigs.rig import BadChangeError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_gap.core.effects import Effect, Library
+    from jammkle_gap.core.effects import Effect
     from jammkle_sim.rigs.rig import Rig
 
 _LIBRARY = "library"
@@ -41,8 +53,17 @@ class Correction:
 
     def __call__(self, rig: Rig) -> Rig:
         """Return a rig with the effects in it, which its description tells."""
-        changed = apply_effects(rig, self.library, self.values)
+        changed = apply_effects(self._drawn(rig), self.library, self.values)
         return dataclasses.replace(changed, effects=dict(self.values))
+
+    def _drawn(self, rig: Rig) -> Rig:
+        """Return a rig built with the constants that its drawing takes; the same where none of these differs."""
+        if rig.name not in RIGS:
+            return rig
+        options = tuple(sorted(dataclasses.asdict(rig.options).items()))
+        drawn = AnkleInputs(rig.name, options, CommandTrack(Timeline(np.zeros(1), np.zeros(1)), {}))
+        changed = drawing_of(apply_to_inputs(drawn, self.library, self.values))
+        return rig if changed == drawing_of(drawn) else rig_of(changed)
 
 
 def check_live(correction: Correction) -> None:
@@ -95,7 +116,8 @@ def load_correction(file: Path) -> Correction:
         msg = f"effects file {file} must hold EFFECT: {{PARAMETER: value}}"
         raise BadEffectError(msg)
     own = table.pop(_LIBRARY, None)
-    library = ankle_library(None if own is None else file.parent / Path(str(own)))
+    own_effects = ankle_library(None if own is None else file.parent / Path(str(own)))
+    library = Library((*machine_constants(), *own_effects))
     values: dict[str, float] = {}
     for name, parameters in table.items():
         effect = library.effect(str(name))

@@ -10,7 +10,7 @@ from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.design import next_experiment
 from jammkle_gap.core.detect import class_names, class_of, detect
-from jammkle_gap.core.ledger import ledger_of, predicted_without
+from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
 from jammkle_gap.core.posterior import NONE_OF_THEM, by_class, posterior_of
 from jammkle_gap.core.result import (
@@ -206,15 +206,24 @@ def _joint_covariance(error: Discrepancy, fit: Fit) -> NDArray[np.float64]:
     return covariance
 
 
-def predicted_of(evidence: Evidence, best: Fit | None) -> list[NDArray[np.float64]]:
-    """Return what the best candidate leaves in each setting with parameters fitted to the others, whitened by scatter.
+def predicted_of(
+    evidence: Evidence, best: Fit | None, folds: Sequence[NDArray[np.intp]] | None = None
+) -> list[NDArray[np.float64]]:
+    """Return what the best candidate leaves of what it was not fitted to, whitened by scatter, per setting.
 
-    By one Gauss-Newton step; of a single setting it is what the fit itself leaves.
+    By one Gauss-Newton step.
+
+    Args:
+        evidence: What was gathered.
+        best: The candidate; None: none of the effects.
+        folds: Where references are missing: what is held out together. None: each setting.
+
     """
     whole, own = evidence.difference, evidence.unreferenced
     if own is not None:
         fit = best or own.explained.within
-        return whole.split(whole.by_scatter(predicted_without(own.machine, own.error, whole, fit)))
+        apart = by_setting(evidence.settings) if folds is None else folds
+        return whole.split(predicted(own.machine, own.error, whole, fit, apart))
     left = whole.split(left_by(evidence, best))
     if best is None or len(left) == 1:
         return left
@@ -307,7 +316,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         subsystems=_subsystems(evidence, posterior),
         gap=closing_of(
             nominal,
-            np.concatenate(predicted_of(evidence, best)),
+            np.concatenate(predicted_of(evidence, best, by_time(evidence.settings))),
             difference.healthy,
             evidence.settings,
             constants.blocks,

@@ -252,7 +252,8 @@ class _Objective:
         """Return derivatives of the features by shares of the parameters' ranges, shape (n, parameters)."""
         if self._slopes is not None:
             slopes: NDArray[np.float64] = np.concatenate([each[:, : self.count] for each in self._slopes])
-            return slopes * self.span
+            slopes *= self.span
+            return slopes
         key = place.tobytes()
         if key not in self._derived:
             reach = float(np.linalg.norm(self.left(place)[: len(self._target)]))
@@ -371,8 +372,7 @@ def explain(
     """
     problem = machine.problem
     error = Discrepancy(machine.settings, residuals, difference, constants)
-    nothing, made = fit_jointly(machine, difference, _start((), {}), constants.joint_evaluations, constants)
-    runner.count([made])
+    nothing = _constants_alone(machine, difference, runner, constants)
     screenings = [_Screening(problem, grids, each) for each in (difference, error.difference_with(nothing))]
     first, second = screenings
     if provisional is not None:
@@ -429,6 +429,18 @@ def fit_part(
         nominal = tuple(replace(each, shared=each.shared[:, :0]) for each in whitens.settings)
         whitens = replace(whitens, settings=nominal, shared=whitens.shared[:, :0])
     return fit_jointly(machine, whitens, _start(names, best.values), constants.joint_evaluations, constants)
+
+
+def _constants_alone(machine: Machine, difference: Difference, runner: Runner, constants: Constants) -> Fit:
+    """Return the constants fitted alone, as well as they can be: what they leave is what is asked about."""
+    fit, made = fit_jointly(machine, difference, _start((), {}), 2 * constants.joint_evaluations, constants)
+    runner.count([made])
+    if machine.problem.constants and fit.features:
+        slopes, made = slopes_at(machine, difference, fit)
+        found, more = fit_jointly(machine, difference, fit, constants.joint_evaluations, constants, slopes)
+        runner.count([made, more])
+        fit = found if found.left < fit.left else fit
+    return fit
 
 
 class _Screening:

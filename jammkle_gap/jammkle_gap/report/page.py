@@ -84,6 +84,7 @@ def page(diagnosis: Diagnosis, asked: Asked) -> str:
         asked=asked,
         # the verdict, and what a technician should check
         verdict=diagnosis.verdict.value.replace("_", " "),
+        waterfall=_waterfall(diagnosis) if diagnosis.ledger and math.isfinite(diagnosis.ledger[0].share) else "",
         tone=_TONES[diagnosis.verdict],
         finished=diagnosis.finished,
         answers=words.answers(diagnosis),
@@ -312,6 +313,7 @@ def _overview(diagnosis: Diagnosis) -> tuple[str, Markup] | None:
         return None
     trace = ordered[0]
     named = bool(diagnosis.effects) and diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}
+    named = named or bool(diagnosis.constants)  # the constants of the machine correct it, too
     factor, unit = _scale_of(trace)
     x, stretches = trace.time_s, _OVERVIEW_STRETCHES
     with mpl.rc_context({**STYLE, **_TEXT}):
@@ -339,6 +341,32 @@ def _overview(diagnosis: Diagnosis) -> tuple[str, Markup] | None:
         figure.align_ylabels()
         setting = f" ({trace.setting})" if len({each.setting for each in diagnosis.traces}) > 1 else ""
         return f"{trace.signal}{setting}", _embedded(figure)
+
+
+def _waterfall(diagnosis: Diagnosis) -> Markup:
+    """Return the ledger as bars: from the nominal gap down to what is left."""
+    nominal, above = diagnosis.gap.nominal, max(diagnosis.gap.nominal - 1.0, 0.0)
+    rows, at = [("nominal simulator", 0.0, nominal, _SIMULATED)], nominal
+    for each in diagnosis.ledger[:-1]:
+        step = above * each.share
+        rows.append((words.label(each.part), min(at, at - step), abs(step), "#1b6e2c" if step >= 0.0 else "#b3261e"))
+        at -= step
+    rows.append(("corrected simulator", 0.0, at, _CORRECTED))
+    with mpl.rc_context({**STYLE, **_TEXT, "axes.grid": False}):
+        height = _FRAME_IN + 0.24 * len(rows)
+        figure = Figure(figsize=(10.0, height))
+        figure.subplots_adjust(left=0.22, right=0.93, top=0.99, bottom=0.4 / height)
+        axes = figure.subplots()
+        axes.barh([row[0] for row in rows], [row[2] for row in rows], left=[row[1] for row in rows], height=0.66,
+                  color=[row[3] for row in rows])  # fmt: skip
+        axes.invert_yaxis()
+        axes.axvline(1.0, color="#999999", linewidth=0.8)
+        axes.set_xlabel("gap [scatter]; 1 is what runs of one machine differ by")
+        shares = ["", *(percent(each.share) for each in diagnosis.ledger[:-1]), ""]
+        for place, ((_, left, width, _), share) in enumerate(zip(rows, shares, strict=True)):
+            text = share or times(left + width)
+            axes.text(left + width + 0.01 * nominal, place, text, va="center", fontsize=8)
+        return _embedded(figure)
 
 
 def _scale_of(trace: Trace) -> tuple[float, str]:

@@ -51,11 +51,14 @@ def show(diagnosis: Diagnosis, asked: Asked, page: Path) -> None:
         say(f"{answer.question.lower()}: {answer.short}. {answer.more}", 2)
     for check in words.checks(diagnosis, asked.sentences):
         say(f"- {check}", 2)
-    if diagnosis.candidates:
-        console.print(_posterior_table(diagnosis))
-    if diagnosis.effects:
-        console.print(_effect_table(diagnosis))
-    console.print(_gap_table(diagnosis))
+    for asked_for, table in (
+        (diagnosis.candidates, _posterior_table),
+        (diagnosis.effects, _effect_table),
+        (diagnosis.ledger, _ledger_table),
+        (diagnosis.signals, _gap_table),
+    ):
+        if asked_for:
+            console.print(table(diagnosis))
     for sentence in words.explanation(diagnosis):
         say(sentence)
     for note in diagnosis.notes:
@@ -89,6 +92,16 @@ def _effect_table(diagnosis: Diagnosis) -> Table:
         bound = " (at bound)" if line["remark"] else ""
         name = f"{words.label(line['effect'])}\n  [dim]{escape(line['parameter'])}[/dim]"
         table.add_row(name, escape(line["value"]), escape(line["interval"]) + bound)
+    return table
+
+
+def _ledger_table(diagnosis: Diagnosis) -> Table:
+    table = Table(title="What closes the gap, where it was not fitted", title_justify="left", min_width=_WIDTH // 2)
+    table.add_column("part", overflow="fold", max_width=40)
+    table.add_column("share", justify="right")
+    table.add_column("gap with it alone", justify="right")
+    for line in words.ledger_lines(diagnosis):
+        table.add_row(escape(line["part"]), line["share"], line["gap"])
     return table
 
 

@@ -126,6 +126,10 @@ def answers(diagnosis: Diagnosis) -> tuple[Answer, ...]:
 
 
 def _where(diagnosis: Diagnosis) -> Answer:
+    if diagnosis.verdict is Verdict.NO_GAP and diagnosis.ledger:
+        worst = max(diagnosis.signals, key=lambda each: each.nominal)
+        left = f"of {quantity(worst.nominal_physical, worst.unit)} {quantity(worst.corrected_physical, worst.unit)}"
+        return Answer("Where", "Within tolerance", f"Most in {worst.signal}: {left} are left (root mean square).")
     if diagnosis.verdict is Verdict.NO_GAP:
         worst = max(diagnosis.signals, key=lambda each: each.nominal)
         size = f"{quantity(worst.nominal_physical, worst.unit)}, {times(worst.nominal)} times healthy scatter"
@@ -167,8 +171,35 @@ def _which(diagnosis: Diagnosis) -> Answer:
     return Answer("Which", short, "".join(f"{each}. " for each in said if each).rstrip())
 
 
+_MOVED = 1.0
+"""Standard deviations of its tolerance from which on a constant is said to have moved."""
+
+
+def _moved(diagnosis: Diagnosis) -> str:
+    """Return which constants moved most, as the end of a sentence."""
+    moved = [each for each in diagnosis.constants if abs(each.deviations) >= _MOVED][:_MOST_IN_WORDS]
+    found = ", ".join(f"{label(each.name)} {quantity(each.value, each.unit)}" for each in moved)
+    return f", with {found}" if found else ""
+
+
+def ledger_lines(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """Return one line per part of the ledger."""
+    return [
+        {"part": label(each.part), "share": percent(each.share), "gap": times(each.gap)} for each in diagnosis.ledger
+    ]
+
+
 def _how_far(diagnosis: Diagnosis) -> Answer:
     gap = diagnosis.gap
+    if diagnosis.ledger:
+        closed = percent(gap.closed) if math.isfinite(gap.closed) else "Nothing to close"
+        if not math.isfinite(diagnosis.ledger[0].share):
+            return Answer(
+                "How far", "Nothing to close", f"The nominal simulator is {times(gap.nominal)} times scatter off."
+            )
+        parts = ", ".join(f"{line['part']} {line['share']}" for line in ledger_lines(diagnosis))
+        text = f"From {times(gap.nominal)} to {times(gap.corrected)} times scatter, where nothing was fitted"
+        return Answer("How far", f"{closed} closed" if math.isfinite(gap.closed) else closed, f"{text}: {parts}.")
     if not diagnosis.effects or diagnosis.verdict in {Verdict.NO_GAP, Verdict.UNKNOWN}:
         short = f"{times(gap.nominal)} times healthy scatter"
         return Answer("How far", short, "Nothing is corrected: no effect is named as the cause.")
@@ -186,6 +217,8 @@ def _how_far(diagnosis: Diagnosis) -> Answer:
 def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
     named = [each for each in diagnosis.candidates if each.names]
+    if diagnosis.verdict is Verdict.NO_GAP and diagnosis.ledger:
+        return f"The gap is within tolerance: the machine is as drawn{_moved(diagnosis)}."
     if diagnosis.verdict is Verdict.NO_GAP:
         return "No gap is detected: the recordings differ from the simulator by no more than healthy runs scatter."
     if diagnosis.verdict is Verdict.UNKNOWN or not named:
@@ -271,7 +304,8 @@ def _kept(candidate: Candidate) -> str:
 def explanation(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return how sure the verdict is, and what to record next; where, which and how far are in `answers`."""
     chance = f"{diagnosis.p_value:.1g}; the detection threshold is {diagnosis.false_alarm_rate:g}"
-    texts = [f"A healthy machine shows a difference like this one with a probability of {chance}."]
+    asked = "A machine within its tolerances" if diagnosis.ledger else "A healthy machine"
+    texts = [f"{asked} shows a difference like this one with a probability of {chance}."]
     if diagnosis.next_experiment is not None:
         texts.append(f"To split the set, record '{diagnosis.next_experiment.name}': there, {next_sentence(diagnosis)}.")
     return tuple(texts)
@@ -296,6 +330,10 @@ def effects_title(diagnosis: Diagnosis) -> str:
 
 def corrected_note(diagnosis: Diagnosis, file: str) -> str:
     """Return what can be done with the file of the corrected simulator."""
+    if diagnosis.ledger and not (diagnosis.effects and diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}):
+        return (
+            f"{file} holds the constants of the machine, and no effect; jammkle rig ... --effects {file} runs with it."
+        )
     if diagnosis.verdict is Verdict.NO_GAP:
         return f"{file} holds no effect: no gap was detected."
     if diagnosis.verdict is Verdict.UNKNOWN:
@@ -349,8 +387,20 @@ def _calibrated(constant: Nuisance, deviations: float) -> float:
 
 
 def constant_lines(diagnosis: Diagnosis, constants: Sequence[Nuisance]) -> list[dict[str, str]]:
-    """Return one line per constant that references moved, largest move first."""
+    """Return one line per constant that moved by more than a standard deviation, largest move first."""
     known = {each.name: each for each in constants}
+    if diagnosis.constants:
+        return [
+            {
+                "name": each.name,
+                "deviations": f"{each.deviations:+.1f}",
+                "nominal": quantity(each.nominal, each.unit),
+                "value": f"{quantity(each.value, each.unit)} ({span(each.value, each.interval, each.unit)})",
+                "source": known[each.name].source if each.name in known else "",
+            }
+            for each in diagnosis.constants
+            if abs(each.deviations) >= _MOVED
+        ]
     return [
         {
             "name": name,
