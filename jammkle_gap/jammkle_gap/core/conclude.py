@@ -10,6 +10,7 @@ from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.design import next_experiment
 from jammkle_gap.core.detect import class_names, class_of, detect
+from jammkle_gap.core.joint import detect_jointly
 from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
 from jammkle_gap.core.posterior import NONE_OF_THEM, by_class, posterior_of
@@ -267,8 +268,11 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     """
     difference, candidates = evidence.difference, evidence.candidates
     fits = {fit.names: fit for fit in (*candidates.singles, *candidates.pairs)}
-    nothing, own = left_by(evidence, _nothing(evidence)), evidence.unreferenced
-    detection = detect(difference, float(nothing @ nothing), evidence.noticed, constants)
+    own = evidence.unreferenced
+    if own is None:
+        detection = detect(difference, float(difference.whitened @ difference.whitened), evidence.noticed, constants)
+    else:
+        detection = detect_jointly(difference, own.explained.nothing, evidence.noticed, constants)
     # Settings without references have a likelihood of their own.
     referenced = np.repeat(
         [bool(setting.references) for setting in evidence.settings], [each.size for each in difference.settings]

@@ -126,7 +126,8 @@ def evidence_of(
         # Where some settings have references, these have calibrated the constants; else drawings give their tolerances.
         raw, silent = tuple(each.difference for each in calibrated), _silent(problem, dictionaries, grids)
         prior = Machine(problem, settings, raw, calibration, silent)
-        difference = _difference(settings, calibrated, dictionaries, problem, runner, calibration, constants)
+        if calibration.values:
+            difference = _difference(settings, calibrated, dictionaries, problem, runner, calibration, constants)
         return _jointly(prior, calibrated, difference, grids, runner, constants, provisional)
     signatures = grid_signatures(grids, difference)
     machine: Mapping[str, float] = {}
@@ -241,7 +242,7 @@ def _difference(
     pairs = list(zip(dictionaries, settings, strict=True))
     nuisances = [_laid(dictionary.scatter, dictionary, setting, problem) for dictionary, setting in pairs]
     contact = [_laid(dictionary.contact, dictionary, setting, problem) for dictionary, setting in pairs]
-    shared = _shared(settings, problem, runner, calibration)
+    shared = _shared(settings, dictionaries, problem, runner, calibration)
     return difference_of(settings, residuals, nuisances, contact, shared, constants)
 
 
@@ -251,24 +252,29 @@ def _laid(rows: NDArray[np.float64], dictionary: Dictionary, setting: Setting, p
 
 
 def _shared(
-    settings: Sequence[Setting], problem: Problem, runner: Runner, calibration: Calibration
+    settings: Sequence[Setting],
+    dictionaries: Sequence[Dictionary],
+    problem: Problem,
+    runner: Runner,
+    calibration: Calibration,
 ) -> list[NDArray[np.float64]]:
     """Return columns of the machine's constants where references are missing, one posterior deviation each."""
     count = len(problem.constants)
     found = [np.zeros((setting.layout.size, count)) for setting in settings]
-    # The matrix root of the posterior covariance turns one deviation of each constant into independent columns.
-    root = np.linalg.cholesky(calibration.covariance) if count else np.zeros((0, 0))
-    for k, setting in enumerate(settings):
-        if setting.references or not count:
+    for k, (setting, dictionary) in enumerate(zip(settings, dictionaries, strict=True)):
+        moving = np.flatnonzero(dictionary.constants.any(axis=1)).tolist()
+        if setting.references or not moving:
             continue
-        tasks = [Task(setting.faulty[0], setting.layout, calibration.values)]
-        for each in problem.constants:
+        tasks, steps = [Task(setting.faulty[0], setting.layout, calibration.values)], []
+        for i in moving:
+            each = problem.constants[i]
             at = calibration.values.get(each.name, each.null)
-            step = each.sigma if at + each.sigma <= each.maximum else -each.sigma
-            tasks.append(Task(setting.faulty[0], setting.layout, {**calibration.values, each.name: at + step}))
-        made = runner.features(tasks, "constants of the machine")
-        signs = [np.sign(task.values[each.name] - calibration.values.get(each.name, each.null))
-                 for task, each in zip(tasks[1:], problem.constants, strict=True)]  # fmt: skip
-        derivatives = np.nan_to_num(np.array([each - made[0] for each in made[1:]])).T * np.array(signs)
-        found[k] = derivatives @ root
-    return found
+            steps.append(1.0 if at + each.sigma <= each.maximum else -1.0)
+            values = {**calibration.values, each.name: at + steps[-1] * each.sigma}
+            tasks.append(Task(setting.faulty[0], setting.layout, values))
+        first, *others = runner.features(tasks, "constants of the machine")
+        for i, step, made in zip(moving, steps, others, strict=True):
+            found[k][:, i] = np.nan_to_num(made - first) / step
+    # The matrix root of the posterior covariance turns one deviation of each constant into independent columns.
+    root = np.linalg.cholesky(calibration.covariance)
+    return [each @ root for each in found] if count else found

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.detect import Detection
     from jammkle_gap.core.fit import GridFeatures, Place
     from jammkle_gap.core.scatter import Difference, Residuals, Setting
     from jammkle_gap.core.search import Provisional
@@ -387,7 +388,7 @@ def explain(
     promising = {place.names: place for each in (second, first) for place in each.singles[: constants.refined]}
     singles, finished = fitted([_from(problem, place) for place in promising.values()], "fitting")
     pairs: list[Fit] = []
-    if finished and detect(difference, nothing.left, singles, constants).gap:
+    if finished and detect_jointly(difference, nothing, singles, constants).gap:
         with_fitted = [place for fit in singles[: constants.paired] for place in first.profiles.seconds(fit)]
         with_fitted.sort(key=lambda place: -place.gain)
         names = [place.names[0] for place in second.singles[: constants.paired]]
@@ -429,6 +430,23 @@ def fit_part(
         nominal = tuple(replace(each, shared=each.shared[:, :0]) for each in whitens.settings)
         whitens = replace(whitens, settings=nominal, shared=whitens.shared[:, :0])
     return fit_jointly(machine, whitens, _start(names, best.values), constants.joint_evaluations, constants)
+
+
+def detect_jointly(difference: Difference, nothing: Fit, singles: Sequence[Fit], constants: Constants) -> Detection:
+    """Test for a gap beyond the tolerances of the constants.
+
+    No healthy runs show how much they scatter along a signature: data sheets and tolerances say it, and are trusted as
+    far as the simulator itself, in as many degrees of freedom as its discrepancy has.
+
+    Args:
+        difference: Of all settings.
+        nothing: The constants alone.
+        singles: Effects, each with the constants.
+        constants: Of the model.
+
+    """
+    given = replace(constants, direction_prior_freedom=constants.discrepancy_freedom)
+    return detect(difference, nothing.left, singles, given)
 
 
 def _constants_alone(machine: Machine, difference: Difference, runner: Runner, constants: Constants) -> Fit:

@@ -1,0 +1,138 @@
+"""Without references: effects and constants are fitted together, and the ledger says what each closes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.optimize import least_squares
+
+from jammkle_gap import Nuisance, Recording, Verdict, diagnose
+from pendulums import CONSTANTS, NOISE_RAD, PROBLEM, TIMES_S, machine, simulate
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap import Diagnosis
+
+EXACT = replace(PROBLEM, scatter=())
+"""A pendulum whose runs differ by noise alone."""
+SURE = 0.999
+"""Probability with which a binomial count of a property that holds passes."""
+
+
+def recorded(seed: int, faults: Mapping[str, float], constants: Mapping[str, float]) -> list[Recording]:
+    """Return one run of each setting that starts at rest, with noise."""
+    made, runs = machine(seed), []
+    for run in made.record(1):
+        angle = simulate(run, {**constants, **faults})["angle"] + made.random.normal(0.0, NOISE_RAD, TIMES_S.size)
+        runs.append(replace(run, signals=(replace(run.signals[0], values=angle),)))
+    return runs
+
+
+def by_least_squares(runs: list[Recording], parameter: str) -> tuple[float, float]:
+    """Return value and standard deviation of a parameter fitted to the samples, with the constants' priors."""
+    names = (parameter, *(each.name for each in CONSTANTS))
+
+    def left(place: NDArray[np.float64]) -> NDArray[np.float64]:
+        values = dict(zip(names, place.tolist(), strict=True))
+        rows = [(run.signals[0].values - simulate(run, values)["angle"]) / NOISE_RAD for run in runs]
+        priors = [(values[each.name] - each.null) / each.sigma for each in CONSTANTS]
+        return np.concatenate([*rows, priors])
+
+    found = least_squares(left, np.array([0.1, 1.0, 1.0]), diff_step=1e-4, x_scale=[0.1, 0.05, 0.05])
+    return float(found.x[0]), float(np.sqrt(np.linalg.inv(found.jac.T @ found.jac)[0, 0]))
+
+
+def named(found: Diagnosis, name: str) -> tuple[float, tuple[float, float]]:
+    """Return value and interval of the parameter of the effect that is named."""
+    assert [each.name for each in found.effects] == [name]
+    (parameter,) = found.effects[0].parameters
+    return parameter.value, parameter.interval
+
+
+def test_sizes_and_intervals_are_those_of_least_squares() -> None:
+    """A load beside the mass of the arm, which does the same: the mass keeps its tolerance, and the interval has it."""
+    runs = recorded(31, {"load.share": 0.5}, {"arm.mass": 0.96, "servo.stiffness": 1.04})
+    value, interval = named(diagnose(runs, EXACT, jobs=1), "load")
+    expected, deviation = by_least_squares(runs, "load.share")
+    assert value == pytest.approx(expected, abs=0.3 * deviation)
+    assert (interval[1] - interval[0]) / (2.0 * 1.645) == pytest.approx(deviation, rel=0.3)
+
+
+def test_intervals_cover_sizes_and_constants() -> None:
+    """Machines from the tolerances, a load each: of 90 % intervals nine of ten, within a binomial chance."""
+    loads = stiffnesses = 0
+    for seed in range(12):
+        drawn, size = machine(600 + seed).constants, 0.5 + 0.02 * seed
+        found = diagnose(recorded(600 + seed, {"load.share": size}, drawn), EXACT, jobs=1)
+        _, (low, high) = named(found, "load")
+        loads += low <= size <= high
+        (servo,) = (each for each in found.constants if each.name == "servo.stiffness")
+        stiffnesses += servo.interval[0] <= drawn[servo.name] <= servo.interval[1]
+    assert min(loads, stiffnesses) >= stats.binom.ppf(1.0 - SURE, 12, 0.9)
+
+
+def test_machines_within_their_tolerances_have_no_gap() -> None:
+    """Drawn from them: as few alarms as stated; the ledger gives the constants what they close, and they are right."""
+    alarms = 0
+    for seed in range(10):
+        drawn = machine(700 + seed).constants
+        found = diagnose(recorded(700 + seed, {}, drawn), EXACT, jobs=1)
+        alarms += found.verdict is not Verdict.NO_GAP
+    assert alarms <= stats.binom.ppf(SURE, 10, 0.01)
+    far = {"arm.mass": 1.1, "servo.stiffness": 0.92}
+    found = diagnose(recorded(7, {}, far), EXACT, jobs=1)
+    assert found.gap.nominal > 2.0
+    assert [each.part for each in found.ledger] == ["constants of the machine", "left"]
+    assert found.ledger[0].share > 0.9
+    for each in found.constants:
+        assert each.value == pytest.approx(far[each.name], abs=0.02)
+
+
+def test_shares_of_the_ledger_add_up_and_go_to_what_closes_the_gap() -> None:
+    """Friction that constants cannot mimic takes most; what is left is scatter; nominal constants leave more."""
+    runs = recorded(32, {"rubbing.torque": 0.1}, {"arm.mass": 1.03, "servo.stiffness": 0.97})
+    found = diagnose(runs, EXACT, jobs=1)
+    shares = {each.part: each.share for each in found.ledger}
+    assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
+    assert shares["rubbing"] > shares["constants of the machine"] > 0.0
+    assert shares["left"] < 0.05
+    alone = {each.part: each.gap for each in found.ledger}
+    assert alone["rubbing"] > 1.1 * alone["left"]
+    assert found.gap.corrected == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_answer_closes_the_gap_when_it_is_simulated() -> None:
+    """Effects and constants as they are handed back leave noise, and the effects alone leave more."""
+    runs = recorded(33, {"load.share": 0.5}, {"arm.mass": 0.94, "servo.stiffness": 1.06})
+    found = diagnose(runs, EXACT, jobs=1)
+    constants = {each.name: each.value for each in found.constants}
+    effects = {f"{each.name}.{one.name}": one.value for each in found.effects for one in each.parameters}
+
+    def left(values: Mapping[str, float]) -> float:
+        rows = [run.signals[0].values - simulate(run, values)["angle"] for run in runs]
+        return float(np.sqrt(np.square(rows).mean()) / NOISE_RAD)
+
+    assert left({**constants, **effects}) < 1.05
+    assert left(effects) > 1.3
+
+
+def test_constants_that_move_nothing_are_not_simulated_again() -> None:
+    """A lamp beside the pendulum: looked at once a setting, and handed back as it was."""
+    asked: list[Mapping[str, float]] = []
+
+    def watched(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        asked.append(dict(values))
+        return simulate(recording, values)
+
+    lamp = Nuisance("lamp.power", "W", 5.0, 1.0, "drawing")
+    problem = replace(EXACT, simulator=watched, constants=(*CONSTANTS, lamp))
+    found = diagnose(recorded(34, {"rubbing.torque": 0.1}, {}), problem, jobs=1)
+    assert [each.value for each in found.constants if each.name == "lamp.power"] == [pytest.approx(5.0, abs=1e-3)]
+    assert sum("lamp.power" in each for each in asked) <= 2 * len(found.held_out)
