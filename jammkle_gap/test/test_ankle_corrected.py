@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,17 +10,22 @@ import pytest
 
 from jammkle_common import names
 from jammkle_common.parameters import ParameterError
+from jammkle_gap import AnkleInputs, Recording
 from jammkle_gap.ankle.corrected import Correction, corrected_text, load_correction
-from jammkle_gap.ankle.effects import ankle_library
+from jammkle_gap.ankle.effects import ankle_library, machine_constants
+from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.effects import BadEffectError
 from jammkle_sim.kinds import make_simulation
 from jammkle_sim.parameters import SimParameters
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
+from jammkle_sim.rigs.replay import CommandTrack, Timeline
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 LIBRARY = ankle_library()
+NO_COMMANDS = CommandTrack(Timeline(np.zeros(1), np.zeros(1)), {})
 VALUES = {"line_leak_achilles.conductance_dm3_s_bar": 0.0012345678901234567, "imu_misalignment.roll_rad": -0.1}
 
 
@@ -43,6 +49,21 @@ def test_no_effects_are_no_change(tmp_path: Path) -> None:
     )
     assert all(np.array_equal(plain.topics[name].values, same.topics[name].values) for name in plain.topics)
     assert same.description == plain.description
+
+
+def test_constants_of_the_machine_are_loaded_as_the_diagnosis_simulates_them(tmp_path: Path) -> None:
+    """A longer lever and a foot that hangs further toe-down are drawn so; a pump that draws less is changed so."""
+    moved = {"lever_achilles.scale": 1.1, "pose.extra_deg": 3.0, "pump_curve.vacuum_scale": 0.95}
+    (tmp_path / "corrected.yaml").write_text(corrected_text(machine_constants(), moved))
+    correction = load_correction(tmp_path / "corrected.yaml")
+    assert moved.items() <= correction.values.items()
+    built, _ = RIGS["landing"].build(RIGS["landing"].options())
+    found = correction(built)
+    inputs = AnkleInputs("landing", tuple(sorted(dataclasses.asdict(built.options).items())), NO_COMMANDS)
+    expected = AnkleSimulator(LIBRARY).rig(Recording("landing", (), inputs), correction.values)
+    assert found.parts["ankle"] == expected.parts["ankle"]
+    assert found.parts["ankle"] != built.parts["ankle"]
+    assert laws_of(found).pneumatics.tobytes() == laws_of(expected).pneumatics.tobytes()
 
 
 def test_a_rig_runs_with_its_effects() -> None:

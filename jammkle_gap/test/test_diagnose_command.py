@@ -245,14 +245,24 @@ def test_a_run_without_a_gap_has_none(healthy: list[str], tmp_path: Path) -> Non
     assert yaml.safe_load((tmp_path / "corrected.yaml").read_text(encoding="utf-8")) is None
 
 
-def test_what_missing_references_cost_is_in_the_answer(leaking: Path, tmp_path: Path) -> None:
-    """Without references a diagnosis is made all the same, and says what it cannot see so."""
+def test_without_references_the_simulator_is_compared_with_the_machine(leaking: Path, tmp_path: Path) -> None:
+    """The ledger is in the answer and on the page; the corrected file holds constants, and is loaded."""
     offered = few(("line_leak_achilles", "pump_wear"))
     call = ["gap", "diagnose", str(leaking), *offered, "-o", str(tmp_path), "--json", str(tmp_path / "x.json")]
     assert main(call) == 0
     found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
-    assert any("has no reference" in note for note in found["notes"])
-    assert "Without references nothing was calibrated" in (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert found["verdict"] in {"EFFECTS", "AMBIGUOUS"}
+    assert found["set"][0]["names"] == ["line_leak_achilles"]
+    parts = {each["part"]: each["share"] for each in found["ledger"]}
+    assert sum(parts.values()) == pytest.approx(1.0, abs=1e-6)
+    assert max(parts, key=lambda name: parts[name]) == "line_leak_achilles"
+    page = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert 'id="waterfall"' in page
+    correction = load_correction(tmp_path / "corrected.yaml")
+    constants = {name: each["value"] for name, each in found["constants"].items() if each["value"] != each["nominal"]}
+    assert constants.items() <= correction.values.items()
+    run = ["rig", "pressure", "--effects", str(tmp_path / "corrected.yaml"), "-o", str(tmp_path / "again")]
+    assert main(run) == 0
 
 
 def test_what_cannot_be_told_apart_is_said_to_be(tmp_path: Path) -> None:

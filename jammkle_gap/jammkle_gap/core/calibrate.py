@@ -201,6 +201,16 @@ def blocks_of(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[
     return blocks, np.bincount(blocks)[blocks].astype(float)
 
 
+def _signals_of(layouts: Sequence[Layout]) -> NDArray[np.intp]:
+    """Return the number of the signal or event of every feature, the same in all settings."""
+    numbers: dict[str, int] = {}
+    found = []
+    for layout in layouts:
+        found += [np.full(layout.bins, numbers.setdefault(name, len(numbers))) for name in layout.signals]
+        found.append(np.array([numbers.setdefault(name, len(numbers)) for name in layout.event_s], dtype=np.intp))
+    return np.concatenate(found)
+
+
 def beyond(left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return the variance of model discrepancy: what is left beyond scatter, by block, for every feature."""
     counts = np.bincount(blocks)
@@ -243,6 +253,7 @@ class Discrepancy:
         self._residuals, self._difference = tuple(residuals), difference
         self._used = [k for k, setting in enumerate(settings) if not setting.references]
         self._blocks, self._per_block = blocks_of([settings[k].layout for k in self._used], constants)
+        self._signals = _signals_of([settings[k].layout for k in self._used])
         self._raw = np.concatenate([residuals[k].difference for k in self._used])
         used = [difference.settings[k] for k in self._used]
         self._factor = np.concatenate([np.full(each.size, each.factor) for each in used])
@@ -265,14 +276,32 @@ class Discrepancy:
         self._share = max(1.0 / len(self._used), self._freedom / len(self._expected))
 
     def difference_with(self, fit: Fit) -> Difference:
-        """Return the difference whitened by scatter and the error that a candidate leaves."""
+        """Return the difference whitened by scatter and the error that a candidate leaves, block by block."""
+        total, _, _ = self._split(self._left(fit), fit.scores)
+        return self._whitened(total)
+
+    def evenly_with(self, fit: Fit) -> Difference:
+        """Return the difference whitened by scatter and the error that a candidate leaves of each signal on the whole.
+
+        Where a fit has far to go no block is trusted because it happens to agree already (graduated non-convexity;
+        Blake and Zisserman 1987, Visual Reconstruction).
+        """
+        left = self._left(fit)
+        rest = left - self._shared @ fit.scores if len(fit.scores) else left
+        return self._whitened(self._base + self._per_block * beyond(rest, self._healthy, self._signals))
+
+    def _whitened(self, total: NDArray[np.float64]) -> Difference:
         settings = self._difference.settings
         own = [np.zeros(each.size) for each in settings]
-        total, _, _ = self._split(self._left(fit), fit.scores)
         parts = np.split((total - self._base) / self._factor, self._ends)
         for k, part in zip(self._used, parts, strict=True):
             own[k] = part
         return with_discrepancy(self._difference, self._residuals, own)
+
+    def left_per_feature(self, fit: Fit) -> float:
+        """Return what a candidate leaves per feature beyond scatter and constants, in the variance of scatter."""
+        _, rest, _ = self._split(self._left(fit), fit.scores)
+        return float((np.square(rest) / self._base).mean())
 
     def scores(self, nothing: Fit, fits: Sequence[Fit], effects: int) -> list[float]:
         """Return the log-likelihood of none of them, and of each candidate beside its own error, with their priors.
@@ -341,30 +370,39 @@ class Discrepancy:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Return the variance of every feature, what scatter and constants leave of it, and their scores' square.
 
-        Variance and scores follow from each other. Those of scatter start at their prior's mean: what it could explain
-        at any price stays the simulator's error. Those of the constants start where they were fitted.
+        Variance and scores follow from each other, and start at their priors' mean: what could be explained at any
+        price stays the simulator's error.
+
+        Args:
+            left: What a candidate leaves, the constants being linear.
+            constants: Their scores as they were fitted; empty: they are found here, as far as they are linear.
+
         """
-        rest, prior = (left - self._shared @ constants if len(constants) else left), 0.0
-        total = self._base
+        fitted = len(constants) > 0
+        rest, prior = (left - self._shared @ constants if fitted else left), float(constants @ constants)
+        columns = np.zeros((len(left), 0)) if fitted else self._shared
+        alone, total = rest, self._base
         for _ in range(TURNS):
             total = self._base + self._per_block * beyond(rest, self._healthy, self._blocks)
-            rest, prior = self._solved(left, total)
-        return total, rest, prior
+            rest, own = self._solved(alone, total, columns)
+        return total, rest, prior + own
 
-    def _solved(self, left: NDArray[np.float64], total: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        """Return what scatter and constants leave, and the square of their scores, by elimination of each setting's."""
-        pieces = [np.split(each, self._ends) for each in (left, total, self._shared)]
-        matrix, right = np.eye(self._shared.shape[1]), np.zeros(self._shared.shape[1])
+    def _solved(
+        self, left: NDArray[np.float64], total: NDArray[np.float64], shared: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Return what scatter and shared columns leave, and the square of their scores: setting by setting first."""
+        matrix, right = np.eye(shared.shape[1]), np.zeros(shared.shape[1])
         solved = []
-        for columns, part, variance, shared in zip(self._columns, *pieces, strict=True):
-            own, over = columns.T / variance, shared.T / variance
+        pieces = [np.split(each, self._ends) for each in (left, total, shared)]
+        for columns, part, variance, along in zip(self._columns, *pieces, strict=True):
+            own, over = columns.T / variance, along.T / variance
             factor = cho_factor(np.eye(columns.shape[1]) + own @ columns)
-            alone, along = cho_solve(factor, own @ part), cho_solve(factor, own @ shared)
-            matrix += over @ shared - (over @ columns) @ along
-            right += over @ part - (over @ columns) @ alone
-            solved.append((alone, along))
-        constants = np.linalg.solve(matrix, right)
-        scores = [alone - along @ constants for alone, along in solved]
+            by_itself, with_it = cho_solve(factor, own @ part), cho_solve(factor, own @ along)
+            matrix += over @ along - (over @ columns) @ with_it
+            right += over @ part - (over @ columns) @ by_itself
+            solved.append((by_itself, with_it))
+        common = np.linalg.solve(matrix, right)
+        scores = [by_itself - with_it @ common for by_itself, with_it in solved]
         scatter = np.concatenate([columns @ each for columns, each in zip(self._columns, scores, strict=True)])
-        prior = float(constants @ constants) + sum(float(each @ each) for each in scores)
-        return left - scatter - self._shared @ constants, prior
+        prior = float(common @ common) + sum(float(each @ each) for each in scores)
+        return left - scatter - shared @ common, prior

@@ -55,6 +55,10 @@ likely than another for less."""
 _STEP = 0.2
 """Step of a difference quotient by a constant, in its standard deviations. Chosen: the payload of an arm lies along a
 ridge with the masses of its links; with whole ones it stays a standard deviation beside the maximum."""
+_FAR = 0.5
+"""Standard deviations that the constants move alone, from which on effects are looked for there as well."""
+_WORTH_GOING_ON = 0.05
+"""Share of what the constants leave that another step must take off."""
 _VISIBLE = 1.0
 """Whitened length of what one standard deviation of a constant moves in a setting, below which it is not seen there."""
 
@@ -128,23 +132,23 @@ def fit_jointly(
     machine: Machine,
     difference: Difference,
     start: Fit,
-    evaluations: int,
+    signatures: Signatures,
     constants: Constants,
     slopes: Sequence[NDArray[np.float64]] | None = None,
-) -> tuple[Fit, Made]:
-    """Return a candidate fitted together with the constants of the machine, and the runs that it took.
+) -> Fit:
+    """Return a candidate fitted together with the constants of the machine; without features if it cannot be simulated.
 
     Args:
         machine: What is to be explained.
         difference: Whitens.
         start: Names, parameters and scores to begin with.
-        evaluations: Simulations of all recordings at most, those for derivatives by the parameters not counted.
+        signatures: Simulates the machine, and counts the runs.
         constants: When it ends.
-        slopes: Derivatives of the features, of `slopes_at`; None: by the constants those that the difference has, and
-            by the parameters anew at every step.
+        slopes: Derivatives of the features, of `slopes_at`: by parameters and constants, or by constants alone; those
+            by parameters are then taken anew at every step. None: by the constants those that the difference has.
 
     """
-    objective = _Objective(machine, difference, start.names, slopes)
+    objective = _Objective(machine, difference, start.names, signatures, slopes)
     place = objective.begin(start)
     if len(place):
         place = least_squares(
@@ -152,21 +156,21 @@ def fit_jointly(
             place,
             jac=objective.jacobian,
             bounds=objective.bounds,
-            max_nfev=evaluations,
+            max_nfev=constants.joint_evaluations,
             xtol=constants.fit_tolerance**2,
             ftol=_NEGLIGIBLE / difference.whitened.size,
         ).x
     made = objective.features(place)
     if made is None:
-        return replace(start, features=(), whitened=difference.whitened, left=np.inf), objective.made
+        return replace(start, features=(), whitened=difference.whitened, left=np.inf)
     scores = objective.scores(place)
     parts = [part - each.shared @ scores for part, each in zip(made, difference.settings, strict=True)]
     signature = difference.whiten(parts)
     by_parameters = [each / objective.span for each in difference.split(objective.derivatives(place))]
     by_scores = [each.shared for each in difference.settings]
     if slopes is not None:
-        by_scores = [each[:, objective.count :] @ machine.root for each in slopes]
-    fit = Fit(
+        by_scores = [each[:, each.shape[1] - len(scores) :] @ machine.root for each in slopes]
+    return Fit(
         start.names,
         objective.values(place),
         signature,
@@ -178,7 +182,6 @@ def fit_jointly(
         machine.values(place[objective.count :]),
         tuple(np.hstack(each) for each in zip(by_parameters, by_scores, strict=True)),
     )
-    return fit, objective.made
 
 
 class _Objective:
@@ -189,9 +192,10 @@ class _Objective:
         machine: Machine,
         difference: Difference,
         names: tuple[str, ...],
+        signatures: Signatures,
         slopes: Sequence[NDArray[np.float64]] | None,
     ) -> None:
-        self._machine, self._difference = machine, difference
+        self._machine, self._difference, self._signatures = machine, difference, signatures
         parameters = machine.problem.library.parameters(names)
         self._keys, self.count = [key for key, _ in parameters], len(parameters)
         self._low = np.array([each.minimum for _, each in parameters])
@@ -200,22 +204,19 @@ class _Objective:
         self._mean, self._root = machine.mean, machine.root
         least, most = machine.bounds
         self.bounds = np.concatenate([0.0 * self._null, least]), np.concatenate([0.0 * self._null + 1.0, most])
-        self._slopes = slopes
+        own = [] if slopes is None else [each[:, : each.shape[1] - len(self._mean)] for each in slopes]
+        self._slopes: NDArray[np.float64] | None = None
+        if own and own[0].shape[1] == self.count:
+            self._slopes = np.concatenate(own) * self.span
         self._along = difference.shared
         if slopes is not None:
-            self._along = difference.by_scatter([each[:, self.count :].T for each in slopes]).T
+            self._along = difference.by_scatter([each[:, each.shape[1] - len(self._mean) :].T for each in slopes]).T
         elif len(self._root):
             # By the deviations themselves, since these are what has bounds.
             self._along = solve_triangular(self._root, self._along.T, trans="T", lower=True).T
         self._target = difference.by_scatter(machine.raw)
-        self._signatures = machine.signatures(difference)
         self._known: dict[bytes, list[NDArray[np.float64]] | None] = {}
         self._derived: dict[bytes, NDArray[np.float64]] = {}
-
-    @property
-    def made(self) -> Made:
-        """Runs so far."""
-        return self._signatures.made
 
     def begin(self, start: Fit) -> NDArray[np.float64]:
         """Return where a candidate stands, within the bounds."""
@@ -252,9 +253,7 @@ class _Objective:
     def derivatives(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives of the features by shares of the parameters' ranges, shape (n, parameters)."""
         if self._slopes is not None:
-            slopes: NDArray[np.float64] = np.concatenate([each[:, : self.count] for each in self._slopes])
-            slopes *= self.span
-            return slopes
+            return self._slopes
         key = place.tobytes()
         if key not in self._derived:
             reach = float(np.linalg.norm(self.left(place)[: len(self._target)]))
@@ -278,8 +277,8 @@ class _Objective:
         return rows
 
 
-def slopes_at(machine: Machine, difference: Difference, fit: Fit) -> tuple[list[NDArray[np.float64]], Made]:
-    """Return derivatives of the features where a candidate has come to, and the runs that it took.
+def slopes_at(machine: Machine, difference: Difference, fit: Fit, signatures: Signatures) -> list[NDArray[np.float64]]:
+    """Return derivatives of the features where a candidate has come to.
 
     Central differences: what a candidate and the constants cannot be told apart by is small beside either, and would be
     lost in the curvature.
@@ -288,13 +287,13 @@ def slopes_at(machine: Machine, difference: Difference, fit: Fit) -> tuple[list[
         machine: The recordings.
         difference: Tells which constants move what; those that hardly move a setting keep the derivatives they have.
         fit: The candidate.
+        signatures: Simulates the machine.
 
     Returns:
         Per setting, shape (n, parameters + constants): by each parameter, and by one standard deviation of each
         constant.
 
     """
-    signatures = machine.signatures(difference)
     parameters = machine.problem.library.parameters(fit.names)
     place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
     spans = [(key, each.minimum, each.maximum, abs(fit.values[key] - each.null)) for key, each in parameters]
@@ -324,7 +323,7 @@ def slopes_at(machine: Machine, difference: Difference, fit: Fit) -> tuple[list[
             after, before = (signatures.part(k, *end) for end in ends)
             if after is not None and before is not None:
                 own[:, i] = (after - before) / width
-    return found, signatures.made
+    return found
 
 
 @dataclass(frozen=True)
@@ -373,48 +372,64 @@ def explain(
     """
     problem = machine.problem
     error = Discrepancy(machine.settings, residuals, difference, constants)
-    nothing = _constants_alone(machine, difference, runner, constants)
-    screenings = [_Screening(problem, grids, each) for each in (difference, error.difference_with(nothing))]
-    first, second = screenings
+    blank = _start((), {}, [np.zeros(each.size) for each in difference.settings])
+    nothing, slopes = _constants_alone(machine, error, blank, runner, constants)
+    bases = [_Base(problem, grids, error.difference_with(blank), blank, None)]
+    if np.abs(nothing.scores).max(initial=0.0) > _FAR:
+        there = _about(machine, error.difference_with(nothing), nothing, slopes)
+        bases.append(_Base(problem, grids, there, nothing, slopes))
     if provisional is not None:
-        length = max(float(difference.whitened @ difference.whitened), 1.0)
-        provisional([(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in first.singles])
+        length = max(bases[0].length, 1.0)
+        shares = [(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in bases[0].singles]
+        provisional(shares)
 
-    def fitted(starts: Sequence[Fit], what: str) -> tuple[list[Fit], bool]:
-        work = [(machine, difference, start, constants.joint_evaluations, constants) for start in starts]
-        answers, finished = _until_stopped(runner, fit_jointly, work, what)
-        return sorted((fit for fit, _ in answers if fit.features), key=lambda fit: fit.left), finished
-
-    promising = {place.names: place for each in (second, first) for place in each.singles[: constants.refined]}
-    singles, finished = fitted([_from(problem, place) for place in promising.values()], "fitting")
-    pairs: list[Fit] = []
-    if finished and detect_jointly(difference, nothing, singles, constants).gap:
-        with_fitted = [place for fit in singles[: constants.paired] for place in first.profiles.seconds(fit)]
-        with_fitted.sort(key=lambda place: -place.gain)
-        names = [place.names[0] for place in second.singles[: constants.paired]]
-        places = [*with_fitted[: constants.refined_pairs // 2], *second.profiles.pairs(names, constants.refined_pairs)]
-        chosen = list({frozenset(place.names): place for place in reversed(places)}.values())[
-            -constants.refined_pairs :
+    def fitted(starts: Sequence[tuple[_Base, Place]], what: str) -> tuple[list[Fit], bool]:
+        work = [
+            (machine, error, _from(problem, place, base.fit), base.fit, constants, base.slopes)
+            for base, place in starts
         ]
-        scores = {fit.names: fit.scores for fit in singles}
-        starts = [replace(_from(problem, place), scores=scores.get(place.names[:1], np.zeros(0))) for place in chosen]
-        pairs, finished = fitted(starts, "fitting pairs")
-    noticed, within = tuple(singles), nothing
-    own: dict[tuple[str, ...], float] = {}
+        answers, finished = _until_stopped(runner, fit_beside_error, work, what)
+        found = [fit for fit, _ in answers if fit.features]
+        own = error.scores(nothing, found, len(problem.library.effects))[1:]
+        kept: dict[frozenset[str], Fit] = {}
+        for fit, _ in sorted(zip(found, own, strict=True), key=lambda each: -each[1]):
+            kept.setdefault(frozenset(fit.names), fit)
+        return list(kept.values()), finished
+
+    singles, finished = fitted(
+        [(base, each) for base in bases for each in base.singles[: constants.refined]], "fitting"
+    )
+    noticed = tuple(_whitened_by(difference, fit) for fit in singles)
+    alone = _whitened_by(difference, nothing)
+    pairs: list[Fit] = []
+    if finished and singles and detect_jointly(difference, alone, noticed, constants).gap:
+        weighed = error.difference_with(singles[0])
+        profiles = Profiles(grids_of(problem), grid_signatures(grids, weighed), weighed.whitened)
+        first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
+        places = sorted((place for fit in first for place in profiles.seconds(fit)), key=lambda place: -place.gain)
+        most = constants.refined_pairs // 2
+        promising = [(bases[-1], place) for place in places[:most]]
+        names = [place.names[0] for place in bases[-1].singles[: constants.paired]]
+        promising += [(bases[-1], place) for place in bases[-1].profiles.pairs(names, most)]
+        pairs, finished = fitted(promising, "fitting pairs")
+    within, own = nothing, {NONE_OF_THEM: 0.0}
     if finished:
         fits, own, finished = _weighed(machine, error, (nothing, *singles, *pairs), runner, constants)
         within = fits.pop(NONE_OF_THEM)
         singles = [fit for fit in fits.values() if len(fit.names) == 1]
         pairs = [fit for fit in fits.values() if len(fit.names) > 1]
-    profiled = {place.names[0]: place.gain for place in first.singles}
+    profiled = {place.names[0]: place.gain for place in bases[0].singles}
     silent = tuple(effect.name for effect in problem.library if effect.name not in profiled)
-    return Explained(
-        nothing, noticed, Candidates(tuple(singles), tuple(pairs), profiled, silent, finished), within, own
-    )
+    found = Candidates(tuple(singles), tuple(pairs), profiled, silent, finished)
+    return Explained(alone, noticed, found, within, own)
 
 
 def fit_part(
-    machine: Machine, whitens: Difference, best: Fit, names: tuple[str, ...], constants: Constants
+    machine: Machine,
+    whitens: Difference,
+    best: Fit,
+    names: tuple[str, ...],
+    constants: Constants,
 ) -> tuple[Fit, Made]:
     """Return a fit of some of the effects of a candidate, begun where the candidate has come to, and its runs.
 
@@ -429,7 +444,8 @@ def fit_part(
     if not machine.problem.constants:
         nominal = tuple(replace(each, shared=each.shared[:, :0]) for each in whitens.settings)
         whitens = replace(whitens, settings=nominal, shared=whitens.shared[:, :0])
-    return fit_jointly(machine, whitens, _start(names, best.values), constants.joint_evaluations, constants)
+    signatures = machine.signatures(whitens)
+    return fit_jointly(machine, whitens, _start(names, best.values), signatures, constants), signatures.made
 
 
 def detect_jointly(difference: Difference, nothing: Fit, singles: Sequence[Fit], constants: Constants) -> Detection:
@@ -449,35 +465,91 @@ def detect_jointly(difference: Difference, nothing: Fit, singles: Sequence[Fit],
     return detect(difference, nothing.left, singles, given)
 
 
-def _constants_alone(machine: Machine, difference: Difference, runner: Runner, constants: Constants) -> Fit:
-    """Return the constants fitted alone, as well as they can be: what they leave is what is asked about."""
-    fit, made = fit_jointly(machine, difference, _start((), {}), 2 * constants.joint_evaluations, constants)
+def _constants_alone(
+    machine: Machine, error: Discrepancy, blank: Fit, runner: Runner, constants: Constants
+) -> tuple[Fit, list[NDArray[np.float64]]]:
+    """Return the constants fitted alone, as well as they can be, and their derivatives there.
+
+    What they leave is what is asked about.
+    """
+    fit, made = fit_beside_error(machine, error, blank, blank, constants, None)
     runner.count([made])
-    if machine.problem.constants and fit.features:
-        slopes, made = slopes_at(machine, difference, fit)
-        found, more = fit_jointly(machine, difference, fit, constants.joint_evaluations, constants, slopes)
-        runner.count([made, more])
-        fit = found if found.left < fit.left else fit
-    return fit
+    slopes = [each.shared for each in error.difference_with(blank).settings]
+    if not fit.features:
+        return blank, slopes
+    steps = constants.calibration_steps if machine.problem.constants else 0
+    for whitened in (error.evenly_with, error.difference_with):
+        for _ in range(steps):
+            difference = whitened(fit)
+            signatures = machine.signatures(difference)
+            slopes = slopes_at(machine, difference, fit, signatures)
+            found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+            runner.count([signatures.made])
+            before = _whitened_by(difference, fit).left
+            if not found.features or found.left >= before:
+                break
+            fit = found
+            if found.left > before * (1.0 - _WORTH_GOING_ON):
+                break
+    return fit, slopes
 
 
-class _Screening:
-    """Effects on their grids, whitened in one way."""
+class _Base:
+    """Effects on their grids, beside constants that are taken as linear about one place."""
 
-    def __init__(self, problem: Problem, grids: GridFeatures, difference: Difference) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        grids: GridFeatures,
+        difference: Difference,
+        fit: Fit,
+        slopes: Sequence[NDArray[np.float64]] | None,
+    ) -> None:
+        self.fit, self.slopes = fit, slopes
+        self.length = float(difference.whitened @ difference.whitened)
         self.profiles = Profiles(grids_of(problem), grid_signatures(grids, difference), difference.whitened)
         places = [self.profiles.single(name) for name in self.profiles.names]
         self.singles = sorted(places, key=lambda place: -place.gain)
 
 
-def _start(names: tuple[str, ...], values: Mapping[str, float]) -> Fit:
+def _about(machine: Machine, whitens: Difference, nothing: Fit, slopes: Sequence[NDArray[np.float64]]) -> Difference:
+    """Return the difference with constants that are linear about where they explain most alone.
+
+    They keep their priors: a place to linearise at is no knowledge (as in an iterated Kalman filter; Bell and Cathey
+    1993, IEEE Trans. Autom. Control 38:294).
+    """
+    columns = [each @ machine.root for each in slopes]
+    settings = tuple(replace(own, shared=each) for own, each in zip(whitens.settings, columns, strict=True))
+    moved = [
+        raw - part + (each - own.shared) @ nothing.scores
+        for raw, part, own, each in zip(machine.raw, nothing.features, whitens.settings, columns, strict=True)
+    ]
+    found = replace(whitens, settings=settings, shared=whitens.by_scatter([each.T for each in columns]).T)
+    return replace(found, whitened=found.whiten(moved))
+
+
+def _whitened_by(difference: Difference, fit: Fit) -> Fit:
+    """Return a fit as another whitening sees it."""
+    signature = difference.whiten(fit.features)
+    free = len(fit.values)
+    return replace(
+        fit,
+        signature=signature,
+        left=float(np.square(difference.whitened - signature).sum()),
+        jacobian=difference.whiten([each[:, :free].T for each in fit.slopes]).T if fit.slopes else fit.jacobian,
+        whitened=difference.whitened,
+    )
+
+
+def _start(names: tuple[str, ...], values: Mapping[str, float], features: Sequence[NDArray[np.float64]] = ()) -> Fit:
     nothing = np.zeros(0)
-    return Fit(names, values, nothing, np.inf, np.zeros((0, 0)), nothing)
+    return Fit(names, values, nothing, np.inf, np.zeros((0, 0)), nothing, tuple(features))
 
 
-def _from(problem: Problem, place: Place) -> Fit:
+def _from(problem: Problem, place: Place, base: Fit) -> Fit:
     keys = [key for key, _ in problem.library.parameters(place.names)]
-    return _start(place.names, dict(zip(keys, np.concatenate(place.values).tolist(), strict=True)))
+    values = dict(zip(keys, np.concatenate(place.values).tolist(), strict=True))
+    return replace(_start(place.names, values), scores=base.scores)
 
 
 def _until_stopped(
@@ -514,31 +586,63 @@ def _weighed(
 
     known = {fit.names: fit for fit in fits}
     finished, own = True, scored(known)
-    stages = [(weigh, constants.weighed, "weighing the model discrepancy")]
-    if machine.problem.constants:
-        stages += [(sharpen, most, "constants of the machine") for most in constants.sharpened]
-    for function, most, what in stages:
+    rounds = [(sharpen, most) for most in constants.sharpened] if machine.problem.constants else []
+    if error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful:
+        rounds = [*((way, most) for way in (spread, sharpen) for most in constants.sharpened_in_doubt), *rounds]
+    for function, most in rounds:
         if not finished:
             break
-        chosen = likeliest(own, most)
-        if function is weigh:
-            known = {names: fit for names, fit in known.items() if names in chosen}
-        work = [(machine, error, known[names], constants) for names in known if names in chosen]
-        answers, finished = _until_stopped(runner, function, work, what)
+        work = [(machine, error, known[names], constants) for names in likeliest(own, most)]
+        answers, finished = _until_stopped(runner, function, work, "constants of the machine")
         known.update({fit.names: fit for fit, _ in answers if fit.features})
         own = scored(known)
     return known, own, finished
 
 
-def weigh(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
-    """Return a candidate fitted again beside the model discrepancy that it leaves, and the runs that it took."""
-    found, made = fit_jointly(machine, error.difference_with(fit), fit, constants.joint_evaluations, constants)
-    return (found if found.features else fit), made
+def fit_beside_error(
+    machine: Machine,
+    error: Discrepancy,
+    start: Fit,
+    before: Fit,
+    constants: Constants,
+    slopes: Sequence[NDArray[np.float64]] | None,
+) -> tuple[Fit, Made]:
+    """Return a candidate fitted beside the model discrepancy that it leaves, and the runs that it took.
+
+    Iteratively reweighted least squares: as the fit closes the gap, the discrepancy that weighs it shrinks.
+
+    Args:
+        machine: What is to be explained.
+        error: Of the simulator.
+        start: The candidate and where to begin.
+        before: Fit whose discrepancy weighs the features first.
+        constants: Of the model.
+        slopes: Derivatives by the constants; None: those at the nominal machine.
+
+    """
+    difference = error.evenly_with(before)
+    signatures, fit = machine.signatures(difference), start
+    for _ in range(constants.reweighings):
+        found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+        if not found.features:
+            break
+        fit = found
+        difference = error.difference_with(fit)
+    return fit, signatures.made
+
+
+def spread(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
+    """Return a candidate fitted again as `sharpen` does, with what it leaves spread evenly over each signal."""
+    return _again(machine, error.evenly_with(fit), fit, constants)
 
 
 def sharpen(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
-    """Return a weighed candidate fitted again with derivatives of its own, and the runs that it took."""
-    difference = error.difference_with(fit)
-    slopes, made = slopes_at(machine, difference, fit)
-    found, more = fit_jointly(machine, difference, fit, constants.joint_evaluations, constants, slopes)
-    return (found if found.features else fit), Made(made.runs + more.runs, made.simulated_s + more.simulated_s)
+    """Return a candidate fitted again with derivatives of its own, and the runs that it took."""
+    return _again(machine, error.difference_with(fit), fit, constants)
+
+
+def _again(machine: Machine, difference: Difference, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
+    signatures = machine.signatures(difference)
+    slopes = slopes_at(machine, difference, fit, signatures)
+    found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+    return (found if found.features else fit), signatures.made
