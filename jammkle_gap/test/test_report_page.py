@@ -23,9 +23,11 @@ from jammkle_gap.core.result import (
     Candidate,
     Closing,
     Diagnosis,
+    FittedConstant,
     FittedEffect,
     FittedParameter,
     HeldOutSetting,
+    LedgerEntry,
     NextExperiment,
     Place,
     SignalGap,
@@ -286,6 +288,23 @@ def test_what_was_stopped_says_so_first() -> None:
     assert 0 < text.index('id="unfinished"') < text.index('id="verdict"')
 
 
+def test_the_ledger_and_the_fitted_constants_are_on_the_page() -> None:
+    """A waterfall, and a line for the constant that moved; without a gap to share there is none."""
+    constant = FittedConstant("lever.length_m", "m", 0.0448, 0.04, 2.4, (0.043, 0.0466))
+    still = FittedConstant("foot.mass", "kg", 0.2, 0.2, 0.0, (0.19, 0.21))
+    parts = (LedgerEntry("constants of the machine", 0.3, 9.0), LedgerEntry("line_leak_achilles", 0.6, 4.0))
+    left = LedgerEntry("left", 0.1, 2.0)
+    alone = dataclasses.replace(ASKED, references=[])
+    found = dataclasses.replace(made_up(Verdict.EFFECTS), constants=(constant, still), ledger=(*parts, left))
+    text = page(found, alone)
+    assert 'id="waterfall"' in text
+    read = Reader(text).words
+    assert "44.8 mm (43.0 to 46.6 mm)" in read
+    assert "constants of the machine 30 %, line leak achilles 60 %, left 10 %" in read
+    nothing = (LedgerEntry("constants of the machine", math.nan, 1.0), LedgerEntry("left", math.nan, 1.0))
+    assert 'id="waterfall"' not in page(dataclasses.replace(found, ledger=nothing), alone)
+
+
 def test_the_calibration_is_shown_in_its_units() -> None:
     """A constant that references moved stands with nominal and calibrated value, and in standard deviations."""
     said = Reader(page(made_up(Verdict.EFFECTS), ASKED)).words
@@ -294,7 +313,7 @@ def test_the_calibration_is_shown_in_its_units() -> None:
     assert "-1.7" in said
     assert "leaves 1.20 times healthy scatter" in said
     alone = dataclasses.replace(ASKED, references=[])
-    assert "Without references nothing was calibrated" in Reader(page(made_up(Verdict.EFFECTS), alone)).words
+    assert "fitted together with every candidate" in Reader(page(made_up(Verdict.EFFECTS), alone)).words
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))

@@ -57,8 +57,10 @@ _STEP = 0.2
 ridge with the masses of its links; with whole ones it stays a standard deviation beside the maximum."""
 _FAR = 0.5
 """Standard deviations that the constants move alone, from which on effects are looked for there as well."""
-_WORTH_GOING_ON = 0.05
-"""Share of what the constants leave that another step must take off."""
+_WORTH_GOING_ON = 4.0
+"""What another step must take off the squared whitened residual, for the constants alone to be fitted on: two nats."""
+_NESTED = 2
+"""Candidates from whose constants those alone are fitted once more."""
 _VISIBLE = 1.0
 """Whitened length of what one standard deviation of a constant moves in a setting, below which it is not seen there."""
 
@@ -399,6 +401,13 @@ def explain(
     singles, finished = fitted(
         [(base, each) for base in bases for each in base.singles[: constants.refined]], "fitting"
     )
+    # A candidate has found constants that may explain more alone, too.
+    starts = [
+        (machine, error, replace(blank, scores=fit.scores), nothing, constants, slopes) for fit in singles[:_NESTED]
+    ]
+    again, _ = _until_stopped(runner, fit_beside_error, starts, "fitting")
+    tried = [nothing, *(fit for fit, _ in again if fit.features)]
+    nothing = min(tried, key=lambda fit: _whitened_by(difference, fit).left)
     noticed = tuple(_whitened_by(difference, fit) for fit in singles)
     alone = _whitened_by(difference, nothing)
     pairs: list[Fit] = []
@@ -489,7 +498,7 @@ def _constants_alone(
             if not found.features or found.left >= before:
                 break
             fit = found
-            if found.left > before * (1.0 - _WORTH_GOING_ON):
+            if before - found.left < _WORTH_GOING_ON:
                 break
     return fit, slopes
 
