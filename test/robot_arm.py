@@ -68,7 +68,9 @@ def write_model(folder: Path, actuators: str = SERVOS) -> Path:
     return file
 
 
-def samples(seed: int, change: Change | None = None, duration_s: float = 6.0, late_s: float = 0.0) -> Samples:
+def samples(
+    seed: int, change: Change | None = None, duration_s: float = 6.0, late_s: float = 0.0, *, smooth: bool = False
+) -> Samples:
     """Return `time_s`, and `JOINT.position`, `JOINT.effort` and `command.JOINT.position` of a machine that moves.
 
     Args:
@@ -76,6 +78,7 @@ def samples(seed: int, change: Change | None = None, duration_s: float = 6.0, la
         change: What is wrong with it.
         duration_s: How long it is recorded.
         late_s: Delay of the commands.
+        smooth: Whether its drives go straight from command to command, so that efforts have no steps.
 
     """
     random = np.random.default_rng(seed)
@@ -97,8 +100,10 @@ def samples(seed: int, change: Change | None = None, duration_s: float = 6.0, la
     position, effort = np.empty_like(commands), np.empty_like(commands)
     for k in range(len(time_s)):
         position[k], effort[k] = data.qpos, data.qfrc_actuator
-        data.ctrl[:] = commands[max(k - late, 0)]
-        for _ in range(round(1.0 / RATE_HZ / model.opt.timestep)):
+        before, after = commands[max(k - late - 1, 0)], commands[max(k - late, 0)]
+        count = round(1.0 / RATE_HZ / model.opt.timestep)
+        for share in np.arange(1, count + 1) / count if smooth else np.ones(count):
+            data.ctrl[:] = before + share * (after - before)
             mujoco.mj_step(model, data)
     position = np.round((position + random.normal(0.0, 0.2 * STEP_RAD, position.shape)) / STEP_RAD) * STEP_RAD
     effort += random.normal(0.0, NOISE_N_M, effort.shape)

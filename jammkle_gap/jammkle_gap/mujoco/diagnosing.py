@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 WINDOW_S = 2.0
 """Length of a window, s."""
-SEARCH_S = 24.0
+SEARCH_S = 15.0
 """How much of all recordings together the search looks at, s; the answer is tried on the rest."""
 CORRECTED_NAME = "corrected.xml"
 

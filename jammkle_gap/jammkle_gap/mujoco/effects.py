@@ -209,7 +209,7 @@ def _offset(machine: Machine, joint: str, values: Sequence[float]) -> None:
 
 def _gear(machine: Machine, joint: str, values: Sequence[float]) -> None:
     machine.scale[joint] = values[0]
-    if machine.robot.drives:
+    if any(each.joint == joint for each in machine.robot.drives):
         actuator = _actuator(machine, joint)
         actuator.gainprm[:] *= values[0]
         actuator.biasprm[:] *= values[0]

@@ -131,7 +131,9 @@ class RobotSimulator:
 
         """
         machine = Machine(self.robot, copy.copy(self.robot.model))
-        for keys, nulls, change in self.changes.values():
+        asked = dict.fromkeys(key if key in self.changes else key.rpartition(".")[0] for key in values)
+        for name in asked:
+            keys, nulls, change = self.changes[name]
             own = [values.get(key, null) for key, null in zip(keys, nulls, strict=True)]
             if any(value != null for value, null in zip(own, nulls, strict=True)):
                 change(machine, own)
@@ -449,8 +451,8 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
     readings = np.column_stack([each.at(times) for each in tracks])
     smooth = [savgol_filter(readings, wide, 3, deriv=order, delta=step_s, axis=0, mode="interp") for order in range(3)]
     _check_moves(robot, run, readings)
-    step_s_model = float(robot.model.opt.timestep)
-    fine = min(step_s, max(step_s_model, 0.001))
+    # Set points are stepped through with the model, efforts are taken where they were read.
+    fine = min(step_s, max(float(robot.model.opt.timestep), 0.001)) if robot.drives else step_s
     grid = begin_s + fine * np.arange(int((end_s - begin_s) / fine) + 1, dtype=np.float64)
     smooth = [np.column_stack([np.interp(grid, times, column) for column in each.T]) for each in smooth]
     set_points = np.column_stack([each.at(grid) for each in asked]) if asked else np.zeros((len(grid), 0))
