@@ -26,6 +26,7 @@ from jammkle_sim.physics.engine import mujoco
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from jammkle_gap.core.data import Recording
     from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.mujoco.corrected import Corrected, SignalClosing
     from jammkle_gap.mujoco.robot import Robot
@@ -45,8 +46,12 @@ class RobotDiagnosis:
     robot: Robot
     library: Library
     """All effects that were screened."""
+    shared: Mapping[str, tuple[str, ...]]
+    """By effect that joints share, those of single joints."""
     problem: Problem
-    """With those that were fitted."""
+    """With those that were fitted; its simulator has them all."""
+    recordings: tuple[Recording, ...]
+    """What was compared."""
     corrected: Corrected
     closing: tuple[SignalClosing, ...]
     """What the corrected model closes when it is loaded, in windows that were not fitted; in those that were, where the
@@ -118,7 +123,8 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
         f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing, fitted=not kept)}",
     )
     found = replace(found, notes=(*notes, *(note for note in found.notes if note not in notes)))
-    return RobotDiagnosis(found, robot, Library(offered), problem, corrected, closing)
+    shared = {name: each for name, each in offer.members.items() if name not in excluded}
+    return RobotDiagnosis(found, robot, Library(offered), shared, problem, tuple(compared), corrected, closing)
 
 
 def _sentence(closing: Sequence[SignalClosing], *, fitted: bool) -> str:

@@ -224,10 +224,11 @@ def _lag(machine: Machine, joint: str, values: Sequence[float]) -> None:
 
 
 _SHEETS = "data sheets of gears and servos: no-load running torque of a tenth to a half of the rated one"
+_BY_MOTION = "assumed: up to what the motion takes of torque, and twice that of a torque that grows with speed"
 FAMILIES = (
-    Family("friction", "joints", (Number("torque", "torque", 0.0, 0.0, 0.5, _SHEETS),), _friction,
+    Family("friction", "joints", (Number("torque", "torque", 0.0, 0.0, 1.0, _BY_MOTION),), _friction,
            "{where} rub more than the model says", "turn by hand with the motors off; look at bearings and seals"),
-    Family("damping", "joints", (Number("coefficient", "damping", 0.0, 0.0, 0.5, _SHEETS),), _damping,
+    Family("damping", "joints", (Number("coefficient", "damping", 0.0, 0.0, 2.0, _BY_MOTION),), _damping,
            "{where} are slowed by their speed more than the model says", "look at the grease and its temperature"),
     Family("stribeck", "joints",
            (Number("torque", "torque", 0.0, 0.0, 0.4, _SHEETS),

@@ -110,47 +110,79 @@ def promising(
         made = space.all(places, lambda share: progress("screening", begin + share * (end - begin)))
         return [None if each is None else each - nominal for each in made]
 
-    columns = taken([{each.name: each.null + each.sigma} for each in offer.constants], 0.0, 0.15)
+    columns = taken([{each.name: each.null + each.sigma} for each in offer.constants], 0.0, 0.1)
     constants = np.array([np.zeros_like(nominal) if column is None else column for column in columns]).T
     metric = _Metric(constants.reshape(len(nominal), -1), space.data - nominal)
-    signatures: dict[str, list[tuple[float, Array]]] = {effect.name: [] for effect in offer.library}
-    left = [(effect, index, end) for effect in singles for index, end in _ends(effect)]
+    ways = {(effect.name, each): _Way(effect, *each) for effect in singles for each in _ends(effect)}
+    left = list(ways.values())
     for turn, share in enumerate(_STEPS):
-        places = [_at(effect, index, end, share) for effect, index, end in left]
-        made = taken(places, 0.15 + 0.28 * turn, 0.43 + 0.28 * turn)
-        silent = []
-        for (effect, index, end), column in zip(left, made, strict=True):
-            if column is not None and float(column @ column) > _MOVES**2:
-                signatures[effect.name].append((1.0 / share, column))
-            else:
-                silent.append((effect, index, end))
-        left = silent
-    for name, members in offer.members.items():
-        parts = [signatures[member] for member in members]
-        for place in range(max(map(len, parts), default=0)):
-            own = [each[place] for each in parts if len(each) > place]
-            signatures[name].append((own[0][0], np.sum([column for _, column in own], axis=0)))
-    names = _ordered(metric, {name: parts for name, parts in signatures.items() if parts and name in wanted})
+        made = taken([way.at(share) for way in left], 0.1 + 0.2 * turn, 0.3 + 0.2 * turn)
+        left = [way for way, column in zip(left, made, strict=True) if not way.take(share, column)]
+    for name in wanted & set(offer.members):
+        effect = offer.library.effect(name)
+        for each in _ends(effect):
+            ways[name, each] = _Way(effect, *each)
+            same = [
+                ways[member, own]
+                for member in offer.members[name]
+                for own in _ends(offer.library.effect(member))
+                if (own[0], own[2]) == (each[0], each[2])
+            ]
+            ways[name, each].join(same)
+    able = [way for way in ways.values() if way.column is not None and way.effect.name in wanted]
+    # A small step misleads about a large effect: the best are tried where they would explain most.
+    best = sorted((way for way in able if way.alone), key=lambda way: -metric.gain([way]))[: 3 * _OFFERED]
+    shares = [metric.share(way) for way in best]
+    made = taken([way.at(share) for way, share in zip(best, shares, strict=True)], 0.7, 1.0)
+    for way, share, column in zip(best, shares, made, strict=True):
+        way.take(share, column)
+    names = _ordered(metric, able)
     if not names:
         msg = f"none of the {len(library.effects)} effects on offer moves anything in these recordings; offer others"
         raise BadRecordingError(msg)
     return Library(tuple(effect for effect in library if effect.name in names))
 
 
-def _ends(effect: Effect) -> list[tuple[int, float]]:
-    """Return numbers of an effect and bounds that it is tried towards; a second number of one that is off is none."""
+def _ends(effect: Effect) -> list[tuple[int, float, bool]]:
+    """Return numbers of an effect, bounds that it is tried towards, and whether they are upper ones.
+
+    A number that does nothing by itself, as the speed of a friction that is 0, is none.
+    """
     found = []
     for index, each in enumerate(effect.parameters):
         if effect.name.startswith("stribeck") and index:
             continue
-        ends = [end for end in (each.maximum, each.minimum) if end != each.null]
-        found += [(index, end) for end in (ends if len(effect.parameters) == 1 else ends[:1])]
+        ends = [(end, upper) for end, upper in ((each.maximum, True), (each.minimum, False)) if end != each.null]
+        found += [(index, *end) for end in (ends if len(effect.parameters) == 1 else ends[:1])]
     return found
 
 
-def _at(effect: Effect, index: int, end: float, share: float) -> dict[str, float]:
-    each = effect.parameters[index]
-    return {effect.key(each): each.null + share * (end - each.null)}
+class _Way:
+    """An effect on the way to one bound of one of its numbers, and what it makes of the features per whole way."""
+
+    def __init__(self, effect: Effect, index: int, end: float, upper: bool) -> None:  # noqa: FBT001 - as `_ends` has it
+        self.effect, self._number, self._end, self.upper = effect, effect.parameters[index], end, upper
+        self.alone = len(effect.parameters) == 1 or effect.name.startswith("stribeck")
+        """Whether its other numbers, if any, stay where they are; else all are tried together."""
+        self.column: Array | None = None
+        self.low, self.high = (0.0, 1.0) if self.alone else (-1.0, 1.0)
+
+    def at(self, share: float) -> dict[str, float]:
+        """Return the values at a share of the way."""
+        value = self._number.null + share * (self._end - self._number.null)
+        return {self.effect.key(self._number): value}
+
+    def take(self, share: float, column: Array | None) -> bool:
+        """Take what was made at a share of the way; return whether it moves anything."""
+        if column is None or share <= 0.0 or float(column @ column) <= _MOVES**2:
+            return False
+        self.column = column / share
+        return True
+
+    def join(self, members: Sequence[_Way]) -> None:
+        """Be what others are together."""
+        moving = [each.column for each in members if each.column is not None]
+        self.column = np.sum(moving, axis=0) if moving else None
 
 
 class _Metric:
@@ -166,36 +198,40 @@ class _Metric:
         """Return the product of columns in the metric."""
         return left.T @ right - (left.T @ self._constants) @ (self._inner @ (self._constants.T @ right))
 
-    def gain(self, columns: Array, free: Sequence[tuple[float, float]]) -> float:
-        """Return how much some columns explain, each multiplied within its limits."""
+    def gain(self, ways: Sequence[_Way]) -> float:
+        """Return how much some ways explain, each gone within its bounds."""
+        columns = np.array([way.column for way in ways]).T
         gram, overlap = self.times(columns, columns), self.times(columns, self.difference)
         share = np.linalg.lstsq(gram, overlap, rcond=1e-9)[0]
-        share = np.clip(share, [each[0] for each in free], [each[1] for each in free])
+        share = np.clip(share, [way.low for way in ways], [way.high for way in ways])
         return float(2.0 * share @ overlap - share @ gram @ share)
 
+    def share(self, way: _Way) -> float:
+        """Return how much of a way explains most."""
+        column = np.array(way.column)
+        overlap, squared = self.times(column, self.difference), self.times(column, column)
+        return float(np.clip(overlap / squared, way.low, way.high))
 
-def _ordered(metric: _Metric, signatures: Mapping[str, Sequence[tuple[float, Array]]]) -> list[str]:
+
+def _ordered(metric: _Metric, able: Sequence[_Way]) -> list[str]:
     """Return the names of the most promising effects."""
+    choices: dict[str, list[list[_Way]]] = {}
+    for way in able:
+        if way.alone:
+            choices.setdefault(way.effect.name, []).append([way])
+        else:
+            choices.setdefault(way.effect.name, [[]])[0].append(way)
 
-    def gains(beside: Sequence[str]) -> dict[str, float]:
-        fixed = [part for name in beside for part in signatures[name]]
-        found = {}
-        for name, parts in signatures.items():
-            if name not in beside:
-                own = [*fixed, *parts]
-                # One way is one number whose null is a bound: it has no other side.
-                limits = [(-most, most) for most, _ in fixed]
-                limits += [(0.0 if len(parts) == 1 else -most, most) for most, _ in parts]
-                found[name] = metric.gain(np.array([column for _, column in own]).T, limits)
-        return found
+    def gains(beside: Sequence[_Way]) -> dict[str, float]:
+        return {name: max(metric.gain([*beside, *ways]) for ways in some) for name, some in choices.items()}
 
     alone = gains(())
     names = sorted(alone, key=lambda name: -alone[name])[: 2 * _OFFERED // 3]
     for best in names[:2]:
-        if len(signatures) > len(names):
-            beside = gains((best,))
-            others = [name for name in sorted(beside, key=lambda name: -beside[name]) if name not in names]
-            names += others[: _OFFERED // 6]
+        fixed = max(choices[best], key=metric.gain)
+        beside = gains(fixed)
+        others = [name for name in sorted(beside, key=lambda name: -beside[name]) if name not in names]
+        names += others[: _OFFERED // 6]
     return names
 
 

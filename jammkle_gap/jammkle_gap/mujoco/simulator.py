@@ -65,6 +65,12 @@ class Motion:
     """When each window that is compared begins, s."""
     window_s: float
     """How long it is, s."""
+    wandering: tuple[str, ...] = ()
+    """Joints that no drive holds at a position, so that errors of their start last."""
+    start_shift: Array | None = None
+    """Of these joints' positions and then velocities at the start of each window, shape (windows, 2 wandering)."""
+    sensitivity: Mapping[str, Array] = field(default_factory=dict)
+    """By signal, what one standard deviation of each such error makes of it, shape (samples, 2 wandering)."""
 
     @property
     def end_s(self) -> float:
@@ -162,7 +168,66 @@ def run(machine: Machine, recording: Recording) -> dict[str, Array]:
 
     """
     motion: Motion = recording.inputs
-    return (_forward if machine.robot.drives else _backward)(machine, motion, recording)
+    if not machine.robot.drives:
+        return _backward(machine, motion, recording)
+    return _from_likely_starts(motion, recording, _forward(machine, motion, recording))
+
+
+def _from_likely_starts(motion: Motion, recording: Recording, made: dict[str, Array]) -> dict[str, Array]:
+    """Return what would have been read from the most probable starts of the windows.
+
+    Errors of the measured start last in a joint that swings freely. They are linear, have a prior, and are eliminated
+    window by window (variable projection: Golub and Pereyra 2003, Inverse Problems 19:R1).
+    """
+    if not motion.sensitivity:
+        return made
+    count = len(motion.starts_s)
+    left = {each.name: (each.values - made[each.name]) / _scale(each) for each in recording.signals}
+    found = {}
+    shares = np.zeros((count, 2 * len(motion.wandering)))
+    places = {
+        each.name: np.minimum((each.time_s / motion.window_s).astype(int), count - 1) for each in recording.signals
+    }
+    for window in range(count):
+        rows = [motion.sensitivity[name][places[name] == window] / _scale(recording.signal(name)) for name in left]
+        table, rest = np.concatenate(rows), np.concatenate([left[name][places[name] == window] for name in left])
+        shares[window] = np.linalg.solve(table.T @ table + np.eye(table.shape[1]), table.T @ rest)
+    for name, values in made.items():
+        found[name] = values + (motion.sensitivity[name] * shares[places[name]]).sum(axis=1)
+    return found
+
+
+def _scale(signal: Signal) -> float:
+    return signal.deviation or _deviation(signal.values)
+
+
+def _with_sensitivity(robot: Robot, recording: Recording) -> Recording:
+    """Return a recording that knows what errors of its starts do, where they last."""
+    held = {drive.joint for drive in robot.drives if drive.quantity is Quantity.POSITION}
+    wandering = tuple(name for name in robot.joints if name not in held)
+    if not wandering or not robot.drives or robot.given.base is Base.FREE:
+        return recording
+    motion: Motion = replace(recording.inputs, wandering=wandering)
+    machine = Machine(robot, robot.model)
+    nominal = _forward(machine, motion, recording)
+    columns: dict[str, list[Array]] = {name: [] for name in nominal}
+    for order in range(2):
+        for column, name in enumerate(wandering):
+            signal = recording.signal(f"{name}/{Quantity.POSITION.value}")
+            step_s = float(np.median(np.diff(signal.time_s)))
+            wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
+            gain = float(np.sqrt(np.square(savgol_coeffs(wide, 3, deriv=order, delta=step_s)).sum()))
+            shift = np.zeros((len(motion.starts_s), 2 * len(wandering)))
+            shift[:, order * len(wandering) + column] = _START_ERRORS * gain * _scale(signal)
+            made = _forward(machine, replace(motion, start_shift=shift), recording)
+            for other in nominal:
+                columns[other].append(made[other] - nominal[other])
+    sensitivity = {name: np.array(each).T for name, each in columns.items()}
+    return replace(recording, inputs=replace(motion, sensitivity=sensitivity))
+
+
+_START_ERRORS = 3.0
+"""Standard deviations of a smoothed reading that a start may be off. Chosen: smoothing bends fast motion, too."""
 
 
 def _forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str, Array]:
@@ -262,6 +327,11 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
         states[:, 1 + int(joint.qposadr[0])] = (position - offset) / scale
         velocity = np.interp(read_s, grid, motion.velocity[:, column])
         states[:, 1 + model.nq + int(joint.dofadr[0])] = velocity / scale
+    if motion.start_shift is not None:
+        for column, name in enumerate(motion.wandering):
+            joint = model.joint(name)
+            states[:, 1 + int(joint.qposadr[0])] += motion.start_shift[:, column]
+            states[:, 1 + model.nq + int(joint.dofadr[0])] += motion.start_shift[:, len(motion.wandering) + column]
     return states
 
 
@@ -504,7 +574,7 @@ def _recording(
     if not robot.drives:
         signals = [_with_motion_noise(robot, run, each) for each in signals]
     inputs = replace(motion, starts_s=starts, window_s=length)
-    return Recording(run.name, tuple(signals), inputs, setting=run.name)
+    return _with_sensitivity(robot, Recording(run.name, tuple(signals), inputs, setting=run.name))
 
 
 def _signal(
