@@ -17,6 +17,7 @@ from jammkle_common.command.main import main
 from jammkle_gap import Verdict, diagnose_mujoco
 from jammkle_gap.mujoco.diagnosing import matched
 from jammkle_gap.mujoco.effects import offer_of, scales_of
+from jammkle_gap.mujoco.runs import BadRobotError
 from jammkle_gap.mujoco.screening import promising
 from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of
 from jammkle_sim.physics.engine import mujoco
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
-FEW = ("friction_elbow", "friction_shoulder", "damping_elbow", "command_delay", "payload")
+FEW = ("friction_elbow", "damping_elbow", "payload")
 """Effects on offer where the whole library would only take time."""
 
 
@@ -45,7 +46,7 @@ def rubbing(model: mujoco.MjModel) -> None:
 def test_command_names_the_friction_and_corrects_the_model(tmp_path: Path) -> None:
     """The verdict is the elbow's friction; page and JSON are written; the corrected model has it and closes the gap."""
     model = robot_arm.write_model(tmp_path)
-    bags = [str(robot_arm.write_bag(tmp_path / f"bag{k}", robot_arm.samples(k, rubbing, 4.0))) for k in range(2)]
+    bags = [str(robot_arm.write_bag(tmp_path / f"bag{k}", robot_arm.samples(k, rubbing, 3.0))) for k in range(2)]
     out, file = tmp_path / "out", tmp_path / "gap.json"
     offered = [part for name in FEW for part in ("--only", name)]
     assert main(["gap", "diagnose", "--model", str(model), *bags, *offered, "-o", str(out), "--json", str(file)]) == 0
@@ -99,7 +100,7 @@ def test_efforts_alone_are_diagnosed_backwards(tmp_path: Path) -> None:
     runs = [
         robot_arm.run(f"{k}", robot_arm.samples(k, rubbing, 4.0, smooth=True), without=("commands",)) for k in range(2)
     ]
-    found = diagnose_mujoco(arm, runs, only=(*FEW[:3], "payload"), folder=tmp_path / "out", jobs=1)
+    found = diagnose_mujoco(arm, runs, only=FEW, folder=tmp_path / "out", jobs=1)
     assert not found.robot.drives
     assert found.diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}
     assert found.diagnosis.effects[0].name == "friction_elbow"
@@ -122,6 +123,16 @@ def test_healthy_arm_needs_no_backward_change(tmp_path: Path) -> None:
 def exactly(model: mujoco.MjModel) -> None:
     plain = mujoco.MjModel.from_xml_string(robot_arm.MODEL.replace("ACTUATORS", robot_arm.SERVOS))
     model.body_mass[:], model.body_inertia[:] = plain.body_mass, plain.body_inertia
+
+
+def test_efforts_that_are_currents_are_refused(tmp_path: Path) -> None:
+    """Efforts of another unit than the model's are no torque constant that is off: the map is asked for."""
+    recorded = robot_arm.samples(1, duration_s=2.0)
+    recorded["shoulder.effort"] = recorded["shoulder.effort"] / 9.0
+    run = robot_arm.run("one", recorded)
+    with pytest.raises(BadRobotError, match=r"write 'torque_constants: {shoulder: 8.99}'") as error:
+        diagnose_mujoco(robot_arm.write_model(tmp_path), [run], folder=tmp_path, jobs=1)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.slow

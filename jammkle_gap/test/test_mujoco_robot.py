@@ -11,7 +11,7 @@ import robot_arm
 from jammkle_gap import BadRecordingError
 from jammkle_gap.mujoco.diagnosing import matched
 from jammkle_gap.mujoco.effects import groups_of, offer_of, scales_of
-from jammkle_gap.mujoco.runs import BadRobotError, Quantity, run_of_bag, run_of_csv
+from jammkle_gap.mujoco.runs import BadRobotError, Quantity, run_of_arrays, run_of_bag, run_of_csv
 from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
 
 if TYPE_CHECKING:
@@ -209,3 +209,27 @@ def test_bag_without_joint_states_is_refused(tmp_path: Path, recorded: robot_arm
     with pytest.raises(BadRecordingError, match=r"holds no commands on /leg, but on: /arm/commands"):
         matched(robot_arm.write_model(tmp_path), [bag], {"commands": {"topic": "leg"}})
     assert run_of_bag(bag, matched(robot_arm.write_model(tmp_path), [bag])[1].given, robot_arm.JOINTS).notes
+
+
+URDF = """
+<robot name="one"><link name="base"/>
+  <link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0.002" iyy="0.027" izz="0.027" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="50" velocity="5"/><dynamics damping="0.5"/></joint>
+</robot>"""
+
+
+def test_urdf_gets_the_controller_of_the_map(tmp_path: Path) -> None:
+    """A URDF has no actuators: a joint that is commanded gets the PD controller that the map describes."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(URDF)
+    time_s = np.arange(0.0, 3.0, 0.01)
+    angle = {"elbow.position": 0.5 * np.sin(3.0 * time_s)}
+    run = run_of_arrays("one", time_s, angle, angle)
+    with pytest.raises(BadRobotError, match="the model has none for it"):
+        matched(file, [run])
+    runs, robot = matched(file, [run], {"gains": {"elbow": {"kp": 60, "kd": 2}}})
+    (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
+    made = RobotSimulator(robot, {})(compared, {})["elbow/position"]
+    assert 0.01 < float(np.abs(made - compared.signal("elbow/position").values).max()) < 0.2

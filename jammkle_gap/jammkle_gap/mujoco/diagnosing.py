@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose
 from jammkle_gap.core.effects import Library
@@ -18,7 +20,7 @@ from jammkle_gap.core.simulate import Problem
 from jammkle_gap.mujoco.corrected import closing_of, corrected_of
 from jammkle_gap.mujoco.effects import offer_of, scales_of
 from jammkle_gap.mujoco.robot import load, match
-from jammkle_gap.mujoco.runs import Run, in_model_terms, read_map, run_of_bag, run_of_csv
+from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_bag, run_of_csv
 from jammkle_gap.mujoco.screening import BIN_S, joint_fit, promising
 from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
 from jammkle_sim.physics.engine import mujoco
@@ -106,6 +108,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     excluded = {offer.library.effect(name).name for name in without}
     offered = tuple(effect for effect in offered if effect.name not in excluded)
     simulator = RobotSimulator(robot, offer.changes)
+    _check_efforts(simulator, compared)
     library = promising(simulator, offer, Library(offered), compared, jobs, progress)
     problem = Problem(simulator, library, constants=offer.constants, bin_s=lambda _: BIN_S)
     found = diagnose(compared, problem, references=references, jobs=jobs, **options)
@@ -125,6 +128,34 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     found = replace(found, notes=(*notes, *(note for note in found.notes if note not in notes)))
     shared = {name: each for name, each in offer.members.items() if name not in excluded}
     return RobotDiagnosis(found, robot, Library(offered), shared, problem, tuple(compared), corrected, closing)
+
+
+def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -> None:
+    """Refuse efforts that are of another unit than the model's, as currents are.
+
+    Raises:
+        BadRobotError: as said.
+
+    """
+    robot = simulator.robot
+    made = [simulator(each, {}) for each in recordings]
+    for joint in robot.efforts:
+        name = f"{joint}/effort"
+        read = np.concatenate([each.signal(name).values for each in recordings])
+        model = np.concatenate([each[name] for each in made])
+        share = float(read @ model) / max(float(model @ model), 1e-12)
+        alike = float(read @ model) / max(float(np.linalg.norm(read) * np.linalg.norm(model)), 1e-12)
+        if abs(alike) > _ALIKE and not 1.0 / _OTHER_UNIT < share < _OTHER_UNIT:
+            msg = f"efforts of joint {joint} are {share:.3g} of what the model takes for the same motion"
+            msg += f"; if they are currents write 'torque_constants: {{{joint}: {1.0 / share:.3g}}}' into a map (N m/A)"
+            msg += f", if their sign is another 'joints: {{{joint}: {{sign: -1}}}}'" if share < 0.0 else ""
+            raise BadRobotError(msg)
+
+
+_ALIKE = 0.8
+"""Correlation from which on an effort is taken for the model's in another unit."""
+_OTHER_UNIT = 3.0
+"""How many times an effort may be the model's. Chosen: no effect on offer makes half of that."""
 
 
 def _sentence(closing: Sequence[SignalClosing], *, fitted: bool) -> str:

@@ -27,7 +27,6 @@ from scipy.interpolate import CubicHermiteSpline  # type: ignore[import-untyped]
 
 from jammkle_common.bags.reading import name_of, opened
 from jammkle_common.bags.times import BagTimes
-from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_gap.core.data import BadRecordingError
 
@@ -515,21 +514,3 @@ def in_model_terms(run: Run, given: RobotMap) -> Run:
         return found
 
     return replace(run, measured=moved(run.measured), commands=moved(run.commands))
-
-
-__all__ = [
-    "BadRobotError",
-    "Base",
-    "Gains",
-    "InputError",
-    "JointMap",
-    "Quantity",
-    "RobotMap",
-    "Run",
-    "Track",
-    "in_model_terms",
-    "read_map",
-    "run_of_arrays",
-    "run_of_bag",
-    "run_of_csv",
-]
