@@ -7,7 +7,7 @@ BIN := .venv/bin
 FUZZ_SEEDS := 100 101 102 103 104 105 106 107 108 109
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help extras demo test slow bench live blind contact paper studies faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
+.PHONY: help extras demo test slow bench live blind robots contact paper studies faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
@@ -19,6 +19,7 @@ help:
 	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes studies/faults/README.md, 30 minutes"
 	@echo "make soak   set up, 20 demos, ten times the graph tests and once all tests beside four busy loops; jam half an hour with random faults, once simulated and once on the firmware; 1,000,000 malformed frames; malformed requests, 100,000 and 17,000 over DDS"
 	@echo "make blind  set up, check the diagnosis blind: the standard trial, two hours; goes on where it was stopped"
+	@echo "make robots set up, check the diagnosis of any robot blind: 100 cases, some hours; goes on where it was stopped"
 	@echo "make paper  set up, run every test of the paper; writes runs/paper/paper.html, half a minute"
 	@echo "make studies set up, run the tests of the studies"
 	@echo "make contact set up, try the detectors on 4000 steps, slips and landings; writes runs/contact, 20 minutes"
@@ -75,6 +76,9 @@ soak: extras
 
 blind: extras
 	@$(BIN)/python -m studies.blind
+
+robots: extras
+	@$(BIN)/python -m studies.any_robot
 
 contact: extras
 	@$(BIN)/python -m studies.contact --steps 4000 --runs 20 -o runs/contact $(addprefix --real ,$(wildcard ../shared/data/foot_imu))

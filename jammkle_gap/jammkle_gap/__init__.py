@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from jammkle_gap.core.signatures import cache_folder, grids_of
     from jammkle_gap.core.simulate import InfeasibleError, Problem, Runner, SimulatorError
     from jammkle_gap.landing import HiddenEffect
+    from jammkle_gap.mujoco.diagnosing import RobotDiagnosis, diagnose_mujoco
+    from jammkle_gap.mujoco.runs import Run, run_of_arrays, run_of_csv
 
 _HOMES = {
     "AnkleInputs": "ankle.inputs",
@@ -51,6 +53,8 @@ _HOMES = {
     "Recording": "core.data",
     "Repeats": "core.scatter",
     "Rerun": "ankle.simulator",
+    "RobotDiagnosis": "mujoco.diagnosing",
+    "Run": "mujoco.runs",
     "Runner": "core.simulate",
     "Signal": "core.data",
     "SimulatorError": "core.simulate",
@@ -63,6 +67,7 @@ _HOMES = {
     "cache_folder": "core.signatures",
     "conclude": "core.conclude",
     "diagnose": "core.diagnose",
+    "diagnose_mujoco": "mujoco.diagnosing",
     "evidence_of": "core.diagnose",
     "features_of": "core.features",
     "fit_place": "core.search",
@@ -74,6 +79,8 @@ _HOMES = {
     "measured": "core.features",
     "quantity_of": "ankle.sensors",
     "rerun": "ankle.simulator",
+    "run_of_arrays": "mujoco.runs",
+    "run_of_csv": "mujoco.runs",
     "with_settings": "ankle.repeats",
 }
 
@@ -100,6 +107,8 @@ __all__ = [
     "Recording",
     "Repeats",
     "Rerun",
+    "RobotDiagnosis",
+    "Run",
     "Runner",
     "Signal",
     "SimulatorError",
@@ -111,6 +120,7 @@ __all__ = [
     "cache_folder",
     "conclude",
     "diagnose",
+    "diagnose_mujoco",
     "evidence_of",
     "features_of",
     "fit_place",
@@ -122,6 +132,8 @@ __all__ = [
     "measured",
     "quantity_of",
     "rerun",
+    "run_of_arrays",
+    "run_of_csv",
     "with_settings",
 ]
 

@@ -54,6 +54,14 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
             "How it was set is written into run.yaml; `jammkle info` prints a template.",
         ),
     ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Any robot: its model (MJCF, URDF), or a map (YAML) that names it and what recordings call "
+            "otherwise. Bags hold joint_states and commands, or are CSV files.",
+        ),
+    ] = None,
     library: LibraryOption = None,
     without: Annotated[
         list[str] | None, typer.Option(metavar="EFFECT", help="Take an effect out of the library; may be repeated.")
@@ -84,6 +92,10 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
 
     Ctrl-C ends the search and keeps what is known by then.
     """
+    if model is not None:
+        from jammkle_gap.mujoco.command import RobotRequest, diagnose_robot
+
+        return diagnose_robot(RobotRequest(model, bags, since or [], output, json, jobs, only or (), without or ()))
     from jammkle_gap.ankle.sensors import SensorSet
     from jammkle_gap.diagnosing import DiagnoseRequest
     from jammkle_gap.diagnosing import diagnose as run

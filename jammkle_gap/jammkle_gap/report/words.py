@@ -338,9 +338,10 @@ def corrected_note(diagnosis: Diagnosis, file: str) -> str:
         return f"{file} holds no effect: no gap was detected."
     if diagnosis.verdict is Verdict.UNKNOWN:
         return f"{file} holds no effect: what is kept beside none of them is not loaded."
+    use = "load it in place of the model" if file.endswith(".xml") else f"jammkle rig ... --effects {file} runs with it"
     if diagnosis.verdict is Verdict.AMBIGUOUS:
-        return f"{file} holds the most probable of the set; jammkle rig ... --effects {file} runs with it."
-    return f"{file} holds it; jammkle rig ... --effects {file} runs with it."
+        return f"{file} holds the most probable of the set; {use}."
+    return f"{file} holds it; {use}."
 
 
 def first_answer(shares: Sequence[tuple[str, float]], most: int = 3) -> str:

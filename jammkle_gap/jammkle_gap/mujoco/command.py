@@ -1,0 +1,157 @@
+"""What `jammkle gap diagnose --model` does: it reads, diagnoses, and writes page, JSON and corrected model."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from jammkle_common.command import results
+from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
+from jammkle_gap.backend import backend
+from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.core.effects import BadEffectError
+from jammkle_gap.core.result import as_dict
+from jammkle_gap.core.simulate import InfeasibleError, SimulatorError, StoppedError
+from jammkle_gap.mujoco.diagnosing import CORRECTED_NAME, RobotDiagnosis, diagnose_mujoco
+from jammkle_gap.mujoco.runs import BadRobotError
+from jammkle_gap.report import words
+from jammkle_gap.report.page import page
+from jammkle_gap.report.screen import show
+from jammkle_gap.report.words import Asked
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+_PAGE_NAME = "gap.html"
+_ALL_CORES = -1
+_MODEL = "model"
+_STAGES = {"screening": (0.0, 0.2), "signatures": (0.2, 0.4), "fitting": (0.4, 0.6), "fitting pairs": (0.6, 0.8)}
+"""From which share of the work to which its long stages go. Measured on an arm with seven joints."""
+
+
+@dataclass(frozen=True)
+class RobotRequest:
+    """One call of `jammkle gap diagnose --model`."""
+
+    model: Path
+    """MJCF or URDF; or a map (YAML) with the key `model` beside its own."""
+    bags: Sequence[Path]
+    since: Sequence[Path]
+    folder: Path
+    json: Path | None
+    jobs: int | None
+    only: Sequence[str] = ()
+    without: Sequence[str] = ()
+
+
+def diagnose_robot(request: RobotRequest) -> int:
+    """Do everything and return the exit code.
+
+    Raises:
+        InputError: model, map or a bag cannot be used; the message says what would be right.
+        GraphError: the simulator fails.
+        Interrupted: stopped before anything was known.
+
+    """
+    results.check_writable(request.json)
+    model, joints = _model_of(request.model)
+    try:
+        request.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {request.folder} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+    stop = StopRequest()
+    furthest = 0.0
+    try:
+        with results.progress_bar("diagnosing") as update, backend(request.jobs, None) as jobs:
+
+            def on_progress(stage: str, share: float) -> None:
+                nonlocal furthest
+                begin, end = _STAGES.get(stage, (furthest, furthest))
+                furthest = max(furthest, begin + share * (end - begin))
+                update(furthest, stage)
+
+            found = diagnose_mujoco(
+                model,
+                request.bags,
+                joints,
+                since=request.since,
+                only=request.only,
+                without=request.without,
+                folder=request.folder,
+                jobs=_ALL_CORES if jobs is None else jobs,
+                progress=on_progress,
+                stop=stop,
+            )
+    except (BadRobotError, BadRecordingError, BadEffectError) as error:
+        raise InputError(str(error)) from error
+    except (SimulatorError, InfeasibleError) as error:
+        raise GraphError(str(error)) from error
+    except StoppedError as error:
+        raise Interrupted from error
+    asked = Asked(
+        bags=[str(bag) for bag in request.bags],
+        references=[str(bag) for bag in request.since],
+        rigs=[model.name],
+        sensors="joint states",
+        library="",
+        sentences={effect.name: effect.sentence for effect in found.problem.library},
+        corrected=str(request.folder / CORRECTED_NAME),
+        origin=results.origin(),
+        constants=found.problem.constants,
+    )
+    (request.folder / _PAGE_NAME).write_text(page(found.diagnosis, asked), encoding="utf-8", errors="backslashreplace")
+    results.write_json(request.json, _content(found, asked, request))
+    show(found.diagnosis, asked, request.folder / _PAGE_NAME)
+    return 0
+
+
+def _model_of(file: Path) -> tuple[Path, Mapping[str, Any] | None]:
+    """Return the model, and the map that names it, if one does.
+
+    Raises:
+        InputError: there is no such file, or a map that names none.
+
+    """
+    if not file.is_file():
+        msg = f"--model {file} is no file; give an MJCF, a URDF, or a map that names one (model: robot.xml)"
+        raise InputError(msg)
+    if file.suffix not in {".yaml", ".yml"}:
+        return file, None
+    try:
+        table = yaml.safe_load(file.read_text(encoding="utf-8"))
+        model = file.parent / str(table.pop(_MODEL))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
+        msg = (
+            f"--model {file} cannot be used as a map: {' '.join(str(error).split())}; write 'model: robot.xml' into it"
+        )
+        raise InputError(msg) from error
+    if not model.is_file():
+        msg = f"--model {file} names model {model}, which is no file; give its path from the map's folder"
+        raise InputError(msg)
+    return model, table
+
+
+def _content(found: RobotDiagnosis, asked: Asked, request: RobotRequest) -> dict[str, Any]:
+    diagnosis = found.diagnosis
+    return {
+        **as_dict(diagnosis),
+        "made": dataclasses.asdict(asked.origin),
+        "summary": words.headline(diagnosis),
+        "check": list(words.checks(diagnosis, asked.sentences)),
+        "model": str(request.model),
+        "bags": list(asked.bags),
+        "references": list(asked.references),
+        "page": str(request.folder / _PAGE_NAME),
+        "corrected": {
+            "file": asked.corrected,
+            "values": dict(found.corrected.values),
+            "rest": dict(found.corrected.rest),
+            "gains": {joint: dataclasses.asdict(each) for joint, each in found.corrected.gains.items()},
+            "closing": [dataclasses.asdict(each) for each in found.closing],
+        },
+    }

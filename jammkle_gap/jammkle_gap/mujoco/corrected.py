@@ -1,0 +1,185 @@
+"""The corrected model: constants and effects in an MJCF, so far as it can say them, and what it closes when loaded."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_gap.mujoco.robot import load, match
+from jammkle_gap.mujoco.runs import Gains
+from jammkle_gap.mujoco.simulator import RobotSimulator, run
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from jammkle_gap.core.data import Recording
+    from jammkle_gap.mujoco.robot import Robot
+    from jammkle_gap.mujoco.runs import Run
+    from jammkle_gap.mujoco.simulator import Machine
+
+_BY_BODY = ("mass", "inertia", "ipos", "iquat", "pos")
+_BY_DOF = ("damping", "frictionloss", "armature")
+_BY_ACTUATOR = ("gainprm", "biasprm", "forcerange")
+_UNSAID = (
+    "command_delay_s",
+    "arrival_s",
+    "reading_delay_s",
+    "clock_rate",
+    "set_point_lag_s",
+    "forward_share",
+    "slack",
+    "compliance",
+    "offset",
+    "scale",
+    "effort_scale",
+    "stribeck",
+    "load_friction",
+)
+"""Fields of a machine that no MJCF says."""
+
+
+@dataclass(frozen=True)
+class SignalClosing:
+    """How far a signal was off, and is with the corrected model, in windows that were not fitted."""
+
+    signal: str
+    unit: str
+    nominal: float
+    """Root mean square of measured less simulated, in `unit`."""
+    corrected: float
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A robot with what was found in it."""
+
+    xml: str
+    """The user's model with constants and effects, as MJCF."""
+    rest: Mapping[str, Any]
+    """What MJCF cannot say, by field of `Machine`; a number, or numbers by joint."""
+    gains: Mapping[str, Gains]
+    """Of controllers outside of the model."""
+    values: Mapping[str, float]
+    """Effects by `effect.parameter` and constants by name."""
+
+
+def corrected_of(robot: Robot, machine: Machine, values: Mapping[str, float], folder: Path) -> Corrected:
+    """Return the user's model with a machine in it.
+
+    Args:
+        robot: As it was matched.
+        machine: With the values.
+        values: Effects and constants that it has.
+        folder: Where the file will be, so that meshes are found from there.
+
+    Raises:
+        BadRobotError: the model cannot be loaded any more.
+
+    """
+    spec, model = load(robot.file)
+    _put_links(robot, machine.model, model)
+    gains = _put_drives(robot, machine.model, model)
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    spec.copy_back(model)
+    _put_flags(robot, machine.model, model, spec, gains)
+    if spec.meshes or spec.textures:
+        for kind in ("meshdir", "texturedir"):
+            given = robot.file.resolve().parent / str(getattr(spec.compiler, kind))
+            setattr(spec.compiler, kind, os.path.relpath(given, folder.resolve()))
+    rest = {name: getattr(machine, name) for name in _UNSAID if getattr(machine, name)}
+    return Corrected(spec.to_xml(), rest, gains, dict(values))
+
+
+def _put_links(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel) -> None:
+    """Put what has changed of bodies, joints, contacts and gravity into the user's model."""
+    nominal = robot.model
+    for number in range(1, nominal.nbody):
+        for field in _BY_BODY:
+            ours = getattr(changed, f"body_{field}")[number]
+            if not np.array_equal(ours, getattr(nominal, f"body_{field}")[number]):
+                getattr(model, f"body_{field}")[number] = ours
+    for joint in robot.joints:
+        at, own_at = robot.dof(joint), int(model.joint(joint).dofadr[0])
+        for field in _BY_DOF:
+            getattr(model, f"dof_{field}")[own_at] = getattr(changed, f"dof_{field}")[at]
+    model.geom_friction[:] = changed.geom_friction
+    model.opt.gravity[:] = changed.opt.gravity
+
+
+def _put_drives(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, Gains]:
+    """Put drives into the user's model; return the gains of controllers that are not in it."""
+    gains = {}
+    for drive in robot.drives:
+        actuator = changed.actuator(drive.actuator)
+        if drive.joint in {*robot.given.gains, *robot.estimated}:
+            by_position = actuator.biasprm[1] != 0.0
+            gains[drive.joint] = Gains(float(actuator.gainprm[0]) if by_position else 0.0, -float(actuator.biasprm[2]))
+            continue
+        number = _actuator_of(model, drive.joint)
+        for field in _BY_ACTUATOR:
+            getattr(model, f"actuator_{field}")[number] = getattr(changed, f"actuator_{field}")[actuator.id]
+    return gains
+
+
+def _put_flags(
+    robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel, spec: mujoco.MjSpec, gains: Mapping[str, Gains]
+) -> None:
+    """Put what `copy_back`, which copies numbers, leaves out."""
+    for drive in robot.drives:
+        if drive.joint not in gains and changed.actuator_forcelimited[changed.actuator(drive.actuator).id]:
+            spec.actuators[_actuator_of(model, drive.joint)].forcelimited = True
+        if changed.jnt_actgravcomp[changed.joint(drive.joint).id]:
+            spec.joint(drive.joint).actgravcomp = True
+    if not np.array_equal(changed.body_gravcomp, robot.model.body_gravcomp):
+        for number, body in enumerate(spec.bodies):
+            body.gravcomp = float(changed.body_gravcomp[number])
+
+
+def _actuator_of(model: mujoco.MjModel, joint: str) -> int:
+    own = model.joint(joint).id
+    return next(k for k in range(model.nu) if int(model.actuator_trnid[k, 0]) == own)
+
+
+def closing_of(
+    robot: Robot, corrected: Corrected, file: Path, runs: Sequence[Run], recordings: Sequence[Recording]
+) -> tuple[SignalClosing, ...]:
+    """Load the corrected model as a user would, and say how far it closes the gap in some windows.
+
+    Args:
+        robot: As it was matched.
+        corrected: What MJCF cannot say.
+        file: Where the model was written.
+        runs: In the model's terms, as `robot` was matched with.
+        recordings: Windows of them.
+
+    Raises:
+        InfeasibleError: it blows up.
+
+    """
+    given = replace(robot.given, gains={**robot.given.gains, **corrected.gains})
+    loaded = match(file, runs, given)
+    before, after = _machine(robot), _machine(loaded)
+    for name, value in corrected.rest.items():
+        setattr(after, name, value)
+    squares: dict[str, list[list[float]]] = {}
+    units = {}
+    for recording in recordings:
+        nominal, better = run(before, recording), run(after, recording)
+        for signal in recording.signals:
+            left = [float(np.square(signal.values - made[signal.name]).sum()) for made in (nominal, better)]
+            squares.setdefault(signal.name, []).append([*left, float(len(signal.values))])
+            units[signal.name] = signal.unit
+    found = []
+    for name, parts in squares.items():
+        first, second, count = np.sum(parts, axis=0)
+        found.append(SignalClosing(name, units[name], float(np.sqrt(first / count)), float(np.sqrt(second / count))))
+    return tuple(found)
+
+
+def _machine(robot: Robot) -> Machine:
+    return RobotSimulator(robot, {}).machine({})

@@ -1,0 +1,207 @@
+"""From a model and recordings to a diagnosis: `diagnose_mujoco`.
+
+The library of a robot with seven joints has more than a hundred effects. The most promising are handed to the
+diagnosis, which fits them and their pairs with the simulator.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.core.diagnose import diagnose
+from jammkle_gap.core.effects import Library
+from jammkle_gap.core.simulate import Problem
+from jammkle_gap.mujoco.corrected import closing_of, corrected_of
+from jammkle_gap.mujoco.effects import offer_of, scales_of
+from jammkle_gap.mujoco.robot import load, match
+from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_bag, run_of_csv
+from jammkle_gap.mujoco.screening import BIN_S, joint_fit, promising
+from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.mujoco.corrected import Corrected, SignalClosing
+    from jammkle_gap.mujoco.robot import Robot
+
+WINDOW_S = 2.0
+"""Length of a window, s."""
+SEARCH_S = 15.0
+"""How much of all recordings together the search looks at, s; the answer is tried on the rest."""
+CORRECTED_NAME = "corrected.xml"
+
+
+@dataclass(frozen=True)
+class RobotDiagnosis:
+    """What was found of a robot."""
+
+    diagnosis: Diagnosis
+    robot: Robot
+    library: Library
+    """All effects that were screened."""
+    shared: Mapping[str, tuple[str, ...]]
+    """By effect that joints share, those of single joints."""
+    problem: Problem
+    """With those that were fitted; its simulator has them all."""
+    recordings: tuple[Recording, ...]
+    """What was compared."""
+    corrected: Corrected
+    closing: tuple[SignalClosing, ...]
+    """What the corrected model closes when it is loaded, in windows that were not fitted; in those that were, where the
+    search looked at everything."""
+
+
+def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
+    model: Path | str,
+    bags: Sequence[Path | str | Run],
+    joints: Mapping[str, Any] | Path | None = None,
+    *,
+    since: Sequence[Path | str | Run] = (),
+    only: Sequence[str] = (),
+    without: Sequence[str] = (),
+    folder: Path | str = "runs/gap",
+    search_s: float = SEARCH_S,
+    window_s: float = WINDOW_S,
+    jobs: int = -1,
+    **options: Any,
+) -> RobotDiagnosis:
+    """Say where a robot and its model disagree, and why, and write the corrected model.
+
+    Args:
+        model: MJCF, or a URDF that MuJoCo loads.
+        bags: Bags, CSV files (`run_of_csv`) or arrays (`run_of_arrays`).
+        joints: What recordings and model call differently, as a map (`runs`) or a file with it.
+        since: The same of the same machine at an earlier time: what has changed since? Each must be commanded as one of
+            the bags.
+        only: Effects on offer, and no others; empty: all.
+        without: Effects that are not on offer.
+        folder: Where `corrected.xml` goes.
+        search_s: How much of all recordings together is fitted, s.
+        window_s: Length of a window, s.
+        jobs: Processes, as joblib counts.
+        options: Of `diagnose`: `progress`, `provisional`, `stop`.
+
+    Raises:
+        BadRobotError: model, map and recordings do not fit.
+        BadRecordingError: a recording cannot be used.
+        BadEffectError: there is no effect of such a name.
+        InputError: a bag cannot be read.
+
+    """
+    progress = options.get("progress") or (lambda _what, _share: None)
+    runs, robot = matched(Path(model), [*bags, *since], joints)
+    compared, kept = recordings_of(robot, runs[: len(bags)], window_s, search_s)
+    references = repeats_of(robot, compared, runs[len(bags) :])
+    offer = offer_of(robot, scales_of(robot, compared))
+    offered = offer.library.effects
+    if only:
+        offered = tuple(offer.library.effect(name) for name in dict.fromkeys(only))
+    excluded = {offer.library.effect(name).name for name in without}
+    offered = tuple(effect for effect in offered if effect.name not in excluded)
+    simulator = RobotSimulator(robot, offer.changes)
+    _check_efforts(simulator, compared)
+    library = promising(simulator, offer, Library(offered), compared, jobs, progress)
+    problem = Problem(simulator, library, constants=offer.constants, bin_s=lambda _: BIN_S)
+    found = diagnose(compared, problem, references=references, jobs=jobs, **options)
+    progress("fitting effects and constants together", 0.0)
+    values = joint_fit(simulator, offer, compared, found, jobs)
+    target = Path(folder) / CORRECTED_NAME
+    target.parent.mkdir(parents=True, exist_ok=True)
+    corrected = corrected_of(robot, simulator.machine(values), values, target.parent)
+    target.write_text(corrected.xml, encoding="utf-8")
+    closing = closing_of(robot, corrected, target, runs, kept or compared)
+    notes = (
+        *robot.notes,
+        *dict.fromkeys(note for run in runs for note in run.notes),
+        f"{len(offered)} effects were screened, and the {len(library.effects)} most promising fitted",
+        f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing, fitted=not kept)}",
+    )
+    found = replace(found, notes=(*notes, *(note for note in found.notes if note not in notes)))
+    shared = {name: each for name, each in offer.members.items() if name not in excluded}
+    return RobotDiagnosis(found, robot, Library(offered), shared, problem, tuple(compared), corrected, closing)
+
+
+def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -> None:
+    """Refuse efforts that are of another unit than the model's, as currents are.
+
+    Raises:
+        BadRobotError: as said.
+
+    """
+    robot = simulator.robot
+    made = [simulator(each, {}) for each in recordings]
+    for joint in robot.efforts:
+        name = f"{joint}/effort"
+        read = np.concatenate([each.signal(name).values for each in recordings])
+        model = np.concatenate([each[name] for each in made])
+        share = float(read @ model) / max(float(model @ model), 1e-12)
+        alike = float(read @ model) / max(float(np.linalg.norm(read) * np.linalg.norm(model)), 1e-12)
+        if abs(alike) > _ALIKE and not 1.0 / _OTHER_UNIT < share < _OTHER_UNIT:
+            msg = f"efforts of joint {joint} are {share:.3g} of what the model takes for the same motion"
+            msg += f"; if they are currents write 'torque_constants: {{{joint}: {1.0 / share:.3g}}}' into a map (N m/A)"
+            msg += f", if their sign is another 'joints: {{{joint}: {{sign: -1}}}}'" if share < 0.0 else ""
+            raise BadRobotError(msg)
+
+
+_ALIKE = 0.8
+"""Correlation from which on an effort is taken for the model's in another unit."""
+_OTHER_UNIT = 3.0
+"""How many times an effort may be the model's. Chosen: no effect on offer makes half of that."""
+
+
+def _sentence(closing: Sequence[SignalClosing], *, fitted: bool) -> str:
+    most = sorted(closing, key=lambda one: one.corrected / max(one.nominal, 1e-12))[:_SAID]
+    said = ", ".join(f"{each.corrected:.3g} {each.unit} of {each.nominal:.3g} in {each.signal}" for each in most)
+    return f"{said}, in windows that were {'' if fitted else 'not '}fitted"
+
+
+_SAID = 4
+"""Signals that the note on the corrected model names: those that it closes most of."""
+
+
+def matched(
+    model: Path, bags: Sequence[Path | str | Run], joints: Mapping[str, Any] | Path | None = None
+) -> tuple[list[Run], Robot]:
+    """Read recordings, in the model's terms, and match the model with them.
+
+    Raises:
+        BadRobotError: model, map and recordings do not fit.
+        BadRecordingError: a recording cannot be used.
+        InputError: a bag cannot be read.
+
+    """
+    given = read_map(joints)
+    if not bags:
+        msg = "there is no recording to diagnose; give one or more"
+        raise BadRecordingError(msg)
+    _, nominal = load(model)
+    on_joints = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
+    order = [
+        nominal.joint(int(nominal.actuator_trnid[k, 0])).name
+        for k in range(nominal.nu)
+        if int(nominal.actuator_trntype[k]) in on_joints
+    ]
+    runs = []
+    for bag in bags:
+        if isinstance(bag, Run):
+            runs.append(bag)
+        elif Path(bag).suffix == ".csv":
+            runs.append(run_of_csv(Path(bag)))
+        else:
+            runs.append(run_of_bag(Path(bag), given, order))
+    runs = [in_model_terms(run, given) for run in runs]
+    names = [run.name for run in runs]
+    runs = [
+        dataclasses.replace(run, name=f"{run.name} ({k})") if names.count(run.name) > 1 else run
+        for k, run in enumerate(runs, 1)
+    ]
+    return runs, match(model, runs, given)

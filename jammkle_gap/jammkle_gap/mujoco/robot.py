@@ -1,0 +1,372 @@
+"""A model that is matched with recordings: its joints by name, its actuators by what was commanded.
+
+The model is prepared for that: a floating base is held or free, joints that nobody measured or commanded are locked,
+and actuators take what the recordings command. A PD controller of the map becomes a position actuator: it is the same.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jammkle_gap.mujoco.runs import BadRobotError, Base, Gains, Quantity
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from jammkle_gap.mujoco.runs import RobotMap, Run
+
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_LOCKING = 1e7
+"""Armature of a locked joint, kg m^2 or kg. Chosen: 100 N m move it by 0.02 mrad in 2 s."""
+_TURNED = 1.5
+"""Times the model's limits from which on angles are doubted to be radians."""
+_SUSPICIOUS_RAD = 8.0 * np.pi
+"""The same without limits: four turns."""
+_WEIGHTLESS = 1e-12
+"""Share of the weight that is compensated at least: MuJoCo leaves it out where it is 0 in all of a compiled model."""
+EFFORT_SENSOR = "jammkle effort "
+"""Prefix of sensors that are added to the prepared model, one per joint that is driven or whose effort is compared."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """An actuator that the recordings command."""
+
+    joint: str
+    actuator: str
+    quantity: Quantity
+    """POSITION or VELOCITY, as its set point is."""
+    leading: bool
+    """Whether commanded velocities are fed forward by its kd."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A model that is ready to be run at what was recorded."""
+
+    file: Path
+    model: mujoco.MjModel
+    joints: tuple[str, ...]
+    """Whose position was measured, in the model's order."""
+    drives: tuple[Drive, ...]
+    """Empty for a robot whose efforts alone are known: it is diagnosed by inverse dynamics."""
+    efforts: tuple[str, ...]
+    """Joints whose effort is compared."""
+    locked: tuple[str, ...]
+    estimated: tuple[str, ...]
+    """Joints whose controller nobody described: its gains were estimated from efforts."""
+    given: RobotMap
+    notes: tuple[str, ...]
+
+    def is_turning(self, joint: str) -> bool:
+        """Return whether a joint is a hinge, in rad and N m, and no slide, in m and N."""
+        return int(self.model.joint(joint).type[0]) == _HINGE
+
+    def dof(self, joint: str) -> int:
+        """Return the degree of freedom of a joint."""
+        return int(self.model.joint(joint).dofadr[0])
+
+
+def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
+    """Match a model with recordings in its own terms.
+
+    Args:
+        file: MJCF, or a URDF that MuJoCo loads.
+        runs: By the model's names.
+        given: What neither says.
+
+    Raises:
+        BadRobotError: they do not fit; the message says what would.
+
+    """
+    spec, model = load(file)
+    scalar = [
+        model.joint(k).name
+        for k in range(model.njnt)
+        if int(model.jnt_type[k]) in {_HINGE, _SLIDE} and model.joint(k).name
+    ]
+    notes: list[str] = []
+    measured, locked = _matched_joints(file, scalar, runs, given, notes)
+    _check_units(model, measured, runs, given)
+    commanded = _commanded(runs, measured)
+    drives: tuple[Drive, ...] = ()
+    estimated: tuple[str, ...] = ()
+    if commanded:
+        for joint in measured:
+            if joint not in commanded and _actuators(spec, joint):
+                locked.append(joint)
+                notes.append(f"joint {joint} has an actuator that nobody commands: it is held where it was measured")
+        drives, estimated = _made_drives(spec, commanded, runs, given, notes)
+    known = {joint for run in runs for joint, quantity in run.measured if quantity is Quantity.EFFORT}
+    efforts = [joint for joint in measured if joint in known and joint not in locked]
+    if not drives:
+        asked = {joint for run in runs for joint, quantity in run.commands if quantity is Quantity.EFFORT}
+        efforts = [joint for joint in measured if joint in known | asked]
+        if not efforts:
+            msg = "the recordings hold neither commands of positions or velocities nor efforts of any joint"
+            msg += "; record the topic of the commands, or joint_states with efforts"
+            raise BadRobotError(msg)
+    if not drives or given.base is Base.HELD:
+        _hold_base(spec, notes)
+    _lock(spec, locked)
+    _note_unknown(spec, notes)
+    for body in spec.bodies:
+        body.gravcomp = body.gravcomp or _WEIGHTLESS
+    for joint in dict.fromkeys((*efforts, *(each.joint for each in drives))):
+        spec.add_sensor(
+            name=f"{EFFORT_SENSOR}{joint}",
+            type=mujoco.mjtSensor.mjSENS_JOINTACTFRC,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            objname=joint,
+        )
+    return Robot(
+        file,
+        _compiled(spec, file),
+        tuple(each for each in measured if each not in locked),
+        drives,
+        tuple(efforts),
+        tuple(locked),
+        estimated,
+        given,
+        tuple(notes),
+    )
+
+
+def load(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """Read a model.
+
+    Raises:
+        BadRobotError: MuJoCo cannot load it.
+
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(file))
+    except (ValueError, OSError) as error:
+        msg = f"model {file} cannot be loaded: {' '.join(str(error).split())}"
+        raise BadRobotError(msg) from error
+    return spec, _compiled(spec, file)
+
+
+def _compiled(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        msg = f"model {file} cannot be compiled: {' '.join(str(error).split())}"
+        raise BadRobotError(msg) from error
+
+
+def _matched_joints(
+    file: Path, scalar: Sequence[str], runs: Sequence[Run], given: RobotMap, notes: list[str]
+) -> tuple[list[str], list[str]]:
+    """Return the model's joints that all recordings measure, and those that are locked.
+
+    Raises:
+        BadRobotError: a name of the map or of a recording has no joint that it could mean.
+
+    """
+    wrong = [name for name in (*given.locked, *given.gains, *given.torque_constants) if name not in scalar]
+    if wrong:
+        msg = f"the map names joint {wrong[0]}, which model {file.name} has not; it has: {', '.join(scalar)}"
+        raise BadRobotError(msg)
+    names = list(dict.fromkeys(joint for run in runs for joint in run.joints()))
+    everywhere = [name for name in names if all(name in run.joints() for run in runs)]
+    measured = [name for name in scalar if name in everywhere and name not in given.locked]
+    strange = [name for name in names if name not in scalar]
+    missing = [name for name in scalar if name not in names and name not in given.locked]
+    if not measured:
+        msg = f"no joint of the recordings ({', '.join(names)}) is in model {file.name} ({', '.join(scalar)})"
+        msg += "; say which is which in a map (joints: {recorded: model})"
+        raise BadRobotError(msg)
+    if strange and missing:
+        near = difflib.get_close_matches(strange[0], missing, 1, 0.0)[0]
+        msg = f"joint {strange[0]} of the recordings is not in model {file.name}, and its joint {near} not in these"
+        msg += f"; if they are one write 'joints: {{{strange[0]}: {near}}}' into a map, else '{near}: locked'"
+        raise BadRobotError(msg)
+    if strange:
+        notes.append(f"joints of the recordings that the model has not are left out: {', '.join(strange)}")
+    some = [name for name in names if name in scalar and name not in everywhere]
+    if some:
+        msg = f"joint {some[0]} is measured in some recordings and not in others; lock it, or leave these out"
+        raise BadRobotError(msg)
+    if missing:
+        notes.append(f"joints of the model that nobody measured are locked where it has them: {', '.join(missing)}")
+    return measured, [*given.locked, *missing]
+
+
+def _check_units(model: mujoco.MjModel, joints: Sequence[str], runs: Sequence[Run], given: RobotMap) -> None:
+    """Refuse angles that look like degrees, unless the map says what they are.
+
+    Raises:
+        BadRobotError: as said.
+
+    """
+    if given.degrees is not None:
+        return
+    for joint in joints:
+        own = model.joint(joint)
+        if int(own.type[0]) != _HINGE:
+            continue
+        limit = _TURNED * float(np.abs(own.range).max()) if model.jnt_limited[own.id] else _SUSPICIOUS_RAD
+        for run in runs:
+            largest = float(np.abs(run.measured[joint, Quantity.POSITION].values).max())
+            if largest > limit:
+                msg = f"joint {joint} of recording {run.name} reads up to {largest:.4g}, more than {limit:.3g} rad"
+                msg += "; write 'units: degrees' into a map, or 'units: radians' if it does turn so far"
+                raise BadRobotError(msg)
+
+
+def _commanded(runs: Sequence[Run], measured: Sequence[str]) -> dict[str, set[Quantity]]:
+    """Return what is commanded of each joint, positions or velocities among it.
+
+    Raises:
+        BadRobotError: recordings are not commanded in the same way.
+
+    """
+    found: list[dict[str, set[Quantity]]] = []
+    for run in runs:
+        asked: dict[str, set[Quantity]] = {}
+        for joint, quantity in run.commands:
+            if joint in measured:
+                asked.setdefault(joint, set()).add(quantity)
+        found.append({joint: each for joint, each in asked.items() if each - {Quantity.EFFORT}})
+    for run, each in zip(runs, found, strict=True):
+        if each != found[0]:
+            differ = sorted(set(each) ^ set(found[0])) or sorted(each)
+            msg = f"recordings {runs[0].name} and {run.name} are not commanded alike (joint {differ[0]})"
+            msg += "; diagnose them apart"
+            raise BadRobotError(msg)
+    return found[0]
+
+
+def _actuators(spec: mujoco.MjSpec, joint: str) -> list[mujoco.MjsActuator]:
+    kinds = {mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT}
+    return [each for each in spec.actuators if each.trntype in kinds and each.target == joint]
+
+
+def actuator_kind(each: mujoco.MjsActuator) -> Quantity | None:
+    """Return what an actuator takes; None for what the library does not know, such as a muscle."""
+    simple = each.gaintype == mujoco.mjtGain.mjGAIN_FIXED and each.dyntype == mujoco.mjtDyn.mjDYN_NONE
+    if not simple:
+        return None
+    if each.biastype == mujoco.mjtBias.mjBIAS_NONE:
+        return Quantity.EFFORT
+    if each.biastype != mujoco.mjtBias.mjBIAS_AFFINE:
+        return None
+    if each.biasprm[1] != 0.0:
+        return Quantity.POSITION
+    return Quantity.VELOCITY if each.biasprm[2] != 0.0 else Quantity.EFFORT
+
+
+def _made_drives(
+    spec: mujoco.MjSpec,
+    commanded: Mapping[str, set[Quantity]],
+    runs: Sequence[Run],
+    given: RobotMap,
+    notes: list[str],
+) -> tuple[tuple[Drive, ...], tuple[str, ...]]:
+    """Make each commanded joint an actuator that takes what is commanded.
+
+    Raises:
+        BadRobotError: nothing says how a joint follows its commands.
+
+    """
+    drives, estimated = [], []
+    for joint, quantities in commanded.items():
+        wanted = Quantity.POSITION if Quantity.POSITION in quantities else Quantity.VELOCITY
+        own = _actuators(spec, joint)
+        if len(own) > 1:
+            msg = f"joint {joint} has {len(own)} actuators; the library knows one per joint: merge them in the model"
+            raise BadRobotError(msg)
+        kind = actuator_kind(own[0]) if own else Quantity.EFFORT
+        gains = given.gains.get(joint)
+        if gains is None and kind is not wanted:
+            gains = _estimated_gains(runs, joint, wanted)
+            if gains is None:
+                what = f"a {kind.value} actuator" if own and kind else "an actuator of another kind" if own else "none"
+                msg = f"joint {joint} is commanded by {wanted.value}, and the model has {what} for it"
+                msg += f"; describe its controller in a map (gains: {{{joint}: {{kp: ..., kd: ...}}}})"
+                msg += ", or record efforts to estimate it from"
+                raise BadRobotError(msg)
+            estimated.append(joint)
+            notes.append(
+                f"nobody described the controller of joint {joint}: kp {gains.kp:.4g} and kd {gains.kd:.4g} are "
+                "estimated from its efforts, and fitted as constants"
+            )
+        actuator = own[0] if own else spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
+        if not actuator.name:
+            actuator.name = joint
+        if gains is not None:
+            _become_pd(actuator, gains, wanted)
+        leading = wanted is Quantity.POSITION and Quantity.VELOCITY in quantities
+        drives.append(Drive(joint, actuator.name, wanted, leading))
+    return tuple(drives), tuple(estimated)
+
+
+def _become_pd(actuator: mujoco.MjsActuator, gains: Gains, wanted: Quantity) -> None:
+    """Make an actuator `kp (set point - q) - kd dq`, or `kd (set point - dq)`; its limit of torque stays."""
+    gear = abs(float(actuator.gear[0])) or 1.0
+    actuator.forcerange = gear * np.array(actuator.forcerange)
+    actuator.gear = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    actuator.ctrllimited = False
+    actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
+    gain, bias = np.zeros_like(actuator.gainprm), np.zeros_like(actuator.biasprm)
+    if wanted is Quantity.POSITION:
+        gain[0], bias[1], bias[2] = gains.kp, -gains.kp, -gains.kd
+    else:
+        gain[0], bias[2] = gains.kd, -gains.kd
+    actuator.gainprm, actuator.biasprm = gain, bias
+
+
+def _estimated_gains(runs: Sequence[Run], joint: str, wanted: Quantity) -> Gains | None:
+    """Return the gains that recorded efforts show, by least squares; None without efforts, or where they show none."""
+    rows, efforts = [], []
+    for run in runs:
+        effort = run.measured.get((joint, Quantity.EFFORT))
+        if effort is None:
+            return None
+        position = run.measured[joint, Quantity.POSITION]
+        rate = np.gradient(position.values, position.time_s)
+        asked = run.commands[joint, wanted].at(position.time_s)
+        error = asked - (position.values if wanted is Quantity.POSITION else rate)
+        rows.append(np.column_stack([error, -rate, np.ones_like(rate)]))
+        efforts.append(effort.at(position.time_s))
+    table = np.concatenate(rows)
+    if wanted is Quantity.VELOCITY:
+        table[:, 1] = 0.0
+    (first, damping, _), *_ = np.linalg.lstsq(table, np.concatenate(efforts), rcond=None)
+    if first <= 0.0:
+        return None
+    return Gains(float(first), max(float(damping), 0.0)) if wanted is Quantity.POSITION else Gains(0.0, float(first))
+
+
+def _hold_base(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    for joint in list(spec.joints):
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+            notes.append(f"the floating base ({joint.name or joint.parent.name}) is held where the model has it")
+            spec.delete(joint)
+            for key in list(spec.keys):
+                spec.delete(key)  # its positions are of other joints now
+
+
+def _lock(spec: mujoco.MjSpec, joints: Iterable[str]) -> None:
+    for name in joints:
+        spec.joint(name).armature = _LOCKING
+        for actuator in _actuators(spec, name):
+            actuator.gainprm, actuator.biasprm = np.zeros_like(actuator.gainprm), np.zeros_like(actuator.biasprm)
+
+
+def _note_unknown(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    closing = {mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD}
+    chains = [each.name or f"{each.name1} to {each.name2}" for each in spec.equalities if each.type in closing]
+    if chains:
+        notes.append(f"closed chains run as the model has them, and no effect acts on them: {', '.join(chains)}")
+    tendons = [each.name for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_TENDON]
+    if tendons:
+        notes.append(f"actuators on tendons get no command, and no effect acts on them: {', '.join(tendons)}")

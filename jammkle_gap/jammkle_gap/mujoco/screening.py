@@ -1,0 +1,317 @@
+"""Which effects of a long list promise most, and effects and constants fitted together.
+
+All effects are screened by one Jacobian per recording, beside the constants of the machine with their priors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.core.effects import Library
+from jammkle_gap.core.features import features_of, layout_of, measured
+from jammkle_gap.core.result import Verdict
+from jammkle_gap.core.simulate import InfeasibleError
+from jammkle_gap.mujoco.runs import BadRobotError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.data import Recording
+    from jammkle_gap.core.effects import Effect
+    from jammkle_gap.core.result import Diagnosis
+    from jammkle_gap.mujoco.effects import Offer
+    from jammkle_gap.mujoco.simulator import RobotSimulator
+
+    Array = NDArray[np.float64]
+    Progress = Callable[[str, float], None]
+
+BIN_S = 0.05
+"""Length of a bin, s. Chosen: jitter of drivers is some milliseconds."""
+_OFFERED = 12
+"""Effects that are handed on to be fitted: two thirds by themselves, the others beside the best of these."""
+_STEPS = (0.15, 0.5, 0.85)
+"""Shares of the way to a bound that an effect is tried at; the next where one moves nothing, as a limit far away."""
+_MOVES = 0.3
+"""Length of a whitened signature, in standard deviations, from which on it is one."""
+
+
+class _Whitened:
+    """Features of recordings in the noise of their sensors, and runs of the simulator in them."""
+
+    def __init__(self, simulator: RobotSimulator, recordings: Sequence[Recording], jobs: int) -> None:
+        self.simulator, self.recordings, self.jobs = simulator, recordings, jobs
+        self.layouts = [layout_of([each], BIN_S, None) for each in recordings]
+        self.data = self._stacked([measured(each) for each in recordings])
+
+    def _stacked(self, values: Iterable[Mapping[str, Array]]) -> Array:
+        parts = [
+            features_of(layout, each, made, None) / layout.floor
+            for layout, each, made in zip(self.layouts, self.recordings, values, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def made(self, values: Mapping[str, float]) -> Array | None:
+        """Return the features with some values; None where it cannot be run."""
+        try:
+            return self._stacked([self.simulator(each, values) for each in self.recordings])
+        except InfeasibleError:
+            return None
+
+    def all(self, places: Sequence[Mapping[str, float]], progress: Callable[[float], None]) -> list[Array | None]:
+        """Return the features at several places, side by side."""
+        parallel = Parallel(n_jobs=self.jobs, return_as="generator", pre_dispatch="4*n_jobs")
+        found = []
+        for each in parallel(delayed(self.made)(place) for place in places):
+            found.append(each)
+            progress(len(found) / len(places))
+        return found
+
+
+def promising(
+    simulator: RobotSimulator,
+    offer: Offer,
+    library: Library,
+    recordings: Sequence[Recording],
+    jobs: int,
+    progress: Progress,
+) -> Library:
+    """Return the effects that explain most of recordings, by themselves and beside the best of them.
+
+    The difference is linear in constants and effects here, with the constants' priors: what is left is whitened by
+    (I + A A'), A holding one standard deviation of each constant per column (Woodbury).
+
+    Args:
+        simulator: Of the robot.
+        offer: Constants, and which effects are those of single joints together.
+        library: Effects on offer.
+        recordings: What is compared.
+        jobs: Processes.
+        progress: Takes reports.
+
+    """
+    space = _Whitened(simulator, recordings, jobs)
+    wanted = {effect.name for effect in library}
+    needed = wanted | {member for name in wanted for member in offer.members.get(name, ())}
+    singles = [effect for effect in offer.library if effect.name in needed and effect.name not in offer.members]
+    nominal = space.made({})
+    if nominal is None:
+        msg = "the nominal model blows up at what was commanded"
+        msg += "; look at the gains, the unit of the commands and the time step of the model"
+        raise BadRobotError(msg)
+
+    def taken(places: Sequence[Mapping[str, float]], begin: float, end: float) -> list[Array | None]:
+        made = space.all(places, lambda share: progress("screening", begin + share * (end - begin)))
+        return [None if each is None else each - nominal for each in made]
+
+    columns = taken([{each.name: each.null + each.sigma} for each in offer.constants], 0.0, 0.1)
+    constants = np.array([np.zeros_like(nominal) if column is None else column for column in columns]).T
+    metric = _Metric(constants.reshape(len(nominal), -1), space.data - nominal)
+    ways = {(effect.name, each): _Way(effect, *each) for effect in singles for each in _ends(effect)}
+    left = list(ways.values())
+    for turn, share in enumerate(_STEPS):
+        made = taken([way.at(share) for way in left], 0.1 + 0.2 * turn, 0.3 + 0.2 * turn)
+        left = [way for way, column in zip(left, made, strict=True) if not way.take(share, column)]
+    for name in wanted & set(offer.members):
+        effect = offer.library.effect(name)
+        for each in _ends(effect):
+            ways[name, each] = _Way(effect, *each)
+            same = [
+                ways[member, own]
+                for member in offer.members[name]
+                for own in _ends(offer.library.effect(member))
+                if (own[0], own[2]) == (each[0], each[2])
+            ]
+            ways[name, each].join(same)
+    able = [way for way in ways.values() if way.column is not None and way.effect.name in wanted]
+    # A small step misleads about a large effect: the best are tried where they would explain most.
+    best = sorted((way for way in able if way.alone), key=lambda way: -metric.gain([way]))[: 3 * _OFFERED]
+    shares = [metric.share(way) for way in best]
+    made = taken([way.at(share) for way, share in zip(best, shares, strict=True)], 0.7, 1.0)
+    for way, share, column in zip(best, shares, made, strict=True):
+        way.take(share, column)
+    names = _ordered(metric, able)
+    if not names:
+        msg = f"none of the {len(library.effects)} effects on offer moves anything in these recordings; offer others"
+        raise BadRecordingError(msg)
+    return Library(tuple(effect for effect in library if effect.name in names))
+
+
+def _ends(effect: Effect) -> list[tuple[int, float, bool]]:
+    """Return numbers of an effect, bounds that it is tried towards, and whether they are upper ones.
+
+    A number that does nothing by itself, as the speed of a friction that is 0, is none.
+    """
+    found = []
+    for index, each in enumerate(effect.parameters):
+        if effect.name.startswith("stribeck") and index:
+            continue
+        ends = [(end, upper) for end, upper in ((each.maximum, True), (each.minimum, False)) if end != each.null]
+        found += [(index, *end) for end in (ends if len(effect.parameters) == 1 else ends[:1])]
+    return found
+
+
+class _Way:
+    """An effect on the way to one bound of one of its numbers, and what it makes of the features per whole way."""
+
+    def __init__(self, effect: Effect, index: int, end: float, upper: bool) -> None:  # noqa: FBT001 - as `_ends` has it
+        self.effect, self._number, self._end, self.upper = effect, effect.parameters[index], end, upper
+        self.alone = len(effect.parameters) == 1 or effect.name.startswith("stribeck")
+        """Whether its other numbers, if any, stay where they are; else all are tried together."""
+        self.column: Array | None = None
+        self.low, self.high = (0.0, 1.0) if self.alone else (-1.0, 1.0)
+
+    def at(self, share: float) -> dict[str, float]:
+        """Return the values at a share of the way."""
+        value = self._number.null + share * (self._end - self._number.null)
+        return {self.effect.key(self._number): value}
+
+    def take(self, share: float, column: Array | None) -> bool:
+        """Take what was made at a share of the way; return whether it moves anything."""
+        if column is None or share <= 0.0 or float(column @ column) <= _MOVES**2:
+            return False
+        self.column = column / share
+        return True
+
+    def join(self, members: Sequence[_Way]) -> None:
+        """Be what others are together."""
+        moving = [each.column for each in members if each.column is not None]
+        self.column = np.sum(moving, axis=0) if moving else None
+
+
+class _Metric:
+    """The difference and signatures, with the constants of the machine taken out as far as their priors let them."""
+
+    def __init__(self, constants: Array, difference: Array) -> None:
+        self._constants = constants
+        inner = np.eye(constants.shape[1]) + constants.T @ constants
+        self._inner = np.linalg.inv(inner)
+        self.difference = difference
+
+    def times(self, left: Array, right: Array) -> Any:
+        """Return the product of columns in the metric."""
+        return left.T @ right - (left.T @ self._constants) @ (self._inner @ (self._constants.T @ right))
+
+    def gain(self, ways: Sequence[_Way]) -> float:
+        """Return how much some ways explain, each gone within its bounds."""
+        columns = np.array([way.column for way in ways]).T
+        gram, overlap = self.times(columns, columns), self.times(columns, self.difference)
+        share = np.linalg.lstsq(gram, overlap, rcond=1e-9)[0]
+        share = np.clip(share, [way.low for way in ways], [way.high for way in ways])
+        return float(2.0 * share @ overlap - share @ gram @ share)
+
+    def share(self, way: _Way) -> float:
+        """Return how much of a way explains most."""
+        column = np.array(way.column)
+        overlap, squared = self.times(column, self.difference), self.times(column, column)
+        return float(np.clip(overlap / squared, way.low, way.high))
+
+
+def _ordered(metric: _Metric, able: Sequence[_Way]) -> list[str]:
+    """Return the names of the most promising effects."""
+    choices: dict[str, list[list[_Way]]] = {}
+    for way in able:
+        if way.alone:
+            choices.setdefault(way.effect.name, []).append([way])
+        else:
+            choices.setdefault(way.effect.name, [[]])[0].append(way)
+
+    def gains(beside: Sequence[_Way]) -> dict[str, float]:
+        return {name: max(metric.gain([*beside, *ways]) for ways in some) for name, some in choices.items()}
+
+    alone = gains(())
+    names = sorted(alone, key=lambda name: -alone[name])[: 2 * _OFFERED // 3]
+    for best in names[:2]:
+        fixed = max(choices[best], key=metric.gain)
+        beside = gains(fixed)
+        others = [name for name in sorted(beside, key=lambda name: -beside[name]) if name not in names]
+        names += others[: _OFFERED // 6]
+    return names
+
+
+def joint_fit(
+    simulator: RobotSimulator, offer: Offer, recordings: Sequence[Recording], found: Diagnosis, jobs: int
+) -> dict[str, float]:
+    """Return the effects that were found and all constants, fitted together from where the diagnosis left the effects.
+
+    Gauss-Newton with the constants' priors, and steps that are halved while they make things worse. What the simulator
+    leaves beyond noise counts as noise, as a whole: without that, priors would not count at all.
+    """
+    unknown = _unknowns(offer, found)
+    space = _Whitened(simulator, recordings, jobs)
+    place, current = unknown.start, space.made(unknown.named(unknown.start))
+    if current is None:
+        return {}
+    left = space.data - current
+    for _ in range(_FIT_STEPS):
+        noise = max(float(left @ left) / len(left), 1.0)
+        turned = np.where(place + unknown.steps > unknown.high, -unknown.steps, unknown.steps)
+        made = space.all([unknown.named(place + turn) for turn in np.diag(turned)], lambda _share: None)
+        base = space.data - left
+        slopes = np.array([np.zeros_like(base) if each is None else (each - base) * np.sign(turn)
+                           for each, turn in zip(made, turned, strict=True)]).T  # fmt: skip
+        normal = slopes.T @ slopes / noise + np.diag(unknown.weights)
+        right = slopes.T @ left / noise - unknown.pull(place)
+        move = unknown.steps * np.linalg.lstsq(normal, right, rcond=1e-9)[0]
+        before = unknown.cost(left, place, noise)
+        for halved in range(_HALVINGS):
+            tried = np.clip(place + move / 2.0**halved, unknown.low, unknown.high)
+            made_there = space.made(unknown.named(tried))
+            if made_there is not None and unknown.cost(space.data - made_there, tried, noise) < before:
+                break
+        else:
+            break
+        place, left = tried, space.data - made_there
+        if before - unknown.cost(left, place, noise) < _SETTLED * before:
+            break
+    return unknown.named(place)
+
+
+@dataclass(frozen=True)
+class _Unknowns:
+    """Numbers that are fitted together, each of shape (n,)."""
+
+    keys: tuple[str, ...]
+    start: Array
+    steps: Array
+    """Differences that slopes are taken over; of a constant one standard deviation of its prior."""
+    low: Array
+    high: Array
+    weights: Array
+    """1 where there is a prior."""
+
+    def named(self, place: Array) -> dict[str, float]:
+        """Return the numbers by name."""
+        return dict(zip(self.keys, place.tolist(), strict=True))
+
+    def pull(self, place: Array) -> Array:
+        """Return half the slope of the priors' cost, per step."""
+        return self.weights * (place - self.start) / self.steps
+
+    def cost(self, left: Array, place: Array, noise: float) -> float:
+        """Return twice the negative logarithm of the posterior, but for a constant."""
+        return float(left @ left) / noise + float(np.square(self.pull(place)).sum())
+
+
+def _unknowns(offer: Offer, found: Diagnosis) -> _Unknowns:
+    rows: list[tuple[str, float, float, float, float, float]] = []
+    for fitted in found.effects if found.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS} else ():
+        effect = offer.library.effect(fitted.name)
+        for parameter, own in zip(effect.parameters, fitted.parameters, strict=True):
+            step = 0.02 * (parameter.maximum - parameter.minimum)
+            rows.append((effect.key(parameter), own.value, step, parameter.minimum, parameter.maximum, 0.0))
+    rows += [(each.name, each.null, each.sigma, each.minimum, each.maximum, 1.0) for each in offer.constants]
+    keys, *columns = zip(*rows, strict=True)
+    return _Unknowns(tuple(map(str, keys)), *(np.array(each, dtype=np.float64) for each in columns))
+
+
+_FIT_STEPS = 4
+_HALVINGS = 4
+_SETTLED = 1e-3
+"""Share of the cost by which a last step makes it less."""

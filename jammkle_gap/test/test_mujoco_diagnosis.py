@@ -1,0 +1,144 @@
+"""Any robot: from bags and a model to a name, a page and a corrected model."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import robot_arm
+
+from jammkle_common.command.main import main
+from jammkle_gap import Verdict, diagnose_mujoco
+from jammkle_gap.mujoco.diagnosing import matched
+from jammkle_gap.mujoco.effects import offer_of, scales_of
+from jammkle_gap.mujoco.runs import BadRobotError
+from jammkle_gap.mujoco.screening import promising
+from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
+FEW = ("friction_elbow", "damping_elbow", "payload")
+"""Effects on offer where the whole library would only take time."""
+
+
+@pytest.fixture(autouse=True)
+def _own_signals() -> Iterator[None]:
+    """Give the test process its signal handlers back; the command installs its own."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def rubbing(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[2] += 0.8
+
+
+def test_command_names_the_friction_and_corrects_the_model(tmp_path: Path) -> None:
+    """The verdict is the elbow's friction; page and JSON are written; the corrected model has it and closes the gap."""
+    model = robot_arm.write_model(tmp_path)
+    bags = [str(robot_arm.write_bag(tmp_path / f"bag{k}", robot_arm.samples(k, rubbing, 3.0))) for k in range(2)]
+    out, file = tmp_path / "out", tmp_path / "gap.json"
+    offered = [part for name in FEW for part in ("--only", name)]
+    assert main(["gap", "diagnose", "--model", str(model), *bags, *offered, "-o", str(out), "--json", str(file)]) == 0
+    found = json.loads(file.read_text())
+    assert [each["name"] for each in found["effects"]][:1] == ["friction_elbow"]
+    assert found["corrected"]["values"]["friction_elbow.torque"] == pytest.approx(0.8, abs=0.08)
+    assert "joint elbow" in (out / "gap.html").read_text().lower()
+    corrected = mujoco.MjModel.from_xml_path(str(out / "corrected.xml"))
+    assert float(corrected.dof_frictionloss[2]) == pytest.approx(0.8, abs=0.08)
+    elbow = next(each for each in found["corrected"]["closing"] if each["signal"] == "elbow/position")
+    assert elbow["corrected"] < 0.2 * elbow["nominal"]
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        ("missing.xml", "is no file; give an MJCF"),
+        ("broken.xml", "cannot be loaded"),
+        ("map.yaml", "write 'model: robot.xml' into it"),
+        ("typo.yaml", "the key 'joint'; it may have: joints"),
+    ],
+)
+def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], model: str, said: str) -> None:
+    """Exit code 2, and one line that says what would be right."""
+    robot_arm.write_model(tmp_path)
+    (tmp_path / "broken.xml").write_text("<mujoco><worldbody></mujoco>")
+    (tmp_path / "map.yaml").write_text("units: degrees\n")
+    (tmp_path / "typo.yaml").write_text("model: arm.xml\njoint: {}\n")
+    bag = robot_arm.write_bag(tmp_path / "bag", robot_arm.samples(1, duration_s=1.0))
+    assert main(["gap", "diagnose", "--model", str(tmp_path / model), str(bag), "-o", str(tmp_path / "out")]) == 2
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said in last
+
+
+def test_screening_puts_the_truth_among_the_first(tmp_path: Path) -> None:
+    """Of all effects that the arm is offered, those of the elbow's friction are kept, and few others."""
+    runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", robot_arm.samples(5, rubbing, 4.0))])
+    compared, _ = recordings_of(robot, runs, 2.0, 4.0)
+    offer = offer_of(robot, scales_of(robot, compared))
+    kept = promising(
+        RobotSimulator(robot, offer.changes), offer, offer.library, compared, 1, lambda _what, _share: None
+    )
+    names = [effect.name for effect in kept]
+    assert "friction_elbow" in names
+    assert len(names) <= 12 < len(offer.library.effects)
+
+
+def test_efforts_alone_are_diagnosed_backwards(tmp_path: Path) -> None:
+    """Without commands the efforts that the motion takes are compared: friction shows in them, and where."""
+    arm = robot_arm.write_model(tmp_path, robot_arm.MOTORS)
+    runs = [
+        robot_arm.run(f"{k}", robot_arm.samples(k, rubbing, 4.0, smooth=True), without=("commands",)) for k in range(2)
+    ]
+    found = diagnose_mujoco(arm, runs, only=FEW, folder=tmp_path / "out", jobs=1)
+    assert not found.robot.drives
+    assert found.diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}
+    assert found.diagnosis.effects[0].name == "friction_elbow"
+    assert found.corrected.values["friction_elbow.torque"] == pytest.approx(0.8, abs=0.15)
+
+
+def test_healthy_arm_needs_no_backward_change(tmp_path: Path) -> None:
+    """Inverse dynamics of the machine's own model leave only the noise of efforts and differentiated angles."""
+    plain = robot_arm.samples(4, exactly, 4.0, smooth=True)
+    run = robot_arm.run("one", plain, without=("commands",))
+    runs, robot = matched(robot_arm.write_model(tmp_path), [run])
+    (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
+    made = RobotSimulator(robot, {})(compared, {})
+    for each in compared.signals:
+        inside = slice(20, -20)
+        left = float(np.sqrt(np.mean((each.values - made[each.name])[inside] ** 2)))
+        assert left < 3.0 * each.noise, each.name
+
+
+def exactly(model: mujoco.MjModel) -> None:
+    plain = mujoco.MjModel.from_xml_string(robot_arm.MODEL.replace("ACTUATORS", robot_arm.SERVOS))
+    model.body_mass[:], model.body_inertia[:] = plain.body_mass, plain.body_inertia
+
+
+def test_efforts_that_are_currents_are_refused(tmp_path: Path) -> None:
+    """Efforts of another unit than the model's are no torque constant that is off: the map is asked for."""
+    recorded = robot_arm.samples(1, duration_s=2.0)
+    recorded["shoulder.effort"] = recorded["shoulder.effort"] / 9.0
+    run = robot_arm.run("one", recorded)
+    with pytest.raises(BadRobotError, match=r"write 'torque_constants: {shoulder: 8.99}'") as error:
+        diagnose_mujoco(robot_arm.write_model(tmp_path), [run], folder=tmp_path, jobs=1)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+def test_example_of_the_page_names_the_friction(tmp_path: Path) -> None:
+    """The script of the page runs as it stands."""
+    command = [sys.executable, EXAMPLES / "any_robot.py", tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+    assert done.stdout.splitlines()[0] == "EFFECTS"
+    assert done.stdout.splitlines()[1].startswith("Joint tilt rubs")

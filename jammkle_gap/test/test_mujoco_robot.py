@@ -1,0 +1,235 @@
+"""Any robot: model and recordings are matched by name, and what cannot be matched is said."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import robot_arm
+
+from jammkle_gap import BadRecordingError
+from jammkle_gap.mujoco.diagnosing import matched
+from jammkle_gap.mujoco.effects import groups_of, offer_of, scales_of
+from jammkle_gap.mujoco.runs import BadRobotError, Quantity, run_of_arrays, run_of_bag, run_of_csv
+from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jammkle_gap import Recording
+    from jammkle_gap.mujoco.robot import Robot
+    from jammkle_gap.mujoco.runs import Run
+
+
+@pytest.fixture(scope="module")
+def recorded() -> robot_arm.Samples:
+    return robot_arm.samples(1)
+
+
+@pytest.mark.parametrize("form", ["trajectory", "array", "states"])
+def test_bags_hold_the_same_however_they_are_commanded(tmp_path: Path, recorded: robot_arm.Samples, form: str) -> None:
+    """Trajectories, bare numbers and joint states command the same motion, and bags are as arrays."""
+    model = robot_arm.write_model(tmp_path)
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, form)
+    (run,), robot = matched(model, [bag])
+    assert [each.joint for each in robot.drives] == list(robot_arm.JOINTS)
+    for joint in robot_arm.JOINTS:
+        asked = run.commands[joint, Quantity.POSITION].at(recorded["time_s"] + 1e-4)
+        assert np.allclose(asked[1:], recorded[f"command.{joint}.position"][1:], atol=1e-3)
+        assert np.allclose(run.measured[joint, Quantity.EFFORT].values, recorded[f"{joint}.effort"])
+
+
+def test_csv_holds_the_same(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A CSV file with the same columns is the same run."""
+    names = list(recorded)
+    file = tmp_path / "run.csv"
+    rows = np.column_stack([recorded[name] for name in names])
+    np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
+    run = run_of_csv(file)
+    assert np.allclose(run.measured["elbow", Quantity.POSITION].values, recorded["elbow.position"])
+    assert np.allclose(run.commands["elbow", Quantity.POSITION].at(recorded["time_s"][:-1] + 1e-3),
+                       recorded["command.elbow.position"][:-1])  # fmt: skip
+
+
+def test_map_turns_names_signs_zeros_and_units(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """What is recorded by another name, sign, zero and in degrees is the model's again."""
+    strange = dict(recorded)
+    for key in ("{}.position", "command.{}.position"):
+        strange[key.format("bow")] = -np.degrees(strange.pop(key.format("elbow")) - 0.2)
+        for other in ("yaw", "shoulder"):
+            strange[key.format(other)] = np.degrees(strange[key.format(other)])
+    strange["bow.effort"] = -strange.pop("elbow.effort")
+    given = {"joints": {"bow": {"model": "elbow", "sign": -1, "offset": 0.2}}, "units": "degrees"}
+    (run,), robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", strange)], given)
+    assert robot.joints == robot_arm.JOINTS
+    for quantity in ("position", "effort"):
+        found = run.measured["elbow", Quantity(quantity)].values
+        assert np.allclose(found, recorded[f"elbow.{quantity}"])
+
+
+def refusal(folder: Path, run: Run, given: dict[str, object] | None = None, actuators: str = robot_arm.SERVOS) -> str:
+    """Return what is said of a run that cannot be used."""
+    model = robot_arm.write_model(folder, actuators)
+    with pytest.raises((BadRobotError, BadRecordingError)) as error:
+        cut(*matched(model, [run], given))
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def cut(runs: list[Run], robot: Robot) -> list[Recording]:
+    """Return what is compared of runs."""
+    return recordings_of(robot, runs, 2.0, 20.0)[0]
+
+
+def test_what_cannot_be_matched_is_named(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A joint by another name, degrees, a controller that nobody described, a robot that stands: one line each."""
+    renamed = {key.replace("elbow", "elbow_joint"): values for key, values in recorded.items()}
+    assert "joints: {elbow_joint: elbow}" in refusal(tmp_path, robot_arm.run("one", renamed))
+    degrees = {key: np.degrees(values) if "position" in key else values for key, values in recorded.items()}
+    assert "units: degrees" in refusal(tmp_path, robot_arm.run("one", degrees))
+    run = robot_arm.run("one", recorded, without=("effort",))
+    assert "gains: {yaw: {kp: ..., kd: ...}}" in refusal(tmp_path, run, actuators=robot_arm.MOTORS)
+    still = {key: np.round(values, 0) * 0.0 if key != "time_s" else values for key, values in recorded.items()}
+    assert "nothing moves" in refusal(tmp_path, robot_arm.run("one", still))
+    run = robot_arm.run("one", recorded, without=("effort", "commands"))
+    assert "neither commands" in refusal(tmp_path, run)
+    assert "'kq'" in refusal(tmp_path, run, {"gains": {"yaw": {"kq": 1}}})
+    assert "names joint wrist" in refusal(tmp_path, run, {"gains": {"wrist": {"kp": 1}}})
+
+
+def test_controller_is_estimated_from_efforts(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Gains that nobody gave come from recorded efforts, and the notes say so."""
+    model = robot_arm.write_model(tmp_path, robot_arm.MOTORS)
+    _, robot = matched(model, [robot_arm.run("one", recorded)])
+    assert robot.estimated == robot_arm.JOINTS
+    assert any("nobody described the controller of joint shoulder" in note for note in robot.notes)
+    assert float(robot.model.actuator("shoulder").gainprm[0]) == pytest.approx(120.0, rel=0.1)
+    given = {"gains": {name: {"kp": 50, "kd": 2} for name in robot_arm.JOINTS}}
+    _, robot = matched(model, [robot_arm.run("one", recorded)], given)
+    assert float(robot.model.actuator("shoulder").gainprm[0]) == 50.0
+
+
+def test_gripper_that_nobody_commands_is_held(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A joint without commands stays where it was measured, and the notes say so."""
+    some = {key: values for key, values in recorded.items() if key != "command.elbow.position"}
+    runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", some)])
+    assert robot.locked == ("elbow",)
+    assert any("joint elbow" in note for note in robot.notes)
+    compared, _ = recordings_of(robot, runs, 2.0, 20.0)
+    assert all(not signal.name.startswith("elbow") for signal in compared[0].signals)
+
+
+def made(folder: Path, samples: robot_arm.Samples, search_s: float = 20.0) -> tuple[Robot, RobotSimulator, list]:
+    """Return a matched robot, its simulator with every effect, and what is compared of a run."""
+    runs, robot = matched(robot_arm.write_model(folder), [robot_arm.run("one", samples)])
+    compared, _ = recordings_of(robot, runs, 2.0, search_s)
+    offer = offer_of(robot, scales_of(robot, compared))
+    return robot, RobotSimulator(robot, offer.changes), compared
+
+
+CHANGES = {
+    "friction_elbow.torque": (0.5, lambda model: model.dof_frictionloss.__setitem__(2, 0.5)),
+    "damping_elbow.coefficient": (0.6, lambda model: model.dof_damping.__setitem__(2, 0.9)),
+    "armature_yaw.inertia": (0.08, lambda model: model.dof_armature.__setitem__(0, 0.13)),
+}
+
+
+@pytest.mark.parametrize("key", [None, "command_delay.time", "payload.mass", *CHANGES])
+def test_simulator_with_the_effect_is_the_machine(tmp_path: Path, key: str | None) -> None:
+    """With the machine's own effect what is left is noise, in every window; without it more."""
+    change = CHANGES[key][1] if key in CHANGES else None
+    if key == "payload.mass":
+        change = lambda model: model.body_mass.__setitem__(4, model.body_mass[4] + 0.4)  # noqa: E731
+    samples = exact(change, 0.04 if key == "command_delay.time" else 0.0)
+    _, simulator, compared = made(tmp_path, samples)
+    values = {} if key is None else {key: {"command_delay.time": 0.04, "payload.mass": 0.4}.get(key) or CHANGES[key][0]}
+    for signal in compared[0].signals:
+        left = signal.values - simulator(compared[0], values)[signal.name]
+        noise = robot_arm.STEP_RAD if signal.unit == "rad" else robot_arm.NOISE_N_M
+        assert float(np.sqrt(np.mean(left**2))) < 1.5 * noise, signal.name
+    if key is not None:
+        without = simulator(compared[0], {})
+        worst = max(
+            float(np.sqrt(np.mean((each.values - without[each.name]) ** 2))) / noise_of(each.unit)
+            for each in compared[0].signals
+        )
+        assert worst > 3.0
+
+
+def noise_of(unit: str) -> float:
+    return robot_arm.STEP_RAD if unit == "rad" else robot_arm.NOISE_N_M
+
+
+def exact(change: robot_arm.Change | None, late_s: float) -> robot_arm.Samples:
+    """Return samples of a machine whose constants are those of the model."""
+
+    def undone(model: object) -> None:
+        plain = robot_arm.mujoco.MjModel.from_xml_string(robot_arm.MODEL.replace("ACTUATORS", robot_arm.SERVOS))
+        model.body_mass[:], model.body_inertia[:] = plain.body_mass, plain.body_inertia
+        if change is not None:
+            change(model)
+
+    return robot_arm.samples(3, undone, late_s=late_s)
+
+
+def test_windows_start_from_what_was_measured(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Windows are taken where the robot travels most, and what is compared is only theirs."""
+    _, simulator, compared = made(tmp_path, recorded, search_s=4.0)
+    motion = compared[0].inputs
+    assert len(motion.starts_s) == 2
+    assert all(signal.time_s[-1] < 4.0 for signal in compared[0].signals)
+    assert set(simulator(compared[0], {})) == {signal.name for signal in compared[0].signals}
+
+
+def test_joints_of_one_kind_share_effects(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """All joints share an effect, those with the same rotor another, and each has its own."""
+    robot, simulator, _ = made(tmp_path, recorded)
+    groups = groups_of(robot, robot_arm.JOINTS)
+    assert groups == {"": robot_arm.JOINTS, "_yaw_to_shoulder": ("yaw", "shoulder")}
+    assert {"friction", "friction_yaw_to_shoulder", "friction_elbow"} <= set(simulator.changes)
+
+
+def test_repeats_are_known_by_their_commands(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """An earlier run with the same commands is a reference; one with others is refused."""
+    runs, robot = matched(
+        robot_arm.write_model(tmp_path), [robot_arm.run("one", recorded), robot_arm.run("other", robot_arm.samples(9))]
+    )
+    compared, _ = recordings_of(robot, runs[:1], 2.0, 20.0)
+    assert repeats_of(robot, compared, runs[:1])[0].setting == compared[0].setting
+    with pytest.raises(BadRecordingError, match="was not commanded as any of one"):
+        repeats_of(robot, compared, runs[1:])
+
+
+def test_bag_without_joint_states_is_refused(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A bag of commands alone says which topic is missing; one whose commands are elsewhere, where they are."""
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, "array")
+    with pytest.raises(BadRobotError, match="it may have: topic, order, quantity"):
+        matched(robot_arm.write_model(tmp_path), [bag], {"commands": {"topics": "/arm"}})
+    with pytest.raises(BadRecordingError, match=r"holds no commands on /leg, but on: /arm/commands"):
+        matched(robot_arm.write_model(tmp_path), [bag], {"commands": {"topic": "leg"}})
+    assert run_of_bag(bag, matched(robot_arm.write_model(tmp_path), [bag])[1].given, robot_arm.JOINTS).notes
+
+
+URDF = """
+<robot name="one"><link name="base"/>
+  <link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0.002" iyy="0.027" izz="0.027" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="50" velocity="5"/><dynamics damping="0.5"/></joint>
+</robot>"""
+
+
+def test_urdf_gets_the_controller_of_the_map(tmp_path: Path) -> None:
+    """A URDF has no actuators: a joint that is commanded gets the PD controller that the map describes."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(URDF)
+    time_s = np.arange(0.0, 3.0, 0.01)
+    angle = {"elbow.position": 0.5 * np.sin(3.0 * time_s)}
+    run = run_of_arrays("one", time_s, angle, angle)
+    with pytest.raises(BadRobotError, match="the model has none for it"):
+        matched(file, [run])
+    runs, robot = matched(file, [run], {"gains": {"elbow": {"kp": 60, "kd": 2}}})
+    (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
+    made = RobotSimulator(robot, {})(compared, {})["elbow/position"]
+    assert 0.01 < float(np.abs(made - compared.signal("elbow/position").values).max()) < 0.2
