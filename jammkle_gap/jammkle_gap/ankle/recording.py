@@ -51,10 +51,11 @@ from jammkle_gap.ankle.segmentation import (
     segment_of_simulation,
     whole_segment,
 )
-from jammkle_gap.ankle.sensors import RESOLUTION, UNITS, declared_noise, quantity_of
+from jammkle_gap.ankle.sensors import ACCELERATION, RATE, RESOLUTION, UNITS, declared_noise, quantity_of
+from jammkle_gap.ankle.shank import shank_motion
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_sim.rigs.catalogue import RIGS
-from jammkle_sim.rigs.replay import CommandTrack, Timeline, is_driven, timestep_s
+from jammkle_sim.rigs.replay import CommandTrack, Timeline, is_driven, is_guided, timestep_s
 from jammkle_sim.rigs.rig import assembled
 
 if TYPE_CHECKING:
@@ -78,6 +79,8 @@ _ROUNDING_S = 1e-9
 """What stamps of the same time may differ by, s."""
 _ON_THE_GRID = 1e-6
 """Rounding of a number of samples."""
+_MOSTLY_STILL = 0.5
+"""Share of a recording for which its IMU must be still to be compared; else it is an input alone. Assumed."""
 _SLOW_HZ = 200.0
 """Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
 hundreds of runs."""
@@ -212,6 +215,8 @@ def _segments(
         if not has_carriage and not bag.simulated:
             checks.check_course_is_known(bag.name, inputs)
         segments = (driven_segment(topics, built),) if has_carriage else ()
+    elif is_guided(built):
+        segments = (whole_segment(topics),)
     else:
         segments = (commanded_segment(topics),)
     if bag.simulated:
@@ -245,8 +250,10 @@ def _recording(
         stretched = f"the tendon is stretched by {1e3 * inputs.course.start_m:.1f} mm as the recording begins"
         said.append(f"{stretched}, and taken to have relaxed there; record from its free length on")
     phases = recording_phases(inputs.rig, signals, commands)
-    if inputs.course is not None:  # what is driven is an input, and not compared
+    if inputs.course is not None or inputs.shank is not None:  # what is driven is an input, and not compared
         signals.pop(CARRIAGE, None)
+    if inputs.shank is not None and np.mean(inputs.shank.still) < _MOSTLY_STILL:
+        signals = {name: each for name, each in signals.items() if quantity_of(name) not in (ACCELERATION, RATE)}
     strange = strange_joints(topics)
     if strange:
         said.append(f"joints that are not an ankle's, and left out: {', '.join(strange)}")
@@ -265,6 +272,8 @@ def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Se
         release_s = seen_release_s(segment, built)
         seen_by = segment.seen_by if release_s is not None else ""
         return dataclasses.replace(inputs, release_s=release_s, release_seen_by=seen_by)
+    if is_guided(built):
+        return dataclasses.replace(inputs, shank=shank_motion(topics[names.IMU.name], segment.start_s, segment.end_s))
     joints = topics.get(names.JOINT_STATES.name)
     if not is_driven(built) or joints is None or CARRIAGE not in joints.columns:
         return inputs

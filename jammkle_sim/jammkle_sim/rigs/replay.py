@@ -126,6 +126,11 @@ def is_driven(rig: Rig) -> bool:
     return any(rig.model.actuator(i).name == DRIVE for i in range(rig.model.nu))
 
 
+def is_guided(rig: Rig) -> bool:
+    """Tell whether a rig's shank is guided, whatever hangs on it."""
+    return len(rig.guide) > 0
+
+
 def started_at(rig: Rig, position_m: float) -> Rig:
     """Return a driven rig whose carriage starts elsewhere, its tendons at rest there; the same where it does so anyway.
 
