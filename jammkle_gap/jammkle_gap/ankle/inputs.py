@@ -148,7 +148,7 @@ def motion_key(rig: Rig, inputs: AnkleInputs) -> str:
     """Return what tells the motion of a rig from that of others with the same inputs."""
     wiring = rig.wiring
     if inputs.shank is not None:
-        return repr((wiring.imu_delay_s, wiring.clock_skew, laws_of(rig).imu.tobytes()))
+        return repr((wiring.imu_delay_s, wiring.joint_delay_s, wiring.clock_skew, laws_of(rig).imu.tobytes()))
     if inputs.course is None and not inputs.release_seen_by:
         return ""
     late_s = wiring.imu_delay_s if inputs.release_seen_by == names.IMU.name else wiring.joint_delay_s

@@ -55,7 +55,7 @@ from jammkle_gap.ankle.sensors import ACCELERATION, RATE, RESOLUTION, UNITS, dec
 from jammkle_gap.ankle.shank import shank_motion
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_sim.rigs.catalogue import RIGS
-from jammkle_sim.rigs.replay import CommandTrack, Timeline, is_driven, is_guided, timestep_s
+from jammkle_sim.rigs.replay import CommandTrack, Timeline, has_ground, is_driven, is_guided, timestep_s
 from jammkle_sim.rigs.rig import assembled
 
 if TYPE_CHECKING:
@@ -79,8 +79,6 @@ _ROUNDING_S = 1e-9
 """What stamps of the same time may differ by, s."""
 _ON_THE_GRID = 1e-6
 """Rounding of a number of samples."""
-_MOSTLY_STILL = 0.5
-"""Share of a recording for which its IMU must be still to be compared; else it is an input alone. Assumed."""
 _SLOW_HZ = 200.0
 """Rate that signals of slow rigs are thinned to. Assumed: nothing there is faster than 50 Hz, and a diagnosis keeps
 hundreds of runs."""
@@ -252,7 +250,7 @@ def _recording(
     phases = recording_phases(inputs.rig, signals, commands)
     if inputs.course is not None or inputs.shank is not None:  # what is driven is an input, and not compared
         signals.pop(CARRIAGE, None)
-    if inputs.shank is not None and np.mean(inputs.shank.still) < _MOSTLY_STILL:
+    if inputs.shank is not None and inputs.shank.is_input_alone:
         signals = {name: each for name, each in signals.items() if quantity_of(name) not in (ACCELERATION, RATE)}
     strange = strange_joints(topics)
     if strange:
@@ -272,9 +270,11 @@ def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Se
         release_s = seen_release_s(segment, built)
         seen_by = segment.seen_by if release_s is not None else ""
         return dataclasses.replace(inputs, release_s=release_s, release_seen_by=seen_by)
-    if is_guided(built):
-        return dataclasses.replace(inputs, shank=shank_motion(topics[names.IMU.name], segment.start_s, segment.end_s))
     joints = topics.get(names.JOINT_STATES.name)
+    if is_guided(built):
+        height = joints.readings(CARRIAGE) if joints is not None and has_ground(built) else None
+        motion = shank_motion(topics[names.IMU.name], height, segment.start_s, segment.end_s)
+        return dataclasses.replace(inputs, shank=motion)
     if not is_driven(built) or joints is None or CARRIAGE not in joints.columns:
         return inputs
     stamp_s, position_m = joints.readings(CARRIAGE)

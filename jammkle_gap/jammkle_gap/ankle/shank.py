@@ -3,6 +3,9 @@
 Where it moves its IMU is taken at its word. Where it stands still more is known than an IMU reads: it does not turn,
 and what it feels is gravity. There the accelerometer says no more than which way is up, and what else it reads, and
 what the gyro reads at all, is the sensors' own and is compared.
+
+Over the ground it must be known where it is. There its height was measured, it moves slowly, and it is tilted as its
+accelerometer says.
 """
 
 from __future__ import annotations
@@ -14,11 +17,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid  # type: ignore[import-untyped]  # carries no types
 from scipy.ndimage import uniform_filter1d  # type: ignore[import-untyped]  # carries no types
 from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # carries no types
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from jammkle_sim.rigs.guide import guided_by_imu
+from jammkle_sim.rigs.guide import guided_by_imu, guided_by_poses
 from jammkle_sim.rigs.replay import timestep_s, true_time_s
 from jammkle_sim.rigs.rig import laws_of
 
@@ -41,9 +46,14 @@ _CALMEST = 10.0
 """Percentile of the scatter that is taken for that of rest."""
 _NOISIEST = (0.5, 0.1)
 """Scatter above which nothing counts as still, m/s^2 and rad/s. Assumed: what a standing robot's fans and gears make."""
+_MOSTLY_STILL = 0.5
+"""Share of a recording for which an IMU must be still to be compared. Assumed."""
 _SMOOTHED_S = 0.02
 """Length of the cubics that readings are smoothed by. Chosen: they keep 6 Hz to 1 part in 10,000, and take away two
 thirds of the noise."""
+_TILTED_S = 1.0
+"""The same of what a gyro drifts against the accelerometer. Chosen: an offset of the gyro is a straight line in it, and
+an accelerometer's noise comes down to a fiftieth of a degree."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +64,8 @@ class ShankMotion:
     """Rising, shape (n,), s, as stamped."""
     readings: Floats
     """Specific force, m/s^2, then angular velocity, rad/s, in the sensor's frame, shape (n, 6)."""
+    height: tuple[Floats, Floats] | None = None
+    """Over the ground: stamps, s, and heights of the ankle's joint, m, as read; None: nothing is touched."""
 
     @cached_property
     def still(self) -> Floats:
@@ -69,36 +81,72 @@ class ShankMotion:
         share: Floats = uniform_filter1d(calm.astype(np.float64), around)
         return share
 
+    @property
+    def is_input_alone(self) -> bool:
+        """Whether the IMU is not compared: it is never still for long, or the tilt of a slow motion is all it is for."""
+        return self.height is not None or float(np.mean(self.still)) < _MOSTLY_STILL
+
     @cached_property
     def digest(self) -> bytes:
         """What tells it from other motions."""
-        return hashlib.blake2b(self.time_s.tobytes() + self.readings.tobytes(), digest_size=16).digest()
+        parts = (self.time_s, self.readings, *(self.height or ()))
+        return hashlib.blake2b(b"".join(part.tobytes() for part in parts), digest_size=16).digest()
 
 
-def shank_motion(imu: Samples, start_s: float, end_s: float) -> ShankMotion:
-    """Return the motion between two stamps, s, that an IMU read."""
+def shank_motion(imu: Samples, height: tuple[Floats, Floats] | None, start_s: float, end_s: float) -> ShankMotion:
+    """Return the motion between two stamps, s, that an IMU read, and heights with their stamps where those count."""
     within = (imu.stamp_s >= start_s) & (imu.stamp_s <= end_s)
     readings = np.column_stack([imu.columns[column][within] for column in (*FORCES, *RATES)])
-    return ShankMotion(imu.stamp_s[within] - start_s, readings)
+    since = None if height is None else (height[0] - start_s, height[1])
+    return ShankMotion(imu.stamp_s[within] - start_s, readings, since)
 
 
 def moved_as_read(rig: Rig, motion: ShankMotion) -> Rig:
-    """Return a guided rig that moves as its IMU must have moved to read this.
+    """Return a guided rig that moves as its sensors must have moved to read this.
 
     Args:
         rig: With effects in it, or without; not touched. How its IMU errs, and how late it is, is taken out.
         motion: What was read.
 
     """
-    law, step_s = laws_of(rig).imu[0], timestep_s(rig)
+    law, step_s, wiring = laws_of(rig).imu[0], timestep_s(rig), rig.wiring
     true = (motion.readings - law["offset"]).reshape(-1, 2, 3) @ law["turn"]
-    force, rate, still = true[:, 0], true[:, 1], motion.still[:, np.newaxis]
     # Each pole of the filter is late by (1 - s) / s steps, and a reading comes at the end of the step it is taken in.
     filter_s = step_s * (1.0 + 2.0 * (1.0 - float(law["smoothing"])) / float(law["smoothing"]))
-    moment_s = true_time_s(motion.time_s, rig.wiring.imu_delay_s, rig.wiring.clock_skew) - filter_s
+    moment_s = true_time_s(motion.time_s, wiring.imu_delay_s, wiring.clock_skew) - filter_s
     grid_s = step_s * np.arange(int(moment_s[-1] / step_s) + 1)
-    gravity = force * (STANDARD_GRAVITY_M_S2 / np.linalg.norm(force, axis=1, keepdims=True))
-    felt = np.column_stack((still * gravity + (1.0 - still) * force, (1.0 - still) * rate))
-    window = 2 * round(0.5 * _SMOOTHED_S / step_s) + 1
-    smooth = savgol_filter(np.column_stack([np.interp(grid_s, moment_s, axis) for axis in felt.T]), window, 3, axis=0)
-    return dataclasses.replace(rig, guide=guided_by_imu(step_s, smooth[:, :3], smooth[:, 3:]))
+    force, rate = true[:, 0], true[:, 1]
+    if motion.height is not None:
+        stamp_s, height_m = motion.height
+        read_s = true_time_s(stamp_s, wiring.joint_delay_s, wiring.clock_skew) - step_s
+        height_m = _smooth(grid_s, read_s, height_m[:, np.newaxis], _SMOOTHED_S)
+        position_m = np.column_stack((np.zeros((len(grid_s), 2)), height_m))
+        guide = guided_by_poses(step_s, position_m, Rotation.from_euler("YX", _tilt_rad(grid_s, moment_s, force, rate)))
+    else:
+        still = motion.still[:, np.newaxis]
+        gravity = force * (STANDARD_GRAVITY_M_S2 / np.linalg.norm(force, axis=1, keepdims=True))
+        felt = np.column_stack((still * gravity + (1.0 - still) * force, (1.0 - still) * rate))
+        smooth = _smooth(grid_s, moment_s, felt, _SMOOTHED_S)
+        guide = guided_by_imu(step_s, smooth[:, :3], smooth[:, 3:])
+    return dataclasses.replace(rig, guide=guide)
+
+
+def _tilt_rad(grid_s: Floats, moment_s: Floats, force: Floats, rate: Floats) -> Floats:
+    """Return pitch and roll of a shank that does not turn about the vertical, on an even grid, shape (n, 2), rad.
+
+    A complementary filter without lag: quick changes are the gyro's, slow ones the accelerometer's.
+    """
+    felt = np.column_stack([np.interp(grid_s, moment_s, axis) for axis in np.column_stack((force, rate)).T])
+    up = felt[:, :3] / np.linalg.norm(felt[:, :3], axis=1, keepdims=True)
+    leaning = np.column_stack((np.arcsin(np.clip(-up[:, 0], -1.0, 1.0)), np.arctan2(up[:, 1], up[:, 2])))
+    turning = np.column_stack((felt[:, 4] / np.cos(leaning[:, 1]), felt[:, 3]))
+    turned = cumulative_trapezoid(turning, grid_s, axis=0, initial=0.0)
+    return turned + _smooth(grid_s, grid_s, leaning - turned, _TILTED_S)
+
+
+def _smooth(grid_s: Floats, time_s: Floats, values: Floats, over_s: float) -> Floats:
+    """Return values, one column each, on an even grid, smoothed by cubics."""
+    window = 2 * round(0.5 * over_s / (grid_s[1] - grid_s[0])) + 1
+    even = np.column_stack([np.interp(grid_s, time_s, axis) for axis in values.T])
+    smooth: Floats = savgol_filter(even, window, 3, axis=0)
+    return smooth

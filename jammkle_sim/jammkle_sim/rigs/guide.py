@@ -10,15 +10,13 @@ for a shank that moves slowly over the ground.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # carries no types
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.physics import records
-from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,3 +67,19 @@ def guided_by_imu(step_s: float, specific_force_m_s2: Floats, rate_rad_s: Floats
     rows[:, _RATE], rows[:, _FORCE] = rate_rad_s, specific_force_m_s2
     rows[:, _ANGULAR] = np.gradient(rate_rad_s, step_s, axis=0)
     return rows
+
+
+def smooth_course(corner_s: Floats, corners: Floats, time_s: Floats) -> Floats:
+    """Return a course through corners, at rest in each: half a cosine leads from one to the next.
+
+    Args:
+        corner_s: Rising, shape (k,), s.
+        corners: Shape (k, columns).
+        time_s: Shape (n,), s.
+
+    """
+    place = np.interp(time_s, corner_s, np.arange(len(corner_s), dtype=np.float64))
+    before = np.minimum(place.astype(int), len(corner_s) - 2)
+    share = (0.5 - 0.5 * np.cos(np.pi * (place - before)))[:, np.newaxis]
+    course: Floats = (1.0 - share) * corners[before] + share * corners[before + 1]
+    return course
