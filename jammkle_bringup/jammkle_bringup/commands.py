@@ -170,6 +170,30 @@ def record(
 
 
 @app.command(rich_help_panel=ON_THE_GRAPH)
+def exercise(
+    name: Annotated[str, typer.Argument(help="cycle, press, shake, tilt, or all.", metavar="NAME")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder that gets a bag per exercise.", metavar="DIR")],
+    vacuum_kpa: Annotated[float, typer.Option(help="Vacuum of the jammed half, kPa below ambient, 5 to 75.")] = 50.0,
+    namespace: NamespaceOption = "/",
+    json: JsonOption = None,
+) -> int:
+    """Take a robot through exercises for a diagnosis, and record each with its run sheet."""
+    from jammkle_bringup.exercise import exercise as do
+    from jammkle_sim.rigs.catalogue import EXERCISES
+
+    if name != "all" and name not in EXERCISES:
+        msg = f"NAME '{name}' does not exist; it must be one of {', '.join(EXERCISES)}, all"
+        raise InputError(msg)
+    results.check_writable(json)
+    chosen = tuple(EXERCISES) if name == "all" else (name,)
+    bags = do(chosen, output, normalised(namespace), 1e3 * vacuum_kpa, StopRequest())
+    for each in bags.values():
+        typer.echo(str(each))
+    results.write_json(json, {"bags": {each: str(bag) for each, bag in bags.items()}})
+    return 0
+
+
+@app.command(rich_help_panel=ON_THE_GRAPH)
 def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.", metavar="DIR")

@@ -193,6 +193,14 @@ LOCKSTEP = Topic(
 
 TF = Topic("/tf", "tf2_msgs/msg/TFMessage", TopicKind.SENSOR, "the same pose for tf, where tf2_msgs is installed")
 
+JOINT_TRAJECTORY = Topic(
+    "joint_trajectory",
+    "trajectory_msgs/msg/JointTrajectory",
+    TopicKind.COMMAND,
+    "angles, rad, that a robot's own joints shall take over time, by its model's names; an empty one ends it",
+)
+"""To whatever moves a robot's joints, such as the controller of that name of ros2_control; a simulated robot follows."""
+
 
 def solenoid_topic(channel: str) -> Topic:
     """Topic of a channel's solenoid: true = energised = connected to the manifold."""

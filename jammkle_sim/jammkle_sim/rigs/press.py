@@ -53,6 +53,7 @@ class PressOptions:
 
     tilt_deg: float = parameter(15.0, "How far the shank is tilted for each press", "deg", 5.0, 30.0)
     turn_deg: float = parameter(8.0, "How far the ground turns the foot back, less than the tilt", "deg", 1.0, 25.0)
+    sides: str = parameter("yes", "Whether it is pressed on its sides too", choices=("yes", "no"))
     way_time_s: float = parameter(0.6, "How long each way down and up takes", "s", 0.1, 10.0)
     friction: float = slope_friction_option()
     vacuum_pa: float = jammed_vacuum_option()
@@ -111,7 +112,8 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
         problem = f"it must be less than the tilt of {options.tilt_deg:g} deg, or else the foot stands flat"
         raise ParameterError(problem, "turn_deg", options.turn_deg)
     ankle = ankle or AnkleParameters()
-    presses = tuple(corner for pose in POSES for corner in _pressed(options, *pose))
+    poses = POSES if options.sides == "yes" else ((1.0, 0.0), (-1.0, 0.0))
+    presses = tuple(corner for pose in poses for corner in _pressed(options, *pose))
     start = (0.0, 0.0, 0.0, presses[0][-1])
     corners = np.array((start, *presses, (_JAM_S, *presses[-1][1:]), *presses))
     corners[:, 0] = np.cumsum(corners[:, 0])

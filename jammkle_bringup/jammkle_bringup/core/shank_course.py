@@ -1,0 +1,119 @@
+"""How a robot's own joints take a shank through an exercise, and where they have it. Pure functions of angles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_common.names import LEG_JOINTS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.robots.limb import LimbParameters
+
+    Floats = NDArray[np.float64]
+
+ABDUCTION, HIP, KNEE = LEG_JOINTS
+_EVERY_S = 0.02
+"""Time between two points of a course. Chosen: straight lines between them follow 6 Hz to 7 parts in 1000."""
+RETRACTED_M = 0.04
+"""How much nearer to the hip than in the stance an ankle is that must touch nothing. Assumed: a toe that is turned down
+by 40 degrees needs as much."""
+READY_S = 2.0
+"""Time in which a robot goes to where an exercise begins."""
+
+
+@dataclass(frozen=True)
+class ShankCourse:
+    """Poses of a shank over time, against level ground."""
+
+    time_s: Floats
+    """Rising from 0, shape (n,), s."""
+    pitch_rad: Floats
+    """Toe-down positive."""
+    roll_rad: Floats
+    height_m: Floats
+    """Of the ankle's joint over the ground; it counts only where the ground does."""
+
+    @property
+    def lasts_s(self) -> float:
+        """How long it takes, s."""
+        return float(self.time_s[-1])
+
+
+def course_of(rig: Rig, step_s: float) -> ShankCourse:
+    """Return the course that a rig of an exercise guides its shank through by itself."""
+    every = max(round(_EVERY_S / step_s), 1)
+    rows = rig.guide[::every]
+    turn = Rotation.from_quat(rows[:, [4, 5, 6, 3]]).as_euler("YXZ")
+    return ShankCourse(step_s * every * np.arange(len(rows)), turn[:, 0], turn[:, 1], rows[:, 2])
+
+
+@dataclass(frozen=True)
+class Limb:
+    """A limb of one of our robots, whose foot is level in its stance."""
+
+    parameters: LimbParameters
+    has_abduction: bool
+    offset_m: float = 0.0
+    """How far to the left of the abduction's axis its plane is."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Its joints, in the order of the angles below."""
+        return LEG_JOINTS if self.has_abduction else (HIP, KNEE)
+
+    def hanging_rad(self, course: ShankCourse) -> Floats:
+        """Return the angles that take a shank through a course in the air, shape (n, joints); the thigh is at rest."""
+        lean_rad, thigh_m, shank_m = self.parameters.lean_rad, self.parameters.thigh_m, self.parameters.shank_m
+        down_m = self.parameters.stance_m - RETRACTED_M - shank_m * math.cos(lean_rad)
+        hip_rad = np.full(len(course.time_s), math.acos(down_m / thigh_m))
+        return self._together(course.roll_rad, hip_rad, course.pitch_rad - lean_rad - hip_rad)
+
+    def pressing_rad(self, course: ShankCourse, hip_height_m: float) -> Floats:
+        """Return the angles that press a shank onto the ground straight down, shape (n, joints).
+
+        It is tilted as asked above the ground. On its way down it turns with the leg, by a few degrees.
+
+        Args:
+            course: Poses.
+            hip_height_m: Of the hip over the ground, m.
+
+        """
+        limb = self.parameters
+        along_m = (course.height_m - hip_height_m - self.offset_m * np.sin(course.roll_rad)) / np.cos(course.roll_rad)
+        highest_m = _highest(course, along_m)
+        angles = np.zeros((len(course.time_s), 2))
+        for i, (pitch_rad, up_m, above_m) in enumerate(zip(course.pitch_rad, along_m, highest_m, strict=True)):
+            leaning = pitch_rad - limb.lean_rad
+            hip_rad = math.acos(min(max((-above_m - limb.shank_m * math.cos(leaning)) / limb.thigh_m, -1.0), 1.0))
+            forward_m = -limb.thigh_m * math.sin(hip_rad) - limb.shank_m * math.sin(leaning)
+            angles[i] = limb.segments.angles_rad(forward_m, up_m)
+        return self._together(course.roll_rad, angles[:, 0], angles[:, 1])
+
+    def height_m(self, angles_rad: dict[str, float], hip_height_m: float) -> float:
+        """Return the height of the ankle's joint over the ground, m, by the angles of the joints."""
+        limb, roll_rad = self.parameters, angles_rad.get(ABDUCTION, 0.0)
+        leaning = angles_rad[HIP] + angles_rad[KNEE]
+        along_m = -limb.thigh_m * math.cos(angles_rad[HIP]) - limb.shank_m * math.cos(leaning)
+        return hip_height_m + self.offset_m * math.sin(roll_rad) + along_m * math.cos(roll_rad)
+
+    def _together(self, roll_rad: Floats, hip_rad: Floats, knee_rad: Floats) -> Floats:
+        columns = (roll_rad, hip_rad, knee_rad) if self.has_abduction else (hip_rad, knee_rad)
+        return np.column_stack(columns)
+
+
+def _highest(course: ShankCourse, along_m: Floats) -> Floats:
+    """Return for every moment the height before the press that it is part of: where the tilt last changed."""
+    turning = (np.abs(np.diff(course.pitch_rad, prepend=np.nan)) > 0.0) | (
+        np.abs(np.diff(course.roll_rad, prepend=np.nan)) > 0.0
+    )
+    turning[0] = True
+    last = np.maximum.accumulate(np.where(turning, np.arange(len(turning)), 0))
+    return along_m[last]
