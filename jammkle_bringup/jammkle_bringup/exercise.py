@@ -31,6 +31,7 @@ from jammkle_common.names import (
     CARRIAGE_JOINT,
     CHANNELS,
     CLOCK,
+    IMU,
     JAM,
     JOINT_STATES,
     JOINT_TRAJECTORY,
@@ -59,11 +60,10 @@ if TYPE_CHECKING:
 _RECORDER_TIMEOUT_S = 30.0
 _SEEN_S = 3.0
 """How long joints and odometry of a robot are waited for, s."""
-_REST_S = 0.5
-"""Recorded time before and after an exercise, s."""
+_BEFORE_S, _REST_S = 2.0, 0.5
+"""Recorded time before an exercise, in which its foot comes to rest and the recorder finds all topics, and after it, s."""
 _STANDS_S = 10.0
 """Real time, s, for which the graph's clock may stand still."""
-_COUNT_S = 3
 
 
 @dataclass
@@ -164,11 +164,10 @@ class _Session:
         command = (sys.executable, "-m", "jammkle_common.command", "record", "-o", str(bag))
         spec = ChildSpec(RECORDER, (*command, "--namespace", self._client.namespace), _RECORDER_TIMEOUT_S)
         with Supervisor((spec,), pass_on) as supervisor:
-            recorder = resolved(self._client.namespace, RECORDER)
-            if not Startup(self._client, supervisor).wait(lambda: self._client.count(recorder) > 0, _RECORDER_TIMEOUT_S):
-                msg = f"the recorder is not there after {_RECORDER_TIMEOUT_S:g} s"
+            if not Startup(self._client, supervisor).wait(self._is_recorded, _RECORDER_TIMEOUT_S):
+                msg = f"the recorder does not listen to every ankle after {_RECORDER_TIMEOUT_S:g} s"
                 raise GraphError(msg)
-            self._wait(2.0 * _REST_S)
+            self._wait(_BEFORE_S)
             self._perform(rig, programme, limbs, angles)
             self._wait(_REST_S)
             self._height_of = None
@@ -207,6 +206,15 @@ class _Session:
         self._wait(begun_s + programme.duration_s - self._now_s())
         for ankle in self._ankles:
             self._client.call(_below(ankle, UNJAM.path), Unjam, Unjam.Request(channels=list(CHANNELS)))
+
+    def _is_recorded(self) -> bool:
+        """Return whether the recorder listens to every ankle."""
+        recorder = resolved(self._client.namespace, RECORDER)
+        return all(
+            recorder in {resolved(end.node_namespace, end.node_name) for end in self._client.subscriptions(topic)}
+            for ankle in self._ankles
+            for topic in (resolved(self._client.namespace, _below(ankle, each.name)) for each in (IMU, JOINT_STATES))
+        )
 
     def _limbs(self) -> dict[str, Limb]:
         """Return the limb of every ankle whose joints are seen."""

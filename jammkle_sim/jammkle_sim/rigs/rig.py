@@ -307,7 +307,6 @@ def assembled_ankle(model: Any, data: Any, ankle: AnkleInModel) -> tuple[records
     if len(ankle.guide):
         kernels.guide(body)
         mujoco.mj_forward(model, data)
-        body.guide_at[:] = 0
     found = [model.joint(name) for name in ankle.joints.values()]
     probe = records.Probe(
         position=data.qpos,
@@ -332,7 +331,39 @@ def assembled_ankle(model: Any, data: Any, ankle: AnkleInModel) -> tuple[records
         contacts = data.sensordata[at : at + records.CONTACT_SLOTS * records.CONTACT_COLUMNS]
     truth = np.zeros(1, dtype=records.FOOT_TRUTH)
     truth["bearing_n"], truth["step_s"] = ankle.bearing_n, float(model.opt.timestep)
-    return records.Ankle(laws, states, body, contacts, truth), probe
+    parts = records.Ankle(laws, states, body, contacts, truth)
+    if len(ankle.guide):
+        _hang(model, data, parts, probe)
+    return parts, probe
+
+
+_SWING_S, _SWINGS = 0.2, 5
+"""How a guided ankle comes to rest where it hangs: it swings for this long, then its tendons forget, so many times. What
+is left falls by the share that relaxation takes of their stiffness, a third or so, each time."""
+
+
+def _hang(model: Any, data: Any, parts: records.Ankle, probe: records.Probe) -> None:
+    """Let an ankle hang from its shank as if it had done so for long; its shank is where its guide begins."""
+    laws, states, body = parts.laws, parts.states, parts.body
+    still = body.guide[:1].copy()
+    still[:, 7:13] = still[:, 16:] = 0.0
+    held = body._replace(guide=still)
+    if body.addresses.all():
+        steps = round(_SWING_S / float(model.opt.timestep))
+        pressure_pa = np.full((steps, records.VOLUMES), float(laws.pneumatics["ambient_pa"][0]))
+        rows = np.zeros((steps, records.row_width(len(probe.position_index), len(states.tendons))))
+        for _ in range(_SWINGS):
+            kernels.body_history(laws, states, held, probe, pressure_pa, rows)
+            data.qvel[:] = 0.0
+            for i, extension_m in enumerate((body.length_m - laws.tendons["free_length_m"]).tolist()):
+                states.tendons[i : i + 1] = relaxed_state(laws.tendons[i : i + 1], extension_m)
+    body.guide_at[:] = 0
+    kernels.guide(body)
+    mujoco.mj_forward(model, data)
+    body.guide_at[:] = 0
+    data.time = 0.0
+    states.imu[:] = imu_at_rest(laws.imu, body.raw_imu)
+    states.joint[:] = 0
 
 
 def imu_at_rest(law: NDArray[Any], raw: NDArray[np.float64]) -> NDArray[Any]:
