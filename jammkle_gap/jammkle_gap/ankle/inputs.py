@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording, Signal
     from jammkle_sim.rigs.replay import CommandTrack
     from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.run import Programme
 
 FALLING_RIGS = ("drop", "landing")
 """Rigs whose carriage is let go."""
@@ -155,6 +156,12 @@ def motion_key(rig: Rig, inputs: AnkleInputs) -> str:
     return repr((late_s, wiring.clock_skew))
 
 
+def first_command_s(inputs: AnkleInputs) -> float:
+    """Return when a solenoid first draws in the rig's own programme, s since its start; 0 where none does."""
+    _, programme = _made(inputs.rig, inputs.options, inputs.ankle)
+    return min((step.time_s for step in programme.vacuum if step.vacuum_pa > 0.0), default=0.0)
+
+
 def known_options(rig: str, given: Mapping[str, Any]) -> Options:
     """Return the options of a rig, those that it does not have left out.
 
@@ -184,14 +191,18 @@ def rig_of(drawing: Drawing) -> Rig:
 
 @lru_cache(maxsize=32)
 def _built(rig: str, options: Options, ankle: Options, start_m: float | None) -> Rig:
-    kind = rig_kind(rig)
-    other = {} if kind.ankle is None else {"ankle": dataclasses.replace(kind.ankle, **dict(ankle))}
-    built, _ = kind.build(kind.options(**dict(options)), **other)
+    built, _ = _made(rig, options, ankle)
     if start_m is not None:
         built = started_at(built, start_m)
     # The IMU's law clips at the same limit; MuJoCo would do so before offsets and turns.
     built.model.sensor_cutoff[built.model.sensor(ACCELEROMETER).id] = 0.0
     return built
+
+
+def _made(rig: str, options: Options, ankle: Options) -> tuple[Rig, Programme]:
+    kind = rig_kind(rig)
+    other = {} if kind.ankle is None else {"ankle": dataclasses.replace(kind.ankle, **dict(ankle))}
+    return kind.build(kind.options(**dict(options)), **other)
 
 
 _LEAST_NOISE_M = 1e-7

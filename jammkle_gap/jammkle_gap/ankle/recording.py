@@ -34,6 +34,7 @@ from jammkle_gap.ankle.inputs import (
     AnkleInputs,
     begins_vented,
     course_of,
+    first_command_s,
     known_options,
     nominal_rig,
     weather_pa,
@@ -44,6 +45,7 @@ from jammkle_gap.ankle.segmentation import (
     Segment,
     commanded_segment,
     driven_segment,
+    exercise_segment,
     falling_segments,
     not_before,
     recording_phases,
@@ -214,7 +216,8 @@ def _segments(
             checks.check_course_is_known(bag.name, inputs)
         segments = (driven_segment(topics, built),) if has_carriage else ()
     elif is_guided(built):
-        segments = (whole_segment(topics),)
+        checks.check_guide_is_known(bag.name, built, topics)
+        segments = (exercise_segment(topics, first_command_s(inputs)),)
     else:
         segments = (commanded_segment(topics),)
     if bag.simulated:
@@ -247,7 +250,7 @@ def _recording(
     if inputs.rig == "tensile" and inputs.course is not None and inputs.course.start_m > _STRETCHED_M:
         stretched = f"the tendon is stretched by {1e3 * inputs.course.start_m:.1f} mm as the recording begins"
         said.append(f"{stretched}, and taken to have relaxed there; record from its free length on")
-    phases = recording_phases(inputs.rig, signals, commands)
+    phases = recording_phases(inputs.rig, signals, commands, inputs.shank)
     if inputs.course is not None or inputs.shank is not None:  # what is driven is an input, and not compared
         signals.pop(CARRIAGE, None)
     if inputs.shank is not None and inputs.shank.is_input_alone:
