@@ -29,6 +29,7 @@ from jammkle_common.command.results import say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import (
     CARRIAGE_JOINT,
+    CARRIAGE_X_JOINT,
     CHANNELS,
     CLOCK,
     IMU,
@@ -129,10 +130,10 @@ class _Session:
         client.subscribe(Clock, CLOCK, self._heard.take_clock, subscriber_qos(CLOCK))
         client.subscribe(Odometry, ODOMETRY, self._heard.take_odometry, subscriber_qos(ODOMETRY))
         self._height_of: Limb | None = None
-        self._heights = {}
+        self._places = {}
         for ankle in self._ankles:
             topic = resolved(client.namespace, f"{ankle}/{JOINT_STATES.name}" if ankle else JOINT_STATES.name)
-            self._heights[ankle] = client.node.create_publisher(JointState, topic, publisher_qos(JOINT_STATES))
+            self._places[ankle] = client.node.create_publisher(JointState, topic, publisher_qos(JOINT_STATES))
 
             def take(message: JointState, ankle: str = ankle) -> None:
                 self._take_joints(ankle, message)
@@ -252,13 +253,14 @@ class _Session:
 
     def _take_joints(self, ankle: str, message: JointState) -> None:
         angles = dict(zip(message.name, message.position, strict=False))
-        if CARRIAGE_JOINT in angles and len(angles) == 1:
+        if set(angles) == {CARRIAGE_X_JOINT, CARRIAGE_JOINT}:
             return  # its own
         self._heard.joints[ankle] = angles
         if self._height_of is not None and self._heard.hip_height_m is not None:
             limb = self._limbs()[ankle]
-            height_m = limb.height_m(angles, self._heard.hip_height_m)
-            self._heights[ankle].publish(JointState(header=message.header, name=[CARRIAGE_JOINT], position=[height_m]))
+            place_m = limb.place_m(angles, self._heard.hip_height_m)
+            joints = [CARRIAGE_X_JOINT, CARRIAGE_JOINT]
+            self._places[ankle].publish(JointState(header=message.header, name=joints, position=list(place_m)))
 
     def _now_s(self) -> float:
         return time.monotonic() if self._heard.time_s is None else self._heard.time_s

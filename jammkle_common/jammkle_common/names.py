@@ -52,6 +52,9 @@ LEG_JOINTS: tuple[str, ...] = ("abduction", "hip", "knee")
 CARRIAGE_JOINT = "carriage"
 """The rig's slide in joint_states: height of the ankle joint above floor or slope, m, up positive."""
 
+CARRIAGE_X_JOINT = "carriage_x"
+"""How far forward the ankle joint is, m, from anywhere on the ground; only where a press does not come straight down."""
+
 IMU_FRAME = "imu"
 LOAD_CELL_FRAME = "load_cell"
 MANIFOLD_FRAME = "manifold"

@@ -25,6 +25,8 @@ _EVERY_S = 0.02
 RETRACTED_M = 0.04
 """How much nearer to the hip than in the stance an ankle is that must touch nothing. Assumed: a toe that is turned down
 by 40 degrees needs as much."""
+_STANDS_RAD = 1e-6
+"""Turn between two points below which a shank stands: rounding."""
 READY_S = 2.0
 """Time in which a robot goes to where an exercise begins."""
 
@@ -97,12 +99,13 @@ class Limb:
             angles[i] = limb.segments.angles_rad(forward_m, up_m)
         return self._together(course.roll_rad, angles[:, 0], angles[:, 1])
 
-    def height_m(self, angles_rad: dict[str, float], hip_height_m: float) -> float:
-        """Return the height of the ankle's joint over the ground, m, by the angles of the joints."""
+    def place_m(self, angles_rad: dict[str, float], hip_height_m: float) -> tuple[float, float]:
+        """Return how far the ankle's joint is forward of the hip and over the ground, m, by the angles of the joints."""
         limb, roll_rad = self.parameters, angles_rad.get(ABDUCTION, 0.0)
         leaning = angles_rad[HIP] + angles_rad[KNEE]
         along_m = -limb.thigh_m * math.cos(angles_rad[HIP]) - limb.shank_m * math.cos(leaning)
-        return hip_height_m + self.offset_m * math.sin(roll_rad) + along_m * math.cos(roll_rad)
+        forward_m = -limb.thigh_m * math.sin(angles_rad[HIP]) - limb.shank_m * math.sin(leaning)
+        return forward_m, hip_height_m + self.offset_m * math.sin(roll_rad) + along_m * math.cos(roll_rad)
 
     def _together(self, roll_rad: Floats, hip_rad: Floats, knee_rad: Floats) -> Floats:
         columns = (roll_rad, hip_rad, knee_rad) if self.has_abduction else (hip_rad, knee_rad)
@@ -111,9 +114,8 @@ class Limb:
 
 def _highest(course: ShankCourse, along_m: Floats) -> Floats:
     """Return for every moment the height before the press that it is part of: where the tilt last changed."""
-    turning = (np.abs(np.diff(course.pitch_rad, prepend=np.nan)) > 0.0) | (
-        np.abs(np.diff(course.roll_rad, prepend=np.nan)) > 0.0
-    )
+    tilt_rad = np.column_stack((course.pitch_rad, course.roll_rad))
+    turning = np.abs(np.diff(tilt_rad, axis=0, prepend=np.nan)).max(axis=1) > _STANDS_RAD
     turning[0] = True
     last = np.maximum.accumulate(np.where(turning, np.arange(len(turning)), 0))
     return along_m[last]

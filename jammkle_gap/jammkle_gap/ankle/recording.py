@@ -54,7 +54,7 @@ from jammkle_gap.ankle.segmentation import (
     whole_segment,
 )
 from jammkle_gap.ankle.sensors import ACCELERATION, RATE, RESOLUTION, UNITS, declared_noise, quantity_of
-from jammkle_gap.ankle.shank import shank_motion
+from jammkle_gap.ankle.shank import place_of, shank_motion
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.rigs.replay import CommandTrack, Timeline, has_ground, is_driven, is_guided, timestep_s
@@ -275,8 +275,8 @@ def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Se
         return dataclasses.replace(inputs, release_s=release_s, release_seen_by=seen_by)
     joints = topics.get(names.JOINT_STATES.name)
     if is_guided(built):
-        height = joints.readings(CARRIAGE) if joints is not None and has_ground(built) else None
-        motion = shank_motion(topics[names.IMU.name], height, segment.start_s, segment.end_s)
+        place = place_of(joints) if joints is not None and has_ground(built) else None
+        motion = shank_motion(topics[names.IMU.name], place, segment.start_s, segment.end_s)
         return dataclasses.replace(inputs, shank=motion)
     if not is_driven(built) or joints is None or CARRIAGE not in joints.columns:
         return inputs
@@ -348,7 +348,7 @@ def strange_joints(topics: Mapping[str, Samples]) -> list[str]:
     """Return the names of joints that no rig with an ankle has, sorted."""
     samples = topics.get(names.JOINT_STATES.name)
     joints = {column.partition("/")[0] for column in samples.columns} if samples is not None else set()
-    return sorted(joints - set(_JOINTS))
+    return sorted(joints - {*_JOINTS, names.CARRIAGE_X_JOINT})
 
 
 def thinned(signal: Signal, fewest: int) -> Signal:

@@ -23,6 +23,7 @@ from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # carrie
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.names import CARRIAGE_JOINT, CARRIAGE_X_JOINT
 from jammkle_sim.rigs.guide import guided_by_imu, guided_by_poses
 from jammkle_sim.rigs.replay import timestep_s, true_time_s
 from jammkle_sim.rigs.rig import laws_of
@@ -52,8 +53,12 @@ _SMOOTHED_S = 0.02
 """Length of the cubics that readings are smoothed by. Chosen: they keep 6 Hz to 1 part in 10,000, and take away two
 thirds of the noise."""
 _TILTED_S = 1.0
-"""The same of what a gyro drifts against the accelerometer. Chosen: an offset of the gyro is a straight line in it, and
-an accelerometer's noise comes down to a fiftieth of a degree."""
+"""Time over which a gyro and an accelerometer are brought together. Chosen: a gyro's noise walks by 0.1 mrad in it."""
+_RESTS, _LEAST_REST = 0.9, 0.05
+"""Share of stillness from which on a shank is at rest; share of that time which it must be. Chosen: no motion's begin or
+end is in it, and 50 readings of 1 kHz are."""
+_JOLTED = 1e-3
+"""How much less an accelerometer that moves is trusted than one at rest. Assumed."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +69,9 @@ class ShankMotion:
     """Rising, shape (n,), s, as stamped."""
     readings: Floats
     """Specific force, m/s^2, then angular velocity, rad/s, in the sensor's frame, shape (n, 6)."""
-    height: tuple[Floats, Floats] | None = None
-    """Over the ground: stamps, s, and heights of the ankle's joint, m, as read; None: nothing is touched."""
+    place: tuple[Floats, Floats] | None = None
+    """Over the ground: stamps, s, and how far the ankle's joint is forward and up, shape (m, 2), m, as read; None: nothing
+    is touched."""
 
     @cached_property
     def still(self) -> Floats:
@@ -84,20 +90,20 @@ class ShankMotion:
     @property
     def is_input_alone(self) -> bool:
         """Whether the IMU is not compared: it is never still for long, or the tilt of a slow motion is all it is for."""
-        return self.height is not None or float(np.mean(self.still)) < _MOSTLY_STILL
+        return self.place is not None or float(np.mean(self.still)) < _MOSTLY_STILL
 
     @cached_property
     def digest(self) -> bytes:
         """What tells it from other motions."""
-        parts = (self.time_s, self.readings, *(self.height or ()))
+        parts = (self.time_s, self.readings, *(self.place or ()))
         return hashlib.blake2b(b"".join(part.tobytes() for part in parts), digest_size=16).digest()
 
 
-def shank_motion(imu: Samples, height: tuple[Floats, Floats] | None, start_s: float, end_s: float) -> ShankMotion:
-    """Return the motion between two stamps, s, that an IMU read, and heights with their stamps where those count."""
+def shank_motion(imu: Samples, place: tuple[Floats, Floats] | None, start_s: float, end_s: float) -> ShankMotion:
+    """Return the motion between two stamps, s, that an IMU read, and places with their stamps where those count."""
     within = (imu.stamp_s >= start_s) & (imu.stamp_s <= end_s)
     readings = np.column_stack([imu.columns[column][within] for column in (*FORCES, *RATES)])
-    since = None if height is None else (height[0] - start_s, height[1])
+    since = None if place is None else (place[0] - start_s, place[1])
     return ShankMotion(imu.stamp_s[within] - start_s, readings, since)
 
 
@@ -116,12 +122,12 @@ def moved_as_read(rig: Rig, motion: ShankMotion) -> Rig:
     moment_s = true_time_s(motion.time_s, wiring.imu_delay_s, wiring.clock_skew) - filter_s
     grid_s = step_s * np.arange(int(moment_s[-1] / step_s) + 1)
     force, rate = true[:, 0], true[:, 1]
-    if motion.height is not None:
-        stamp_s, height_m = motion.height
+    if motion.place is not None:
+        stamp_s, place_m = motion.place
         read_s = true_time_s(stamp_s, wiring.joint_delay_s, wiring.clock_skew) - step_s
-        height_m = _smooth(grid_s, read_s, height_m[:, np.newaxis], _SMOOTHED_S)
-        position_m = np.column_stack((np.zeros((len(grid_s), 2)), height_m))
-        guide = guided_by_poses(step_s, position_m, Rotation.from_euler("YX", _tilt_rad(grid_s, moment_s, force, rate)))
+        forward_m, height_m = _smooth(grid_s, read_s, place_m, _SMOOTHED_S).T
+        position_m = np.column_stack((forward_m, np.zeros(len(grid_s)), height_m))
+        guide = guided_by_poses(step_s, position_m, Rotation.from_euler("YX", _tilt_rad(grid_s, moment_s, force, rate, motion.still)))
     else:
         still = motion.still[:, np.newaxis]
         gravity = force * (STANDARD_GRAVITY_M_S2 / np.linalg.norm(force, axis=1, keepdims=True))
@@ -131,17 +137,27 @@ def moved_as_read(rig: Rig, motion: ShankMotion) -> Rig:
     return dataclasses.replace(rig, guide=guide)
 
 
-def _tilt_rad(grid_s: Floats, moment_s: Floats, force: Floats, rate: Floats) -> Floats:
+def _tilt_rad(grid_s: Floats, moment_s: Floats, force: Floats, rate: Floats, still: Floats) -> Floats:
     """Return pitch and roll of a shank that does not turn about the vertical, on an even grid, shape (n, 2), rad.
 
-    A complementary filter without lag: quick changes are the gyro's, slow ones the accelerometer's.
+    Turns are the gyro's, whose zero is what it reads at rest; which way is up is the accelerometer's, at rest alone, as a
+    foot on the ground and a robot's joints jolt it. In between, a straight line leads from what they differed by at one
+    rest to what they differ by at the next; where it never rests, the accelerometer counts throughout.
     """
-    felt = np.column_stack([np.interp(grid_s, moment_s, axis) for axis in np.column_stack((force, rate)).T])
-    up = felt[:, :3] / np.linalg.norm(felt[:, :3], axis=1, keepdims=True)
+    zero = np.average(rate, axis=0, weights=still + _JOLTED)
+    columns = np.column_stack((force, rate - zero, still))
+    felt = np.column_stack([np.interp(grid_s, moment_s, column) for column in columns.T])
+    up, rests = felt[:, :3] / np.linalg.norm(felt[:, :3], axis=1, keepdims=True), felt[:, 6] > _RESTS
     leaning = np.column_stack((np.arcsin(np.clip(-up[:, 0], -1.0, 1.0)), np.arctan2(up[:, 1], up[:, 2])))
     turning = np.column_stack((felt[:, 4] / np.cos(leaning[:, 1]), felt[:, 3]))
     turned = cumulative_trapezoid(turning, grid_s, axis=0, initial=0.0)
-    return turned + _smooth(grid_s, grid_s, leaning - turned, _TILTED_S)
+    trust = (rests if rests.any() else ~rests).astype(np.float64)
+    around = round(_TILTED_S / (grid_s[1] - grid_s[0]))
+    weight = uniform_filter1d(trust, around)
+    near = np.flatnonzero(weight > _LEAST_REST)
+    sums = uniform_filter1d(trust[:, np.newaxis] * (leaning - turned), around, axis=0)
+    differs = [np.interp(np.arange(len(grid_s)), near, each[near] / weight[near]) for each in sums.T]
+    return turned + np.column_stack(differs)
 
 
 def _smooth(grid_s: Floats, time_s: Floats, values: Floats, over_s: float) -> Floats:
@@ -150,3 +166,11 @@ def _smooth(grid_s: Floats, time_s: Floats, values: Floats, over_s: float) -> Fl
     even = np.column_stack([np.interp(grid_s, time_s, axis) for axis in values.T])
     smooth: Floats = savgol_filter(even, window, 3, axis=0)
     return smooth
+
+
+def place_of(joints: Samples) -> tuple[Floats, Floats]:
+    """Return stamps, s, and how far the ankle's joint is forward and up, m, as joints with a carriage among them say."""
+    stamp_s, height_m = joints.readings(f"{CARRIAGE_JOINT}/position")
+    forward = f"{CARRIAGE_X_JOINT}/position"
+    forward_m = np.interp(stamp_s, *joints.readings(forward)) if forward in joints.columns else np.zeros(len(stamp_s))
+    return stamp_s, np.column_stack((forward_m, height_m))
