@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from jammkle_bringup.core.shank_course import READY_S, Limb, ShankCourse, course_of
+from jammkle_bringup.core.shank_course import READY_S, Limb, course_of
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import LOOKERS, GraphClient
 from jammkle_bringup.up import RECORDER, Startup, pass_on
@@ -62,7 +62,7 @@ _RECORDER_TIMEOUT_S = 30.0
 _SEEN_S = 3.0
 """How long joints and odometry of a robot are waited for, s."""
 _BEFORE_S, _REST_S = 2.0, 0.5
-"""Recorded time before an exercise, in which its foot comes to rest and the recorder finds all topics, and after it, s."""
+"""Recorded time before an exercise, in which the foot comes to rest and the recorder finds all, and after it, s."""
 _STANDS_S = 10.0
 """Real time, s, for which the graph's clock may stand still."""
 
@@ -150,8 +150,10 @@ class _Session:
         kind = EXERCISES[name]
         limbs = self._limbs()
         given: dict[str, Any] = {"vacuum_pa": vacuum_pa}
-        if "sides" in {row.name for row in rows(kind.options)} and limbs and not all(
-            limb.has_abduction for limb in limbs.values()
+        if (
+            "sides" in {row.name for row in rows(kind.options)}
+            and limbs
+            and not all(limb.has_abduction for limb in limbs.values())
         ):
             given["sides"] = "no"
         rig, programme = kind.build(from_mapping(kind.options, given))
@@ -183,9 +185,7 @@ class _Session:
             self._client.call(_below(ankle, UNJAM.path), Unjam, Unjam.Request())
         self._set_auto(automatic=True)
 
-    def _perform(
-        self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]
-    ) -> None:
+    def _perform(self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]) -> None:
         begun_s = self._now_s()
         if angles:
             course = course_of(rig, timestep_s(rig))
@@ -232,7 +232,9 @@ class _Session:
         for ankle, limb in limbs.items():
             if has_ground(rig):
                 if not self._client.wait_until(lambda: self._heard.hip_height_m is not None, _SEEN_S):
-                    msg = f"{ODOMETRY.name} is not published, so that nobody knows how high the hips are over the ground"
+                    msg = (
+                        f"{ODOMETRY.name} is not published, so that nobody knows how high the hips are over the ground"
+                    )
                     raise GraphError(msg)
                 angles_rad = limb.pressing_rad(course, float(self._heard.hip_height_m or 0.0))
             else:

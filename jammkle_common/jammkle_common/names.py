@@ -53,7 +53,7 @@ CARRIAGE_JOINT = "carriage"
 """The rig's slide in joint_states: height of the ankle joint above floor or slope, m, up positive."""
 
 CARRIAGE_X_JOINT = "carriage_x"
-"""How far forward the ankle joint is, m, from anywhere on the ground; only where a press does not come straight down."""
+"""How far forward the ankle joint is, m, from anywhere on the ground; only where a press is not straight down."""
 
 IMU_FRAME = "imu"
 LOAD_CELL_FRAME = "load_cell"
@@ -202,7 +202,7 @@ JOINT_TRAJECTORY = Topic(
     TopicKind.COMMAND,
     "angles, rad, that a robot's own joints shall take over time, by its model's names; an empty one ends it",
 )
-"""To whatever moves a robot's joints, such as the controller of that name of ros2_control; a simulated robot follows."""
+"""To whatever moves a robot's joints, such as a joint_trajectory_controller of ros2_control, or a simulated robot."""
 
 
 def solenoid_topic(channel: str) -> Topic:

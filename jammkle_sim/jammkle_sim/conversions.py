@@ -233,14 +233,17 @@ def joint_course(message: JointTrajectory) -> JointCourse | None:
     """
     if not message.joint_names or not message.points:
         return None
-    time_s = [each.time_from_start.sec + each.time_from_start.nanosec / NANOSECONDS_PER_SECOND for each in message.points]
+    time_s = [
+        each.time_from_start.sec + each.time_from_start.nanosec / NANOSECONDS_PER_SECOND for each in message.points
+    ]
     for place, (point, at_s) in enumerate(zip(message.points, time_s, strict=True)):
         if len(point.positions) != len(message.joint_names) or not all(map(math.isfinite, point.positions)):
             msg = f"point {place} of joint_trajectory has {len(point.positions)} positions"
-            raise BadCommandError(f"{msg}; it must have {len(message.joint_names)}, one number for each joint")
+            msg += f"; it must have {len(message.joint_names)}, one number for each joint"
+            raise BadCommandError(msg)
         if at_s <= (time_s[place - 1] if place else 0.0):
-            msg = f"point {place} of joint_trajectory is {at_s:g} s from the start"
-            raise BadCommandError(f"{msg}; times must be above 0 and rise")
+            msg = f"point {place} of joint_trajectory is {at_s:g} s from the start; times must be above 0 and rise"
+            raise BadCommandError(msg)
     angles_rad = np.array([list(point.positions) for point in message.points])
     return JointCourse(tuple(message.joint_names), np.array(time_s), angles_rad)
 

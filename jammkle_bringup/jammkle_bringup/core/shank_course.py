@@ -100,7 +100,7 @@ class Limb:
         return self._together(course.roll_rad, angles[:, 0], angles[:, 1])
 
     def place_m(self, angles_rad: dict[str, float], hip_height_m: float) -> tuple[float, float]:
-        """Return how far the ankle's joint is forward of the hip and over the ground, m, by the angles of the joints."""
+        """Return how far the ankle's joint is forward of the hip and over the ground, m, by the joints' angles."""
         limb, roll_rad = self.parameters, angles_rad.get(ABDUCTION, 0.0)
         leaning = angles_rad[HIP] + angles_rad[KNEE]
         along_m = -limb.thigh_m * math.cos(angles_rad[HIP]) - limb.shank_m * math.cos(leaning)

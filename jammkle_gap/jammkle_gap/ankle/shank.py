@@ -46,7 +46,7 @@ _CALMER = 3.0
 _CALMEST = 10.0
 """Percentile of the scatter that is taken for that of rest."""
 _NOISIEST = (0.5, 0.1)
-"""Scatter above which nothing counts as still, m/s^2 and rad/s. Assumed: what a standing robot's fans and gears make."""
+"""Scatter above which nothing counts as still, m/s^2 and rad/s. Assumed: fans and gears of a standing robot."""
 _MOSTLY_STILL = 0.5
 """Share of a recording for which an IMU must be still to be compared. Assumed."""
 _SMOOTHED_S = 0.02
@@ -55,8 +55,8 @@ thirds of the noise."""
 _TILTED_S = 1.0
 """Time over which a gyro and an accelerometer are brought together. Chosen: a gyro's noise walks by 0.1 mrad in it."""
 _RESTS, _LEAST_REST = 0.9, 0.05
-"""Share of stillness from which on a shank is at rest; share of that time which it must be. Chosen: no motion's begin or
-end is in it, and 50 readings of 1 kHz are."""
+"""Share of stillness from which on a shank is at rest; share of that time which it must be. Chosen: begin and end of a
+motion are not in it, and 50 readings of 1 kHz are."""
 _JOLTED = 1e-3
 """How much less an accelerometer that moves is trusted than one at rest. Assumed."""
 
@@ -70,8 +70,8 @@ class ShankMotion:
     readings: Floats
     """Specific force, m/s^2, then angular velocity, rad/s, in the sensor's frame, shape (n, 6)."""
     place: tuple[Floats, Floats] | None = None
-    """Over the ground: stamps, s, and how far the ankle's joint is forward and up, shape (m, 2), m, as read; None: nothing
-    is touched."""
+    """Over the ground: stamps, s, and how far the ankle's joint is forward and up, shape (m, 2), m, as read; None: it
+    touches nothing."""
 
     @cached_property
     def still(self) -> Floats:
@@ -89,7 +89,7 @@ class ShankMotion:
 
     @property
     def is_input_alone(self) -> bool:
-        """Whether the IMU is not compared: it is never still for long, or the tilt of a slow motion is all it is for."""
+        """Whether the IMU is not compared: it is seldom still, or the tilt of a slow motion is all it is for."""
         return self.place is not None or float(np.mean(self.still)) < _MOSTLY_STILL
 
     @cached_property
@@ -127,7 +127,9 @@ def moved_as_read(rig: Rig, motion: ShankMotion) -> Rig:
         read_s = true_time_s(stamp_s, wiring.joint_delay_s, wiring.clock_skew) - step_s
         forward_m, height_m = _smooth(grid_s, read_s, place_m, _SMOOTHED_S).T
         position_m = np.column_stack((forward_m, np.zeros(len(grid_s)), height_m))
-        guide = guided_by_poses(step_s, position_m, Rotation.from_euler("YX", _tilt_rad(grid_s, moment_s, force, rate, motion.still)))
+        guide = guided_by_poses(
+            step_s, position_m, Rotation.from_euler("YX", _tilt_rad(grid_s, moment_s, force, rate, motion.still))
+        )
     else:
         still = motion.still[:, np.newaxis]
         gravity = force * (STANDARD_GRAVITY_M_S2 / np.linalg.norm(force, axis=1, keepdims=True))
@@ -140,9 +142,9 @@ def moved_as_read(rig: Rig, motion: ShankMotion) -> Rig:
 def _tilt_rad(grid_s: Floats, moment_s: Floats, force: Floats, rate: Floats, still: Floats) -> Floats:
     """Return pitch and roll of a shank that does not turn about the vertical, on an even grid, shape (n, 2), rad.
 
-    Turns are the gyro's, whose zero is what it reads at rest; which way is up is the accelerometer's, at rest alone, as a
-    foot on the ground and a robot's joints jolt it. In between, a straight line leads from what they differed by at one
-    rest to what they differ by at the next; where it never rests, the accelerometer counts throughout.
+    Turns are the gyro's, whose zero is what it reads at rest. Which way is up is the accelerometer's, at rest alone,
+    as contact and a robot's joints jolt it; in between, a straight line leads from what they differed by at one rest
+    to what they differ by at the next. Where it never rests, the accelerometer counts throughout.
     """
     zero = np.average(rate, axis=0, weights=still + _JOLTED)
     columns = np.column_stack((force, rate - zero, still))
@@ -169,7 +171,7 @@ def _smooth(grid_s: Floats, time_s: Floats, values: Floats, over_s: float) -> Fl
 
 
 def place_of(joints: Samples) -> tuple[Floats, Floats]:
-    """Return stamps, s, and how far the ankle's joint is forward and up, m, as joints with a carriage among them say."""
+    """Return stamps, s, and how far the ankle's joint is forward and up, m, by joints with a carriage among them."""
     stamp_s, height_m = joints.readings(f"{CARRIAGE_JOINT}/position")
     forward = f"{CARRIAGE_X_JOINT}/position"
     forward_m = np.interp(stamp_s, *joints.readings(forward)) if forward in joints.columns else np.zeros(len(stamp_s))

@@ -1,25 +1,24 @@
 """How a shank is guided that a hand, a drive or a robot's own joints move: as it was moved, whatever hangs on it.
 
-Three ways lead to the rows that `physics.kernels.guide` follows. A motion that is given, as poses over time. One that an
-IMU on the shank measured: then the world is the shank's own frame, in which the foot feels no more of the motion than
-the specific force f, the angular velocity w and its rate, so that neither place nor heading need be known and nothing
-is integrated (d'Alembert's principle). And one whose height was measured and whose tilt is that of the specific force,
-for a shank that moves slowly over the ground.
+Three ways lead to the rows that `physics.kernels.guide` follows. A motion that is given, as poses over time. One that
+an IMU on the shank measured: then the world is the shank's own frame, in which the foot feels no more of the motion
+than the specific force f, the angular velocity w and its rate, so that neither place nor heading need be known and
+nothing is integrated (d'Alembert's principle). And one whose height was measured and whose tilt is that of the specific
+force, for a shank that moves slowly over the ground.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_sim.physics import records
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
     Floats = NDArray[np.float64]
 
@@ -46,7 +45,11 @@ def guided_by_poses(step_s: float, position_m: Floats, turn: Rotation) -> Floats
     rows = np.zeros((len(position_m), records.GUIDE_COLUMNS))
     velocity_m_s = np.gradient(position_m, step_s, axis=0)
     x, y, z, w = turn.as_quat().T
-    rows[:, _POSITION], rows[:, _QUATERNION], rows[:, _VELOCITY] = position_m, np.column_stack((w, x, y, z)), velocity_m_s
+    rows[:, _POSITION], rows[:, _QUATERNION], rows[:, _VELOCITY] = (
+        position_m,
+        np.column_stack((w, x, y, z)),
+        velocity_m_s,
+    )
     rows[1:-1, _RATE] = (turn[:-2].inv() * turn[2:]).as_rotvec() / (2.0 * step_s)
     rows[:, _FORCE] = np.gradient(velocity_m_s, step_s, axis=0) + _UP
     rows[:, _ANGULAR] = np.gradient(rows[:, _RATE], step_s, axis=0)

@@ -212,7 +212,7 @@ def ankle_laws(tendon: TendonParameters, ankle: AnkleParameters, timestep_s: flo
     return np.concatenate(laws)
 
 
-def ankle_under_carriage(
+def ankle_under_carriage(  # noqa: PLR0913 - as many as it has parts
     spec: Any,
     options: Any,
     ankle: AnkleParameters,

@@ -41,8 +41,8 @@ little of the other keeps it on one corner: on two, a tenth of a milliradian mov
 _CLEARANCE_M = 0.003
 """Between the foot's lowest point and the ground before each press."""
 _TURN_S, _HELD_S, _LIFTED_S = 0.6, 0.3, 0.4
-"""Time in which the shank is tilted; time it is held down; time it is left alone above, where friction shows in what the
-foot does not come back by."""
+"""Time in which the shank is tilted; time it is held down; time it is left alone above, where friction shows in what
+the foot does not come back by."""
 _JAM_S = 1.0
 """Time in which the vacuum comes to stand."""
 
@@ -70,7 +70,7 @@ def scattered(options: PressOptions, numbers: tuple[float, float]) -> PressOptio
 
 
 def touching_m(turn: Rotation, ankle: AnkleParameters) -> float:
-    """Return the height of the ankle's joint at which the hanging foot of a turned shank first touches level ground, m."""
+    """Return the height of the ankle's joint at which the foot that hangs from a turned shank first touches, m."""
     corners = [
         (forward_m, side_m, -below_m)
         for forward_m, below_m in (corner_m(ankle, lever_m) for lever_m in (ankle.toe_m, -ankle.heel_m))
@@ -80,11 +80,12 @@ def touching_m(turn: Rotation, ankle: AnkleParameters) -> float:
 
 
 def _pressed(options: PressOptions, pitch: float, roll: float) -> Iterator[tuple[float, float, float, float]]:
-    """Give the corners of one press: how long it takes there, s, pitch and roll, rad, height of the ankle's joint, m."""
+    """Give the corners of one press: how long the way there takes, s, pitch and roll, rad, height of the ankle, m."""
     tilt, left = math.radians(options.tilt_deg), math.radians(options.tilt_deg - options.turn_deg)
     # The drawn ankle says how the hand moves, whatever hangs on it.
     above_m, below_m = (
-        touching_m(Rotation.from_euler("YX", (angle * pitch, angle * roll)), AnkleParameters()) for angle in (tilt, left)
+        touching_m(Rotation.from_euler("YX", (angle * pitch, angle * roll)), AnkleParameters())
+        for angle in (tilt, left)
     )
     above_m += _CLEARANCE_M
     for lasts_s, height_m in (

@@ -338,8 +338,8 @@ def assembled_ankle(model: Any, data: Any, ankle: AnkleInModel) -> tuple[records
 
 
 _SWING_S, _SWINGS = 0.2, 5
-"""How a guided ankle comes to rest where it hangs: it swings for this long, then its tendons forget, so many times. What
-is left falls by the share that relaxation takes of their stiffness, a third or so, each time."""
+"""How a guided ankle comes to rest where it hangs: it swings for this long, then its tendons forget, so many times.
+What is left falls by the share that relaxation takes of their stiffness, a third or so, each time."""
 
 
 def _hang(model: Any, data: Any, parts: records.Ankle, probe: records.Probe) -> None:

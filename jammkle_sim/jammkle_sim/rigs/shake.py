@@ -46,8 +46,12 @@ class ShakeOptions:
     """What can be chosen about a shake."""
 
     amplitude_deg: float = parameter(12.0, "How far the shank is rocked to either side", "deg", 0.5, 30.0)
-    from_hz: float = parameter(0.5, "Frequency at which the sweep of the pitch begins; that of the roll ends there", "Hz", 0.1, 10.0)
-    to_hz: float = parameter(6.0, "Frequency at which it ends, growing by the same factor in the same time", "Hz", 0.1, 10.0)
+    from_hz: float = parameter(
+        0.5, "Frequency at which the sweep of the pitch begins; that of the roll ends there", "Hz", 0.1, 10.0
+    )
+    to_hz: float = parameter(
+        6.0, "Frequency at which it ends, growing by the same factor in the same time", "Hz", 0.1, 10.0
+    )
     sweep_s: float = parameter(5.0, "How long each of the two sweeps lasts", "s", 1.0, 60.0)
     vacuum_pa: float = jammed_vacuum_option()
     parameter_set: str = parameter_set_option()

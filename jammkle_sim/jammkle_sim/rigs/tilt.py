@@ -64,7 +64,11 @@ def tilt_rig(options: TiltOptions, ankle: AnkleParameters | None = None) -> tupl
 
     """
     tilt = math.radians(options.tilt_deg)
-    poses = [row for pitch, roll in POSES for row in ((_TURN_S, tilt * pitch, tilt * roll), (options.hold_s, tilt * pitch, tilt * roll))]
+    poses = [
+        row
+        for pitch, roll in POSES
+        for row in ((_TURN_S, tilt * pitch, tilt * roll), (options.hold_s, tilt * pitch, tilt * roll))
+    ]
     corners = np.array((*poses, (_JAM_S, *poses[-1][1:]), *poses))
     jam_s = float(corners[: len(poses), 0].sum())
     corners[:, 0] = np.cumsum(corners[:, 0])
