@@ -173,7 +173,10 @@ def record(
 def exercise(
     name: Annotated[str, typer.Argument(help="cycle, press, shake, tilt, or all.", metavar="NAME")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder that gets a bag per exercise.", metavar="DIR")],
-    vacuum_kpa: Annotated[float, typer.Option(help="Vacuum of the jammed half, kPa below ambient, 5 to 75.")] = 50.0,
+    vacuum_kpa: Annotated[
+        float | None,
+        typer.Option(help="Vacuum of the jammed half, 5 to 75 kPa.", show_default="50, of press 20"),
+    ] = None,
     namespace: NamespaceOption = "/",
     json: JsonOption = None,
 ) -> int:
@@ -186,7 +189,8 @@ def exercise(
         raise InputError(msg)
     results.check_writable(json)
     chosen = tuple(EXERCISES) if name == "all" else (name,)
-    bags = do(chosen, output, normalised(namespace), 1e3 * vacuum_kpa, StopRequest())
+    vacuum_pa = None if vacuum_kpa is None else 1e3 * vacuum_kpa
+    bags = do(chosen, output, normalised(namespace), vacuum_pa, StopRequest())
     for each in bags.values():
         typer.echo(str(each))
     results.write_json(json, {"bags": {each: str(bag) for each, bag in bags.items()}})

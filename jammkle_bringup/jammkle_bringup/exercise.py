@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -19,7 +20,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from jammkle_bringup.core.shank_course import READY_S, Limb, course_of
+from jammkle_bringup.core.shank_course import READY_S, Limb, course_of, spoken
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import LOOKERS, GraphClient
 from jammkle_bringup.up import RECORDER, Startup, pass_on
@@ -63,6 +64,8 @@ _SEEN_S = 3.0
 """How long joints and odometry of a robot are waited for, s."""
 _BEFORE_S, _REST_S = 2.0, 0.5
 """Recorded time before an exercise, in which the foot comes to rest and the recorder finds all, and after it, s."""
+_COUNT_S = 5
+"""Seconds that a person is given to take the shank."""
 _STANDS_S = 10.0
 """Real time, s, for which the graph's clock may stand still."""
 
@@ -84,7 +87,7 @@ class _Heard:
 
 
 def exercise(
-    names: Sequence[str], folder: Path, namespace: str, vacuum_pa: float, asked_to_stop: Callable[[], bool]
+    names: Sequence[str], folder: Path, namespace: str, vacuum_pa: float | None, asked_to_stop: Callable[[], bool]
 ) -> dict[str, Path]:
     """Do exercises one after the other, and record each into a bag of its own.
 
@@ -92,7 +95,7 @@ def exercise(
         names: Of `jammkle_sim.rigs.catalogue.EXERCISES`.
         folder: Where the bags go, by the name of the exercise.
         namespace: Normalised namespace of the ankle, or of the robot with its ankles below.
-        vacuum_pa: Of the jammed ankle.
+        vacuum_pa: Of the jammed ankle, 5 to 75 kPa; None: what each exercise has by itself.
         asked_to_stop: Ends it early.
 
     Returns:
@@ -110,12 +113,14 @@ def exercise(
             msg = f"{bag} is there already: nothing is overwritten; choose another --output or move it away"
             raise InputError(msg)
     folder.mkdir(parents=True, exist_ok=True)
-    with GraphClient(namespace, asked_to_stop, LOOKERS) as client:
+    ends = False
+    with GraphClient(namespace, lambda: asked_to_stop() and not ends, LOOKERS) as client:
         session = _Session(client)
         try:
             for name, bag in bags.items():
                 session.do(name, bag, vacuum_pa)
         finally:
+            ends = True  # it is vented however it ends
             session.end()
     return bags
 
@@ -129,7 +134,7 @@ class _Session:
         self._ankles = client.ankles()
         client.subscribe(Clock, CLOCK, self._heard.take_clock, subscriber_qos(CLOCK))
         client.subscribe(Odometry, ODOMETRY, self._heard.take_odometry, subscriber_qos(ODOMETRY))
-        self._height_of: Limb | None = None
+        self._limb_over_ground: Limb | None = None
         self._places = {}
         for ankle in self._ankles:
             topic = resolved(client.namespace, f"{ankle}/{JOINT_STATES.name}" if ankle else JOINT_STATES.name)
@@ -145,22 +150,33 @@ class _Session:
         client.wait_until(lambda: set(self._heard.joints) == set(self._ankles), _SEEN_S)
         self._set_auto(automatic=False)
 
-    def do(self, name: str, bag: Path, vacuum_pa: float) -> None:
+    def do(self, name: str, bag: Path, vacuum_pa: float | None) -> None:
         """Do one exercise and record it."""
         kind = EXERCISES[name]
         limbs = self._limbs()
-        given: dict[str, Any] = {"vacuum_pa": vacuum_pa}
+        given: dict[str, Any] = {} if vacuum_pa is None else {"vacuum_pa": vacuum_pa}
         if (
             "sides" in {row.name for row in rows(kind.options)}
             and limbs
             and not all(limb.has_abduction for limb in limbs.values())
         ):
             given["sides"] = "no"
-        rig, programme = kind.build(from_mapping(kind.options, given))
+        options = from_mapping(kind.options, given)
+        rig, programme = kind.build(options)
         say(f"{name}: {kind.title}; {programme.duration_s:.0f} s")
         angles = self._angles(rig, limbs) if limbs else {}
-        if not limbs and name != "cycle":
-            say("no joints of the robot's own are seen: move the shank by hand, as said here")
+        if (
+            not limbs
+            and has_ground(rig)
+            and not all(CARRIAGE_JOINT in joints for joints in self._heard.joints.values())
+        ):
+            msg = f"{name} needs the height of the ankle over the ground: by {' and '.join(LEG_JOINTS[1:])}, or by "
+            msg += f"{CARRIAGE_JOINT}, in {JOINT_STATES.name}; do the others one by one"
+            raise InputError(msg)
+        if not limbs and spoken(course_of(rig, timestep_s(rig))):
+            for left in range(_COUNT_S, 0, -1):
+                say(f"no joints of the robot's own are seen: take the shank into your hands; it begins in {left}")
+                self._wait(1.0)
         if angles:
             self._move({joint: course[:1] for joint, course in angles.items()}, [READY_S])
             self._wait(READY_S)
@@ -173,40 +189,50 @@ class _Session:
             self._wait(_BEFORE_S)
             self._perform(rig, programme, limbs, angles)
             self._wait(_REST_S)
-            self._height_of = None
+            self._limb_over_ground = None
             supervisor.stop()
-        sheet = RunSheet(name, given)
+        sheet = RunSheet(name, {**given, "vacuum_pa": options.vacuum_pa})
         (bag / FILE_NAME).write_text(yaml.safe_dump(sheet.as_mapping(), sort_keys=False), encoding="utf-8")
 
     def end(self) -> None:
         """Vent everything, and let the robot and its controllers do what they did before."""
         self._trajectory.publish(JointTrajectory())
-        for ankle in self._ankles:
-            self._client.call(_below(ankle, UNJAM.path), Unjam, Unjam.Request())
+        self._set_vacuum(CHANNELS, 0.0)
         self._set_auto(automatic=True)
 
     def _perform(self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]) -> None:
-        begun_s = self._now_s()
+        """Move shank and valves through an exercise, the shank by its joints or by the words for whoever moves it."""
+        begun_s, course = self._now_s(), course_of(rig, timestep_s(rig))
+        due: list[tuple[float, Callable[[], None]]] = [
+            (step.time_s, partial(self._set_vacuum, step.channels, step.vacuum_pa)) for step in programme.vacuum
+        ]
         if angles:
-            course = course_of(rig, timestep_s(rig))
-            self._height_of = next(iter(limbs.values())) if has_ground(rig) else None
+            self._limb_over_ground = next(iter(limbs.values())) if has_ground(rig) else None
             self._move({joint: course_rad[1:] for joint, course_rad in angles.items()}, course.time_s[1:].tolist())
-        for step in programme.vacuum:
-            self._wait(begun_s + step.time_s - self._now_s())
-            for ankle in self._ankles:
-                if step.vacuum_pa > 0.0:
-                    request = Jam.Request(channels=list(step.channels), vacuum_pa=step.vacuum_pa)
-                    answer = self._client.call(_below(ankle, JAM.path), Jam, request)
-                else:
-                    answer = self._client.call(
-                        _below(ankle, UNJAM.path), Unjam, Unjam.Request(channels=list(step.channels))
-                    )
-                if not answer.success:
-                    msg = f"the driver of {ankle or 'the ankle'} refuses: {answer.message}"
-                    raise GraphError(msg)
+        else:
+            due += [(at_s, partial(say, text)) for at_s, text in spoken(course)]
+        for at_s, act in sorted(due, key=lambda each: each[0]):
+            self._wait(begun_s + at_s - self._now_s())
+            act()
         self._wait(begun_s + programme.duration_s - self._now_s())
+        self._set_vacuum(CHANNELS, 0.0)
+
+    def _set_vacuum(self, channels: Sequence[str], vacuum_pa: float) -> None:
+        """Ask the driver of every ankle for a vacuum, 0 to vent.
+
+        Raises:
+            GraphError: one does not answer, or refuses.
+
+        """
         for ankle in self._ankles:
-            self._client.call(_below(ankle, UNJAM.path), Unjam, Unjam.Request(channels=list(CHANNELS)))
+            if vacuum_pa > 0.0:
+                request = Jam.Request(channels=list(channels), vacuum_pa=vacuum_pa)
+                answer = self._client.call(_below(ankle, JAM.path), Jam, request)
+            else:
+                answer = self._client.call(_below(ankle, UNJAM.path), Unjam, Unjam.Request(channels=list(channels)))
+            if not answer.success:
+                msg = f"the driver of {ankle or 'the ankle'} refuses: {answer.message}"
+                raise GraphError(msg)
 
     def _is_recorded(self) -> bool:
         """Return whether the recorder listens to every ankle."""
@@ -258,7 +284,7 @@ class _Session:
         if set(angles) == {CARRIAGE_X_JOINT, CARRIAGE_JOINT}:
             return  # its own
         self._heard.joints[ankle] = angles
-        if self._height_of is not None and self._heard.hip_height_m is not None:
+        if self._limb_over_ground is not None and self._heard.hip_height_m is not None:
             limb = self._limbs()[ankle]
             place_m = limb.place_m(angles, self._heard.hip_height_m)
             joints = [CARRIAGE_X_JOINT, CARRIAGE_JOINT]

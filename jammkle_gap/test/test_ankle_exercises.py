@@ -87,7 +87,7 @@ def test_a_bag_on_disk_is_the_same_recording(name: str, tmp_path: Path) -> None:
     ("name", "values", "signal", "least"),
     [
         ("shake", {"ankle_joint_friction__coulomb_n_m": 0.02}, "ankle_pitch/position", 3.0),
-        ("press", {"jamming_friction__scale": 0.5}, "load_cell/force_z", 5.0),
+        ("press", {"jamming_friction__scale": 0.5}, "load_cell/force_z", 3.0),
         ("cycle", {"line_leak_achilles__conductance_dm3_s_bar": 0.003}, "achilles/pressure", 3.0),
         ("tilt", {"imu_offset__x_m_s2": 0.5}, "imu/specific_force_x", 3.0),
         ("tilt", {"gyro_offset__y_rad_s": 0.02}, "imu/angular_velocity_y", 5.0),

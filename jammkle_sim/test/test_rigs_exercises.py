@@ -83,10 +83,11 @@ def test_the_guide_ends_in_stillness() -> None:
     assert np.ptp(track.position("carriage")[-1500:]) < 1e-9
 
 
-def test_a_pressed_foot_is_stiffer_and_keeps_more_when_jammed() -> None:
-    """Jammed it takes twice the force; lifted off its toe it keeps a set, which creeps back."""
-    run = go("press", way_time_s=0.3)
-    assert run.results["jammed_peak_force_n"] > 2.0 * run.results["soft_peak_force_n"]
+def test_a_pressed_foot_is_stiffer_when_jammed() -> None:
+    """Jammed by 50 kPa it takes twice the force, by the 20 kPa at which its fibres slide half as much again."""
+    held, slid = (go("press", way_time_s=0.3, vacuum_pa=vacuum_pa) for vacuum_pa in (50e3, 20e3))
+    assert held.results["jammed_peak_force_n"] > 2.0 * held.results["soft_peak_force_n"]
+    assert slid.results["jammed_peak_force_n"] > 1.3 * slid.results["soft_peak_force_n"]
 
 
 def test_a_press_that_would_stand_flat_is_refused() -> None:

@@ -25,6 +25,8 @@ _EVERY_S = 0.02
 RETRACTED_M = 0.04
 """How much nearer to the hip than in the stance an ankle is that must touch nothing. Assumed: a toe that is turned down
 by 40 degrees needs as much."""
+_MOVES = 1e-3
+"""Degrees, or mm, between two points from which on a shank moves: rounding is below."""
 _STANDS_RAD = 1e-6
 """Turn between two points below which a shank stands: rounding."""
 READY_S = 2.0
@@ -55,6 +57,27 @@ def course_of(rig: Rig, step_s: float) -> ShankCourse:
     rows = rig.guide[::every]
     turn = Rotation.from_quat(rows[:, [4, 5, 6, 3]]).as_euler("YXZ")
     return ShankCourse(step_s * every * np.arange(len(rows)), turn[:, 0], turn[:, 1], rows[:, 2])
+
+
+def spoken(course: ShankCourse) -> list[tuple[float, str]]:
+    """Return what a person is told who moves the shank by hand, with the times at which it is said, s."""
+    poses = np.column_stack((np.degrees(course.pitch_rad), np.degrees(course.roll_rad), 1e3 * course.height_m))
+    moves = np.abs(np.diff(poses, axis=0)).max(axis=1) > _MOVES
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], moves.astype(np.int8), [0]))))
+    found = []
+    for first, last in edges.reshape(-1, 2).tolist():
+        lasts_s = float(course.time_s[last] - course.time_s[first])
+        pitch_deg, roll_deg, height_mm = poses[last] - poses[first]
+        if np.ptp(poses[first : last + 1, 0]) > 2.0 * abs(pitch_deg) + _MOVES:
+            text = f"rock the shank to all sides, slowly and then faster and faster, for {lasts_s:.0f} s"
+        elif max(abs(pitch_deg), abs(roll_deg)) > _MOVES:
+            text = (
+                f"tilt the shank to {poses[last, 0]:.0f} degrees toe-down and {poses[last, 1]:.0f} degrees to the right"
+            )
+        else:
+            text = f"{'press down' if height_mm < 0.0 else 'lift'} by {abs(height_mm):.0f} mm, within {lasts_s:.1f} s"
+        found.append((float(course.time_s[first]), text))
+    return found
 
 
 @dataclass(frozen=True)
