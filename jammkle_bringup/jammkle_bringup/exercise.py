@@ -155,12 +155,8 @@ class _Session:
         kind = EXERCISES[name]
         limbs = self._limbs()
         given: dict[str, Any] = {} if vacuum_pa is None else {"vacuum_pa": vacuum_pa}
-        if (
-            "sides" in {row.name for row in rows(kind.options)}
-            and limbs
-            and not all(limb.has_abduction for limb in limbs.values())
-        ):
-            given["sides"] = "no"
+        if limbs and "sides" in {row.name for row in rows(kind.options)}:
+            given["sides"] = "no"  # an abducted leg turns and slides its ankle as it comes down, which nothing measures
         options = from_mapping(kind.options, given)
         rig, programme = kind.build(options)
         say(f"{name}: {kind.title}; {programme.duration_s:.0f} s")
@@ -206,10 +202,10 @@ class _Session:
         due: list[tuple[float, Callable[[], None]]] = [
             (step.time_s, partial(self._set_vacuum, step.channels, step.vacuum_pa)) for step in programme.vacuum
         ]
-        if angles:
+        if angles and course.lasts_s > 0.0:
             self._limb_over_ground = next(iter(limbs.values())) if has_ground(rig) else None
             self._move({joint: course_rad[1:] for joint, course_rad in angles.items()}, course.time_s[1:].tolist())
-        else:
+        elif not angles:
             due += [(at_s, partial(say, text)) for at_s, text in spoken(course)]
         for at_s, act in sorted(due, key=lambda each: each[0]):
             self._wait(begun_s + at_s - self._now_s())

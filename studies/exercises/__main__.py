@@ -72,7 +72,7 @@ def exercises(
         text = page.read_text(encoding="utf-8")
         for name, table in tables.items():
             marks = rf"(<!-- {name} -->\n).*?(\n<!-- end -->)"
-            text = re.sub(marks, lambda match, table=table: f"{match[1]}{table}{match[2]}", text, flags=re.DOTALL)
+            text = re.sub(marks, rf"\g<1>{table}\g<2>", text, flags=re.DOTALL)
         page.write_text(text, encoding="utf-8")
     write_json(json, {name: _as_json(found[name], each) for name, each in measured.items()})
     return 0
@@ -102,7 +102,7 @@ def _effects(measured: dict[str, Lengths]) -> str:
     for family, places in families.items():
         cells = []
         for each in measured.values():
-            worst = min(places, key=lambda i, each=each: (each.left[i].min(), each.length[i]))
+            _, worst = min((float(each.left[i].min()), i) for i in places)
             cells.append(f"{_short(each.length[worst])}, {_short(each.left[worst].min())}")
         lines.append(f"| {family} | {' | '.join(cells)} |")
     return "\n".join(lines)

@@ -56,7 +56,8 @@ def course_of(rig: Rig, step_s: float) -> ShankCourse:
     every = max(round(_EVERY_S / step_s), 1)
     rows = rig.guide[::every]
     turn = Rotation.from_quat(rows[:, [4, 5, 6, 3]]).as_euler("YXZ")
-    return ShankCourse(step_s * every * np.arange(len(rows)), turn[:, 0], turn[:, 1], rows[:, 2])
+    time_s = np.arange(len(rows), dtype=np.float64) * np.float64(step_s * every)
+    return ShankCourse(time_s, turn[:, 0], turn[:, 1], rows[:, 2])
 
 
 def spoken(course: ShankCourse) -> list[tuple[float, str]]:

@@ -120,7 +120,7 @@ def moved_as_read(rig: Rig, motion: ShankMotion) -> Rig:
     # Each pole of the filter is late by (1 - s) / s steps, and a reading comes at the end of the step it is taken in.
     filter_s = step_s * (1.0 + 2.0 * (1.0 - float(law["smoothing"])) / float(law["smoothing"]))
     moment_s = true_time_s(motion.time_s, wiring.imu_delay_s, wiring.clock_skew) - filter_s
-    grid_s = step_s * np.arange(int(moment_s[-1] / step_s) + 1)
+    grid_s = np.arange(int(moment_s[-1] / step_s) + 1, dtype=np.float64) * np.float64(step_s)
     force, rate = true[:, 0], true[:, 1]
     if motion.place is not None:
         stamp_s, place_m = motion.place
@@ -159,7 +159,8 @@ def _tilt_rad(grid_s: Floats, moment_s: Floats, force: Floats, rate: Floats, sti
     near = np.flatnonzero(weight > _LEAST_REST)
     sums = uniform_filter1d(trust[:, np.newaxis] * (leaning - turned), around, axis=0)
     differs = [np.interp(np.arange(len(grid_s)), near, each[near] / weight[near]) for each in sums.T]
-    return turned + np.column_stack(differs)
+    tilt_rad: Floats = turned + np.column_stack(differs)
+    return tilt_rad
 
 
 def _smooth(grid_s: Floats, time_s: Floats, values: Floats, over_s: float) -> Floats:

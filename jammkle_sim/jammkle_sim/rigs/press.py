@@ -121,7 +121,7 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
     corners[:, 0] = np.cumsum(corners[:, 0])
     half_s = float(corners[len(presses), 0])
     end_s = float(corners[-1, 0])
-    grid_s = options.timestep_s * np.arange(round(end_s / options.timestep_s) + 2)
+    grid_s = np.arange(round(end_s / options.timestep_s) + 2, dtype=np.float64) * np.float64(options.timestep_s)
     pitch_rad, roll_rad, height_m = smooth_course(corners[:, 0], corners[:, 1:], grid_s).T
     position_m = np.column_stack((np.zeros((len(grid_s), 2)), height_m))
     turn = Rotation.from_euler("YX", np.column_stack((pitch_rad, roll_rad)))

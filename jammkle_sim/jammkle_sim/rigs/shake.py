@@ -79,9 +79,9 @@ def shake_rig(options: ShakeOptions, ankle: AnkleParameters | None = None) -> tu
     jam_s = _REST_S + options.sweep_s + _REST_S
     second_s = jam_s + _JAM_S
     end_s = second_s + options.sweep_s + _REST_S
-    time_s = options.timestep_s * np.arange(round(end_s / options.timestep_s) + 2)
+    time_s = np.arange(round(end_s / options.timestep_s) + 2, dtype=np.float64) * np.float64(options.timestep_s)
     pitch_rad, roll_rad = (
-        sum(_swept(time_s - start_s, options, one, other) for start_s in (_REST_S, second_s))
+        _swept(time_s - _REST_S, options, one, other) + _swept(time_s - second_s, options, one, other)
         for one, other in ((options.from_hz, options.to_hz), (options.to_hz, options.from_hz))
     )
     turn = Rotation.from_euler("YX", np.column_stack((pitch_rad, roll_rad)))

@@ -73,7 +73,7 @@ def tilt_rig(options: TiltOptions, ankle: AnkleParameters | None = None) -> tupl
     jam_s = float(corners[: len(poses), 0].sum())
     corners[:, 0] = np.cumsum(corners[:, 0])
     end_s = float(corners[-1, 0])
-    grid_s = options.timestep_s * np.arange(round(end_s / options.timestep_s) + 2)
+    grid_s = np.arange(round(end_s / options.timestep_s) + 2, dtype=np.float64) * np.float64(options.timestep_s)
     turn = Rotation.from_euler("YX", smooth_course(corners[:, 0], corners[:, 1:], grid_s))
     rig = ankle_under_carriage(
         new_spec("tilt", options.timestep_s),
