@@ -7,7 +7,7 @@ BIN := .venv/bin
 FUZZ_SEEDS := 100 101 102 103 104 105 106 107 108 109
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help extras demo test slow bench live blind robots contact paper studies faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
+.PHONY: help extras demo test slow bench live blind robots contact paper studies exercises faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
@@ -23,6 +23,7 @@ help:
 	@echo "make paper  set up, run every test of the paper; writes runs/paper/paper.html, half a minute"
 	@echo "make studies set up, run the tests of the studies"
 	@echo "make contact set up, try the detectors on 4000 steps, slips and landings; writes runs/contact, 20 minutes"
+	@echo "make exercises set up, say what an ideal observer sees in each exercise; writes studies/exercises/README.md, 10 minutes"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make docs   build the documentation as pages: docs/_build/index.html"
 	@echo "make pictures set up, take the pictures of the page in the browser anew, where there is Chromium"
@@ -82,6 +83,9 @@ robots: extras
 
 contact: extras
 	@$(BIN)/python -m studies.contact --steps 4000 --runs 20 -o runs/contact $(addprefix --real ,$(wildcard ../shared/data/foot_imu))
+
+exercises: extras
+	@$(BIN)/python -m studies.exercises --page studies/exercises/README.md
 
 firmware: extras
 	@$(FIRMWARE) host

@@ -39,6 +39,7 @@ setup(
         ],
         "jammkle.commands": [
             *(f"{verb} = jammkle_bringup.commands:app" for verb in ("up", "jam", "unjam", "status", "record", "demo")),
+            "exercise = jammkle_bringup.commands:app",
             *(f"{verb} = jammkle_bringup.commands:app" for verb in ("info", "recover", "export", "plot", "rename")),
         ],
         "jammkle.landing": ["record = jammkle_bringup.demo:record_landing"],

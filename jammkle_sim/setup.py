@@ -28,7 +28,6 @@ setup(
         "jammkle.commands": [
             "rig = jammkle_sim.commands:app",
             "robot = jammkle_sim.commands:app",
-            "urdf = jammkle_sim.commands:app",
         ],
     },
 )

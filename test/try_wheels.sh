@@ -17,7 +17,7 @@ echo 'line_leak_achilles: {conductance_dm3_s_bar: 0.003}' > leak.yaml
 alone/bin/jammkle rig pressure --effects leak.yaml --seed 3 -o leaking > /dev/null
 alone/bin/jammkle gap diagnose leaking $(printf -- '--since %s ' healthy_*) -o gap --json gap.json > /dev/null
 grep -q '"verdict": "EFFECTS"' gap.json
-alone/bin/jammkle urdf quadruped | grep -q 'link name="lf_ankle/foot"'
+alone/bin/jammkle robot quadruped --urdf | grep -q 'link name="lf_ankle/foot"'
 alone/bin/jammkle robot leg --duration-s 1 -o leg > /dev/null
 alone/bin/jammkle detect leg > /dev/null
 if alone/bin/jammkle status 2> said; then exit 1; fi

@@ -170,6 +170,34 @@ def record(
 
 
 @app.command(rich_help_panel=ON_THE_GRAPH)
+def exercise(
+    name: Annotated[str, typer.Argument(help="cycle, press, shake, tilt, or all.", metavar="NAME")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder that gets a bag per exercise.", metavar="DIR")],
+    vacuum_kpa: Annotated[
+        float | None,
+        typer.Option(help="Vacuum of the jammed half, 5 to 75 kPa.", show_default="50, of press 20"),
+    ] = None,
+    namespace: NamespaceOption = "/",
+    json: JsonOption = None,
+) -> int:
+    """Take a robot through exercises for a diagnosis, and record each with its run sheet."""
+    from jammkle_bringup.exercise import exercise as do
+    from jammkle_sim.rigs.catalogue import EXERCISES
+
+    if name != "all" and name not in EXERCISES:
+        msg = f"NAME '{name}' does not exist; it must be one of {', '.join(EXERCISES)}, all"
+        raise InputError(msg)
+    results.check_writable(json)
+    chosen = tuple(EXERCISES) if name == "all" else (name,)
+    vacuum_pa = None if vacuum_kpa is None else 1e3 * vacuum_kpa
+    bags = do(chosen, output, normalised(namespace), vacuum_pa, StopRequest())
+    for each in bags.values():
+        typer.echo(str(each))
+    results.write_json(json, {"bags": {each: str(bag) for each, bag in bags.items()}})
+    return 0
+
+
+@app.command(rich_help_panel=ON_THE_GRAPH)
 def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder in which the run gets a folder.", metavar="DIR")

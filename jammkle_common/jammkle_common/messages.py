@@ -34,6 +34,7 @@ ROS_MODULES = (
     "std_msgs",
     "std_srvs",
     "tf2_msgs",
+    "trajectory_msgs",
 )
 """Python modules that come with ROS, or are built with it, and may not be there."""
 

@@ -52,6 +52,9 @@ LEG_JOINTS: tuple[str, ...] = ("abduction", "hip", "knee")
 CARRIAGE_JOINT = "carriage"
 """The rig's slide in joint_states: height of the ankle joint above floor or slope, m, up positive."""
 
+CARRIAGE_X_JOINT = "carriage_x"
+"""How far forward the ankle joint is, m, from anywhere on the ground; only where a press is not straight down."""
+
 IMU_FRAME = "imu"
 LOAD_CELL_FRAME = "load_cell"
 MANIFOLD_FRAME = "manifold"
@@ -192,6 +195,14 @@ LOCKSTEP = Topic(
 """Between a simulation and those that keep in step with it; not part of a recording, which says nothing of pace."""
 
 TF = Topic("/tf", "tf2_msgs/msg/TFMessage", TopicKind.SENSOR, "the same pose for tf, where tf2_msgs is installed")
+
+JOINT_TRAJECTORY = Topic(
+    "joint_trajectory",
+    "trajectory_msgs/msg/JointTrajectory",
+    TopicKind.COMMAND,
+    "angles, rad, that a robot's own joints shall take over time, by its model's names; an empty one ends it",
+)
+"""To whatever moves a robot's joints, such as a joint_trajectory_controller of ros2_control, or a simulated robot."""
 
 
 def solenoid_topic(channel: str) -> Topic:

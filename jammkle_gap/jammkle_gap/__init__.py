@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from jammkle_gap.ankle.effects import ankle_library
     from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.ankle.problem import ankle_problem
-    from jammkle_gap.ankle.recording import load_recordings
+    from jammkle_gap.ankle.recording import load_recordings, recording_of_run
     from jammkle_gap.ankle.repeats import with_settings
     from jammkle_gap.ankle.sensors import RESOLUTION, UNITS, quantity_of
     from jammkle_gap.ankle.simulator import Rerun, rerun
@@ -78,6 +78,7 @@ _HOMES = {
     "load_recordings": "ankle.recording",
     "measured": "core.features",
     "quantity_of": "ankle.sensors",
+    "recording_of_run": "ankle.recording",
     "rerun": "ankle.simulator",
     "run_of_arrays": "mujoco.runs",
     "run_of_csv": "mujoco.runs",
@@ -131,6 +132,7 @@ __all__ = [
     "load_recordings",
     "measured",
     "quantity_of",
+    "recording_of_run",
     "rerun",
     "run_of_arrays",
     "run_of_csv",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
 import yaml
 
 from jammkle_common import wire
@@ -16,11 +17,13 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.messages import message_class
 from jammkle_common.names import BASE_FRAME, FOOT_FRAME, IMU_FRAME, LOAD_CELL_FRAME, ODOM_FRAME, TENDONS, frame
 from jammkle_sim.physics.sensors import SensorParameters, imu_variance
+from jammkle_sim.robots.robot import JointCourse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from std_msgs.msg import Float32
+    from trajectory_msgs.msg import JointTrajectory
 
     from jammkle_sim.rigs.simulation import BaseSample, FootTruth, ImuSample, TendonSample
 
@@ -217,6 +220,32 @@ def duty_from(message: Float32) -> float:
         msg = f"pump/duty is {duty:g}; it must be 0 to 1; the last good value is kept"
         raise BadCommandError(msg)
     return duty
+
+
+def joint_course(message: JointTrajectory) -> JointCourse | None:
+    """Return what a robot's joints are asked to do; None: to do what they do by themselves again.
+
+    It begins when it comes, whatever its stamp.
+
+    Raises:
+        BadCommandError: a point with another number of positions than there are joints, or a time that does not rise.
+
+    """
+    if not message.joint_names or not message.points:
+        return None
+    time_s = [
+        each.time_from_start.sec + each.time_from_start.nanosec / NANOSECONDS_PER_SECOND for each in message.points
+    ]
+    for place, (point, at_s) in enumerate(zip(message.points, time_s, strict=True)):
+        if len(point.positions) != len(message.joint_names) or not all(map(math.isfinite, point.positions)):
+            msg = f"point {place} of joint_trajectory has {len(point.positions)} positions"
+            msg += f"; it must have {len(message.joint_names)}, one number for each joint"
+            raise BadCommandError(msg)
+        if at_s <= (time_s[place - 1] if place else 0.0):
+            msg = f"point {place} of joint_trajectory is {at_s:g} s from the start; times must be above 0 and rise"
+            raise BadCommandError(msg)
+    angles_rad = np.array([list(point.positions) for point in message.points])
+    return JointCourse(tuple(message.joint_names), np.array(time_s), angles_rad)
 
 
 def _imu_values(message: Imu) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from jammkle_sim.rigs.rig import BadChangeError, load_change
 from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.catalogue import ankle_alone, robot
 from jammkle_sim.robots.options import RobotOptions
+from jammkle_sim.robots.robot import FollowingControl
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,7 +80,12 @@ def make_robot(parameters: RobotParameters) -> Simulation:
         ParameterError: the robot refuses a value.
 
     """
-    return _warmed_up(lambda: robot(parameters.robot, _options(RobotOptions, parameters)))
+
+    def built() -> Robot:
+        made = robot(parameters.robot, _options(RobotOptions, parameters))
+        return dataclasses.replace(made, control=FollowingControl(made.model, made.control))
+
+    return _warmed_up(built)
 
 
 def _warmed_up(build: Callable[[], Machine]) -> Simulation:

@@ -37,7 +37,7 @@ from jammkle_sim.parameters import GAIT_RATE_HZ, MACHINE_RATE_HZ, MAX_RATE_HZ, P
 from jammkle_sim.participants import Participants
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.urdf import UrdfNames, robot_urdf
-from jammkle_sim.topics import Ankles, ClockOutput, MachineOutputs
+from jammkle_sim.topics import Ankles, ClockOutput, JointRequests, MachineOutputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -103,6 +103,7 @@ class SimNode(Node):
         self._liveness = Liveness(self, ankles, self._time_s)
         self._ankles = Ankles(self, ankles, kind.outputs, self._diagnostics.check, self._time_s)
         self._machine_outputs = self._make_machine_outputs()
+        self._joint_requests = JointRequests(self, self._simulation)
         self._describe()
         self._requests = _Requests(self, self._engine, self._reset, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -11,15 +11,18 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu, JointState
 from std_msgs.msg import Bool, Float32, String
+from trajectory_msgs.msg import JointTrajectory
 
 from jammkle_common import names
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.messages import COMMANDS_LINE, Health, Level, transform_of
 from jammkle_common.names import MANIFOLD_FRAME, below, resolved
+from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.msg import ActuatorStates, TendonStates, TrueContact
-from jammkle_sim.conversions import BadCommandError, OutgoingMessages, actuator_states, duty_from
+from jammkle_sim.conversions import BadCommandError, OutgoingMessages, actuator_states, duty_from, joint_course
 from jammkle_sim.core.engine import STATES, Output
+from jammkle_sim.robots.robot import FollowingControl
 
 try:  # what tf listens to comes with the distribution, and is not among the wheels
     from tf2_msgs.msg import TFMessage
@@ -386,6 +389,25 @@ class _Commands:
             self.let_go = let_go
             self._is_new = True
             self._on_change()
+
+
+class JointRequests:
+    """Lets the joints of a robot do what is asked of them."""
+
+    def __init__(self, node: Node, simulation: Simulation) -> None:
+        """Subscribe on `node`, if the simulation has joints that follow."""
+        self._node, self._simulation = node, simulation
+        if isinstance(simulation.machine.control, FollowingControl):
+            topic = names.JOINT_TRAJECTORY
+            node.create_subscription(JointTrajectory, topic.name, self._take, subscriber_qos(topic))
+
+    def _take(self, message: JointTrajectory) -> None:
+        control = self._simulation.machine.control
+        try:
+            if isinstance(control, FollowingControl):
+                control.follow(joint_course(message))
+        except (BadCommandError, ParameterError) as error:
+            self._node.get_logger().warning(f"{error}; the joints do what they did before")
 
 
 class MachineOutputs:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.ankle import joint_law
+from jammkle_sim.rigs.rig import free
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,7 +25,17 @@ def body(speed: NDArray[np.float64]) -> records.Body:
     """MuJoCo's side, made up: three joint speeds and the torques on them."""
     none = np.zeros(0)
     return records.Body(
-        np.zeros(4, dtype=np.intp), none, none, none, speed, np.zeros(3), np.arange(3, dtype=np.intp), np.zeros(6)
+        addresses=np.zeros(4, dtype=np.intp),
+        length_m=none,
+        rate_m_s=none,
+        pull_n=none,
+        position=np.zeros(3),
+        speed=speed,
+        applied_n_m=np.zeros(3),
+        joint_index=np.arange(3, dtype=np.intp),
+        raw_imu=np.zeros(6),
+        guide=free(),
+        guide_at=np.zeros(1, dtype=np.int64),
     )
 
 

@@ -23,7 +23,7 @@ def test_a_rig_of_one_file_is_there(tmp_path: Path) -> None:
     shutil.copytree(Path(jammkle_sim.__file__).parent, package)  # with what is compiled already
     (package / "rigs" / "hanging.py").write_text(text)
     catalogue = package / "rigs" / "catalogue.py"
-    registered = catalogue.read_text().replace("import drop, landing", "import drop, hanging, landing")
+    registered = catalogue.read_text().replace(" drop, landing", " drop, hanging, landing")
     catalogue.write_text(registered.replace("landing.RIG)", "landing.RIG, hanging.RIG)"))
 
     def rig(*arguments: str) -> str:

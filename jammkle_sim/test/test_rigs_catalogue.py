@@ -11,7 +11,7 @@ import pytest
 
 from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.rigs.catalogue import RIGS, rig_kind, run_rig, save_mjcf, scattered
+from jammkle_sim.rigs.catalogue import EXERCISES, RIGS, rig_kind, run_rig, save_mjcf, scattered
 from jammkle_sim.rigs.run import RigCancelledError, RigRun
 from jammkle_sim.rigs.simulation import Simulation
 
@@ -24,6 +24,10 @@ QUICK: dict[str, dict[str, object]] = {
     "drop": {"foot": "jammed"},
     "slip": {"foot": "jammed", "speed_m_s": 0.05, "descent_m": 0.03},
     "landing": {"release_time_s": 0.2},
+    "cycle": {"jam_time_s": 0.5, "vent_time_s": 0.2},
+    "press": {"sides": "no", "way_time_s": 0.2},
+    "shake": {"sweep_s": 1.0},
+    "tilt": {"hold_s": 0.5},
 }
 
 
@@ -46,9 +50,10 @@ def same(one: RigRun, other: RigRun) -> bool:
     )
 
 
-def test_catalogue_holds_the_five_rigs() -> None:
-    """Tensile, pressure, drop, slip, landing; every one has a seed, a parameter set and a time step."""
-    assert set(RIGS) == {"tensile", "pressure", "drop", "slip", "landing"}
+def test_catalogue_holds_the_rigs() -> None:
+    """Rigs of a laboratory and exercises of a robot; every one has a seed, a parameter set and a time step."""
+    assert set(RIGS) == {"tensile", "pressure", "drop", "slip", "landing", *EXERCISES}
+    assert set(EXERCISES) == {"cycle", "press", "shake", "tilt"}
     for kind in RIGS.values():
         assert {"seed", "parameter_set", "timestep_s"} <= {row.name for row in rows(kind.options)}
         assert all(row.description for row in rows(kind.options))

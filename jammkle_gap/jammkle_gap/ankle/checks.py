@@ -11,10 +11,12 @@ from jammkle_common.bags.run_sheet import FILE_NAME
 from jammkle_gap.ankle.bag import CARRIAGE
 from jammkle_gap.ankle.sensors import ANGLE, PRESSURE, quantity_of
 from jammkle_gap.core.data import BadRecordingError
+from jammkle_sim.rigs.replay import has_ground, is_guided
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from jammkle_gap.ankle.bag import Samples
     from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.core.data import Signal
     from jammkle_sim.rigs.replay import CommandTrack, Timeline
@@ -109,6 +111,24 @@ def check_course_is_known(bag: str, inputs: AnkleInputs) -> None:
         msg = f"bag {bag} does not say how the carriage of rig '{inputs.rig}' was driven"
         msg += f"; record '{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}"
         msg += f", or write {missing[0]} into {FILE_NAME}"
+        raise BadRecordingError(msg)
+
+
+def check_guide_is_known(bag: str, rig: Rig, topics: Mapping[str, Samples]) -> None:
+    """Refuse an exercise of which nobody can say how its shank moved.
+
+    Raises:
+        BadRecordingError: there is no IMU, or over the ground no height.
+
+    """
+    joints = topics.get(names.JOINT_STATES.name)
+    missing = ""
+    if names.IMU.name not in topics:
+        missing = f"{names.IMU.name}, of an IMU on the shank"
+    elif has_ground(rig) and (joints is None or CARRIAGE not in joints.columns):
+        missing = f"'{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}, the height of the ankle over the ground"
+    if missing:
+        msg = f"bag {bag} does not say how the shank moved in the exercise '{rig.name}'; record {missing}"
         raise BadRecordingError(msg)
 
 
@@ -224,7 +244,7 @@ def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[s
             furthest_m = float(slide.values[np.argmax(np.abs(slide.values))])
             problem = f"its slide stays within {_LARGEST_PULL_M:g} m of where the tendon is free"
             problem += f", the recording's is at {furthest_m:.3f} m"
-        elif slide is not None and abs(float(slide.values[0]) - start_m) > _LARGEST_START_M:
+        elif slide is not None and not is_guided(rig) and abs(float(slide.values[0]) - start_m) > _LARGEST_START_M:
             problem = f"its slide starts at {start_m:.3f} m, the recording's at {float(slide.values[0]):.3f} m"
     if problem:
         msg = f"bag {bag} cannot be from rig '{rig.name}': {problem}"

@@ -15,10 +15,11 @@ from jammkle_common import names
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_gap.ankle.sensors import pressure_signals
+from jammkle_gap.ankle.shank import moved_as_read
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_sim.rigs.catalogue import rig_kind
 from jammkle_sim.rigs.replay import Course, Timeline, following, let_go, started_at, true_time_s
-from jammkle_sim.rigs.rig import ACCELEROMETER
+from jammkle_sim.rigs.rig import ACCELEROMETER, laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,9 +27,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.ankle.bag import Samples
+    from jammkle_gap.ankle.shank import ShankMotion
     from jammkle_gap.core.data import Recording, Signal
     from jammkle_sim.rigs.replay import CommandTrack
     from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.run import Programme
 
 FALLING_RIGS = ("drop", "landing")
 """Rigs whose carriage is let go."""
@@ -51,6 +54,8 @@ class AnkleInputs:
     """Constants of the ankle that are not those of the rig: fields of AnkleParameters by name, sorted."""
     course: Course | None = None
     """How the carriage was driven, as its sensor read it; None: by the rig's own programme, or not at all."""
+    shank: ShankMotion | None = None
+    """How a guided shank moved, by its IMU; None: by the rig's own programme, or it is not guided."""
     release_s: float | None = None
     """When the carriage was let go, s, as the sensor that saw it read it; None: by the rig's programme, or never."""
     release_seen_by: str = ""
@@ -76,6 +81,8 @@ class AnkleInputs:
         if self.course is not None:
             digest.update(self.course.time_s.tobytes())
             digest.update(self.course.position_m.tobytes())
+        if self.shank is not None:
+            digest.update(self.shank.digest)
         return digest.hexdigest()
 
 
@@ -126,6 +133,8 @@ def moved_as_recorded(rig: Rig, inputs: AnkleInputs) -> Rig:
 
     """
     wiring = rig.wiring
+    if inputs.shank is not None:
+        return moved_as_read(rig, inputs.shank)
     if inputs.course is not None:
         return following(rig, inputs.course.as_read_by(wiring.joint_delay_s, wiring.clock_skew))
     if inputs.release_s is None:
@@ -138,11 +147,19 @@ def moved_as_recorded(rig: Rig, inputs: AnkleInputs) -> Rig:
 
 def motion_key(rig: Rig, inputs: AnkleInputs) -> str:
     """Return what tells the motion of a rig from that of others with the same inputs."""
+    wiring = rig.wiring
+    if inputs.shank is not None:
+        return repr((wiring.imu_delay_s, wiring.joint_delay_s, wiring.clock_skew, laws_of(rig).imu.tobytes()))
     if inputs.course is None and not inputs.release_seen_by:
         return ""
-    wiring = rig.wiring
     late_s = wiring.imu_delay_s if inputs.release_seen_by == names.IMU.name else wiring.joint_delay_s
     return repr((late_s, wiring.clock_skew))
+
+
+def first_command_s(inputs: AnkleInputs) -> float:
+    """Return when a solenoid first draws in the rig's own programme, s since its start; 0 where none does."""
+    _, programme = _made(inputs.rig, inputs.options, inputs.ankle)
+    return min((step.time_s for step in programme.vacuum if step.vacuum_pa > 0.0), default=0.0)
 
 
 def known_options(rig: str, given: Mapping[str, Any]) -> Options:
@@ -174,14 +191,18 @@ def rig_of(drawing: Drawing) -> Rig:
 
 @lru_cache(maxsize=32)
 def _built(rig: str, options: Options, ankle: Options, start_m: float | None) -> Rig:
-    kind = rig_kind(rig)
-    other = {} if kind.ankle is None else {"ankle": dataclasses.replace(kind.ankle, **dict(ankle))}
-    built, _ = kind.build(kind.options(**dict(options)), **other)
+    built, _ = _made(rig, options, ankle)
     if start_m is not None:
         built = started_at(built, start_m)
     # The IMU's law clips at the same limit; MuJoCo would do so before offsets and turns.
     built.model.sensor_cutoff[built.model.sensor(ACCELEROMETER).id] = 0.0
     return built
+
+
+def _made(rig: str, options: Options, ankle: Options) -> tuple[Rig, Programme]:
+    kind = rig_kind(rig)
+    other = {} if kind.ankle is None else {"ankle": dataclasses.replace(kind.ankle, **dict(ankle))}
+    return kind.build(kind.options(**dict(options)), **other)
 
 
 _LEAST_NOISE_M = 1e-7

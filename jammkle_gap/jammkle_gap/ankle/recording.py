@@ -34,6 +34,7 @@ from jammkle_gap.ankle.inputs import (
     AnkleInputs,
     begins_vented,
     course_of,
+    first_command_s,
     known_options,
     nominal_rig,
     weather_pa,
@@ -44,6 +45,7 @@ from jammkle_gap.ankle.segmentation import (
     Segment,
     commanded_segment,
     driven_segment,
+    exercise_segment,
     falling_segments,
     not_before,
     recording_phases,
@@ -51,10 +53,11 @@ from jammkle_gap.ankle.segmentation import (
     segment_of_simulation,
     whole_segment,
 )
-from jammkle_gap.ankle.sensors import RESOLUTION, UNITS, declared_noise, quantity_of
+from jammkle_gap.ankle.sensors import ACCELERATION, RATE, RESOLUTION, UNITS, declared_noise, quantity_of
+from jammkle_gap.ankle.shank import place_of, shank_motion
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_sim.rigs.catalogue import RIGS
-from jammkle_sim.rigs.replay import CommandTrack, Timeline, is_driven, timestep_s
+from jammkle_sim.rigs.replay import CommandTrack, Timeline, has_ground, is_driven, is_guided, timestep_s
 from jammkle_sim.rigs.rig import assembled
 
 if TYPE_CHECKING:
@@ -212,6 +215,9 @@ def _segments(
         if not has_carriage and not bag.simulated:
             checks.check_course_is_known(bag.name, inputs)
         segments = (driven_segment(topics, built),) if has_carriage else ()
+    elif is_guided(built):
+        checks.check_guide_is_known(bag.name, built, topics)
+        segments = (exercise_segment(topics, first_command_s(inputs)),)
     else:
         segments = (commanded_segment(topics),)
     if bag.simulated:
@@ -244,9 +250,11 @@ def _recording(
     if inputs.rig == "tensile" and inputs.course is not None and inputs.course.start_m > _STRETCHED_M:
         stretched = f"the tendon is stretched by {1e3 * inputs.course.start_m:.1f} mm as the recording begins"
         said.append(f"{stretched}, and taken to have relaxed there; record from its free length on")
-    phases = recording_phases(inputs.rig, signals, commands)
-    if inputs.course is not None:  # what is driven is an input, and not compared
+    phases = recording_phases(inputs.rig, signals, commands, inputs.shank)
+    if inputs.course is not None or inputs.shank is not None:  # what is driven is an input, and not compared
         signals.pop(CARRIAGE, None)
+    if inputs.shank is not None and inputs.shank.is_input_alone:
+        signals = {name: each for name, each in signals.items() if quantity_of(name) not in (ACCELERATION, RATE)}
     strange = strange_joints(topics)
     if strange:
         said.append(f"joints that are not an ankle's, and left out: {', '.join(strange)}")
@@ -266,6 +274,10 @@ def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Se
         seen_by = segment.seen_by if release_s is not None else ""
         return dataclasses.replace(inputs, release_s=release_s, release_seen_by=seen_by)
     joints = topics.get(names.JOINT_STATES.name)
+    if is_guided(built):
+        place = place_of(joints) if joints is not None and has_ground(built) else None
+        motion = shank_motion(topics[names.IMU.name], place, segment.start_s, segment.end_s)
+        return dataclasses.replace(inputs, shank=motion)
     if not is_driven(built) or joints is None or CARRIAGE not in joints.columns:
         return inputs
     stamp_s, position_m = joints.readings(CARRIAGE)
@@ -336,7 +348,7 @@ def strange_joints(topics: Mapping[str, Samples]) -> list[str]:
     """Return the names of joints that no rig with an ankle has, sorted."""
     samples = topics.get(names.JOINT_STATES.name)
     joints = {column.partition("/")[0] for column in samples.columns} if samples is not None else set()
-    return sorted(joints - set(_JOINTS))
+    return sorted(joints - {*_JOINTS, names.CARRIAGE_X_JOINT})
 
 
 def thinned(signal: Signal, fewest: int) -> Signal:

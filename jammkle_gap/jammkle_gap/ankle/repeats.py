@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from jammkle_gap.ankle.inputs import AnkleInputs
+    from jammkle_gap.ankle.shank import ShankMotion
     from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.replay import Course, Timeline
 
@@ -59,6 +60,10 @@ _COARSE_M, _COARSE_DEG = 0.005, 5.0
 """Of a drop height and of a hanging foot's pitch. Chosen: a tenth of what is usual."""
 _DIGITS = 2
 """Of way and speed of a carriage that count. Chosen: what a person sets has no more."""
+_LEAST_READING = np.array((1.0, 1.0, 1.0, 0.1, 0.1, 0.1))
+"""What an IMU reads that counts as a motion, m/s^2 and rad/s. Assumed: above offsets."""
+_MOVED = 1.2
+"""Ratio of neighbouring sizes of a motion. Chosen: a signature that is a tenth larger or smaller counts as the same."""
 _LENGTH = math.sqrt(2.0)
 """Ratio of neighbouring lengths of a recording. Chosen: beyond its end a signature is taken to stay as it is."""
 
@@ -321,6 +326,7 @@ def group_of(recording: Recording) -> str:
         None if inputs.start_pa is None else [round(each / _COARSE_PA) for each in inputs.start_pa.tolist()],
         None if inputs.ambient_pa is None else round(inputs.ambient_pa / _COARSE_PA),
         None if inputs.course is None else [f"{each:.{_DIGITS}g}" for each in driven(inputs.course, end_s)],
+        None if inputs.shank is None else _moved(inputs.shank),
         round(math.log(end_s) / math.log(_LENGTH)),
         (inputs.release_seen_by, inputs.exact),
     )
@@ -336,6 +342,12 @@ def _coarse_options(inputs: AnkleInputs) -> list[tuple[str, object]]:
         for name, value in inputs.options
         if name not in hidden
     ]
+
+
+def _moved(shank: ShankMotion) -> list[int]:
+    """Return how much an IMU read about each of its axes, coarsely."""
+    sizes = np.sqrt(np.square(shank.readings).mean(axis=0)) / _LEAST_READING
+    return [round(math.log(max(size, 1.0)) / math.log(_MOVED)) for size in sizes.tolist()]
 
 
 def _switched(inputs: AnkleInputs, channel: str, end_s: float) -> list[tuple[int, float]]:

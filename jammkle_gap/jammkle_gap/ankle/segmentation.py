@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.ankle.bag import Samples
+    from jammkle_gap.ankle.shank import ShankMotion
     from jammkle_gap.core.data import Signal
     from jammkle_sim.rigs.replay import CommandTrack
     from jammkle_sim.rigs.rig import Rig
@@ -141,6 +142,23 @@ def commanded_segment(topics: Mapping[str, Samples]) -> Segment:
     return Segment(min(commanded_s) - _PRESSURE_START_S, last_s)
 
 
+def exercise_segment(topics: Mapping[str, Samples], first_command_s: float) -> Segment:
+    """Return the run of an exercise: its first command comes when the rig's programme has it, if that long is recorded.
+
+    Args:
+        topics: With commands among them.
+        first_command_s: When a solenoid first draws in the rig's own programme, s since its start.
+
+    """
+    first_s, last_s = _reach(topics)
+    drawn_s = [
+        float(samples.log_s[int(np.argmax(samples.columns["data"] > 0.0))])
+        for name, samples in topics.items()
+        if name in COMMANDS and name != names.PUMP_DUTY.name and (samples.columns["data"] > 0.0).any()
+    ]
+    return Segment(max(min(drawn_s, default=first_s) - first_command_s, first_s), last_s)
+
+
 def whole_segment(topics: Mapping[str, Samples]) -> Segment:
     """Return the whole bag as one run."""
     return Segment(*_reach(topics))
@@ -229,19 +247,24 @@ _MOVING_SHARE = 0.1
 """Share of the slide's fastest steady speed above which it counts as moving. Assumed."""
 _REVERSAL_S = 0.2
 """How long after its turn a slide counts as reversing. Assumed: the jamming friction has turned by then."""
+_ALWAYS = 0.99
+"""Share of a recording from which on a shank counts as still throughout. Assumed."""
 _IMPACT_S = 0.06
 """How long a touch-down counts as impact. Assumed: the first peak of a landing lies within."""
 _AT_REST_M_S = 0.02
 """Speed below which a slide that fell has come to rest. Assumed."""
 
 
-def recording_phases(rig: str, signals: Mapping[str, Signal], commands: CommandTrack) -> tuple[Phase, ...]:
+def recording_phases(
+    rig: str, signals: Mapping[str, Signal], commands: CommandTrack, shank: ShankMotion | None = None
+) -> tuple[Phase, ...]:
     """Return the phases of every signal: of pressures by the commands of their channel, of the others by the motion.
 
     Args:
         rig: Its name.
         signals: What was measured, by name.
         commands: Of the run.
+        shank: How a guided shank moved; None: it is not guided.
 
     """
     phases: list[Phase] = []
@@ -251,7 +274,10 @@ def recording_phases(rig: str, signals: Mapping[str, Signal], commands: CommandT
         if solenoid is not None:
             phases += air_phases(solenoid, signals[name], (name,))
     others = tuple(name for name in signals if name not in air.values())
-    if rig != "pressure":
+    if shank is not None and float(shank.still.mean()) < _ALWAYS:
+        labels = ["still" if still > 0.5 else "moving" for still in shank.still.tolist()]  # noqa: PLR2004 - mostly
+        return (*phases, *_runs(shank.time_s, labels, others))
+    if rig != "pressure" and shank is None:
         return (*phases, *motion_phases(rig, signals.get(f"{names.CARRIAGE_JOINT}/position"), others))
     # Nothing moves but by the vacuum: the phases are those of the manifold, which every channel takes part in.
     if "manifold" in air:

@@ -1,4 +1,4 @@
-"""`jammkle robot`: run a leg or a quadruped, write a bag, say what its feet did. `jammkle urdf`: its description."""
+"""`jammkle robot`: run a leg or a quadruped, write a bag, say what its feet did; or print its description."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from jammkle_common.command.results import progress_bar
 from jammkle_common.names import CHANNELS, normalised
 from jammkle_common.parameters import ParameterError, as_typed, in_si
 from jammkle_sim.commands.bag import write_bags
-from jammkle_sim.commands.table import checked
 from jammkle_sim.conversions import NotFiniteError
+from jammkle_sim.rigs.options import changed_text
 from jammkle_sim.rigs.run import RigCancelledError, run_robot
 from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 from jammkle_sim.robots.catalogue import ANKLE, ankle_alone
@@ -26,7 +26,7 @@ from jammkle_sim.robots.options import ROBOTS, RobotOptions
 from jammkle_sim.robots.urdf import robot_urdf
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from jammkle_sim.rigs.run import RigRun
 
@@ -51,6 +51,9 @@ def robot(given: dict[str, Any], options: RobotOptions) -> int:
 
     """
     _check(given)
+    if given["output"] is None:
+        msg = "Missing option '--output' / '-o': the folder of the new bag (or --urdf for the description alone)"
+        raise InputError(msg)
     name, bag, namespace = given["robot"], given["output"], normalised(given["namespace"])
     results.check_writable(given["json"])
     check_free(bag)
@@ -122,24 +125,24 @@ def _show(name: str, runs: dict[str, RigRun]) -> None:
             console.print(f"broken at {ankle}: {', '.join(run.broken)} tore; without force from there on")
 
 
-def urdf(robot: str, namespace: str, options: Mapping[str, Any]) -> int:
+def urdf(robot: str, namespace: str, options: RobotOptions) -> int:
     """Print the URDF.
 
     Args:
         robot: An ankle by itself, or one of our robots.
-        namespace: Normalised ROS namespace that the frames begin with.
-        options: Of the robot, by name; an ankle has none, and may be given the defaults alone.
+        namespace: ROS namespace that the frames begin with.
+        options: Of the robot; an ankle has none, and may be given the defaults alone.
 
     Raises:
-        InputError: there is no such robot, or an option out of range.
+        InputError: there is no such robot.
 
     """
     if robot not in {ANKLE, *ROBOTS}:
         msg = f"ROBOT '{robot}' does not exist; it must be {', '.join((ANKLE, *ROBOTS))}"
         raise InputError(msg)
-    chosen = checked(RobotOptions, dict(options))
-    if robot == ANKLE and chosen != RobotOptions():
-        msg = "--imu and --payload-kg need ROBOT leg or quadruped: an ankle by itself carries nothing but its IMU"
+    if robot == ANKLE and options != RobotOptions():
+        msg = f"{changed_text(options)} needs ROBOT leg or quadruped: an ankle by itself carries nothing but its IMU"
         raise InputError(msg)
-    sys.stdout.write(robot_urdf(ankle_alone() if robot == ANKLE else robot_of_ours(robot, chosen), namespace))
+    built = ankle_alone() if robot == ANKLE else robot_of_ours(robot, options)
+    sys.stdout.write(robot_urdf(built, normalised(namespace)))
     return 0

@@ -17,6 +17,8 @@ from jammkle_sim.physics.records import (
     BRANCHES,
     CONTACT_COLUMNS,
     ELEMENTS,
+    GUIDED_KG,
+    GUIDED_KG_M2,
     IMU_AXES,
     LOAD_CELL_AXES,
     TABLE_POINTS,
@@ -373,6 +375,30 @@ def pull(laws: Laws, states: States, body: Body, pressure_pa: Any) -> None:
 
 
 @compiled
+def guide(body: Body) -> None:
+    """Put a guided carriage where its next row has it, and let it be moved as that says; the last row stays.
+
+    The carriage weighs so much that nothing it carries moves it: what moves it is in proportion to its mass.
+
+    Args:
+        body: MuJoCo's side; its counter goes on.
+
+    """
+    rows = body.guide.shape[0]
+    if rows == 0:
+        return
+    row = body.guide[min(body.guide_at[0], rows - 1)]
+    body.guide_at[0] += 1
+    for i in range(7):
+        body.position[i] = row[i]
+    for i in range(3):
+        body.speed[i] = row[7 + i]
+        body.speed[3 + i] = row[10 + i]
+        body.applied_n_m[i] = GUIDED_KG * row[13 + i]
+        body.applied_n_m[3 + i] = GUIDED_KG_M2 * row[16 + i]
+
+
+@compiled
 def is_stable(speed: Any) -> bool:
     """True if every joint speed is a number and below LARGEST_SPEED."""
     stable = True
@@ -427,6 +453,8 @@ def advance(ankles: tuple[Ankle, ...], white: Any, begin: int, end: int) -> int:
     for step in range(begin, end):
         if not is_stable(speed):
             return step - begin
+        for ankle in ankles:
+            guide(ankle.body)
         call_with_two_pointers(step_1, model, data)
         for ankle in ankles:
             act(ankle.laws, ankle.states, ankle.body)
@@ -517,6 +545,7 @@ def body_history(laws: Laws, states: States, body: Body, probe: Probe, pressure_
     for step in range(rows.shape[0]):
         if not is_stable(body.speed):
             return step
+        guide(body)
         call_with_two_pointers(step_1, model, data)
         pull(laws, states, body, pressure_pa[step])
         call_with_two_pointers(step_2, model, data)

@@ -158,6 +158,15 @@ class States(NamedTuple):
     """Shape (1,) of JOINT_STATE."""
 
 
+GUIDE_COLUMNS = 19
+"""Of each row of a guide: position of the carriage, m, its orientation as a quaternion (w, x, y, z), velocity, m/s, and
+angular velocity in its own frame, rad/s; then specific force, m/s^2, and angular acceleration in its own frame,
+rad/s^2."""
+GUIDED_KG, GUIDED_KG_M2 = 1e5, 1e4
+"""Mass and inertia of a guided carriage. Chosen: 100 N of an ankle accelerate it by a thirteenth of an IMU's noise, and
+its equations still have ten digits left."""
+
+
 class Body(NamedTuple):
     """Where MuJoCo keeps what the laws read and write: views of its own arrays."""
 
@@ -169,6 +178,8 @@ class Body(NamedTuple):
     """Tendon rates, shape (n,)."""
     pull_n: NDArray[np.float64]
     """Controls of the tendons' actuators, shape (n,)."""
+    position: NDArray[np.float64]
+    """Joint positions."""
     speed: NDArray[np.float64]
     """Joint speeds."""
     applied_n_m: NDArray[np.float64]
@@ -177,6 +188,11 @@ class Body(NamedTuple):
     """Which of the speeds are those of the ankle's joint, shape (JOINT_AXES,); empty without one."""
     raw_imu: NDArray[np.float64]
     """Accelerometer and gyro, shape (6,)."""
+    guide: NDArray[np.float64]
+    """How a guided carriage moves, a row per time step, shape (n, GUIDE_COLUMNS); of shape (0, GUIDE_COLUMNS) where it
+    moves freely. Its joints are then the first of the model: three slides and a ball."""
+    guide_at: NDArray[np.int64]
+    """Which row comes next, shape (1,)."""
 
 
 CONTACT_SLOTS = 12

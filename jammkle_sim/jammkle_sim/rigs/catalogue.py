@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_common.parameters import ParameterError
-from jammkle_sim.rigs import drop, landing, pressure, slip, tensile
+from jammkle_sim.rigs import cycle, drop, landing, press, pressure, shake, slip, tensile, tilt
 from jammkle_sim.rigs.options import checked
 from jammkle_sim.rigs.run import check_timestep, run
 
@@ -33,7 +33,9 @@ NOT_IN_MJCF = (
 )
 """What somebody must know who opens a saved model; it stands at the top of the file."""
 
-RIGS = {kind.name: kind for kind in (tensile.RIG, pressure.RIG, drop.RIG, slip.RIG, landing.RIG)}
+EXERCISES = {kind.name: kind for kind in (cycle.RIG, press.RIG, shake.RIG, tilt.RIG)}
+"""Rigs whose motion a robot can make with its own means, by name."""
+RIGS = {kind.name: kind for kind in (tensile.RIG, pressure.RIG, drop.RIG, slip.RIG, landing.RIG)} | EXERCISES
 """Rigs by name. One more: a module with its `RIG`, and its place here."""
 
 

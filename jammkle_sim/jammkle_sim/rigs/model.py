@@ -16,9 +16,10 @@ from jammkle_sim.physics.ankle import PITCH, add_ankle, corner_m, free_lengths_m
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import PneumaticParameters
+from jammkle_sim.physics.records import GUIDED_KG, GUIDED_KG_M2
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.physics.tendon import tendon_law
-from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, GYRO, LOAD_CELL, Rig
+from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, GYRO, LOAD_CELL, Rig, free
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -104,6 +105,22 @@ def add_carriage(spec: Any, start_m: float, mass_kg: float) -> Any:
     slide = carriage.add_joint(name=CARRIAGE_JOINT, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
     slide.ref = start_m
     weigh(carriage, mass_kg)
+    carriage.add_site(name="imu")
+    return carriage
+
+
+def add_guided_carriage(spec: Any) -> Any:
+    """Add a carriage that is moved as `physics.kernels.guide` says, with the IMU on it, and return its body.
+
+    To be added first, as its joints must be the first of the model.
+    """
+    carriage = spec.worldbody.add_body(name="carriage")
+    slides = ("carriage_x", "carriage_y", CARRIAGE_JOINT)
+    for name, axis in zip(slides, np.eye(3).tolist(), strict=True):
+        carriage.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    carriage.add_joint(name="carriage_turn", type=mujoco.mjtJoint.mjJNT_BALL)
+    carriage.mass, carriage.ipos, carriage.inertia = GUIDED_KG, (0.0, 0.0, 0.0), (GUIDED_KG_M2,) * 3
+    carriage.explicitinertial = True
     carriage.add_site(name="imu")
     return carriage
 
@@ -195,7 +212,7 @@ def ankle_laws(tendon: TendonParameters, ankle: AnkleParameters, timestep_s: flo
     return np.concatenate(laws)
 
 
-def ankle_under_carriage(
+def ankle_under_carriage(  # noqa: PLR0913 - as many as it has parts
     spec: Any,
     options: Any,
     ankle: AnkleParameters,
@@ -205,8 +222,9 @@ def ankle_under_carriage(
     friction: float,
     events: tuple[Event, ...] = (),
     pneumatics: PneumaticParameters | None = None,
+    guide: NDArray[np.float64] | None = None,
 ) -> Rig:
-    """Finish a rig whose ankle hangs under a carriage that is held where it starts.
+    """Finish a rig whose ankle hangs under a carriage that is held where it starts, or guided.
 
     Args:
         spec: The mujoco.MjSpec, with what is in the rig beside the ankle; its name is the rig's.
@@ -217,14 +235,17 @@ def ankle_under_carriage(
         friction: Coefficient of sliding friction of the foot.
         events: What the rig does by itself.
         pneumatics: Pump, valves and volumes; None: as they stand.
+        guide: How the carriage is guided; None: it is held, and weighs `mass_kg`.
 
     """
     sensors, pneumatics = SensorParameters(seed=options.seed), pneumatics or PneumaticParameters()
     tendon = tendon_parameters(options.parameter_set)
-    leg = add_carriage(spec, start_m, mass_kg).add_body(name="leg")
+    carriage = add_carriage(spec, start_m, mass_kg) if guide is None else add_guided_carriage(spec)
+    leg = carriage.add_body(name="leg")
     weigh(leg, ankle.mass_kg - ankle.foot_mass_kg)
     add_ankle(spec, leg, ankle, friction)
-    add_hold(spec, ankle.contact_time_s)
+    if guide is None:
+        add_hold(spec, ankle.contact_time_s)
     add_imu_sensors(spec, sensors)
     add_load_cell(spec, leg)
     return Rig(
@@ -237,6 +258,7 @@ def ankle_under_carriage(
         events=events,
         options=options,
         parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
+        guide=free() if guide is None else guide,
     )
 
 

@@ -13,7 +13,7 @@ from jammkle_common.names import CARRIAGE_JOINT, CHANNELS
 from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.pneumatics import vented_state
 from jammkle_sim.rigs.model import DRIVE, release
-from jammkle_sim.rigs.rig import Event, Rig, assembled, laws_of
+from jammkle_sim.rigs.rig import GROUND, Event, Rig, assembled, laws_of
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
@@ -124,6 +124,16 @@ def true_time_s(time_s: Any, delay_s: float, clock_skew: float) -> Any:
 def is_driven(rig: Rig) -> bool:
     """Tell whether a rig's carriage is moved by a drive; others let it go or hold it."""
     return any(rig.model.actuator(i).name == DRIVE for i in range(rig.model.nu))
+
+
+def is_guided(rig: Rig) -> bool:
+    """Tell whether a rig's shank is guided, whatever hangs on it."""
+    return len(rig.guide) > 0
+
+
+def has_ground(rig: Rig) -> bool:
+    """Tell whether a rig has ground to stand on."""
+    return any(rig.model.geom(i).name == GROUND for i in range(rig.model.ngeom))
 
 
 def started_at(rig: Rig, position_m: float) -> Rig:

@@ -14,7 +14,7 @@ import numpy as np
 from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_common.command import EFFECTS_FILE, provided
 from jammkle_common.names import ANKLE_JOINTS, CARRIAGE_JOINT, TENDONS
-from jammkle_sim.physics import records
+from jammkle_sim.physics import kernels, records
 from jammkle_sim.physics.ankle import joint_law
 from jammkle_sim.physics.engine import address_of_function, mujoco
 from jammkle_sim.physics.pneumatics import pneumatic_law, vented_state
@@ -37,6 +37,11 @@ GROUND = "slope"
 """Name that a model gives the ground, where it has one."""
 _ANKLE = "ankle"
 _CARRIAGE = "carriage"
+
+
+def free() -> NDArray[np.float64]:
+    """Return the guide of a carriage that is not guided."""
+    return np.zeros((0, records.GUIDE_COLUMNS))
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,8 @@ class AnkleInModel:
     bearing_n: float = 0.0
     """Normal force from which on the foot counts as standing, N."""
     wiring: Wiring = field(default_factory=Wiring)
+    guide: NDArray[np.float64] = field(default_factory=free)
+    """How its carriage is guided, as `records.Body` has it."""
 
 
 @dataclass(frozen=True)
@@ -184,6 +191,8 @@ class Rig:
     """What lies between commands and valves, and between sensors and topics."""
     effects: Mapping[str, float] = field(default_factory=dict)
     """What a gap diagnosis put into it, by `effect.parameter`."""
+    guide: NDArray[np.float64] = field(default_factory=free)
+    """How its carriage is guided, a row per time step, as `records.Body` has it; made by `rigs.guide`."""
 
     base = _CARRIAGE
     control = None
@@ -204,6 +213,7 @@ class Rig:
                 accelerometer=ACCELEROMETER,
                 load_cell=LOAD_CELL,
                 wiring=self.wiring,
+                guide=self.guide,
             ),
         )
 
@@ -286,11 +296,17 @@ def assembled_ankle(model: Any, data: Any, ankle: AnkleInModel) -> tuple[records
         length_m=data.ten_length[tendon : tendon + count],
         rate_m_s=data.ten_velocity[tendon : tendon + count],
         pull_n=data.ctrl[actuator : actuator + count],
+        position=data.qpos,
         speed=data.qvel,
         applied_n_m=data.qfrc_applied,
         joint_index=np.array([model.joint(name).dofadr[0] for name in ankle.hinges], dtype=np.intp),
         raw_imu=data.sensordata[imu : imu + records.IMU_AXES],
+        guide=ankle.guide,
+        guide_at=np.zeros(1, dtype=np.int64),
     )
+    if len(ankle.guide):
+        kernels.guide(body)
+        mujoco.mj_forward(model, data)
     found = [model.joint(name) for name in ankle.joints.values()]
     probe = records.Probe(
         position=data.qpos,
@@ -315,7 +331,39 @@ def assembled_ankle(model: Any, data: Any, ankle: AnkleInModel) -> tuple[records
         contacts = data.sensordata[at : at + records.CONTACT_SLOTS * records.CONTACT_COLUMNS]
     truth = np.zeros(1, dtype=records.FOOT_TRUTH)
     truth["bearing_n"], truth["step_s"] = ankle.bearing_n, float(model.opt.timestep)
-    return records.Ankle(laws, states, body, contacts, truth), probe
+    parts = records.Ankle(laws, states, body, contacts, truth)
+    if len(ankle.guide):
+        _hang(model, data, parts, probe)
+    return parts, probe
+
+
+_SWING_S, _SWINGS = 0.2, 5
+"""How a guided ankle comes to rest where it hangs: it swings for this long, then its tendons forget, so many times.
+What is left falls by the share that relaxation takes of their stiffness, a third or so, each time."""
+
+
+def _hang(model: Any, data: Any, parts: records.Ankle, probe: records.Probe) -> None:
+    """Let an ankle hang from its shank as if it had done so for long; its shank is where its guide begins."""
+    laws, states, body = parts.laws, parts.states, parts.body
+    still = body.guide[:1].copy()
+    still[:, 7:13] = still[:, 16:] = 0.0
+    held = body._replace(guide=still)
+    if body.addresses.all():
+        steps = round(_SWING_S / float(model.opt.timestep))
+        pressure_pa = np.full((steps, records.VOLUMES), float(laws.pneumatics["ambient_pa"][0]))
+        rows = np.zeros((steps, records.row_width(len(probe.position_index), len(states.tendons))))
+        for _ in range(_SWINGS):
+            kernels.body_history(laws, states, held, probe, pressure_pa, rows)
+            data.qvel[:] = 0.0
+            for i, extension_m in enumerate((body.length_m - laws.tendons["free_length_m"]).tolist()):
+                states.tendons[i : i + 1] = relaxed_state(laws.tendons[i : i + 1], extension_m)
+    body.guide_at[:] = 0
+    kernels.guide(body)
+    mujoco.mj_forward(model, data)
+    body.guide_at[:] = 0
+    data.time = 0.0
+    states.imu[:] = imu_at_rest(laws.imu, body.raw_imu)
+    states.joint[:] = 0
 
 
 def imu_at_rest(law: NDArray[Any], raw: NDArray[np.float64]) -> NDArray[Any]:

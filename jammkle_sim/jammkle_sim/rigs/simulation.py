@@ -521,6 +521,7 @@ class Simulation:
         for parts, start in zip(self._parts, self._start, strict=True):
             for part, first in zip((*parts.states, parts.truth), start, strict=True):
                 part[:] = first
+            parts.body.guide_at[:] = 0
         for ankle in self.ankles.values():
             ankle.restart()
         self.steps = 0
@@ -618,6 +619,8 @@ class Simulation:
         for step in range(white.shape[1]):
             if not kernels.is_stable(self.data.qvel):
                 return step
+            for parts in self._parts:
+                kernels.guide(parts.body)
             mujoco.mj_step1(self.model, self.data)
             for parts in self._parts:
                 kernels.act(parts.laws, parts.states, parts.body)

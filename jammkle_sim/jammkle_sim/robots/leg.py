@@ -127,7 +127,7 @@ def leg(options: RobotOptions, parameters: LegParameters | None = None, ankle: A
     drop_m = 0.0
     if options.behaviour == Behaviour.WALK.value:
         _add_boom(spec, parameters, options)
-    if options.behaviour == Behaviour.DROP.value:
+    if options.behaviour in {Behaviour.DROP.value, Behaviour.HANG.value}:
         drop_m = options.drop_height_m
         for joint in (BASE_X, BASE_Z):
             add_hold(spec, ankle.contact_time_s, joint)

@@ -28,6 +28,8 @@ class Behaviour(str, enum.Enum):
     WALK = "walk"
     """A leg steps, a quadruped trots."""
     DROP = "drop"
+    HANG = "hang"
+    """Its body is held in the air, as by a crane, and its legs stand in it; for exercises."""
     SLIP = "slip"
     """Stands, until the ground turns slippery."""
 

@@ -157,7 +157,7 @@ def quadruped(
     fitting = Fitting(parameters.limb, ankle, sensors, options, _TRUNK)
     ankles = tuple(_add_leg(spec, trunk, corner, parameters, fitting) for corner in CORNERS)
     drop_m = 0.0
-    if options.behaviour == Behaviour.DROP.value:
+    if options.behaviour in {Behaviour.DROP.value, Behaviour.HANG.value}:
         drop_m = options.drop_height_m
         _add_hold(spec, ankle.contact_time_s)
     down = (-math.sin(ground.slope_rad), -math.cos(ground.slope_rad))

@@ -16,6 +16,8 @@ import warnings
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import ANKLE_JOINTS, TENDONS
 from jammkle_common.parameters import ParameterError
@@ -31,6 +33,8 @@ from jammkle_sim.robots.options import ImuPlace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from jammkle_common.parameters import ParameterClass
     from jammkle_sim.rigs.rig import Event, FootPlan, JointControl
@@ -119,6 +123,68 @@ class NoControl:
     def plan(self, ankle: str, time_s: float) -> FootPlan | None:  # noqa: ARG002 - for any of them
         """There is no gait."""
         return None
+
+
+@dataclass(frozen=True)
+class JointCourse:
+    """Where some joints of a robot shall be over time: straight lines between points, the last of which stays."""
+
+    joints: tuple[str, ...]
+    """With a servo, in the model."""
+    time_s: NDArray[np.float64]
+    """Since it was given, rising, shape (n,), s; the joints go to the first point from where they were asked to be."""
+    angles_rad: NDArray[np.float64]
+    """Shape (n, joints)."""
+
+
+class FollowingControl:
+    """Lets a robot's joints follow courses, in place of what its own control asks of them."""
+
+    def __init__(self, model: Any, own: JointControl) -> None:
+        """Begin with what its own control asks.
+
+        Args:
+            model: The mujoco.MjModel.
+            own: Its own control.
+
+        """
+        self._model, self._own = model, own
+        self._course: JointCourse | None = None
+        self._begun_s: float | None = None
+        self._servos: list[int] = []
+
+    def follow(self, course: JointCourse | None) -> None:
+        """Follow a course from the next command on, or the robot's own control again.
+
+        Raises:
+            ParameterError: the robot has no such servo.
+
+        """
+        known = [self._model.actuator(i).name for i in range(self._model.nu)]
+        joints = () if course is None else course.joints
+        for joint in joints:
+            if joint not in known:
+                msg = f"joint '{joint}' has no servo; this robot's are: {', '.join(known)}"
+                raise ParameterError(msg)
+        self._servos = [known.index(joint) for joint in joints]
+        self._course, self._begun_s = course, None
+
+    def command(self, time_s: float, data: Any) -> None:
+        """Say where the joints shall be."""
+        before_rad = data.ctrl[self._servos].copy()
+        self._own.command(time_s, data)
+        if self._course is None:
+            return
+        if self._begun_s is None or time_s < self._begun_s:
+            times_s = np.concatenate(([0.0], self._course.time_s))
+            self._times_s, self._begun_s = times_s, time_s
+            self._angles_rad = np.vstack((before_rad, self._course.angles_rad))
+        elapsed_s = time_s - self._begun_s
+        data.ctrl[self._servos] = [np.interp(elapsed_s, self._times_s, angles) for angles in self._angles_rad.T]
+
+    def plan(self, ankle: str, time_s: float) -> FootPlan | None:
+        """Return what the gait plans of a foot, of the robot's own control."""
+        return self._own.plan(ankle, time_s)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,315 @@
+"""`jammkle exercise`: what a robot can do to be diagnosed, done on a live graph and recorded with its run sheet.
+
+Valves are moved by the driver, the shank by the robot's own joints, through a JointTrajectory, or by a person's hands.
+What was commanded is recorded as issued, how the shank moved as its sensors read it; nothing else is needed.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from builtin_interfaces.msg import Duration
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from jammkle_bringup.core.shank_course import READY_S, Limb, course_of, spoken
+from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
+from jammkle_bringup.graph_client import LOOKERS, GraphClient
+from jammkle_bringup.up import RECORDER, Startup, pass_on
+from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
+from jammkle_common.command.errors import GraphError, InputError
+from jammkle_common.command.results import say
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.names import (
+    CARRIAGE_JOINT,
+    CARRIAGE_X_JOINT,
+    CHANNELS,
+    CLOCK,
+    IMU,
+    JAM,
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    LEG_JOINTS,
+    ODOMETRY,
+    QUADRUPED_ANKLES,
+    SET_AUTO,
+    UNJAM,
+    resolved,
+)
+from jammkle_common.parameters import from_mapping, rows
+from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_msgs.srv import Jam, Unjam
+from jammkle_sim.rigs.catalogue import EXERCISES
+from jammkle_sim.rigs.replay import has_ground, timestep_s
+from jammkle_sim.robots.limb import LimbParameters
+from jammkle_sim.robots.quadruped import place_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.run import Programme
+
+_RECORDER_TIMEOUT_S = 30.0
+_SEEN_S = 3.0
+"""How long joints and odometry of a robot are waited for, s."""
+_BEFORE_S, _REST_S = 2.0, 0.5
+"""Recorded time before an exercise, in which the foot comes to rest and the recorder finds all, and after it, s."""
+_COUNT_S = 5
+"""Seconds that a person is given to take the shank."""
+_STANDS_S = 10.0
+"""Real time, s, for which the graph's clock may stand still."""
+
+
+@dataclass
+class _Heard:
+    """What has come from the graph so far."""
+
+    time_s: float | None = None
+    joints: dict[str, dict[str, float]] = field(default_factory=dict)
+    """By ankle, position by joint, rad."""
+    hip_height_m: float | None = None
+
+    def take_clock(self, tick: Clock) -> None:
+        self.time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND
+
+    def take_odometry(self, message: Odometry) -> None:
+        self.hip_height_m = float(message.pose.pose.position.z)
+
+
+def exercise(
+    names: Sequence[str], folder: Path, namespace: str, vacuum_pa: float | None, asked_to_stop: Callable[[], bool]
+) -> dict[str, Path]:
+    """Do exercises one after the other, and record each into a bag of its own.
+
+    Args:
+        names: Of `jammkle_sim.rigs.catalogue.EXERCISES`.
+        folder: Where the bags go, by the name of the exercise.
+        namespace: Normalised namespace of the ankle, or of the robot with its ankles below.
+        vacuum_pa: Of the jammed ankle, 5 to 75 kPa; None: what each exercise has by itself.
+        asked_to_stop: Ends it early.
+
+    Returns:
+        The bags by exercise.
+
+    Raises:
+        InputError: a bag is there already.
+        GraphError: the graph is not there, or refuses.
+        Interrupted: asked to stop; everything is vented, and what was recorded is complete.
+
+    """
+    bags = {name: folder / name for name in names}
+    for bag in bags.values():
+        if bag.exists():
+            msg = f"{bag} is there already: nothing is overwritten; choose another --output or move it away"
+            raise InputError(msg)
+    folder.mkdir(parents=True, exist_ok=True)
+    ends = False
+    with GraphClient(namespace, lambda: asked_to_stop() and not ends, LOOKERS) as client:
+        session = _Session(client)
+        try:
+            for name, bag in bags.items():
+                session.do(name, bag, vacuum_pa)
+        finally:
+            ends = True  # it is vented however it ends
+            session.end()
+    return bags
+
+
+class _Session:
+    """A robot that does exercises."""
+
+    def __init__(self, client: GraphClient) -> None:
+        self._client = client
+        self._heard = _Heard()
+        self._ankles = client.ankles()
+        client.subscribe(Clock, CLOCK, self._heard.take_clock, subscriber_qos(CLOCK))
+        client.subscribe(Odometry, ODOMETRY, self._heard.take_odometry, subscriber_qos(ODOMETRY))
+        self._limb_over_ground: Limb | None = None
+        self._places = {}
+        for ankle in self._ankles:
+            topic = resolved(client.namespace, f"{ankle}/{JOINT_STATES.name}" if ankle else JOINT_STATES.name)
+            self._places[ankle] = client.node.create_publisher(JointState, topic, publisher_qos(JOINT_STATES))
+
+            def take(message: JointState, ankle: str = ankle) -> None:
+                self._take_joints(ankle, message)
+
+            client.node.create_subscription(JointState, topic, take, subscriber_qos(JOINT_STATES))
+        self._trajectory = client.node.create_publisher(
+            JointTrajectory, resolved(client.namespace, JOINT_TRAJECTORY.name), publisher_qos(JOINT_TRAJECTORY)
+        )
+        client.wait_until(lambda: set(self._heard.joints) == set(self._ankles), _SEEN_S)
+        self._set_auto(automatic=False)
+
+    def do(self, name: str, bag: Path, vacuum_pa: float | None) -> None:
+        """Do one exercise and record it."""
+        kind = EXERCISES[name]
+        limbs = self._limbs()
+        given: dict[str, Any] = {} if vacuum_pa is None else {"vacuum_pa": vacuum_pa}
+        if limbs and "sides" in {row.name for row in rows(kind.options)}:
+            given["sides"] = "no"  # an abducted leg turns and slides its ankle as it comes down, which nothing measures
+        options = from_mapping(kind.options, given)
+        rig, programme = kind.build(options)
+        say(f"{name}: {kind.title}; {programme.duration_s:.0f} s")
+        angles = self._angles(rig, limbs) if limbs else {}
+        if (
+            not limbs
+            and has_ground(rig)
+            and not all(CARRIAGE_JOINT in joints for joints in self._heard.joints.values())
+        ):
+            msg = f"{name} needs the height of the ankle over the ground: by {' and '.join(LEG_JOINTS[1:])}, or by "
+            msg += f"{CARRIAGE_JOINT}, in {JOINT_STATES.name}; do the others one by one"
+            raise InputError(msg)
+        if not limbs and spoken(course_of(rig, timestep_s(rig))):
+            for left in range(_COUNT_S, 0, -1):
+                say(f"no joints of the robot's own are seen: take the shank into your hands; it begins in {left}")
+                self._wait(1.0)
+        if angles:
+            self._move({joint: course[:1] for joint, course in angles.items()}, [READY_S])
+            self._wait(READY_S)
+        command = (sys.executable, "-m", "jammkle_common.command", "record", "-o", str(bag))
+        spec = ChildSpec(RECORDER, (*command, "--namespace", self._client.namespace), _RECORDER_TIMEOUT_S)
+        with Supervisor((spec,), pass_on) as supervisor:
+            if not Startup(self._client, supervisor).wait(self._is_recorded, _RECORDER_TIMEOUT_S):
+                msg = f"the recorder does not listen to every ankle after {_RECORDER_TIMEOUT_S:g} s"
+                raise GraphError(msg)
+            self._wait(_BEFORE_S)
+            self._perform(rig, programme, limbs, angles)
+            self._wait(_REST_S)
+            self._limb_over_ground = None
+            supervisor.stop()
+        sheet = RunSheet(name, {**given, "vacuum_pa": options.vacuum_pa})
+        (bag / FILE_NAME).write_text(yaml.safe_dump(sheet.as_mapping(), sort_keys=False), encoding="utf-8")
+
+    def end(self) -> None:
+        """Vent everything, and let the robot and its controllers do what they did before."""
+        self._trajectory.publish(JointTrajectory())
+        self._set_vacuum(CHANNELS, 0.0)
+        self._set_auto(automatic=True)
+
+    def _perform(self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]) -> None:
+        """Move shank and valves through an exercise, the shank by its joints or by the words for whoever moves it."""
+        begun_s, course = self._now_s(), course_of(rig, timestep_s(rig))
+        due: list[tuple[float, Callable[[], None]]] = [
+            (step.time_s, partial(self._set_vacuum, step.channels, step.vacuum_pa)) for step in programme.vacuum
+        ]
+        if angles and course.lasts_s > 0.0:
+            self._limb_over_ground = next(iter(limbs.values())) if has_ground(rig) else None
+            self._move({joint: course_rad[1:] for joint, course_rad in angles.items()}, course.time_s[1:].tolist())
+        elif not angles:
+            due += [(at_s, partial(say, text)) for at_s, text in spoken(course)]
+        for at_s, act in sorted(due, key=lambda each: each[0]):
+            self._wait(begun_s + at_s - self._now_s())
+            act()
+        self._wait(begun_s + programme.duration_s - self._now_s())
+        self._set_vacuum(CHANNELS, 0.0)
+
+    def _set_vacuum(self, channels: Sequence[str], vacuum_pa: float) -> None:
+        """Ask the driver of every ankle for a vacuum, 0 to vent.
+
+        Raises:
+            GraphError: one does not answer, or refuses.
+
+        """
+        for ankle in self._ankles:
+            if vacuum_pa > 0.0:
+                request = Jam.Request(channels=list(channels), vacuum_pa=vacuum_pa)
+                answer = self._client.call(_below(ankle, JAM.path), Jam, request)
+            else:
+                answer = self._client.call(_below(ankle, UNJAM.path), Unjam, Unjam.Request(channels=list(channels)))
+            if not answer.success:
+                msg = f"the driver of {ankle or 'the ankle'} refuses: {answer.message}"
+                raise GraphError(msg)
+
+    def _is_recorded(self) -> bool:
+        """Return whether the recorder listens to every ankle."""
+        recorder = resolved(self._client.namespace, RECORDER)
+        return all(
+            recorder in {resolved(end.node_namespace, end.node_name) for end in self._client.subscriptions(topic)}
+            for ankle in self._ankles
+            for topic in (resolved(self._client.namespace, _below(ankle, each.name)) for each in (IMU, JOINT_STATES))
+        )
+
+    def _limbs(self) -> dict[str, Limb]:
+        """Return the limb of every ankle whose joints are seen."""
+        found = {}
+        for ankle, joints in self._heard.joints.items():
+            if set(LEG_JOINTS[1:]) <= set(joints):
+                offset_m = place_of(ankle).get("hip_offset_m", 0.0) if ankle in QUADRUPED_ANKLES else 0.0
+                found[ankle] = Limb(LimbParameters(), LEG_JOINTS[0] in joints, offset_m)
+        return found
+
+    def _angles(self, rig: Rig, limbs: Mapping[str, Limb]) -> dict[str, Any]:
+        """Return where the joints of all limbs are taken, by the names of the robot's model."""
+        course, found = course_of(rig, timestep_s(rig)), {}
+        for ankle, limb in limbs.items():
+            if has_ground(rig):
+                if not self._client.wait_until(lambda: self._heard.hip_height_m is not None, _SEEN_S):
+                    msg = (
+                        f"{ODOMETRY.name} is not published, so that nobody knows how high the hips are over the ground"
+                    )
+                    raise GraphError(msg)
+                angles_rad = limb.pressing_rad(course, float(self._heard.hip_height_m or 0.0))
+            else:
+                angles_rad = limb.hanging_rad(course)
+            side = f"{ankle.partition('_')[0]}_" if ankle else ""
+            found |= {f"{side}{joint}": column for joint, column in zip(limb.joints, angles_rad.T, strict=True)}
+        return found
+
+    def _move(self, angles: Mapping[str, Any], time_s: Sequence[float]) -> None:
+        points = [
+            JointTrajectoryPoint(
+                positions=[float(course[place]) for course in angles.values()],
+                time_from_start=Duration(sec=int(at_s), nanosec=int(at_s % 1.0 * NANOSECONDS_PER_SECOND)),
+            )
+            for place, at_s in enumerate(time_s)
+        ]
+        self._trajectory.publish(JointTrajectory(joint_names=list(angles), points=points))
+
+    def _take_joints(self, ankle: str, message: JointState) -> None:
+        angles = dict(zip(message.name, message.position, strict=False))
+        if set(angles) == {CARRIAGE_X_JOINT, CARRIAGE_JOINT}:
+            return  # its own
+        self._heard.joints[ankle] = angles
+        if self._limb_over_ground is not None and self._heard.hip_height_m is not None:
+            limb = self._limbs()[ankle]
+            place_m = limb.place_m(angles, self._heard.hip_height_m)
+            joints = [CARRIAGE_X_JOINT, CARRIAGE_JOINT]
+            self._places[ankle].publish(JointState(header=message.header, name=joints, position=list(place_m)))
+
+    def _now_s(self) -> float:
+        return time.monotonic() if self._heard.time_s is None else self._heard.time_s
+
+    def _wait(self, lasts_s: float) -> None:
+        """Wait on the graph's clock.
+
+        Raises:
+            GraphError: it stands still.
+
+        """
+        end_s, stood_s = self._now_s() + lasts_s, time.monotonic()
+        before_s = self._now_s()
+        while self._now_s() < end_s:
+            self._client.wait_until(lambda: self._now_s() >= end_s, 0.2)
+            if self._now_s() > before_s:
+                before_s, stood_s = self._now_s(), time.monotonic()
+            elif time.monotonic() - stood_s > _STANDS_S:
+                msg = f"{CLOCK.name} stands still for {_STANDS_S:g} s; let the simulation go on with sim/set_paused"
+                raise GraphError(msg)
+
+    def _set_auto(self, *, automatic: bool) -> None:
+        for ankle in self._ankles:
+            self._client.call(_below(ankle, SET_AUTO.path), SetBool, SetBool.Request(data=automatic))
+
+
+def _below(ankle: str, path: str) -> str:
+    return f"{ankle}/{path}" if ankle else path

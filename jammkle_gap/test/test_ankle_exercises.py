@@ -1,0 +1,180 @@
+"""Bags of exercises: read, run again from what the shank's sensors measured, and refused where those are missing."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_common import names
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_gap.ankle.bag import Samples
+from jammkle_gap.ankle.effects import apply_effects
+from jammkle_gap.ankle.problem import ankle_problem
+from jammkle_gap.ankle.recording import bag_of_run, load_recordings, recording_of
+from jammkle_gap.ankle.repeats import difference, group_of
+from jammkle_gap.core.data import BadRecordingError
+from jammkle_sim.commands.bag import write_bag
+from jammkle_sim.rigs.catalogue import EXERCISES, RIGS, run_rig
+from recorded import SIMULATOR, run, worst_gap
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jammkle_gap import Recording
+
+SHORT: dict[str, dict[str, object]] = {
+    "cycle": {"jam_time_s": 0.6, "vent_time_s": 0.4},
+    "press": {"way_time_s": 0.3},
+    "shake": {"sweep_s": 2.0},
+    "tilt": {"hold_s": 0.9},
+}
+
+
+def exercised(name: str) -> Recording:
+    """Read a short exercise."""
+    return recording_of(bag_of_run(run(name, **SHORT[name])))
+
+
+def made_by(name: str, **values: float) -> Recording:
+    """Read a short exercise of an ankle with an effect."""
+    given = {key.replace("__", "."): value for key, value in values.items()}
+    options = RIGS[name].options(**SHORT[name])
+
+    def change(rig: object) -> object:
+        return apply_effects(rig, ankle_problem().library, given)  # type: ignore[arg-type]
+
+    return recording_of(bag_of_run(run_rig(name, options, lambda _: None, lambda: False, change)))  # type: ignore[arg-type]
+
+
+def gaps(recording: Recording) -> dict[str, float]:
+    """Root mean square of measured less nominal, in noise and rounding of the sensors, by signal."""
+    simulated = SIMULATOR(recording, {})
+    return {
+        each.name: float(np.sqrt(np.mean(((each.values - simulated[each.name]) / each.deviation) ** 2)))
+        for each in recording.signals
+    }
+
+
+@pytest.mark.parametrize("name", EXERCISES)
+def test_a_nominal_exercise_lies_at_its_noise(name: str) -> None:
+    """Played back from the IMU, and a press from heights, every signal comes out again within its noise.
+
+    The load cell feels what the IMU's noise moves a corner on hard ground by: it may have twice its own.
+    """
+    recording = exercised(name)
+    without_cell = [each for each in recording.signals if not each.name.startswith("load_cell")]
+    assert worst_gap(dataclasses.replace(recording, signals=tuple(without_cell))) < 1.3
+    assert worst_gap(recording) < 2.5
+
+
+@pytest.mark.parametrize("name", EXERCISES)
+def test_a_bag_on_disk_is_the_same_recording(name: str, tmp_path: Path) -> None:
+    """Written and read again: the same signals, commands and motion."""
+    write_bag(run(name, **SHORT[name]), tmp_path / "bag", "/", MessageDefinitions(share_folders()))
+    (read,) = load_recordings(tmp_path / "bag")
+    straight = exercised(name)
+    assert {each.name for each in read.signals} == {each.name for each in straight.signals}
+    for signal in read.signals:
+        assert signal.values == pytest.approx(straight.signal(signal.name).values, rel=1e-5, abs=1e-5)
+    assert read.inputs.shank.readings == pytest.approx(straight.inputs.shank.readings)
+    assert not difference(read, straight)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "signal", "least"),
+    [
+        ("shake", {"ankle_joint_friction__coulomb_n_m": 0.02}, "ankle_pitch/position", 3.0),
+        ("press", {"jamming_friction__scale": 0.5}, "load_cell/force_z", 3.0),
+        ("cycle", {"line_leak_achilles__conductance_dm3_s_bar": 0.003}, "achilles/pressure", 3.0),
+        ("tilt", {"imu_offset__x_m_s2": 0.5}, "imu/specific_force_x", 3.0),
+        ("tilt", {"gyro_offset__y_rad_s": 0.02}, "imu/angular_velocity_y", 5.0),
+    ],
+)
+def test_an_effect_leaves_a_gap_where_it_acts(name: str, values: dict[str, float], signal: str, least: float) -> None:
+    """What the nominal simulator does not have is left over, in the signal that feels it, above what noise leaves."""
+    assert gaps(made_by(name, **values))[signal] > least * max(gaps(exercised(name))[signal], 0.3)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("shake", {"ankle_joint_friction__coulomb_n_m": 0.02}),
+        ("shake", {"imu_misalignment__roll_rad": 0.1}),
+        ("shake", {"imu_delay__delay_s": 0.01}),
+        ("tilt", {"imu_offset__x_m_s2": 0.5}),
+        ("press", {"jamming_friction__scale": 0.5}),
+    ],
+)
+def test_the_true_effect_closes_it(name: str, values: dict[str, float]) -> None:
+    """With the effect in it the simulator comes back to the noise: also where the IMU errs, which guides the shank."""
+    recording = made_by(name, **values)
+    told = {key.replace("__", "."): value for key, value in values.items()}
+    simulated = SIMULATOR(recording, told)
+    for each in recording.signals:
+        if each.name.startswith(("ankle_", "imu")):
+            left = (each.values - simulated[each.name]) / each.deviation
+            assert np.sqrt(np.mean(left**2)) < 1.5, each.name
+
+
+def test_what_is_driven_is_not_compared() -> None:
+    """The IMU of a shake is an input alone, that of a tilt is compared; the height of a press is no signal."""
+    assert not any(each.name.startswith("imu") for each in exercised("shake").signals)
+    assert any(each.name.startswith("imu") for each in exercised("tilt").signals)
+    assert "carriage/position" not in {each.name for each in exercised("press").signals}
+
+
+def test_phases_are_rest_and_motion() -> None:
+    """A tilt rests in its poses and moves between them; its pressures have phases of their own."""
+    recording = exercised("tilt")
+    moved = [phase.name for phase in recording.phases if "ankle_pitch/position" in phase.signals]
+    assert moved.count("still") >= 10
+    assert set(moved) == {"still", "moving"}
+    assert {"evacuating", "holding"} <= {phase.name for phase in recording.phases}
+
+
+def test_a_recorder_that_was_switched_on_early_changes_nothing() -> None:
+    """Times count from the first command: 2 s of stillness before are cut off."""
+    given = bag_of_run(run("shake", **SHORT["shake"]))
+    topics = {name: dataclasses.replace(each, log_s=each.log_s + 100.0, stamp_s=each.stamp_s + 100.0)
+              for name, each in given.topics.items()}  # fmt: skip
+    imu = topics[names.IMU.name]
+    before_s = 98.0 + 0.001 * np.arange(2000)
+    still = {name: np.concatenate((np.full(2000, values[0]), values)) for name, values in imu.columns.items()}
+    stamps = np.concatenate((before_s, imu.stamp_s))
+    topics[names.IMU.name] = Samples(stamps, stamps, still)
+    late = recording_of(dataclasses.replace(given, topics=topics, simulated=False))
+    assert not difference(late, exercised("shake"))
+    assert late.signals[0].time_s[0] == pytest.approx(exercised("shake").signals[0].time_s[0], abs=0.01)
+
+
+def test_runs_that_moved_otherwise_share_no_signatures() -> None:
+    """A shake in pitch alone is another group than one in pitch and roll, as a leg without abduction makes it."""
+    recording = exercised("shake")
+    motion = recording.inputs.shank
+    flat = dataclasses.replace(motion, readings=motion.readings * np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0]))
+    other = dataclasses.replace(recording, inputs=dataclasses.replace(recording.inputs, shank=flat))
+    assert group_of(recording) != group_of(other)
+    assert recording.inputs.key != other.inputs.key
+
+
+@pytest.mark.parametrize(
+    ("name", "topic", "column", "message"),
+    [
+        ("shake", names.IMU.name, None, "record imu/data, of an IMU on the shank"),
+        ("press", names.JOINT_STATES.name, "carriage/position", "record 'carriage' in joint_states"),
+    ],
+)
+def test_a_motion_that_nobody_knows_is_refused(name: str, topic: str, column: str | None, message: str) -> None:
+    """Without the IMU, or over the ground without the height, there is nothing to run again."""
+    given = bag_of_run(run(name, **SHORT[name]))
+    topics = dict(given.topics)
+    if column is None:
+        del topics[topic]
+    else:
+        kept = {key: values for key, values in topics[topic].columns.items() if key != column}
+        topics[topic] = dataclasses.replace(topics[topic], columns=kept)
+    with pytest.raises(BadRecordingError, match=message):
+        recording_of(dataclasses.replace(given, topics=topics))

@@ -1,0 +1,1 @@
+"""What an ideal observer sees of each effect in each exercise."""

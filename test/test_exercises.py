@@ -1,0 +1,95 @@
+"""Exercises on a live simulated robot: whole bags, each with its run sheet, that the simulator makes again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from jammkle_bringup.core.shank_course import Limb, course_of, spoken
+from jammkle_common.bags.run_sheet import FILE_NAME, read_sheet
+from jammkle_common.parameters import from_mapping
+from jammkle_gap.ankle.recording import load_recordings
+from jammkle_sim.rigs.catalogue import EXERCISES
+from jammkle_sim.robots.limb import LimbParameters
+from recorded import SIMULATOR
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from graph import Probe, Up
+    from jammkle_bringup.core.shank_course import ShankCourse
+    from jammkle_gap import Recording
+
+TIMEOUT_S = 240.0
+"""Of real time, for half a minute of simulated time beside other tests."""
+
+
+def course(name: str, **options: object) -> ShankCourse:
+    """Course of an exercise."""
+    kind = EXERCISES[name]
+    rig, programme = kind.build(from_mapping(kind.options, options))
+    found = course_of(rig, float(rig.model.opt.timestep))
+    assert found.lasts_s == 0.0 or found.lasts_s == pytest.approx(programme.duration_s, abs=0.03)  # 0: it stands
+    return found
+
+
+def worst_angle_gap(recording: Recording) -> float:
+    """Largest difference of measured and nominal angles, root mean square in steps of the encoder by sqrt(12)."""
+    simulated = SIMULATOR(recording, {})
+    angles = [each for each in recording.signals if each.name.startswith("ankle_")]
+    return max(float(np.sqrt(np.mean(((each.values - simulated[each.name]) / each.deviation) ** 2))) for each in angles)
+
+
+@pytest.mark.parametrize("has_abduction", [False, True])
+def test_joints_take_the_shank_where_the_exercise_has_it(has_abduction: bool) -> None:  # noqa: FBT001 - a case
+    """In the air: hip and knee add up to the pitch against the lean of the stance, the abduction is the roll."""
+    limb, tilted = Limb(LimbParameters(), has_abduction), course("tilt")
+    angles = limb.hanging_rad(tilted)
+    assert angles[:, -2] + angles[:, -1] == pytest.approx(tilted.pitch_rad - limb.parameters.lean_rad)
+    assert angles.shape[1] == 2 + has_abduction
+    if has_abduction:
+        assert angles[:, 0] == pytest.approx(tilted.roll_rad)
+
+
+def test_joints_press_straight_down() -> None:
+    """Over the ground: the ankle is as high as asked, and comes down within a millimetre of where it was above."""
+    limb, pressed, hip_m = Limb(LimbParameters(), has_abduction=False), course("press", sides="no"), 0.29
+    places = [
+        limb.place_m(dict(zip(limb.joints, row, strict=True)), hip_m)
+        for row in limb.pressing_rad(pressed, hip_m).tolist()
+    ]
+    forward_m, height_m = np.array(places).T
+    assert height_m == pytest.approx(pressed.height_m, abs=1e-6)
+    first = (pressed.time_s > 0.65) & (pressed.time_s < 2.0)
+    assert np.ptp(height_m[first]) > 0.005
+    assert np.ptp(forward_m[first]) < 1e-3
+
+
+def test_a_person_is_told_what_to_do_when() -> None:
+    """Six poses of a tilt, two halves of a shake; nothing for a cycle, in which nothing moves."""
+    told = spoken(course("tilt"))
+    assert told[0][1] == "tilt the shank to 40 degrees toe-down and 0 degrees to the right"
+    assert [text.split()[0] for _, text in spoken(course("shake"))] == ["rock", "rock"]
+    assert not spoken(course("cycle"))
+
+
+def test_a_leg_shakes_and_presses_and_is_recorded(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
+) -> None:
+    """Its own joints move the shank, its driver the valves; bags are whole, and what they hold is simulated again."""
+    start("up", "--robot", "leg", "-p", "sim:behaviour:=hang", "-p", "sim:drop_height_m:=0.01")
+    make_probe().wait_until_up()
+    for name in ("shake", "press"):
+        done = start("exercise", name, "-o", str(tmp_path / "bags"))
+        assert done.wait(TIMEOUT_S) == 0, done.text()
+        bag = tmp_path / "bags" / name
+        assert (bag / FILE_NAME).is_file()
+        assert read_sheet(bag, None).rig == name
+        (recording,) = load_recordings(bag)
+        assert any(line.values.max() > 0.0 for line in recording.inputs.commands.solenoids.values())
+        assert recording.inputs.shank is not None
+        assert np.ptp(recording.signal("ankle_pitch/position").values) > 0.005
+        assert worst_angle_gap(recording) < 2.5
