@@ -9,6 +9,7 @@ import pytest
 
 from jammkle_bringup.core.shank_course import Limb, course_of, spoken
 from jammkle_common.bags.run_sheet import FILE_NAME, read_sheet
+from jammkle_common.names import JAM_STATE
 from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.recording import load_recordings
 from jammkle_sim.rigs.catalogue import EXERCISES
@@ -81,7 +82,9 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
 ) -> None:
     """Its own joints move the shank, its driver the valves; bags are whole, and what they hold is simulated again."""
     start("up", "--robot", "leg", "-p", "sim:behaviour:=hang", "-p", "sim:drop_height_m:=0.01")
-    make_probe().wait_until_up()
+    probe = make_probe()
+    probe.listen(JAM_STATE)
+    probe.wait_until_up()
     for name in ("shake", "press"):
         done = start("exercise", name, "-o", str(tmp_path / "bags"))
         assert done.wait(TIMEOUT_S) == 0, done.text()

@@ -261,7 +261,7 @@ def test_a_controller_manager_finds_what_description_and_controllers_name(
     robot: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The interfaces of the URDF are those that a real one told of; the controllers' file commands every channel."""
-    assert main(["urdf", robot]) == 0
+    assert main(["robot", robot, "--urdf"]) == 0
     control = list(ET.fromstring(capsys.readouterr().out).iterfind("ros2_control"))  # noqa: S314 - our own text
     found = {
         f"{interface.tag}.{part.attrib['name']}/{interface.attrib['name']}"

@@ -66,7 +66,7 @@ def test_a_quadruped_has_a_namespace_for_each_ankle(tmp_path: Path) -> None:
         ("robot leg --roughness-mm 100 -o {bag}", "--roughness-mm is 100; it must be 0 to 40 mm"),
         ("robot leg --imu-rate-hz 300 -o {bag}", "--imu-rate-hz 300 must be one of 100, 200, 500, 1000 Hz"),
         ("robot leg --vacuum-kpa 90 -o {bag}", "--vacuum-kpa 90 must be 0 to 75 kPa"),
-        ("robot leg --behaviour hop -o {bag}", "--behaviour is 'hop'; it must be one of stand, walk, drop, slip"),
+        ("robot leg --behaviour hop -o {bag}", "--behaviour is 'hop'; it must be one of stand, walk, drop, hang, slip"),
     ],
 )
 def test_bad_input_gets_one_line(words: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

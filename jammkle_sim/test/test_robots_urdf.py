@@ -164,16 +164,16 @@ def test_what_urdf_has_no_word_for_is_refused() -> None:
 
 def test_the_command_prints_what_was_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing but the URDF goes to the screen; what does not exist or does not fit is refused in a line."""
-    assert main(["urdf", "leg", "--payload-kg", "1"]) == 0
+    assert main(["robot", "leg", "--urdf", "--payload-kg", "1"]) == 0
     assert loaded(capsys.readouterr().out).body_mass.sum() == pytest.approx(1.8 + 1.0)
-    assert main(["urdf", "ankle", "--namespace", "lf_ankle"]) == 0
+    assert main(["robot", "ankle", "--urdf", "--namespace", "lf_ankle"]) == 0
     printed = capsys.readouterr().out
     assert loaded(printed).body_mass.sum() == pytest.approx(0.352)
     assert 'link name="lf_ankle/foot"' in printed
     for words, why in (
-        ("urdf biped", "ROBOT 'biped' does not exist; it must be ankle, leg, quadruped"),
-        ("urdf leg --payload-kg 9", "payload"),
-        ("urdf ankle --imu body", "--imu and --payload-kg need ROBOT leg or quadruped"),
+        ("robot biped --urdf", "ROBOT 'biped' does not exist; it must be ankle, leg, quadruped"),
+        ("robot leg --urdf --payload-kg 9", "payload"),
+        ("robot ankle --urdf --imu body", "imu=body needs ROBOT leg or quadruped"),
     ):
         assert main(words.split()) == 2
         assert why in capsys.readouterr().err
