@@ -72,11 +72,11 @@ def test_a_regulators_answer_is_no_part_of_a_late_sensor() -> None:
     assert found == pytest.approx(expected.reshape(-1, 2).mean(axis=1)[: len(found)], abs=0.02)
 
 
-def test_without_references_the_faulty_readings_stand_in() -> None:
-    """There is nothing better to act on."""
+def test_without_references_what_is_simulated_stands_in() -> None:
+    """A gain acts on what has no noise: else it would be fitted by scaling the noise away."""
     faulty = run("faulty", ANSWER, 0.05)
     (setting,) = with_readings(settings_of([faulty], [], PROBLEM), PROBLEM, RUNNER)
-    assert setting.readings[0]["level"] is faulty.signal("level").values
+    assert setting.readings[0]["level"] == pytest.approx(simulate(faulty, {})["level"])
 
 
 def test_a_problem_without_sensing_needs_no_readings() -> None:

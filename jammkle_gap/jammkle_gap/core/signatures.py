@@ -24,7 +24,7 @@ import numpy as np
 from scipy.linalg import svd  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.features import Layout, aligned_s, features_of, layout_of, measured
-from jammkle_gap.core.simulate import Made, Task, simulated
+from jammkle_gap.core.simulate import InfeasibleError, Made, Task, simulated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -140,7 +140,8 @@ def with_readings(settings: Sequence[Setting], problem: Problem, runner: Runner)
     """Return the settings with what healthy sensors would have read in the first faulty run of each.
 
     Args:
-        settings: Runs. Without references the faulty run's own readings stand for them.
+        settings: Runs. Without references what is simulated stands for them: of noisy readings a gain would be fitted
+            that scales their noise away.
         problem: Simulator and sensing; without sensing nothing is done.
         runner: Counts the runs.
 
@@ -153,10 +154,13 @@ def with_readings(settings: Sequence[Setting], problem: Problem, runner: Runner)
     found = []
     for setting in settings:
         run, references = setting.faulty[0], setting.references[:_REFERENCES]
-        readings = [measured(run)]
-        if references:
+        try:
             made, *others = (simulated(problem.simulator, each, {}) for each in (run, *references))
-            runner.count([Made(1, each.duration_s) for each in (run, *references)])
+        except InfeasibleError:
+            made, others, references = {}, [], ()
+        runner.count([Made(1, each.duration_s) for each in (run, *references)])
+        readings = [{**measured(run), **made}]
+        if references:
             readings = [
                 _healthy(problem, run, made, reference, other)
                 for reference, other in zip(references, others, strict=True)
