@@ -23,6 +23,10 @@ SHORTEST: dict[str, dict[str, tuple[float, float]]] = {
     "drop": {},
     "slip": {"speed_m_s": (0.03, 0.05), "descent_m": (0.01, 0.12)},
     "landing": {"release_time_s": (0.0, 0.5)},
+    "cycle": {"jam_time_s": (0.1, 0.5), "vent_time_s": (0.1, 0.5)},
+    "press": {"way_time_s": (0.1, 0.3)},
+    "shake": {"sweep_s": (1.0, 2.0)},
+    "tilt": {"hold_s": (0.5, 0.6)},
 }
 """Ranges cut so that no run takes long; all others are as wide as the options allow."""
 TIMESTEPS_S = st.sampled_from((0.001, 0.0005, 0.00025, 0.0002, 0.0001))

@@ -41,6 +41,8 @@ CONTROL_PERIOD_S = 0.002
 """How often a robot's joints get new targets: 500 Hz, as legged robots of this size do."""
 REGULATION_PERIOD_S = 0.01
 """How often vacuum is regulated where a set point is held, as the driver does."""
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+"""All that a simulation goes on from."""
 _FAR_M = 1.0
 """Clearances beyond it read as this."""
 
@@ -377,6 +379,9 @@ class Simulation:
         self._parts = tuple(parts for parts, _ in assembled)
         self._probes = tuple(probe for _, probe in assembled)
         self._start = tuple(tuple(part.copy() for part in (*parts.states, parts.truth)) for parts in self._parts)
+        # A guided ankle starts as if it had hung for long, which is found as it is assembled.
+        self._hanging = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, self._hanging, _STATE)
         self.ankles = {
             ankle.name: Ankle(self, ankle, parts, probe.load_cell_n)
             for ankle, (parts, probe) in zip(in_model, assembled, strict=True)
@@ -518,6 +523,9 @@ class Simulation:
     def reset(self) -> None:
         """Start the machine again, with the same noise; the time goes on."""
         self._pose()
+        if any(len(parts.body.guide) for parts in self._parts):
+            mujoco.mj_setState(self.model, self.data, self._hanging, _STATE)
+            mujoco.mj_forward(self.model, self.data)
         for parts, start in zip(self._parts, self._start, strict=True):
             for part, first in zip((*parts.states, parts.truth), start, strict=True):
                 part[:] = first
