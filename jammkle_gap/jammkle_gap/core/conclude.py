@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.design import next_experiment
-from jammkle_gap.core.detect import class_names, class_of, detect
+from jammkle_gap.core.detect import altogether, class_names, class_of, detect
 from jammkle_gap.core.joint import detect_jointly
 from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
@@ -288,6 +288,9 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         classes,
         constants,
     )
+    if own is not None and posterior.best == NONE_OF_THEM:
+        # Along effects a test sees what the constants were not fitted to quite; none of these is the better answer.
+        detection = altogether(detection, constants)
     verdict = _verdict(detection, posterior)
     # What no data can tell apart is one answer, with the probability of all its members.
     shared = by_class(posterior.probabilities, classes)

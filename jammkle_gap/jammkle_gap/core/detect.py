@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -146,6 +146,13 @@ def detect(difference: Difference, length: float, singles: Sequence[Fit], consta
         explained,
         unexplained,
     )
+
+
+def altogether(detection: Detection, constants: Constants) -> Detection:
+    """Return the test by the length of what is left alone, where no effect explains it better than none of them."""
+    p_value = min(1.0, 2.0 * detection.unexplained)
+    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
+    return replace(detection, p_value=p_value, gap=gap, probability=probability, effect="")
 
 
 def probability_of_gap(p_value: float, constants: Constants) -> float:
