@@ -43,14 +43,13 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
             help="Earlier recording of the same machine, same setting: what has changed since? Five are good. "
             "May be repeated.",
             metavar="BAG",
-            show_default="the simulator is compared with",
         ),
     ] = None,
     rig: Annotated[
         str | None,
         typer.Option(
             metavar="RIG",
-            help="Rig that was recorded, where a bag has no run sheet: tensile, pressure, drop, slip, landing. "
+            help="Rig that was recorded, where a bag has no run sheet: one of `jammkle rig --help`. "
             "How it was set is written into run.yaml; `jammkle info` prints a template.",
         ),
     ] = None,

@@ -100,7 +100,10 @@ class AnkleSimulator:
 
     @cached_property
     def _all(self) -> Library:
-        return Library((*machine_constants(), *run_scatter(), *self.library))
+        drawn = Library((*machine_constants(), *run_scatter()))
+        known = {effect.name for effect in drawn}
+        # A correction brings the constants of the machine with it.
+        return Library((*drawn, *(effect for effect in self.library if effect.name not in known)))
 
 
 @lru_cache(maxsize=1)
