@@ -71,8 +71,8 @@ def test_joints_press_straight_down() -> None:
 
 def test_a_person_is_told_what_to_do_when() -> None:
     """Six poses of a tilt, two halves of a shake; nothing for a cycle, in which nothing moves."""
-    told = spoken(course("tilt"))
-    assert told[0][1] == "tilt the shank to 40 degrees toe-down and 0 degrees to the right"
+    said = spoken(course("tilt"))
+    assert said[0][1] == "tilt the shank to 40 degrees toe-down and 0 degrees to the right"
     assert [text.split()[0] for _, text in spoken(course("shake"))] == ["rock", "rock"]
     assert not spoken(course("cycle"))
 

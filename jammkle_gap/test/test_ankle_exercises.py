@@ -111,8 +111,8 @@ def test_an_effect_leaves_a_gap_where_it_acts(name: str, values: dict[str, float
 def test_the_true_effect_closes_it(name: str, values: dict[str, float]) -> None:
     """With the effect in it the simulator comes back to the noise: also where the IMU errs, which guides the shank."""
     recording = made_by(name, **values)
-    told = {key.replace("__", "."): value for key, value in values.items()}
-    simulated = SIMULATOR(recording, told)
+    given = {key.replace("__", "."): value for key, value in values.items()}
+    simulated = SIMULATOR(recording, given)
     for each in recording.signals:
         if each.name.startswith(("ankle_", "imu")):
             left = (each.values - simulated[each.name]) / each.deviation

@@ -47,7 +47,7 @@ def angles(run: RigRun, joint: str) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def test_the_foot_feels_the_motion_and_not_the_place() -> None:
-    """d'Alembert: moved in the world, or at rest in a field as the shank's IMU measures it, the foot swings alike."""
+    """d'Alembert: moved in the world, or at rest in a field as the shank's IMU measures it, it swings the same."""
     rig = built("shake", sweep_s=1.0)
     truth = followed(rig)
     imu, step_s = truth.raw_imu, float(rig.model.opt.timestep)

@@ -37,7 +37,7 @@ SETS = {"all four": ("cycle", "press", "shake", "tilt")}
 """Kinds that one robot makes, one after the other."""
 PAGE = Path(__file__).with_name("README.md")
 _MOST = 999
-"""Lengths beyond it are not told apart."""
+"""Lengths beyond it are not distinguished."""
 
 app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -84,8 +84,9 @@ def _seen(rig: str, options: dict[str, object], version: str, jobs: int) -> Seen
 
 def _summary(found: dict[str, Seen], measured: dict[str, Lengths]) -> str:
     count = len(next(iter(measured.values())).effects)
+    pairs = count * (count - 1) // 2
     lines = [
-        f"| | s | effects seen, of {count} | told from all others | pairs told apart, of {count * (count - 1) // 2} |",
+        f"| | s | effects seen, of {count} | distinguished from all others | pairs distinguished, of {pairs} |",
         "|---|---|---|---|---|",
     ]
     for name, each in measured.items():

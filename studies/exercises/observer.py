@@ -176,18 +176,18 @@ class Lengths:
 
     @property
     def separated(self) -> NDArray[np.bool_]:
-        """Which pairs are told apart whichever of the two is true, shape (effects, effects)."""
+        """Which pairs are distinguished whichever of the two is true, shape (effects, effects)."""
         apart: NDArray[np.bool_] = (self.left >= NAMEABLE) & (self.left.T >= NAMEABLE)
         return apart
 
     @property
     def pairs(self) -> int:
-        """How many pairs are told apart."""
+        """How many pairs are distinguished."""
         return int(np.triu(self.separated, 1).sum())
 
     @property
     def seen(self) -> int:
-        """How many effects are told from nothing wrong."""
+        """How many effects are distinguished from nothing wrong."""
         return int((self.length >= NAMEABLE).sum())
 
 

@@ -61,7 +61,7 @@ def course_of(rig: Rig, step_s: float) -> ShankCourse:
 
 
 def spoken(course: ShankCourse) -> list[tuple[float, str]]:
-    """Return what a person is told who moves the shank by hand, with the times at which it is said, s."""
+    """Return what is said to a person who moves the shank by hand, with the times, s."""
     poses = np.column_stack((np.degrees(course.pitch_rad), np.degrees(course.roll_rad), 1e3 * course.height_m))
     moves = np.abs(np.diff(poses, axis=0)).max(axis=1) > _MOVES
     edges = np.flatnonzero(np.diff(np.concatenate(([0], moves.astype(np.int8), [0]))))

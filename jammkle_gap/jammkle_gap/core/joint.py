@@ -282,8 +282,8 @@ class _Objective:
 def slopes_at(machine: Machine, difference: Difference, fit: Fit, signatures: Signatures) -> list[NDArray[np.float64]]:
     """Return derivatives of the features where a candidate has come to.
 
-    Central differences: what a candidate and the constants cannot be told apart by is small beside either, and would be
-    lost in the curvature.
+    Central differences: what a candidate and the constants differ by is small beside either, and would be lost in the
+    curvature.
 
     Args:
         machine: The recordings.

@@ -144,15 +144,15 @@ def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -
         read = np.concatenate([each.signal(name).values for each in recordings])
         model = np.concatenate([each[name] for each in made])
         share = float(read @ model) / max(float(model @ model), 1e-12)
-        alike = float(read @ model) / max(float(np.linalg.norm(read) * np.linalg.norm(model)), 1e-12)
-        if abs(alike) > _ALIKE and not 1.0 / _OTHER_UNIT < share < _OTHER_UNIT:
+        correlation = float(read @ model) / max(float(np.linalg.norm(read) * np.linalg.norm(model)), 1e-12)
+        if abs(correlation) > _CORRELATED and not 1.0 / _OTHER_UNIT < share < _OTHER_UNIT:
             msg = f"efforts of joint {joint} are {share:.3g} of what the model takes for the same motion"
             msg += f"; if they are currents write 'torque_constants: {{{joint}: {1.0 / share:.3g}}}' into a map (N m/A)"
             msg += f", if their sign is another 'joints: {{{joint}: {{sign: -1}}}}'" if share < 0.0 else ""
             raise BadRobotError(msg)
 
 
-_ALIKE = 0.8
+_CORRELATED = 0.8
 """Correlation from which on an effort is taken for the model's in another unit."""
 _OTHER_UNIT = 3.0
 """How many times an effort may be the model's. Chosen: no effect on offer makes half of that."""

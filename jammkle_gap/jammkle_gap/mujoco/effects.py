@@ -525,7 +525,7 @@ def _shared(number: int, name: str, joints: tuple[str, ...], scales: Mapping[str
 
 
 _PLAIN = ("time", "share", "angle")
-"""Scales by which all joints are told alike; of others joints share a part of each one's own."""
+"""Scales that are the same for all joints; of others joints share a part of each one's own."""
 
 
 def _single(number: int, name: str, joint: str, scale: Scale) -> tuple[Effect, JointChange]:

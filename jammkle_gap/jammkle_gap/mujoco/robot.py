@@ -238,7 +238,7 @@ def _commanded(runs: Sequence[Run], measured: Sequence[str]) -> dict[str, set[Qu
     for run, each in zip(runs, found, strict=True):
         if each != found[0]:
             differ = sorted(set(each) ^ set(found[0])) or sorted(each)
-            msg = f"recordings {runs[0].name} and {run.name} are not commanded alike (joint {differ[0]})"
+            msg = f"recordings {runs[0].name} and {run.name} have different commands (joint {differ[0]})"
             msg += "; diagnose them apart"
             raise BadRobotError(msg)
     return found[0]
