@@ -1,9 +1,8 @@
 """Real data: a small servo swings a pendulum, and a model with dry and viscous friction does not follow.
 
-Measured by others: see data/README.md beside the recordings. No single missing effect explains much; friction that
-grows with load, together with a larger controller gain, is by far the most probable pair, though the gain alone is
-worth nothing. Motor and friction constants are known to the tolerances of a data sheet, and are nuisances:
-else each effect would only mend what they were bent to hide.
+Measured by others: see data/README.md beside the recordings. Friction that grows with load explains most of all
+effects, and more with a larger controller gain; the model has more wrong than that. Motor and friction constants are
+known to the tolerances of a data sheet, and are nuisances: else each effect would only mend what they were bent to hide.
 """
 
 from __future__ import annotations

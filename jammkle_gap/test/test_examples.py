@@ -85,10 +85,9 @@ def test_the_seal_rubs_more_under_pressure() -> None:
 
 @present
 def test_the_servo_rubs_more_under_load() -> None:
-    """Of all candidates friction that grows with load is the most probable; nothing is named for certain."""
+    """Of the effects friction that grows with load comes first; the model has more wrong than that, and says so."""
     found = example("gap_servo_friction").run(DATA / "servo_friction")
     first = next(names for names in found.posterior if names)
     assert "load_friction" in first
-    assert found.posterior["gain",] < found.posterior[first] / 2.0
-    sizes = {each.name: each.parameters[0].value for each in found.effects}
-    assert 0.05 < sizes["load_friction"] < 0.3
+    assert found.posterior["gain",] < found.posterior[first]
+    assert found.verdict in {Verdict.UNKNOWN, Verdict.AMBIGUOUS}

@@ -391,23 +391,27 @@ def explain(
             for base, place in starts
         ]
         answers, finished = _until_stopped(runner, fit_beside_error, work, what)
-        found = [fit for fit, _ in answers if fit.features]
-        own = error.scores(nothing, found, len(problem.library.effects))[1:]
+        return best_of([fit for fit, _ in answers if fit.features]), finished
+
+    def best_of(fits: Sequence[Fit]) -> list[Fit]:
+        own = error.scores(nothing, fits, len(problem.library.effects))[1:]
         kept: dict[frozenset[str], Fit] = {}
-        for fit, _ in sorted(zip(found, own, strict=True), key=lambda each: -each[1]):
+        for fit, _ in sorted(zip(fits, own, strict=True), key=lambda each: -each[1]):
             kept.setdefault(frozenset(fit.names), fit)
-        return list(kept.values()), finished
+        return list(kept.values())
+
+    def refitted(fits: Sequence[Fit], beside: Fit) -> list[Fit]:
+        work = [(machine, error, replace(fit, scores=beside.scores), beside, constants, slopes) for fit in fits]
+        answers, _ = _until_stopped(runner, fit_beside_error, work, "fitting")
+        return [fit for fit, _ in answers if fit.features]
 
     singles, finished = fitted(
         [(base, each) for base in bases for each in base.singles[: constants.refined]], "fitting"
     )
-    # A candidate has found constants that may explain more alone, too.
-    starts = [
-        (machine, error, replace(blank, scores=fit.scores), nothing, constants, slopes) for fit in singles[:_NESTED]
-    ]
-    again, _ = _until_stopped(runner, fit_beside_error, starts, "fitting")
-    tried = [nothing, *(fit for fit, _ in again if fit.features)]
-    nothing = min(tried, key=lambda fit: _whitened_by(difference, fit).left)
+    if error.left_per_feature(nothing) < constants.doubtful:
+        # Where little is left, nats decide: constants that a candidate has found may explain more alone, too.
+        tried = [nothing, *(fit for each in singles[:_NESTED] for fit in refitted([blank], each))]
+        nothing = min(tried, key=lambda fit: _whitened_by(difference, fit).left)
     noticed = tuple(_whitened_by(difference, fit) for fit in singles)
     alone = _whitened_by(difference, nothing)
     pairs: list[Fit] = []
