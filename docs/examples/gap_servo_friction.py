@@ -2,7 +2,7 @@
 
 Measured by others: see data/README.md beside the recordings. Friction that grows with load explains most of all
 effects, and more with a larger controller gain; the model has more wrong than that. Motor and friction constants are
-known to the tolerances of a data sheet, and are nuisances: else each effect would only mend what they were bent to hide.
+known to the tolerances of a data sheet, and are nuisances: else each effect would mend what they were bent to hide.
 """
 
 from __future__ import annotations
