@@ -35,6 +35,7 @@ ELSEWHERE: dict[str, str] = {
     r"jammkle record -o runs/(my_bag|quadruped)$": "jammkle_bringup/test/test_bringup_recorder.py",
     r"jammkle recover": "jammkle_bringup/test/test_bringup_recovery.py",
     r"jammkle gap diagnose runs/leaking": _DIAGNOSIS,
+    r"jammkle gap diagnose --model": "jammkle_gap/test/test_mujoco_diagnosis.py",
     r"jammkle hardware check": _CHECK,
     r"(.*--hardware modbus --port|.*python -m jammkle_sim.board_bench)": _BOARD,
     r"python -m jammkle_driver .*modbus": _BOARD,

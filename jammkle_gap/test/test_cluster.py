@@ -46,7 +46,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
     def losing_a_worker(*arguments: Any, progress: Callable[[str, float], None], **options: Any) -> Any:
         def report_and_kill(stage: str, share: float) -> None:
             progress(stage, share)
-            if stage == "screening" and not killed:
+            if stage == "fitting" and not killed:
                 killed.append(next(iter(cluster.workers.values())).pid)
                 os.kill(killed[0], signal.SIGKILL)
 
