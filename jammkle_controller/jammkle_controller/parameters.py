@@ -55,6 +55,13 @@ class ControllerParameters:
     imu_link: str = parameter(
         "", "Link of the IMU in robot_description, from which the lever to the sole counts in slips; empty: no lever"
     )
+    hang_pitch_rad: float = parameter(
+        0.0,
+        "Pitch at which the soft foot hangs, toe-down: the way that a landing has, from which an angle at rest counts",
+        "rad",
+        0.0,
+        0.8,
+    )
     stance_share: float = parameter(
         0.5,
         "Share of the stride that the foot stands, if only gait/phase is received",

@@ -211,7 +211,7 @@ class ContactInputs:
         self.parameters = parameters
         self.gait = GaitPhase()
         self.roll_rad: float | None = None
-        self._pitch_rad = 0.0
+        self._pitch_rad = parameters.hang_pitch_rad
         self._pull_n: float | None = None
         self._pull_ns = 0
         self._received_ns: dict[Input, int] = {}
@@ -321,7 +321,7 @@ class ContactInputs:
         """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not received."""
         if self.roll_rad is None or not self._is_recent(Input.JOINTS, time_ns):
             return 0.0
-        return math.hypot(self.roll_rad, self._pitch_rad)
+        return math.hypot(self.roll_rad, self._pitch_rad - self.parameters.hang_pitch_rad)
 
     def on_pull(self, pull_n: float, time_ns: int) -> None:
         """Take the tension of a load cell that the leg hangs on in a rig, N; what presses is negative."""
