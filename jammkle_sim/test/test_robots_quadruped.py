@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,8 @@ ANKLES = ("lf_ankle", "rf_ankle", "lh_ankle", "rh_ankle")
 
 
 def held(options: RobotOptions) -> Simulation:
-    """Return one whose ankles are jammed as in a stance."""
-    simulation = robot_simulation("quadruped", options)
+    """Return one whose ankles are jammed as in a stance, from the start: no reservoir is evacuated first."""
+    simulation = robot_simulation("quadruped", dataclasses.replace(options, reservoir_volume_m3=0.0))
     for ankle in simulation.ankles.values():
         ankle.hold_vacuum(dict.fromkeys(CHANNELS, 40e3))
     return simulation

@@ -40,7 +40,7 @@ class AirSettings:
     """Volumes, conductances and pump of one ankle, as built.
 
     Attributes:
-        manifold_volume_m3: Manifold and the hose to the pump, m^3.
+        manifold_volume_m3: Manifold, the hose to the pump, and the reservoir, if there is one, m^3.
         channel_volumes_m3: Free air of each channel with its hose, m^3, in the driver's order.
         valve_conductance_m3_s_pa: Sonic conductance of solenoid and hose in series, either way, m^3/(s Pa).
         leak_conductance_m3_s_pa: Sonic conductance of a good membrane's leak into each volume, m^3/(s Pa).
@@ -62,6 +62,16 @@ class AirSettings:
     def volumes_m3(self) -> tuple[float, ...]:
         """All volumes, m^3: the manifold's, then the channels'."""
         return (self.manifold_volume_m3, *self.channel_volumes_m3)
+
+    def evacuation_s(self, volume_m3: float, vacuum_pa: float) -> float:
+        """How long the pump takes at full duty to evacuate a volume from the standard atmosphere, s.
+
+        `dp/dt = -S (1 - (p_a - p) / p_end) p / V`, the mass balance of one volume, integrated by partial fractions.
+        """
+        ambient_pa = STANDARD_ATMOSPHERE_PA
+        least_pa, pressure_pa = ambient_pa - self.pump_ultimate_vacuum_pa, ambient_pa - vacuum_pa
+        shares = (1.0 - least_pa / ambient_pa) / (1.0 - least_pa / pressure_pa)
+        return volume_m3 / self.pump_free_flow_m3_s * self.pump_ultimate_vacuum_pa / least_pa * math.log(shares)
 
 
 def orifice(from_pa: Array, to_pa: Array) -> tuple[Array, Array, Array]:

@@ -210,6 +210,7 @@ class Driver:
         self._emergency_stop.begin(now)
         for channel in self.ankle.channels.values():
             channel.enable()
+        self._permit_storing()
         self.ankle.regulate(0.0)
 
     def deactivate(self) -> None:
@@ -219,6 +220,7 @@ class Driver:
         self.ankle.release()
         for channel in self.ankle.channels.values():
             channel.disable(INACTIVE)
+        self._permit_storing()
         self.ankle.regulate(0.0)
 
     def reset(self) -> None:
@@ -418,6 +420,7 @@ class Driver:
         if self._active:
             self._emergency_stop.tick(stop_publishers, now)
             self._obey_stop()
+        self._permit_storing()
         self.ankle.regulate(0.0)
 
     @property
@@ -454,8 +457,13 @@ class Driver:
     def _take(self, set_point: SetPoint, reason: str) -> None:
         self.ankle.ask(set_point.channel, set_point.vacuum_pa, reason)
 
+    def _permit_storing(self) -> None:
+        able = self._active and not self._emergency_stop.reason and not self._why_not_ready
+        self.ankle.may_store = able and not self._plant_paused
+
     def _obey_stop(self) -> None:
         reason = self._emergency_stop.reason
+        self._permit_storing()
         if not reason or self._stopped:
             return
         self._stopped = True

@@ -147,7 +147,8 @@ def leg(options: RobotOptions, parameters: LegParameters | None = None, ankle: A
             add_hold(spec, ankle.contact_time_s, joint)
     angles_rad = limb.segments.angles_rad(-back_m, -limb.stance_m)
     model = compiled_on(spec, base, ground, (attached,), dict(zip((HIP, KNEE), angles_rad, strict=True)), drop_m)
-    tendon, pneumatics = tendon_parameters(options.parameter_set), PneumaticParameters()
+    tendon = tendon_parameters(options.parameter_set)
+    pneumatics = PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3)
     return Robot(
         name="leg",
         spec=spec,

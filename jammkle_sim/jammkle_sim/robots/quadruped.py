@@ -190,7 +190,8 @@ def quadruped(
         for joint, angle_rad in zip((ABDUCTION, HIP, KNEE), stance_rad(parameters, corner, down, *level), strict=True)
     }
     model = compiled_on(spec, trunk, ground, ankles, joints, drop_m)
-    tendon, pneumatics = tendon_parameters(options.parameter_set), PneumaticParameters()
+    tendon = tendon_parameters(options.parameter_set)
+    pneumatics = PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3)
     return Robot(
         name="quadruped",
         spec=spec,

@@ -189,6 +189,7 @@ def robot_of(
     *,
     base: str = "",
     parameter_set: str = "fitted",
+    pneumatics: PneumaticParameters | None = None,
     seed: int = 0,
     control: JointControl | None = None,
 ) -> Robot:
@@ -199,6 +200,7 @@ def robot_of(
         ankles: What `attach_ankle` returned, one or several.
         base: Body that stands for the whole; empty: the first one of the model.
         parameter_set: Constants of the tendons.
+        pneumatics: Pump, valves and volumes of each ankle; None: as they stand, without a reservoir.
         seed: Of all noise.
         control: Moves the robot's own joints; None: `Simulation.data.ctrl` is the user's.
 
@@ -215,7 +217,7 @@ def robot_of(
         ankles=tuple(ankles),
         base=base or model.body(1).name,
         tendon=TENDON_SETS[parameter_set],
-        pneumatics=PneumaticParameters(),
+        pneumatics=pneumatics or PneumaticParameters(),
         sensors=SensorParameters(seed=seed),
         control=control or NoControl(),
     )
