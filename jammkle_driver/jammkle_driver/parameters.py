@@ -179,13 +179,14 @@ class DriverParameters:
     def air(self) -> AirSettings:
         """The ankle as built."""
         return AirSettings(
-            manifold_volume_m3=self.manifold_volume_m3 + self.reservoir_volume_m3,
+            manifold_volume_m3=self.manifold_volume_m3,
             channel_volumes_m3=tuple(self.tendon_volume_m3 * len(TENDONS_OF_CHANNEL[name]) for name in CHANNELS),
             valve_conductance_m3_s_pa=self.valve_conductance_m3_s_pa,
             leak_conductance_m3_s_pa=self.leak_conductance_m3_s_pa,
             pump_free_flow_m3_s=self.pump_free_flow_m3_s,
             pump_ultimate_vacuum_pa=self.pump_ultimate_vacuum_pa,
             valve_dead_time_s=self.valve_dead_time_s,
+            reservoir_volume_m3=self.reservoir_volume_m3,
         )
 
     def settings(self) -> DriverSettings:

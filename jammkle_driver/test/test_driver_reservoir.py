@@ -117,7 +117,7 @@ def test_the_time_that_the_pump_takes_is_that_of_the_law() -> None:
     air = parameters.air()
     plant = FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA)
     plant.command({}, 1.0)
-    expected_s = air.evacuation_s(air.manifold_volume_m3, 50e3)
+    expected_s = air.evacuation_s(air.shared_volume_m3, 50e3)
     plant.advance(expected_s)
     assert STANDARD_ATMOSPHERE_PA - plant.pressures_pa[MANIFOLD] == pytest.approx(50e3, rel=0.01)
 

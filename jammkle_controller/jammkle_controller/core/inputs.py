@@ -65,6 +65,11 @@ class LoadContact:
         self._side = True
         self._side_ns = 0
 
+    @property
+    def usual_n(self) -> float:
+        """What it bears in a stance, N; 0 before the first load."""
+        return self._usual_n
+
     def update(self, load_n: float, time_ns: int) -> LoadChange | None:
         """Take the load, N, at a time; return whether the foot stands, if that has changed since it was first known."""
         elapsed_s = 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / NANOSECONDS_PER_SECOND)
@@ -319,9 +324,18 @@ class ContactInputs:
 
     def deflection_rad(self, time_ns: int) -> float:
         """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not received."""
-        if self.roll_rad is None or not self._is_recent(Input.JOINTS, time_ns):
+        if self.roll_rad is None or not self.shows_angles(time_ns):
             return 0.0
         return math.hypot(self.roll_rad, self._pitch_rad - self.parameters.hang_pitch_rad)
+
+    def shows_angles(self, time_ns: int) -> bool:
+        """Whether roll and pitch of the ankle are received."""
+        return self._is_recent(Input.JOINTS, time_ns)
+
+    @property
+    def usual_load_n(self) -> float:
+        """What the foot usually bears in a stance, N, by load or efforts; 0: not known."""
+        return max(self._usual_load_n, self._leg_contact.usual_n)
 
     def on_pull(self, pull_n: float, time_ns: int) -> None:
         """Take the tension of a load cell that the leg hangs on in a rig, N; what presses is negative."""

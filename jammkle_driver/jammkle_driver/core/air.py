@@ -40,13 +40,14 @@ class AirSettings:
     """Volumes, conductances and pump of one ankle, as built.
 
     Attributes:
-        manifold_volume_m3: Manifold, the hose to the pump, and the reservoir, if there is one, m^3.
+        manifold_volume_m3: Manifold and the hose to the pump, m^3.
         channel_volumes_m3: Free air of each channel with its hose, m^3, in the driver's order.
         valve_conductance_m3_s_pa: Sonic conductance of solenoid and hose in series, either way, m^3/(s Pa).
         leak_conductance_m3_s_pa: Sonic conductance of a good membrane's leak into each volume, m^3/(s Pa).
         pump_free_flow_m3_s: Volume that the pump draws at full duty without vacuum, m^3/s.
         pump_ultimate_vacuum_pa: Vacuum at which the pump stops drawing, Pa.
         valve_dead_time_s: Time from command to movement, s.
+        reservoir_volume_m3: Reservoir at the manifold, m^3; 0: none.
 
     """
 
@@ -57,11 +58,17 @@ class AirSettings:
     pump_free_flow_m3_s: float
     pump_ultimate_vacuum_pa: float
     valve_dead_time_s: float
+    reservoir_volume_m3: float = 0.0
+
+    @property
+    def shared_volume_m3(self) -> float:
+        """Manifold and reservoir, which have one pressure, m^3."""
+        return self.manifold_volume_m3 + self.reservoir_volume_m3
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:
-        """All volumes, m^3: the manifold's, then the channels'."""
-        return (self.manifold_volume_m3, *self.channel_volumes_m3)
+        """All volumes, m^3: what is shared, then the channels'."""
+        return (self.shared_volume_m3, *self.channel_volumes_m3)
 
     def evacuation_s(self, volume_m3: float, vacuum_pa: float) -> float:
         """How long the pump takes at full duty to evacuate a volume from the standard atmosphere, s.
@@ -345,6 +352,6 @@ class LeakMeter:
         return {self._connected: before_pa_s + _LATEST * (rising_pa_s - before_pa_s)}
 
     def _rate(self, rate_pa_s: float, connected: frozenset[str]) -> LeakRate:
-        volume_m3 = self._air.manifold_volume_m3 + sum(self._volumes_m3[name] for name in connected)
+        volume_m3 = self._air.shared_volume_m3 + sum(self._volumes_m3[name] for name in connected)
         conductance = max(rate_pa_s, 0.0) * volume_m3 / (REFERENCE_PA * self._ambient_pa)
         return LeakRate(rate_pa_s, conductance, connected)

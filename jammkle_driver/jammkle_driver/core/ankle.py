@@ -293,7 +293,7 @@ class Ankle:
     def _connected_m3(self) -> float:
         air = self.settings.diagnosis.air
         volumes_m3 = zip(self._names, air.channel_volumes_m3, strict=False)
-        return air.manifold_volume_m3 + sum(each for name, each in volumes_m3 if self.channels[name].energised)
+        return air.shared_volume_m3 + sum(each for name, each in volumes_m3 if self.channels[name].energised)
 
     def _vent_excess(self, stamp_s: float) -> None:
         air = self.settings.diagnosis.air

@@ -94,6 +94,7 @@ class DriverStatus:
         stop_publishers: How many publishers of emergency_stop there are that have said anything.
         stop_asked_by: How many of them said true last.
         commanders: How many publish jam_command now.
+        reservoir_volume_m3: Of the reservoir at the manifold; 0: none.
 
     """
 
@@ -110,6 +111,7 @@ class DriverStatus:
     stop_publishers: int = 0
     stop_asked_by: int = 0
     commanders: int = 0
+    reservoir_volume_m3: float = 0.0
 
 
 INACTIVE = "driver is not active"
@@ -183,6 +185,7 @@ class Driver:
             stop_publishers=self._emergency_stop.publishers,
             stop_asked_by=self._emergency_stop.asked_by,
             commanders=self._streams.speaking,
+            reservoir_volume_m3=ankle.settings.diagnosis.air.reservoir_volume_m3,
         )
 
     @property
