@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_controller.core.events import ContactEvent, ContactKind
-from jammkle_controller.core.landing import LEVEL_PA, Evacuation, Fall, Landing, LandingModel, Stored, travel_m
+from jammkle_controller.core.landing import (
+    HALF_WAY_S,
+    LEVEL_PA,
+    Evacuation,
+    Fall,
+    Landing,
+    LandingModel,
+    Stored,
+    travel_m,
+)
 from jammkle_controller.parameters import PolicyMode
 
 if TYPE_CHECKING:
@@ -272,7 +281,7 @@ class JammingPolicy:
             self._take(Trigger.FALLING)
         if self.state is PolicyState.PREPARING and max(self._chosen_pa.values()) < parameters.full_vacuum_pa:
             ahead_ns = _nanoseconds(min(fall.air.until_s(parameters.hold_vacuum_pa), LONGEST_FALL_S))
-            if fall.needed_pa(time_ns + ahead_ns) > parameters.hold_vacuum_pa:
+            if fall.needed_pa(time_ns + ahead_ns - _nanoseconds(HALF_WAY_S)) > parameters.hold_vacuum_pa:
                 self._choose(self._braced, parameters.full_vacuum_pa)
 
     def _choose(self, channels: tuple[str, ...], vacuum_pa: float) -> None:
@@ -293,7 +302,7 @@ class JammingPolicy:
             reached_pa = self._air(CHANNELS).after_pa((time_ns - self._begun_ns) / NANOSECONDS_PER_SECOND)
             self.landing = Landing(0.0, LandingModel().onset_pa, reached_pa, "foreseen by the gait or its rhythm")
         else:
-            self.landing = Landing(0.0, 0.0, 0.0, "nothing foresaw it: met soft, and jammed at once", surprised=True)
+            self.landing = Landing(0.0, 0.0, 0.0, "nothing foresaw it: met as it was", surprised=True)
         self._fall = self._touchdown_ns = None
 
     def take_up(self, why: Trigger) -> None:
