@@ -113,7 +113,7 @@ def test_the_side_that_slips_jams_first(direction: tuple[float, float, float], f
 
 
 def test_a_foreseen_touch_down_is_prepared_and_given_up() -> None:
-    """Vacuum is asked for so that fibres grip as it touches, and holds from there on; if none comes, it is soft again."""
+    """Evacuation begins so that fibres grip as it touches, and holds from there on; if none comes, it is soft again."""
     policy = new_policy()
     lead_ns = round(Evacuation.of(Stored(), achilles_alone=False).until_s(8e3) * SECOND_NS)
     policy.advance(0)

@@ -214,7 +214,7 @@ def _do(task: Task) -> Measured | None:
 def benefit(
     seed: int, runs: int, jobs: int, on_progress: Callable[[float, str], None], robots: Sequence[str] = tuple(FEET)
 ) -> list[BenefitRow]:
-    """Measure every robot and way on the same `runs` held-out landings; a quarter as many choose the best single vacuum."""
+    """Measure every robot and way on the same `runs` held-out landings; a quarter as many choose the fixed vacuum."""
     rows: list[BenefitRow] = []
     with ProcessPoolExecutor(jobs) as pool:
         for number, robot in enumerate(robots):
@@ -252,8 +252,22 @@ def _rows(robot: str, runs: int, best_pa: float, done: list[Measured | None]) ->
         peaks, *middle, fell = columns
         ratios = [peak / each.peak_m_s2 for peak, each in zip(peaks, best, strict=True)]
         name = f"{way}, {best_pa * 1e-3:.0f} kPa" if way == FIXED else way
-        figures = [median_with_interval(column) for column in (peaks, ratios, *middle)]
-        rows.append(BenefitRow(robot, name, len(chosen), *figures, wilson(round(sum(fell)), len(fell))))
+        rebounds, rest_s, slid_m, absorbed_j, sunk_m = (median_with_interval(column) for column in middle)
+        rows.append(
+            BenefitRow(
+                robot,
+                name,
+                len(chosen),
+                median_with_interval(peaks),
+                median_with_interval(ratios),
+                rebounds,
+                rest_s,
+                slid_m,
+                absorbed_j,
+                sunk_m,
+                wilson(round(sum(fell)), len(fell)),
+            )
+        )
     return rows
 
 

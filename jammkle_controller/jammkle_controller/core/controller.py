@@ -320,6 +320,8 @@ class AnkleController:
             self._rhythm.lift(event.time_ns)
         elif event.kind is ContactKind.IMPACT:
             self._rhythm.land(event.time_ns)
+            if event.source is not Source.GAIT:
+                self.inputs.gait.feel(event.time_ns)
 
     @staticmethod
     def _leaning(event: ContactEvent, roll_rad: float) -> ContactEvent:

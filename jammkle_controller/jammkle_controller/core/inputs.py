@@ -147,6 +147,7 @@ class GaitPhase:
         self._phase = 0.0
         self._time_ns: int | None = None
         self._rate_hz = 0.0
+        self._early_s = 0.0
 
     def on_phase(self, phase: float, time_ns: int) -> None:
         """Take the phase, 0 to 1, at a time, ns; anything else is ignored."""
@@ -170,11 +171,20 @@ class GaitPhase:
         return (self._phase + since_s * self._rate_hz) % 1.0
 
     def touchdown_ns(self, time_ns: int) -> int | None:
-        """When the phase is 1 next, ns; None: not known."""
+        """When the foot will touch down next, ns: as planned, less what steps before were early; None: not known."""
         phase = self.phase(time_ns)
         if phase is None:
             return None
-        return time_ns + round((1.0 - phase) / self._rate_hz * NANOSECONDS_PER_SECOND)
+        return time_ns + round(((1.0 - phase) / self._rate_hz - self._early_s) * NANOSECONDS_PER_SECOND)
+
+    def feel(self, time_ns: int) -> None:
+        """Take a touch-down that was felt: toes hang lower than planned, and touch early."""
+        phase = self.phase(time_ns)
+        if phase is None:
+            return
+        early_s = ((1.0 - phase) if phase > 0.5 else -phase) / self._rate_hz  # noqa: PLR2004 - the nearer one
+        if abs(early_s) < NEAR_TOUCHDOWN / self._rate_hz:
+            self._early_s += EARLY_SHARE * (early_s - self._early_s)
 
 
 LOADED_SHARE = 0.4
@@ -190,6 +200,8 @@ SILENT_S = 0.5
 """An input that was not received for so long is not there, s."""
 PLAN_SILENT_S = 2.0
 """The same for planned contact, s: a gait may publish it on change only, and a stance or swing of a walk is shorter."""
+EARLY_SHARE = 0.3
+"""Weight of the latest step in how early the feet touch."""
 NEAR_TOUCHDOWN = 0.2
 """An impact on the body at another phase than within this of touch-down is another foot's; a fifth of the stride."""
 PLANNED_PROBABILITY = 0.9
