@@ -296,7 +296,6 @@ class JammingPolicy:
         if self._fall is not None:
             self.landing = self._fall.landing(time_ns, self._begun_ns)
             if self.landing.reached_pa < self.landing.chosen_pa - LEVEL_PA:
-                self._begun_ns = self._begun_ns or time_ns
                 self._chosen_pa = dict.fromkeys(CHANNELS, parameters.full_vacuum_pa)
         elif self._begun_ns is not None:
             reached_pa = self._air(CHANNELS).after_pa((time_ns - self._begun_ns) / NANOSECONDS_PER_SECOND)
