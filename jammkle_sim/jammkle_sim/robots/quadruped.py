@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -17,19 +16,7 @@ from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import HOLD, new_spec
 from jammkle_sim.rigs.options import checked
 from jammkle_sim.robots.ground import IMPEDANCE_RATIO, Ground, compiled_on, events_of
-from jammkle_sim.robots.limb import (
-    ABDUCTION,
-    HIP,
-    KNEE,
-    Fitting,
-    Gait,
-    LimbParameters,
-    abducted,
-    add_limb,
-    add_servo,
-    stance_back_m,
-    toe_drop_m,
-)
+from jammkle_sim.robots.limb import ABDUCTION, HIP, KNEE, Fitting, Gait, LimbParameters, abducted, add_limb, add_servo
 from jammkle_sim.robots.options import Behaviour, RobotOptions
 from jammkle_sim.robots.robot import Robot
 
@@ -87,19 +74,15 @@ class QuadrupedParameters:
 class QuadrupedControl:
     """Targets of all twelve servos; legs hang down along gravity, the trunk is along the ground."""
 
-    def __init__(
-        self, model: Any, options: RobotOptions, parameters: QuadrupedParameters, ankle: AnkleParameters
-    ) -> None:
+    def __init__(self, model: Any, options: RobotOptions, parameters: QuadrupedParameters) -> None:
         """Know where the controls are.
 
         Args:
             model: The mujoco.MjModel.
             options: What it does.
             parameters: Its sizes.
-            ankle: What it stands on, four times.
 
         """
-        self._back_m = stance_back_m(ankle)
         self._parameters = parameters
         slope_rad = math.radians(options.slope_deg)
         self._down = (-math.sin(slope_rad), -math.cos(slope_rad))
@@ -107,7 +90,7 @@ class QuadrupedControl:
         self._gait = Gait(
             options.speed_m_s,
             options.step_period_s,
-            options.step_height_m + toe_drop_m(ankle),
+            options.step_height_m,
             options.touch_down_m_s,
             parameters.bearing_share,
         )
@@ -128,10 +111,7 @@ class QuadrupedControl:
 
     def _angles_rad(self, corner: Corner, time_s: float) -> tuple[float, float, float]:
         forward_m, up_m = self._gait.place_m(time_s, corner.phase) if self._walks else (0.0, 0.0)
-        forward, up = -self._down[1], self._down[0]  # level, in the trunk's frame
-        return stance_rad(
-            self._parameters, corner, self._down, forward_m - self._back_m * forward, up_m - self._back_m * up
-        )
+        return stance_rad(self._parameters, corner, self._down, forward_m, up_m)
 
 
 def stance_rad(
@@ -160,16 +140,14 @@ def quadruped(
     Args:
         options: What it does, where.
         parameters: Its sizes; None: as they stand.
-        ankle: Constants of its ankles but for their pose, which is an option; None: as they stand.
+        ankle: Constants of its ankles; None: as they stand.
 
     Raises:
         ParameterError: an option out of range.
 
     """
     options = checked(options)
-    parameters = parameters or QuadrupedParameters()
-    ankle = dataclasses.replace(ankle or AnkleParameters(), hang_pitch_rad=options.hang_pitch_rad)
-    back_m = stance_back_m(ankle)
+    parameters, ankle = parameters or QuadrupedParameters(), ankle or AnkleParameters()
     sensors = SensorParameters(seed=options.seed)
     ground = Ground.drawn(options.slope_deg, options.roughness_m, options.seed)
     spec = new_spec("quadruped", options.timestep_s)
@@ -183,15 +161,13 @@ def quadruped(
         drop_m = options.drop_height_m
         _add_hold(spec, ankle.contact_time_s)
     down = (-math.sin(ground.slope_rad), -math.cos(ground.slope_rad))
-    level = (-back_m * -down[1], -back_m * down[0])
     joints = {
         f"{corner.leg}_{joint}": angle_rad
         for corner in CORNERS
-        for joint, angle_rad in zip((ABDUCTION, HIP, KNEE), stance_rad(parameters, corner, down, *level), strict=True)
+        for joint, angle_rad in zip((ABDUCTION, HIP, KNEE), stance_rad(parameters, corner, down, 0.0, 0.0), strict=True)
     }
     model = compiled_on(spec, trunk, ground, ankles, joints, drop_m)
-    tendon = tendon_parameters(options.parameter_set)
-    pneumatics = PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3)
+    tendon, pneumatics = tendon_parameters(options.parameter_set), PneumaticParameters()
     return Robot(
         name="quadruped",
         spec=spec,
@@ -201,7 +177,7 @@ def quadruped(
         tendon=tendon,
         pneumatics=pneumatics,
         sensors=sensors,
-        control=QuadrupedControl(model, options, parameters, ankle),
+        control=QuadrupedControl(model, options, parameters),
         events=events_of(options, ankles),
         options=options,
         parts={"ankle": ankle, "quadruped": parameters},
