@@ -49,14 +49,14 @@ class Constants:
     hundred that are left."""
 
     joint_evaluations: int = 3
-    """Gauss-Newton steps of a fit together with the constants of the machine, each time. Chosen: on an arm with four
-    constants a fifth takes off less than a thousandth."""
+    """Gauss-Newton steps of a fit together with the constants of the machine, each time. Chosen: few, since weights and
+    derivatives are taken anew between."""
     reweighings: int = 3
-    """Times that a fit with the constants and the discrepancy that it leaves follow from each other. Chosen: a fourth
-    changes no verdict on arms, pendulums and the real servo."""
+    """Times that a fit with the constants and the discrepancy that it leaves follow from each other. Chosen: once spread
+    evenly over each signal, then twice block by block."""
     sharpened: tuple[int, ...] = (2, 1)
     """Candidates that derivatives by the constants are taken anew for, each time. Chosen: the second time moves the
-    payload of an arm, on a ridge with its links' masses, by a third of its deviation; a third time by a tenth."""
+    payload of an arm, on a ridge with its links' masses, by half of its deviation; a third time by a twentieth."""
     sharpened_in_doubt: tuple[int, ...] = (8, 6, 6)
     """The same before it, where even the best leaves more than `doubtful`: a simulator that is wrong in more than one
     way bends what is fitted. Chosen: on the real servo a fit of seven numbers ends after some twenty steps."""

@@ -355,9 +355,9 @@ def explain(
 ) -> Explained:
     """Look for the effects that explain the difference beside the constants of the machine.
 
-    Effects and pairs are looked for on their grids, whitened by scatter, and by scatter with the discrepancy that the
-    constants leave. Those that promise most are fitted with the simulator, weighed, and the most likely fitted again
-    with derivatives of their own.
+    Effects are looked for on their grids, beside constants that are linear about the nominal machine and about where
+    they explain most alone. Those that promise most are fitted with the simulator, pairs of them too where there is a
+    gap, and the most likely again with derivatives of their own.
 
     Args:
         machine: What is to be explained.
