@@ -52,8 +52,8 @@ class Constants:
     """Gauss-Newton steps of a fit together with the constants of the machine, each time. Chosen: few, since weights and
     derivatives are taken anew between."""
     reweighings: int = 3
-    """Times that a fit with the constants and the discrepancy that it leaves follow from each other. Chosen: once spread
-    evenly over each signal, then twice block by block."""
+    """Times that a fit with the constants and the discrepancy that it leaves follow from each other. Chosen: once
+    spread evenly over each signal, then twice block by block."""
     sharpened: tuple[int, ...] = (2, 1)
     """Candidates that derivatives by the constants are taken anew for, each time. Chosen: the second time moves the
     payload of an arm, on a ridge with its links' masses, by half of its deviation; a third time by a twentieth."""
