@@ -98,15 +98,20 @@ class Probe:
         return self.received[topic.name][-1] if self.received[topic.name] else None
 
     def spin_until(self, holds: Callable[[], bool], what: str, timeout_s: float = TIMEOUT_S) -> None:
-        """Serve callbacks until `holds()`; fail with the last messages if it never does."""
-        waited_s, real_s, simulated_s = 0.0, time.monotonic(), self._ticked_s
+        """Serve callbacks until `holds()`; fail with the last messages if it never does.
+
+        Only the latest time that /clock has shown counts: two simulations that both make it must not add up.
+        """
+        waited_s, real_s, seen_s = 0.0, time.monotonic(), self._ticked_s
+        latest_s = seen_s
         while not holds():
             now_s, ticked_s = time.monotonic(), self._ticked_s
-            moved_s = 0.0 if ticked_s is None or simulated_s is None else ticked_s - simulated_s
-            waited_s += moved_s if moved_s > 0.0 else now_s - real_s if ticked_s is None else 0.0
-            if moved_s > 0.0 or ticked_s is None:
-                real_s = now_s
-            simulated_s = ticked_s
+            if ticked_s is None:
+                waited_s, real_s = waited_s + now_s - real_s, now_s
+            elif ticked_s != seen_s:
+                waited_s += 0.0 if latest_s is None else max(0.0, ticked_s - latest_s)
+                latest_s = ticked_s if latest_s is None else max(ticked_s, latest_s)
+                seen_s, real_s = ticked_s, now_s
             if waited_s > timeout_s or now_s - real_s > timeout_s:
                 last = {name: messages[-1] for name, messages in self.received.items() if messages}
                 msg = f"gave up waiting until {what}; last received: {last}"
