@@ -11,7 +11,7 @@ int main(int argc, char ** argv)
   auto node = std::make_shared<rclcpp::Node>("mission");
   auto done = node->create_publisher<std_msgs::msg::Header>("lockstep", 1);
   auto ticks = node->create_subscription<rosgraph_msgs::msg::Clock>(
-    "/clock", rclcpp::QoS(1).best_effort(), [node, done](const rosgraph_msgs::msg::Clock & tick) {
+    "/clock", rclcpp::QoS(1).best_effort(), [node, done] (const rosgraph_msgs::msg::Clock & tick) {
       // ... everything this node has to do with what came up to now, and then:
       std_msgs::msg::Header answer;
       answer.stamp = tick.clock;
