@@ -25,6 +25,7 @@ from jammkle_controller.conversions import (
     contact_state_message,
     driver_view,
     jam_command_message,
+    stored,
 )
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import Freshness
@@ -278,6 +279,7 @@ class ControllerNode(LockstepNode):
 
     def _on_driver(self, message: JamState) -> None:
         self._driver = driver_view(message)
+        self._controller.on_driver(stored(message))
         if not self._driver_reported:
             self._driver_reported = True
             if self._driver.hold is Hold.STREAM:

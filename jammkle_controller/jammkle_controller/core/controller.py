@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, NamedTuple
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.detector import PUT_DOWN_S, ContactDetector
 from jammkle_controller.core.events import (
     Contact,
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from jammkle_controller.core.imu import ImuGate, ImuSample, ImuWatch
+    from jammkle_controller.core.landing import Landing, Stored
     from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
     from jammkle_controller.core.stepping import StepRatios
     from jammkle_controller.parameters import ControllerParameters, PolicyMode
@@ -134,6 +136,10 @@ class AnkleController:
         self._detector.configure(parameters)
         self._policy.parameters = self.inputs.parameters = parameters
 
+    def on_driver(self, stored: Stored) -> None:
+        """Take what the driver says of manifold and reservoir."""
+        self._policy.store(stored)
+
     def update(self, sample: ImuSample) -> Reaction:
         """Take the next sample of the IMU."""
         gate, before_pa = self._detector.gate, self._policy.set_points_pa
@@ -149,6 +155,10 @@ class AnkleController:
         reported = tuple(event for event in events if self._counts(event))
         for event in reported:
             self._react(event)
+        if self._detector.phase is Phase.FLIGHT:
+            seen_s = reported[-1].detection_delay_s if reported else 0.0
+            self._policy.bear(self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2)
+            self._policy.fall(sample.time_ns - round(seen_s * NANOSECONDS_PER_SECOND))
         if self._stance_held and (reported or self._detector.phase is Phase.PLANTED):
             self._stance_held = False
             if not reported:
@@ -261,8 +271,11 @@ class AnkleController:
             return (Contact.CONTACT if planned else Contact.NO_CONTACT), "the gait's plan, at rest"
         if self._felt is Contact.CONTACT:
             return self._felt, self._felt_by
-        if not any(self._policy.set_points_pa.values()) and self.inputs.deflection_rad(time_ns) > DEFLECTED_RAD:
-            return Contact.CONTACT, "the angle of the soft ankle, at rest"
+        if not any(self._policy.set_points_pa.values()) and self.inputs.shows_angles(time_ns):
+            if self.inputs.deflection_rad(time_ns) > DEFLECTED_RAD:
+                return Contact.CONTACT, "the angle of the soft ankle, at rest"
+            if self._policy.parameters.takes_blows:  # the least load presses toes up
+                return Contact.NO_CONTACT, "the angle of the soft ankle, at rest as it hangs"
         return Contact.UNKNOWN, ""
 
     def _forget_contact(self) -> None:
@@ -307,6 +320,8 @@ class AnkleController:
             self._rhythm.lift(event.time_ns)
         elif event.kind is ContactKind.IMPACT:
             self._rhythm.land(event.time_ns)
+            if event.source is not Source.GAIT:
+                self.inputs.gait.feel(event.time_ns)
 
     @staticmethod
     def _leaning(event: ContactEvent, roll_rad: float) -> ContactEvent:
@@ -379,6 +394,11 @@ class AnkleController:
     def set_points_pa(self) -> Mapping[str, float]:
         """Vacuum wanted per channel, Pa, gauge, positive; 0 is vented."""
         return self._policy.set_points_pa
+
+    @property
+    def landing(self) -> Landing | None:
+        """What was chosen for the latest landing; None before the first."""
+        return self._policy.landing
 
     @property
     def vacuum_pa(self) -> float:

@@ -65,6 +65,11 @@ class LoadContact:
         self._side = True
         self._side_ns = 0
 
+    @property
+    def usual_n(self) -> float:
+        """What it bears in a stance, N; 0 before the first load."""
+        return self._usual_n
+
     def update(self, load_n: float, time_ns: int) -> LoadChange | None:
         """Take the load, N, at a time; return whether the foot stands, if that has changed since it was first known."""
         elapsed_s = 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / NANOSECONDS_PER_SECOND)
@@ -142,6 +147,7 @@ class GaitPhase:
         self._phase = 0.0
         self._time_ns: int | None = None
         self._rate_hz = 0.0
+        self._early_s = 0.0
 
     def on_phase(self, phase: float, time_ns: int) -> None:
         """Take the phase, 0 to 1, at a time, ns; anything else is ignored."""
@@ -165,11 +171,20 @@ class GaitPhase:
         return (self._phase + since_s * self._rate_hz) % 1.0
 
     def touchdown_ns(self, time_ns: int) -> int | None:
-        """When the phase is 1 next, ns; None: not known."""
+        """When the foot will touch down next, ns: as planned, less what steps before were early; None: not known."""
         phase = self.phase(time_ns)
         if phase is None:
             return None
-        return time_ns + round((1.0 - phase) / self._rate_hz * NANOSECONDS_PER_SECOND)
+        return time_ns + round(((1.0 - phase) / self._rate_hz - self._early_s) * NANOSECONDS_PER_SECOND)
+
+    def feel(self, time_ns: int) -> None:
+        """Take a touch-down that was felt: toes hang lower than planned, and touch early."""
+        phase = self.phase(time_ns)
+        if phase is None:
+            return
+        early_s = ((1.0 - phase) if phase > 0.5 else -phase) / self._rate_hz  # noqa: PLR2004 - the nearer one
+        if abs(early_s) < NEAR_TOUCHDOWN / self._rate_hz:
+            self._early_s += EARLY_SHARE * (early_s - self._early_s)
 
 
 LOADED_SHARE = 0.4
@@ -185,6 +200,8 @@ SILENT_S = 0.5
 """An input that was not received for so long is not there, s."""
 PLAN_SILENT_S = 2.0
 """The same for planned contact, s: a gait may publish it on change only, and a stance or swing of a walk is shorter."""
+EARLY_SHARE = 0.3
+"""Weight of the latest step in how early the feet touch."""
 NEAR_TOUCHDOWN = 0.2
 """An impact on the body at another phase than within this of touch-down is another foot's; a fifth of the stride."""
 PLANNED_PROBABILITY = 0.9
@@ -211,7 +228,7 @@ class ContactInputs:
         self.parameters = parameters
         self.gait = GaitPhase()
         self.roll_rad: float | None = None
-        self._pitch_rad = 0.0
+        self._pitch_rad = parameters.hang_pitch_rad
         self._pull_n: float | None = None
         self._pull_ns = 0
         self._received_ns: dict[Input, int] = {}
@@ -319,9 +336,18 @@ class ContactInputs:
 
     def deflection_rad(self, time_ns: int) -> float:
         """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not received."""
-        if self.roll_rad is None or not self._is_recent(Input.JOINTS, time_ns):
+        if self.roll_rad is None or not self.shows_angles(time_ns):
             return 0.0
-        return math.hypot(self.roll_rad, self._pitch_rad)
+        return math.hypot(self.roll_rad, self._pitch_rad - self.parameters.hang_pitch_rad)
+
+    def shows_angles(self, time_ns: int) -> bool:
+        """Whether roll and pitch of the ankle are received."""
+        return self._is_recent(Input.JOINTS, time_ns)
+
+    @property
+    def usual_load_n(self) -> float:
+        """What the foot usually bears in a stance, N, by load or efforts; 0: not known."""
+        return max(self._usual_load_n, self._leg_contact.usual_n)
 
     def on_pull(self, pull_n: float, time_ns: int) -> None:
         """Take the tension of a load cell that the leg hangs on in a rig, N; what presses is negative."""
