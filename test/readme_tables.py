@@ -186,7 +186,7 @@ BOTTLE_KG_ML = 0.25e-3
 def landing_cell(height_m: float, mass_kg: float) -> str:
     """Vacuum of a landing on our robots' feet, kPa."""
     speed_m_s = math.sqrt(2.0 * STANDARD_GRAVITY_M_S2 * height_m)
-    vacuum_pa = LandingModel().needed_pa(speed_m_s, mass_kg, travel_m(RobotOptions().hang_pitch_rad))
+    vacuum_pa = LandingModel().needed_pa(speed_m_s, mass_kg, travel_m(math.radians(RobotOptions().hang_pitch_deg)))
     if vacuum_pa > ControllerParameters().full_vacuum_pa:
         return "full"
     return f"{vacuum_pa / 1e3:.0f} kPa" if vacuum_pa else "soft"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from jammkle_sim.robots.urdf import robot_urdf
 def test_the_leg_is_that_of_the_model(kind: str, ankle: str) -> None:
     """Lengths, masses, sole and place are the figures of limb and body; the centre is that of MuJoCo."""
     made, limb, foot = robot(kind, RobotOptions()), LimbParameters(), AnkleParameters()
-    hanging = replace(foot, hang_pitch_rad=RobotOptions().hang_pitch_rad)
+    hanging = replace(foot, hang_pitch_rad=math.radians(RobotOptions().hang_pitch_deg))
     prefix = ankle.removesuffix("ankle")
     leg = leg_of(robot_urdf(made), ControllerParameters(joint_prefix=prefix))
     assert (leg.thigh_m, leg.shank_m, leg.thigh_kg) == pytest.approx((limb.thigh_m, limb.shank_m, limb.thigh_kg))

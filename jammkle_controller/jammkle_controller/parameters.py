@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
 from jammkle_common.constants import HELD_VACUUM_PA
@@ -58,12 +59,12 @@ class ControllerParameters:
     imu_link: str = parameter(
         "", "Link of the IMU in robot_description, from which the lever to the sole counts in slips; empty: no lever"
     )
-    hang_pitch_rad: float = parameter(
+    hang_pitch_deg: float = parameter(
         0.0,
         "Pitch at which the soft foot hangs, toe-down: the way that a landing has, from which an angle at rest counts",
-        "rad",
+        "deg",
         0.0,
-        0.8,
+        45.0,
     )
     stance_share: float = parameter(
         0.5,
@@ -77,6 +78,11 @@ class ControllerParameters:
         default=False,
         description="Whether load_cell/wrench is the load on the foot, and shows contact; in a rig it is not",
         dynamic=True,
+    )
+    use_ankle: bool = parameter(
+        default=True,
+        description="Whether ankle_pitch and ankle_roll with hip and knee in joint_states show contact, where the foot "
+        "hangs toe-down",
     )
     use_efforts: bool = parameter(
         default=False,
@@ -246,6 +252,11 @@ class ControllerParameters:
     def mode(self) -> PolicyMode:
         """What automatic jamming does."""
         return PolicyMode(self.policy)
+
+    @property
+    def hang_pitch_rad(self) -> float:
+        """Pitch at which the soft foot hangs, rad."""
+        return math.radians(self.hang_pitch_deg)
 
     @property
     def takes_blows(self) -> bool:

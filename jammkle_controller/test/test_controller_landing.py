@@ -26,7 +26,7 @@ masses = st.floats(0.5, 20.0)
 
 def landed(height_m: float, stored: Stored = FULL, **changed: object) -> JammingPolicy:
     """A policy whose body fell from a height, seen as a controller sees it, at the sample of its impact."""
-    policy = JammingPolicy(ControllerParameters(**{"hang_pitch_rad": HANG_RAD, **changed}))
+    policy = JammingPolicy(ControllerParameters(**{"hang_pitch_deg": math.degrees(HANG_RAD), **changed}))
     policy.store(stored)
     lasts_ms = round(1e3 * math.sqrt(2.0 * height_m / 9.80665))
     for ms in range(lasts_ms):
@@ -118,7 +118,7 @@ def test_ten_times_the_rated_payload_is_as_stiff_as_it_gets() -> None:
 
 def test_a_blow_that_nothing_foresaw_jams_at_once() -> None:
     """Toes were hit and no fall was seen: it does not wait for the shock to pass, and says so."""
-    policy = JammingPolicy(ControllerParameters(hang_pitch_rad=HANG_RAD))
+    policy = JammingPolicy(ControllerParameters(hang_pitch_deg=math.degrees(HANG_RAD)))
     policy.advance(0)
     policy.react(ContactEvent(ContactKind.IMPACT, 0, 1.0, "", 0.0))
     assert policy.state is PolicyState.STANCE
@@ -132,7 +132,7 @@ def test_a_blow_that_nothing_foresaw_jams_at_once() -> None:
 
 def test_a_fall_counts_more_than_a_plan() -> None:
     """A gait that plans the foot in the air for another second does not keep a fall from being met."""
-    policy = JammingPolicy(ControllerParameters(hang_pitch_rad=HANG_RAD))
+    policy = JammingPolicy(ControllerParameters(hang_pitch_deg=math.degrees(HANG_RAD)))
     policy.store(FULL)
     for ms in range(140):
         policy.foresee(1_000 * MS_NS)

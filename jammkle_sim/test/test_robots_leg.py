@@ -111,7 +111,7 @@ def test_jamming_holds_the_foot_in_its_place() -> None:
         pitches_rad.append(last.ankles[ANKLE].positions["ankle_pitch"])
     soft, jammed = pitches_rad
     assert soft < jammed - 0.03  # the slope presses the toe up, less so when jammed
-    assert jammed < RobotOptions().hang_pitch_rad  # and no lock holds it: jammed tendons give, too
+    assert jammed < math.radians(RobotOptions().hang_pitch_deg)  # and no lock holds it: jammed tendons give, too
 
 
 def test_the_achilles_pair_bears_a_stance_on_toes() -> None:
@@ -136,7 +136,7 @@ def test_toes_take_the_blow_that_a_flat_foot_hands_on(height_m: float) -> None:
     peaks_m_s2 = {}
     for name, made in {
         "toes": RobotOptions(),
-        "flat": RobotOptions(hang_pitch_rad=0.0),
+        "flat": RobotOptions(hang_pitch_deg=0.0),
         "locked": RobotOptions(ankle="rigid"),
     }.items():
         simulation = robot_simulation(
@@ -185,7 +185,7 @@ def test_a_locked_ankle_does_not_turn() -> None:
     """The baseline without an ankle gives by less than ten milliradians under a landing, however its foot hangs."""
     simulation = robot_simulation("leg", RobotOptions(ankle="rigid", behaviour="drop", release_time_s=0.0))
     pitches_rad = [each.ankles[ANKLE].positions["ankle_pitch"] for each in simulation.samples(0.4, 500)]
-    assert pitches_rad == pytest.approx([RobotOptions().hang_pitch_rad] * len(pitches_rad), abs=0.01)
+    assert pitches_rad == pytest.approx([math.radians(RobotOptions().hang_pitch_deg)] * len(pitches_rad), abs=0.01)
 
 
 def test_bad_input_is_refused_in_one_line() -> None:

@@ -139,7 +139,7 @@ def measure(robot: str, options: RobotOptions, way: str, vacuum_pa: float = 0.0)
     controller = ControllerParameters(
         imu_mount=options.imu,
         policy=mode.value,
-        hang_pitch_rad=options.hang_pitch_rad,
+        hang_pitch_deg=options.hang_pitch_deg,
         landing_vacuum_pa=vacuum_pa or HELD_PA,
         load_kg=RATED_KG + (0.0 if way == BLIND else options.payload_kg / FEET[robot]),
     )

@@ -53,7 +53,7 @@ def land(pitch_rad: float, payload_kg: float, slope_deg: float, height_m: float,
         payload_kg=payload_kg,
         slope_deg=slope_deg,
         friction=0.8 + math.tan(slope_rad),
-        hang_pitch_rad=pitch_rad,
+        hang_pitch_deg=math.degrees(pitch_rad),
         reservoir_volume_m3=0.0,
     )
     simulation = robot_simulation("leg", options)
@@ -145,7 +145,7 @@ def _highest_mm(pitch_rad: float, vacuum_pa: float) -> int:
 
 
 def _standing_mm(pitch_rad: float, vacuum_pa: float) -> float:
-    simulation = robot_simulation("quadruped", RobotOptions(hang_pitch_rad=pitch_rad, reservoir_volume_m3=0.0))
+    simulation = robot_simulation("quadruped", RobotOptions(hang_pitch_deg=math.degrees(pitch_rad), reservoir_volume_m3=0.0))
     for ankle in simulation.ankles.values():
         ankle.hold_vacuum(dict.fromkeys(CHANNELS, vacuum_pa))
     *_, last = simulation.samples(2.0, 50)
@@ -154,7 +154,7 @@ def _standing_mm(pitch_rad: float, vacuum_pa: float) -> float:
 
 def _trot(pitch_rad: float) -> tuple[float, float]:
     """Return the speed, m/s, and how far a foot slides in a step, mm, jammed."""
-    options = RobotOptions(behaviour="walk", hang_pitch_rad=pitch_rad, reservoir_volume_m3=0.0)
+    options = RobotOptions(behaviour="walk", hang_pitch_deg=math.degrees(pitch_rad), reservoir_volume_m3=0.0)
     simulation = robot_simulation("quadruped", options)
     for ankle in simulation.ankles.values():
         ankle.hold_vacuum(dict.fromkeys(CHANNELS, 40e3))

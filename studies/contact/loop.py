@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
+from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
@@ -211,6 +212,12 @@ class AnkleLoop:
         if roll_rad is not None:
             self.controller.inputs.on_pitch(self.ankle.joint_positions()[ANKLE_JOINTS[1]])
         reported = [] if roll_rad is None else [Received(time_ns, Input.JOINTS, roll_rad)]
+        if isinstance(self.ankle, WithEfforts) and set(self._above[1:]) <= self.ankle.joint_positions().keys():
+            roll, pitch, _ = ANKLE_JOINTS
+            angles, rates = self.ankle.joint_positions(), self.ankle.joint_velocities()
+            shank_rad_s = sum(rates[joint] for joint in self._above[1:])
+            reading = AnkleReading(angles[pitch], angles[roll], rates[pitch], rates[roll], shank_rad_s)
+            reported.append(Received(time_ns, reading))
         if self._leg is not None and isinstance(self.ankle, WithEfforts):
             columns = (self.ankle.joint_positions(), self.ankle.joint_velocities(), self.ankle.joint_efforts())
             if set(self._leg) <= columns[0].keys():

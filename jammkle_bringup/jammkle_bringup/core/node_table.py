@@ -134,7 +134,7 @@ ROBOT_NODES = (ROBOT_SIM, *(entry for entry in NODES if not entry.simulates))
 
 AS_BUILT = (
     (CONTROLLER_NODE, "imu_mount", "imu"),
-    (CONTROLLER_NODE, "hang_pitch_rad", "hang_pitch_rad"),
+    (CONTROLLER_NODE, "hang_pitch_deg", "hang_pitch_deg"),
     (DRIVER_NODE, "reservoir_volume_m3", "reservoir_volume_m3"),
 )
 """What nodes must know of how a robot is built: node, its parameter, and the option of the robot that says it."""

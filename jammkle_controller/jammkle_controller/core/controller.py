@@ -24,6 +24,7 @@ from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from jammkle_controller.core.ankle_contact import AnkleReading
     from jammkle_controller.core.imu import ImuGate, ImuSample, ImuWatch
     from jammkle_controller.core.landing import Landing, Stored
     from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
@@ -144,7 +145,7 @@ class AnkleController:
         """Take the next sample of the IMU."""
         gate, before_pa = self._detector.gate, self._policy.set_points_pa
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
-        self._detector.bear(self.inputs.efforts_contact(sample.time_ns), sample.time_ns)
+        self._detector.bear(self.inputs.leg_contact(sample.time_ns), sample.time_ns)
         events = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
@@ -188,6 +189,17 @@ class AnkleController:
         falls = self._detector.available and self._detector.motion.load < FALLING
         return self._take_event(self.inputs.on_leg(reading, time_ns, falls=falls), time_ns)
 
+    def on_ankle(self, reading: AnkleReading, time_ns: int) -> Reaction:
+        """Take angles and rates of the ankle.
+
+        In free fall a foot moves as in no swing, and the end of the fall is felt sooner on the IMU.
+        """
+        event = self.inputs.on_ankle(reading, time_ns)
+        if self._detector.phase is Phase.FLIGHT and self._detector.available:
+            self.inputs.fly()
+            return Reaction((), changed=False)
+        return self._take_event(event, time_ns)
+
     def on_pose(self, pose: LegPose, time_ns: int) -> Reaction:
         """Take angles and rates from the body down to the foot."""
         return self._slip(self.inputs.on_pose(pose, time_ns, stands=self._stands(time_ns)), time_ns)
@@ -219,10 +231,10 @@ class AnkleController:
         before_pa = self._policy.set_points_pa
         off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
         plan_only = event.source is Source.GAIT
-        # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body; the
-        # efforts of its leg feel it wherever the IMU is.
+        # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body; its
+        # ankle's angles and the efforts of its leg feel it wherever the IMU is.
         feels = self._detector.available and self.feels(Detection.STEP)
-        feels = feels or self.inputs.efforts_contact(time_ns) is not None
+        feels = feels or self.inputs.leg_contact(time_ns) is not None
         if off_ground is lifted or (plan_only and not lifted and feels):
             return Reaction((), changed=False)
         if plan_only and lifted and self.inputs.measured_contact(time_ns):
@@ -292,6 +304,8 @@ class AnkleController:
         touches = event.kind is ContactKind.IMPACT
         if event.kind is ContactKind.SLIP and self.inputs.shows_slips(event.time_ns):
             return False
+        if event.kind is ContactKind.LIFTOFF and self._detector.phase is Phase.FLIGHT:
+            self.inputs.fly()
         contact = self.inputs.measured_contact(event.time_ns)
         if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
             self._detector.correct(lifted=False, time_ns=event.time_ns)

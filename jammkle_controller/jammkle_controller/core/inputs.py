@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_controller.core.events import NEWTON, NO_UNIT, ContactEvent, ContactKind, Source
+from jammkle_controller.core.ankle_contact import AnkleContact
+from jammkle_controller.core.events import NEWTON, NO_UNIT, RADIAN, ContactEvent, ContactKind, Source
 from jammkle_controller.core.leg import LegLoad
 from jammkle_controller.core.slip import SoleSlip
-from jammkle_controller.core.stepping import probability_of
+from jammkle_controller.core.stepping import learned_swing, probability_of
 
 if TYPE_CHECKING:
+    from jammkle_controller.core.ankle_contact import AnkleReading
     from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
     from jammkle_controller.parameters import ControllerParameters
 
@@ -217,7 +219,14 @@ class Input(enum.Enum):
     PLANNED_CONTACT = "planned contact"
     JOINTS = "joint states"
     EFFORTS = "joint efforts"
+    ANKLE = "ankle angles"
     ODOMETRY = "odometry"
+
+
+LEG_SENSORS = (Input.ANKLE, Input.EFFORTS)
+"""What feels every step of a foot by itself, the surer first: a toe that grazes the ground makes an effort, too."""
+ANKLE = "ankle"
+"""Name of the learned ratio of the ankle's angles."""
 
 
 class ContactInputs:
@@ -239,6 +248,11 @@ class ContactInputs:
         self._paired_ns: int | None = None
         self._leg_load: LegLoad | None = None
         self._leg_contact = LoadContact()
+        self._ankle_contact = (
+            AnkleContact(learned_swing(ANKLE), parameters.hang_pitch_rad)
+            if parameters.use_ankle and parameters.takes_blows
+            else None
+        )
         self.sole: SoleSlip | None = None
 
     def know(self, leg: Leg) -> None:
@@ -260,7 +274,7 @@ class ContactInputs:
     def contact_sensor(self, time_ns: int) -> Input | None:
         """Which sensor of contact is believed now; None: there is none."""
         here = self.received(time_ns)
-        for each in (Input.CONTACT_SWITCH, Input.LOAD, Input.EFFORTS):
+        for each in (Input.CONTACT_SWITCH, Input.LOAD, *LEG_SENSORS):
             if each in here and each in self._in_contact:
                 return each
         return None
@@ -272,9 +286,12 @@ class ContactInputs:
                 return self._in_contact[each]
         return None
 
-    def efforts_contact(self, time_ns: int) -> bool | None:
-        """Whether the efforts of the leg say that the foot stands; None: they are not received."""
-        return self._in_contact.get(Input.EFFORTS) if self._is_recent(Input.EFFORTS, time_ns) else None
+    def leg_contact(self, time_ns: int) -> bool | None:
+        """Whether the ankle's angles, or else the efforts of the leg, say that the foot stands; None: neither does."""
+        for each in LEG_SENSORS:
+            if each in self._in_contact and self._is_recent(each, time_ns):
+                return self._in_contact[each]
+        return None
 
     def shows_contact(self, time_ns: int) -> bool:
         """Whether anything beside the IMU shows contact."""
@@ -370,10 +387,31 @@ class ContactInputs:
         change = self._leg_contact.update(0.0 if falls else load_n, time_ns)
         if self._leg_contact.stands is not None:
             self._in_contact[Input.EFFORTS] = self._leg_contact.stands
+        if change is None or (Input.ANKLE in self._in_contact and self._is_recent(Input.ANKLE, time_ns)):
+            return None  # the ankle knows better
+        kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
+        return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
+
+    def fly(self) -> None:
+        """Take that the body falls freely: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
+        if self._ankle_contact is not None:
+            self._ankle_contact.lift()
+            self._in_contact[Input.ANKLE] = False
+
+    def on_ankle(self, reading: AnkleReading, time_ns: int) -> ContactEvent | None:
+        """Take angles and rates of the ankle, where its foot hangs toe-down."""
+        if self._ankle_contact is None:
+            return None
+        self._received_ns[Input.ANKLE] = time_ns
+        change = self._ankle_contact.update(reading, time_ns)
+        if self._ankle_contact.stands is not None:
+            self._in_contact[Input.ANKLE] = self._ankle_contact.stands
         if change is None:
             return None
         kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
-        return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
+        return ContactEvent(
+            kind, time_ns, change.angle_rad, RADIAN, change.delay_s, change.probability, Source.ANKLE
+        )
 
     def on_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
         """Take angles and rates from the body down to the foot, and whether the foot stands, as far as known."""

@@ -125,7 +125,7 @@ def leg(options: RobotOptions, parameters: LegParameters | None = None, ankle: A
     """
     options = checked(options)
     parameters = parameters or LegParameters()
-    ankle = dataclasses.replace(ankle or AnkleParameters(), hang_pitch_rad=options.hang_pitch_rad)
+    ankle = dataclasses.replace(ankle or AnkleParameters(), hang_pitch_rad=math.radians(options.hang_pitch_deg))
     back_m = stance_back_m(ankle)
     sensors, limb = SensorParameters(seed=options.seed), parameters.limb
     ground = Ground.drawn(options.slope_deg, options.roughness_m, options.seed)

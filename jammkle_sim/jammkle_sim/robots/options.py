@@ -50,8 +50,8 @@ class RobotOptions:
     ankle: str = parameter(
         "jammable", "Ankles as they are, or locked for comparison", choices=tuple(each.value for each in AnkleKind)
     )
-    hang_pitch_rad: float = parameter(
-        0.52, "Pitch at which the feet hang, toe-down: the way by which the ankles give; 0: flat", "rad", 0.0, 0.8
+    hang_pitch_deg: float = parameter(
+        30.0, "Pitch at which the feet hang, toe-down: the way by which the ankles give; 0: flat", "deg", 0.0, 45.0
     )
     imu: str = parameter(
         "shank", "Where each ankle's IMU is; body: one for all", choices=tuple(each.value for each in ImuPlace)

@@ -168,7 +168,7 @@ def quadruped(
     """
     options = checked(options)
     parameters = parameters or QuadrupedParameters()
-    ankle = dataclasses.replace(ankle or AnkleParameters(), hang_pitch_rad=options.hang_pitch_rad)
+    ankle = dataclasses.replace(ankle or AnkleParameters(), hang_pitch_rad=math.radians(options.hang_pitch_deg))
     back_m = stance_back_m(ankle)
     sensors = SensorParameters(seed=options.seed)
     ground = Ground.drawn(options.slope_deg, options.roughness_m, options.seed)

@@ -40,7 +40,7 @@ STATE_PERIOD_NS = 10_000_000
 """Joints and gait's plan of a robot are reported 100 times a second, at multiples of this."""
 
 
-FLAT = {"hang_pitch_rad": 0.0, "reservoir_volume_m3": 0.0}
+FLAT = {"hang_pitch_deg": 0.0, "reservoir_volume_m3": 0.0}
 """Feet and pumps as the parameters of a bare controller and driver have them."""
 
 
