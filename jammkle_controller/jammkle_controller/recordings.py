@@ -318,7 +318,9 @@ def feed(controller: AnkleController, received: Received) -> Reaction:
     return take(value, time_ns)
 
 
-def _feed_motion(controller: AnkleController, what: AnkleReading | LegReading | LegPose | BodyTwist, time_ns: int) -> Reaction:
+def _feed_motion(
+    controller: AnkleController, what: AnkleReading | LegReading | LegPose | BodyTwist, time_ns: int
+) -> Reaction:
     if isinstance(what, AnkleReading):
         return controller.on_ankle(what, time_ns)
     if isinstance(what, LegReading):

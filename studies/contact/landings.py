@@ -145,7 +145,9 @@ def _highest_mm(pitch_rad: float, vacuum_pa: float) -> int:
 
 
 def _standing_mm(pitch_rad: float, vacuum_pa: float) -> float:
-    simulation = robot_simulation("quadruped", RobotOptions(hang_pitch_deg=math.degrees(pitch_rad), reservoir_volume_m3=0.0))
+    simulation = robot_simulation(
+        "quadruped", RobotOptions(hang_pitch_deg=math.degrees(pitch_rad), reservoir_volume_m3=0.0)
+    )
     for ankle in simulation.ankles.values():
         ankle.hold_vacuum(dict.fromkeys(CHANNELS, vacuum_pa))
     *_, last = simulation.samples(2.0, 50)

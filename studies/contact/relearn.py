@@ -1,4 +1,4 @@
-"""Learn the density ratios anew, and say whether they are better: `python -m studies.contact.relearn [--what imu|ankle] [--write]`.
+"""Learn the density ratios anew, and say whether they are better: `python -m studies.contact.relearn [--write]`.
 
 New ones are judged by cross-validation, each fold by ratios that were learned on the others; those in use may have seen
 all of it, which is in their favour. Nothing held out and no recording is in it.

@@ -302,10 +302,12 @@ def run_case(case: Case) -> Outcome:
             outcome.scores[case.part, case.source, case.mount, kind, OURS].add(scored(recording, kind, times_s))
         for foot in recording.feet or (recording,):
             if foot.legs:
-                for way, received in ((WITH_ANKLE, {"ankle": True}), (WITH_EFFORTS, {"efforts": True})):
-                    for kind, times_s in detected_by_ours(foot, **received)[0].items():
-                        key = (case.part, case.source, case.mount, kind, way)
-                        outcome.scores[key].add(scored(foot, kind, times_s))
+                for ours, found in (
+                    (WITH_ANKLE, detected_by_ours(foot, ankle=True)[0]),
+                    (WITH_EFFORTS, detected_by_ours(foot, efforts=True)[0]),
+                ):
+                    for kind, times_s in found.items():
+                        outcome.scores[case.part, case.source, case.mount, kind, ours].add(scored(foot, kind, times_s))
                 times_s = detected_by_ours(foot, ankle=True, efforts=True, odometry=True)[0]["slip"]
                 key = (case.part, case.source, case.mount, "slip", WITH_ODOMETRY)
                 outcome.scores[key].add(scored(foot, "slip", times_s))

@@ -1,9 +1,9 @@
 """Contact felt with the ankle itself: its angles against how a foot moves that swings.
 
-A foot that hangs toe-down is a sensor: the ground turns it. What a foot that swings does is known but for noise: it hangs
-as the tendons let it, lags behind a shank that is turned, and creeps back to where it hung. So the likelihood of angle
-and rates in a swing is compared with that in a stance at every reading, by a learned ratio, and a filter adds up what
-looks in a row say.
+A foot that hangs toe-down is a sensor: the ground turns it. What a foot does that swings is known but for noise: it
+hangs as the tendons let it, lags behind a shank that is turned, and creeps back to where it hung. So the likelihood of
+angle and rates in a swing is compared with that in a stance at every reading, by a learned ratio, and a filter adds up
+what looks in a row say.
 """
 
 from __future__ import annotations

@@ -393,7 +393,7 @@ class ContactInputs:
         return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
 
     def fly(self) -> None:
-        """Take that the body falls freely: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
+        """Take that the body falls: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
         if self._ankle_contact is not None:
             self._ankle_contact.lift()
             self._in_contact[Input.ANKLE] = False
@@ -409,9 +409,7 @@ class ContactInputs:
         if change is None:
             return None
         kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
-        return ContactEvent(
-            kind, time_ns, change.angle_rad, RADIAN, change.delay_s, change.probability, Source.ANKLE
-        )
+        return ContactEvent(kind, time_ns, change.angle_rad, RADIAN, change.delay_s, change.probability, Source.ANKLE)
 
     def on_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
         """Take angles and rates from the body down to the foot, and whether the foot stands, as far as known."""

@@ -90,9 +90,9 @@ def ankle_reading(message: Any, hip: str, knee: str) -> AnkleReading | None:
     places = [names.index(joint) for joint in (pitch, roll, hip, knee)]
     if min(len(message.position), len(message.velocity)) <= max(places):
         return None
-    rates = [float(message.velocity[place]) for place in places]
-    angles = (float(message.position[place]) for place in places[:2])
-    return AnkleReading(*angles, *rates[:2], rates[2] + rates[3])
+    pitch_rad, roll_rad = (float(message.position[place]) for place in places[:2])
+    pitch_rad_s, roll_rad_s, hip_rad_s, knee_rad_s = (float(message.velocity[place]) for place in places)
+    return AnkleReading(pitch_rad, roll_rad, pitch_rad_s, roll_rad_s, hip_rad_s + knee_rad_s)
 
 
 def leg_pose(message: Any, leg: Sequence[str]) -> LegPose | None:
