@@ -25,6 +25,9 @@ SHORT_S, LONG_S = 0.01, 0.02
 """Over which a change of rate is looked at, s: a touch-down stops a toe in 10 ms, what a swing's own inertia does takes
 50. On readings that come less often the change is that since the one before."""
 _ROUNDING_S = 0.001
+LEAST_TURN_RAD = 0.02
+"""By which the ground must have turned a foot from where it came closest to its hanging in this swing, rad: one that
+hangs still a few degrees off, as friction leaves it, does not stand for that. A tenth of what a stance turns it by."""
 LONGEST_S = 0.1
 """After readings were missing for so long rates of before say nothing."""
 EVIDENCE_TIME_S = 0.01
@@ -138,6 +141,7 @@ class AnkleContact:
         self._motion = AnkleMotion(hang_pitch_rad)
         self._swing = SwingFilter(ratio, EVIDENCE_TIME_S)
         self._swing.restart()
+        self._least_rad = math.inf
         self._left_ns: int | None = None
         self._side = True
         self._side_ns = 0
@@ -149,27 +153,30 @@ class AnkleContact:
 
     def update(self, reading: AnkleReading, time_ns: int) -> AnkleChange | None:
         """Take a reading; return whether the foot stands, if that has changed since it was first known."""
-        if not math.isfinite(sum(reading)):
-            return None
-        looked = self._motion.follow(reading, time_ns)
+        looked = self._motion.follow(reading, time_ns) if math.isfinite(sum(reading)) else None
         if looked is None:
             return None
-        features, interval_s = looked
-        swing = self._swing.update(features, interval_s)
+        (angle_rad, *_), interval_s = looked
+        swing = self._swing.update(looked[0], interval_s)
         if (swing < _MORE_LIKELY) is not self._side:
             self._side, self._side_ns = not self._side, time_ns
+        stands, before = self._decided(swing, angle_rad, time_ns), self.stands
+        if stands is None or stands is before:
+            return None
+        self.stands = stands
+        if before is None:
+            return None
+        delay_s = (time_ns - self._side_ns) / NANOSECONDS_PER_SECOND if self._side is stands else 0.0
+        return AnkleChange(stands, abs(angle_rad), delay_s, 1.0 - swing if stands else swing)
+
+    def _decided(self, swing: float, angle_rad: float, time_ns: int) -> bool | None:
+        """Return whether the foot stands, by the probability that it swings; None: that is not said now."""
+        self._least_rad = min(self._least_rad, angle_rad) if self.stands is False else angle_rad
         if swing < LEFT_PROBABILITY:
             self._left_ns = None
-        elif self._left_ns is None:
+            turned = self.stands is not False or angle_rad - self._least_rad >= LEAST_TURN_RAD
+            return True if swing <= STANDS_PROBABILITY and turned else None
+        if self._left_ns is None:
             self._left_ns = time_ns
-        if STANDS_PROBABILITY < swing < LEFT_PROBABILITY or (swing <= STANDS_PROBABILITY) is self.stands:
-            return None
-        if self.stands and self._left_ns is not None:
-            left_s = (time_ns - self._left_ns) / NANOSECONDS_PER_SECOND
-            if left_s < CONFIRM_S - _ROUNDING_S:
-                return None
-        known, self.stands = self.stands is not None, swing <= STANDS_PROBABILITY
-        if not known:
-            return None
-        delay_s = (time_ns - self._side_ns) / NANOSECONDS_PER_SECOND if self._side is self.stands else 0.0
-        return AnkleChange(self.stands, abs(features[0]), delay_s, 1.0 - swing if self.stands else swing)
+        left_s = (time_ns - self._left_ns) / NANOSECONDS_PER_SECOND
+        return None if self.stands and left_s < CONFIRM_S - _ROUNDING_S else False
