@@ -90,7 +90,8 @@ def test_free_fall_says_more_than_an_angle() -> None:
         time_ns = begun_ns + round(step * IMU_S * NANOSECONDS_PER_SECOND)
         if step % round(READ_S / IMU_S) == 0:
             kinds += controller.on_ankle(AnkleReading(BEARS_RAD, 0.0, 0.0, 0.0, 0.0), time_ns).events
-        kinds += controller.update(still(step, time_ns, 0.3)).events
+        force_m_s2 = max(0.3, STANDARD_GRAVITY_M_S2 * (1.0 - 0.15 * step))  # let go within 15 ms
+        kinds += controller.update(still(step, time_ns, force_m_s2)).events
     assert [event.kind for event in kinds] == [ContactKind.LIFTOFF]
     assert controller.contact.contact is Contact.NO_CONTACT
 

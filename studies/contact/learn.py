@@ -88,14 +88,13 @@ def learn_ankle(runs: Sequence[tuple[float, list[LabelledRecording]]]) -> dict[s
         for recording in recordings:
             motion, readings = AnkleMotion(hang_rad), recording.ankle_readings()
             times_s = np.array([at_ns for at_ns, _ in readings]) / NANOSECONDS_PER_SECOND
-            # what is dropped hangs before it first touches, and hangs still
-            stands = recording.in_contact(times_s) & (times_s >= min(recording.touches_s, default=np.inf))
-            changes = np.array([*recording.touches_s[:1], *recording.touchdowns_s, *recording.liftoffs_s, np.inf])
+            stands = recording.in_contact(times_s)
+            # what is dropped hangs still before it first touches, and counts as neither
+            touched_s = min(recording.touches_s, default=np.inf)
+            changes = np.array([touched_s, *recording.touchdowns_s, *recording.liftoffs_s])
             for (at_ns, reading), at_s, on_ground in zip(readings, times_s.tolist(), stands.tolist(), strict=True):
                 looked = motion.follow(reading, at_ns)
-                clear = float(np.abs(changes - at_s).min()) > _ANKLE_UNSURE_S and at_s > min(
-                    recording.touches_s, default=np.inf
-                )
+                clear = float(np.abs(changes - at_s).min()) > _ANKLE_UNSURE_S and at_s > touched_s
                 if looked is not None and clear and at_s > CLOCK_START_S + SEEN_S:
                     rows.append((looked[0], not on_ground))
     return {"swing_ankle": _fitted(rows, balanced=True)}
