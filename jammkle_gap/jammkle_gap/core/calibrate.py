@@ -311,19 +311,24 @@ class Discrepancy:
             accuracy: Share of each signal's range; 0: scatter alone.
 
         Returns:
-            With an error that is another one in every bin, and with one that lasts for a block and resembles an effect.
+            With an error that is another one in every bin, and with one that lasts for a block as well.
 
         """
-        error = np.square(accuracy * self._range)
-        return self._whitened(self._base + error), self._whitened(self._base + self._per_block * error)
+        error = accuracy * self._range
+        lasting = [np.zeros((each.size, 0)) for each in self._difference.settings]
+        parts = (np.split(values, self._ends) for values in (error, self._blocks))
+        for k, size, blocks in zip(self._used, *parts, strict=True):
+            lasting[k] = size[:, np.newaxis] * (blocks[:, np.newaxis] == np.unique(blocks))
+        by_bin = self._base + np.square(error)
+        return self._whitened(by_bin), self._whitened(by_bin, lasting)
 
-    def _whitened(self, total: NDArray[np.float64]) -> Difference:
+    def _whitened(self, total: NDArray[np.float64], lasting: Sequence[NDArray[np.float64]] = ()) -> Difference:
         settings = self._difference.settings
         own = [np.zeros(each.size) for each in settings]
         parts = np.split((total - self._base) / self._factor, self._ends)
         for k, part in zip(self._used, parts, strict=True):
             own[k] = part
-        return with_discrepancy(self._difference, self._residuals, own)
+        return with_discrepancy(self._difference, self._residuals, own, lasting)
 
     def left_per_feature(self, fit: Fit) -> float:
         """Return what a candidate leaves per feature beyond scatter and constants, in the variance of scatter."""

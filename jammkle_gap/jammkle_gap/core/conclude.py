@@ -354,6 +354,10 @@ def _verdict(detection: Detection, posterior: Posterior) -> Verdict:
     return Verdict.EFFECTS if len(posterior.credible) == 1 else Verdict.AMBIGUOUS
 
 
+_FAR = 3.0
+"""Standard deviations from which on a constant is said to lie beyond its tolerance."""
+
+
 def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evidence: Evidence) -> tuple[str, ...]:
     first = (
         f"the difference is {np.sqrt(detection.ratio):.2f} times healthy scatter; a healthy machine shows as much with "
@@ -368,7 +372,9 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
             f"probability of {detection.p_value:.2g}"
         )
     if verdict is Verdict.NO_GAP:
-        return (first,)
+        far = [each for each in _constants(evidence, None) if abs(each.deviations) > _FAR]
+        moved = ", ".join(f"{each.name} by {each.deviations:+.1f}" for each in far)
+        return (first, f"beyond its tolerance, in standard deviations: {moved}") if far else (first,)
     best = next((names for names in posterior.probabilities if names != NONE_OF_THEM), None)
     if best is None:
         return (first, "no effect on offer moves these signals")

@@ -425,7 +425,10 @@ def difference_of(
 
 
 def with_discrepancy(
-    difference: Difference, residuals: Sequence[Residuals], own: Sequence[NDArray[np.float64]]
+    difference: Difference,
+    residuals: Sequence[Residuals],
+    own: Sequence[NDArray[np.float64]],
+    lasting: Sequence[NDArray[np.float64]] = (),
 ) -> Difference:
     """Return the difference whitened by its scatter together with model discrepancy.
 
@@ -433,11 +436,15 @@ def with_discrepancy(
         difference: With its scatter.
         residuals: Of each setting.
         own: Variance of model discrepancy in each feature of one run, per setting.
+        lasting: Columns of model discrepancy that features share, per setting, shape (features, columns); empty: none.
 
     """
     settings = difference.settings
     variances = [each.scatter.variance + more for each, more in zip(settings, own, strict=True)]
     columns = [each.columns / np.sqrt(each.factor) for each in settings]
+    if lasting:
+        pairs = zip(columns, lasting, settings, strict=True)
+        columns = [np.hstack([known, more / np.sqrt(each.factor)]) for known, more, each in pairs]
     whiteners = tuple(Whitener(variance, each) for variance, each in zip(variances, columns, strict=True))
     shared = [
         whitener((each.shared / np.sqrt(each.factor)).T).T for whitener, each in zip(whiteners, settings, strict=True)
