@@ -126,13 +126,21 @@ def run(name: str, recorded: Samples, **changed: Any) -> Run:
     return run_of_arrays(name, recorded["time_s"], measured, {} if "commands" in without else commands)
 
 
-def write_bag(path: Path, recorded: Samples, form: str = "trajectory") -> Path:
+def write_csv(path: Path, recorded: Samples) -> Path:
+    """Write samples as a CSV file."""
+    rows = np.column_stack(list(recorded.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(recorded), comments="")
+    return path
+
+
+def write_bag(path: Path, recorded: Samples, form: str = "trajectory", ahead_s: float = 0.0) -> Path:
     """Write samples as a bag with `joint_states` and commands.
 
     Args:
         path: Folder of the bag.
         recorded: The samples.
         form: Of the commands: `trajectory`, `array` (Float64MultiArray), `states` (JointState), or `none`.
+        ahead_s: By which the clock of the commands' stamps is ahead.
 
     """
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -158,6 +166,8 @@ def write_bag(path: Path, recorded: Samples, form: str = "trajectory") -> Path:
             asked = np.array([recorded[f"command.{name}.position"][k] for name in names])
             if commanded is None:
                 continue
+            stamp_ns = round((at_s + 100.0 + ahead_s) * 1e9)
+            header = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), "")
             if form == "trajectory":
                 point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"](
                     asked, none, none, none, duration_type(0, 0)
@@ -168,5 +178,5 @@ def write_bag(path: Path, recorded: Samples, form: str = "trajectory") -> Path:
                 command = store.types[commanded.msgtype](layout, asked)
             else:
                 command = store.types[commanded.msgtype](header, names, asked, none, none)
-            writer.write(commanded, stamp_ns, store.serialize_cdr(command, commanded.msgtype))
+            writer.write(commanded, round((at_s + 100.0) * 1e9), store.serialize_cdr(command, commanded.msgtype))
     return path

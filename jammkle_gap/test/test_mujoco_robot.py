@@ -120,6 +120,32 @@ def test_gripper_that_nobody_commands_is_held(tmp_path: Path, recorded: robot_ar
     assert all(not signal.name.startswith("elbow") for signal in compared[0].signals)
 
 
+def test_stamps_of_two_clocks_are_set_together_and_said(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Commands that are stamped an hour ahead are those of the same motion, and the notes say so."""
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, "trajectory", ahead_s=3600.0)
+    (run,), _ = matched(robot_arm.write_model(tmp_path), [bag])
+    asked = run.commands["elbow", Quantity.POSITION].at(recorded["time_s"] + 1e-4)
+    assert np.allclose(asked[1:], recorded["command.elbow.position"][1:], atol=1e-3)
+    (note,) = [each for each in run.notes if "/arm/joint_trajectory" in each]
+    assert "clock" in note
+    assert "\n" not in note
+
+
+CHAINED = """
+  <tendon><fixed name="cable"><joint joint="elbow" coef="0.1"/></fixed></tendon>
+  <equality><connect name="strut" body1="tool" body2="world" anchor="0 0 0" active="false"/></equality>
+  <actuator><motor name="winch" tendon="cable"/>"""
+
+
+def test_closed_chains_and_tendons_are_named(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """What no effect acts on stands in the notes, by its name in the model."""
+    model = robot_arm.write_model(tmp_path)
+    model.write_text(model.read_text().replace("<actuator>", CHAINED))
+    _, robot = matched(model, [robot_arm.run("one", recorded)])
+    assert any("closed chains" in note and "strut" in note for note in robot.notes)
+    assert any("actuators on tendons" in note and "winch" in note for note in robot.notes)
+
+
 def made(folder: Path, samples: robot_arm.Samples, search_s: float = 20.0) -> tuple[Robot, RobotSimulator, list]:
     """Return a matched robot, its simulator with every effect, and what is compared of a run."""
     runs, robot = matched(robot_arm.write_model(folder), [robot_arm.run("one", samples)])

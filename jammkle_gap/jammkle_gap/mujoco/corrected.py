@@ -29,6 +29,7 @@ _UNSAID = (
     "command_delay_s",
     "arrival_s",
     "reading_delay_s",
+    "effort_delay_s",
     "clock_rate",
     "set_point_lag_s",
     "forward_share",

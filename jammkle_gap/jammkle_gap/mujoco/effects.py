@@ -224,21 +224,21 @@ def _lag(machine: Machine, joint: str, values: Sequence[float]) -> None:
 
 
 _SHEETS = "data sheets of gears and servos: no-load running torque of a tenth to a half of the rated one"
-_BY_MOTION = "assumed: up to what the motion takes of torque, and twice that of a torque that grows with speed"
+_BY_MOTION = "assumed: up to what the motion takes of torque, and four times that of a torque that grows with speed"
 FAMILIES = (
     Family("friction", "joints", (Number("torque", "torque", 0.0, 0.0, 1.0, _BY_MOTION),), _friction,
            "{where} rub more than the model says", "turn by hand with the motors off; look at bearings and seals"),
-    Family("damping", "joints", (Number("coefficient", "damping", 0.0, 0.0, 2.0, _BY_MOTION),), _damping,
+    Family("damping", "joints", (Number("coefficient", "damping", 0.0, 0.0, 4.0, _BY_MOTION),), _damping,
            "{where} are slowed by their speed more than the model says", "look at the grease and its temperature"),
     Family("stribeck", "joints",
-           (Number("torque", "torque", 0.0, 0.0, 0.4, _SHEETS),
+           (Number("torque", "torque", 0.0, 0.0, 0.8, _SHEETS),
             Number("speed", "speed", 0.1, 0.02, 0.3, "Armstrong-Helouvry 1991: a hundredth to a third of the speed")),
            _stribeck, "{where} stick before they slide", "look at the lubrication, and at preload of the bearings"),
     Family("load_friction", "joints",
            (Number("share", "share", 0.0, 0.0, 0.5, "efficiency of gears of 50 to 100 %"),), _load_friction,
            "gears of {where} rub in proportion to their load", "look at the wear of the gears"),
     Family("armature", "joints",
-           (Number("inertia", "inertia", 0.0, 0.0, 1.0, "rotors by the gear ratio squared: up to that of the links"),),
+           (Number("inertia", "inertia", 0.0, 0.0, 2.0, "rotors by the gear ratio squared: twice that of links"),),
            _armature, "{where} have more rotor inertia than the model", "look up rotor and gear in the data sheet"),
     Family("torque_constant", "drives",
            (Number("scale", "share", 1.0, 0.6, 1.4, "motors from hot to cold, and wrong entries of a data sheet"),),
@@ -378,7 +378,7 @@ class Timing:
 
     def __call__(self, machine: Machine, values: Sequence[float]) -> None:
         """Change the machine."""
-        setattr(machine, self.name, values[0])
+        setattr(machine, self.name, getattr(machine, self.name) + values[0])
 
 
 @dataclass(frozen=True)
@@ -421,6 +421,19 @@ class GainChange:
 
 
 @dataclass(frozen=True)
+class DofScale:
+    """Another friction, damping or armature of a joint, as a share of the model's."""
+
+    joint: str
+    field: str
+    """Of the model."""
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        getattr(machine.model, self.field)[machine.robot.dof(self.joint)] *= values[0]
+
+
+@dataclass(frozen=True)
 class EffortScale:
     """Another reading of an effort."""
 
@@ -437,6 +450,8 @@ class Offer:
 
     library: Library
     constants: tuple[Nuisance, ...]
+    scatter: tuple[Nuisance, ...]
+    """What no two runs have the same."""
     changes: Mapping[str, tuple[tuple[str, ...], tuple[float, ...], Any]]
     members: Mapping[str, tuple[str, ...]]
     """By effect that joints share, the effects of single joints."""
@@ -453,6 +468,15 @@ def offer_of(robot: Robot, scales: Mapping[str, Scale]) -> Offer:
         keys = tuple(effect.key(each) for each in effect.parameters)
         changes[effect.name] = (keys, tuple(each.null for each in effect.parameters), change)
 
+    constants = []
+    for nuisance, change in _constants(robot):
+        constants.append(nuisance)
+        changes[nuisance.name] = ((nuisance.name,), (nuisance.null,), change)
+    scatter = []
+    if robot.drives:
+        source = "the clocks of computer and drive meet anew in each run: within half a cycle of 1 kHz"
+        scatter.append(Nuisance("run/arrival", "s", 0.0, 0.0005, source, -0.01, 0.01))
+        changes["run/arrival"] = (("run/arrival",), (0.0,), Timing("arrival_s"))
     driven = {each.joint for each in robot.drives}
     at_position = {each.joint for each in robot.drives if each.quantity is Quantity.POSITION}
     for number, family in enumerate(FAMILIES):
@@ -470,11 +494,7 @@ def offer_of(robot: Robot, scales: Mapping[str, Scale]) -> Offer:
             offered(effect, change)
     for effect, change in (*_of_links(robot), *_of_all(robot)):
         offered(effect, change)
-    constants = []
-    for nuisance, change in _constants(robot):
-        constants.append(nuisance)
-        changes[nuisance.name] = ((nuisance.name,), (nuisance.null,), change)
-    return Offer(Library(tuple(effects)), tuple(constants), changes, members)
+    return Offer(Library(tuple(effects)), tuple(constants), tuple(scatter), changes, members)
 
 
 def groups_of(robot: Robot, joints: Sequence[str]) -> dict[str, tuple[str, ...]]:
@@ -646,26 +666,61 @@ def _of_all(robot: Robot) -> list[tuple[Effect, Any]]:
     return found
 
 
+_TOLERANCES = {"mass": 0.025, "length": 0.02, "gain": 0.025}
+"""Standard deviations, as shares, of what no machine has as its model says. Assumed: drawings and data sheets are kept
+within 2 to 3 %. Friction, damping and armature have none unless the map gives one: they are effects."""
+_FARTHEST = 4.0
+"""Standard deviations up to which a constant is looked for."""
+
+
+def _share(robot: Robot, name: str, kind: str) -> Nuisance:
+    """Return a constant that scales what the model says, with the tolerance of its kind."""
+    given = robot.given.tolerances.get(kind)
+    sigma = _TOLERANCES[kind] if given is None else given
+    source = "drawings and data sheets: within 2 to 3 %" if given is None else f"the map: within {100.0 * given:g} %"
+    return Nuisance(name, "1", 1.0, sigma, source, max(1.0 - _FARTHEST * sigma, 0.05), 1.0 + _FARTHEST * sigma)
+
+
 def _constants(robot: Robot) -> list[tuple[Nuisance, Any]]:
-    """Return masses, lengths and gains, which no machine has as its drawings say."""
-    drawn, sheet = "drawings: within 2 to 3 %", "data sheets: within 2 to 3 %"
+    """Return masses, lengths, gains and times of arrival, and what else the map gives a tolerance."""
     found: list[tuple[Nuisance, Any]] = []
     for name in moving_bodies(robot):
-        found.append((Nuisance(f"{name}/mass", "1", 1.0, 0.025, drawn, 0.9, 1.1), MassChange(name)))
+        found.append((_share(robot, f"{name}/mass", "mass"), MassChange(name)))
         if _extent(robot, name) > 0.0:
-            found.append((Nuisance(f"{name}/length", "1", 1.0, 0.02, drawn, 0.9, 1.1), LengthChange(name)))
+            found.append((_share(robot, f"{name}/length", "length"), LengthChange(name)))
     if robot.drives:
         source = "a recorder stamps commands when it receives them: within milliseconds"
         found.append((Nuisance("commands/arrival", "s", 0.0, 0.003, source, -0.01, 0.01), Timing("arrival_s")))
-    for drive in robot.drives:
-        if drive.joint in robot.estimated:
-            guess = "estimated from efforts: within 20 %"
-            for label, change in (("kp", GainChange(drive.joint, kd=False)), ("kd", GainChange(drive.joint, kp=False))):
-                found.append((Nuisance(f"{drive.joint}/{label}", "1", 1.0, 0.2, guess, 0.3, 3.0), change))
-        else:
-            found.append((Nuisance(f"{drive.joint}/gain", "1", 1.0, 0.025, sheet, 0.9, 1.1), GainChange(drive.joint)))
+    if robot.efforts:
+        source = "a drive reads position and effort within a cycle of its own: within milliseconds"
+        found.append((Nuisance("efforts/arrival", "s", 0.0, 0.002, source, -0.01, 0.01), Timing("effort_delay_s")))
+    found += _gain_constants(robot)
+    for kind, own in _BY_DOF.items():
+        if kind in robot.given.tolerances:
+            able = [name for name in robot.joints if getattr(robot.model, own)[robot.dof(name)] > 0.0]
+            found += [(_share(robot, f"{name}/{kind}", kind), DofScale(name, own)) for name in able]
     for joint in robot.given.torque_constants:
         if joint in robot.efforts:
             source = "data sheets: torque constants within 5 %"
             found.append((Nuisance(f"{joint}/torque_constant", "1", 1.0, 0.05, source, 0.7, 1.3), EffortScale(joint)))
+    return found
+
+
+_BY_DOF = {"friction": "dof_frictionloss", "damping": "dof_damping", "armature": "dof_armature"}
+
+
+def _gain_constants(robot: Robot) -> list[tuple[Nuisance, Any]]:
+    """Return the gains of drives: both together, and kd by itself, as the step of a model damps a little, too."""
+    guess = "estimated from efforts: within 20 %"
+    found: list[tuple[Nuisance, Any]] = []
+    for drive in robot.drives:
+        joint = drive.joint
+        kp, kd = GainChange(joint, kd=False), GainChange(joint, kp=False)
+        if joint in robot.estimated:
+            found.append((Nuisance(f"{joint}/kp", "1", 1.0, 0.2, guess, 0.3, 3.0), kp))
+            found.append((Nuisance(f"{joint}/kd", "1", 1.0, 0.2, guess, 0.3, 3.0), kd))
+            continue
+        found.append((_share(robot, f"{joint}/gain", "gain"), GainChange(joint)))
+        if drive.quantity is Quantity.POSITION and robot.model.actuator(drive.actuator).biasprm[2] != 0.0:
+            found.append((_share(robot, f"{joint}/kd", "gain"), kd))
     return found

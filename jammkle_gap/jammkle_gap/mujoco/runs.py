@@ -11,6 +11,7 @@ Names, signs, offsets and units follow a map where recording and model do not ag
     torque_constants: {joint1: 0.12}       # N m/A, where efforts are currents
     base: held                             # or free
     noise: {position: 0.001, effort: 0.1}  # of one reading, by the data sheet
+    tolerances: {friction: 0.5}            # of what the model says, as a standard deviation and share of it
 """
 
 from __future__ import annotations
@@ -72,6 +73,22 @@ class Track:
         """Return the values at some times; before and after as at the ends."""
         found: NDArray[np.float64] = np.interp(time_s, self.time_s, self.values)
         return found
+
+    def mean_about(self, time_s: NDArray[np.float64], width_s: float) -> NDArray[np.float64]:
+        """Return means over stretches about some times, so that a step that falls on one of them counts half."""
+        times, values = self.time_s, self.values
+        spans = np.diff(times)
+        area = np.concatenate(([0.0], np.cumsum(0.5 * spans * (values[1:] + values[:-1]))))
+        slopes = np.append(np.divide(np.diff(values), spans, out=np.zeros_like(spans), where=spans > 0.0), 0.0)
+
+        def integral(at: NDArray[np.float64]) -> NDArray[np.float64]:
+            last = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 1)
+            since = at - times[last]
+            slope = np.where(since < 0.0, 0.0, slopes[last])  # before the first it is as there
+            found: NDArray[np.float64] = area[last] + since * (values[last] + 0.5 * slope * since)
+            return found
+
+        return (integral(time_s + 0.5 * width_s) - integral(time_s - 0.5 * width_s)) / width_s
 
     def changed(self, factor: float, offset: float) -> Track:
         """Return `factor * values + offset`."""
@@ -138,9 +155,12 @@ class RobotMap:
     base: Base = Base.HELD
     noise: Mapping[Quantity, float] = field(default_factory=dict)
     """Standard deviation of one reading, SI; those not in it are estimated."""
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of what the model says of every body, joint or drive, as a share of it, by `TOLERATED`."""
 
 
-_KEYS = ("joints", "units", "commands", "gains", "torque_constants", "base", "noise")
+_KEYS = ("joints", "units", "commands", "gains", "torque_constants", "base", "noise", "tolerances")
+TOLERATED = ("mass", "length", "gain", "friction", "damping", "armature")
 _LOCKED = "locked"
 
 
@@ -187,6 +207,12 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
     for name, said in dict(table.get("gains") or {}).items():
         _check_keys(said, ("kp", "kd"), f"{where}, gains of {name}")
         gains[str(name)] = Gains(float(said["kp"]), float(said.get("kd", 0.0)))
+    tolerances = {str(name): float(value) for name, value in dict(table.get("tolerances") or {}).items()}
+    _check_keys(tolerances, TOLERATED, f"{where}, tolerances")
+    for name, value in tolerances.items():
+        if not 0.0 < value < 1.0:
+            msg = f"{where}, tolerances: {name} {value:g} must be a share of what the model says, above 0 and below 1"
+            raise BadRobotError(msg)
     return RobotMap(
         joints,
         tuple(locked),
@@ -198,6 +224,7 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         {str(name): float(value) for name, value in dict(table.get("torque_constants") or {}).items()},
         Base(table.get("base", "held")),
         {Quantity(name): float(value) for name, value in dict(table.get("noise") or {}).items()},
+        tolerances,
     )
 
 

@@ -1,11 +1,10 @@
-"""Which effects of a long list promise most, and effects and constants fitted together.
+"""Which effects of a long list promise most.
 
 All effects are screened by one Jacobian per recording, beside the constants of the machine with their priors.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries 
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import Library
 from jammkle_gap.core.features import features_of, layout_of, measured
-from jammkle_gap.core.result import Verdict
 from jammkle_gap.core.simulate import InfeasibleError
 from jammkle_gap.mujoco.runs import BadRobotError
 
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.effects import Effect
-    from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.mujoco.effects import Offer
     from jammkle_gap.mujoco.simulator import RobotSimulator
 
@@ -233,85 +230,3 @@ def _ordered(metric: _Metric, able: Sequence[_Way]) -> list[str]:
         others = [name for name in sorted(beside, key=lambda name: -beside[name]) if name not in names]
         names += others[: _OFFERED // 6]
     return names
-
-
-def joint_fit(
-    simulator: RobotSimulator, offer: Offer, recordings: Sequence[Recording], found: Diagnosis, jobs: int
-) -> dict[str, float]:
-    """Return the effects that were found and all constants, fitted together from where the diagnosis left the effects.
-
-    Gauss-Newton with the constants' priors, and steps that are halved while they make things worse. What the simulator
-    leaves beyond noise counts as noise, as a whole: without that, priors would not count at all.
-    """
-    unknown = _unknowns(offer, found)
-    space = _Whitened(simulator, recordings, jobs)
-    place, current = unknown.start, space.made(unknown.named(unknown.start))
-    if current is None:
-        return {}
-    left = space.data - current
-    for _ in range(_FIT_STEPS):
-        noise = max(float(left @ left) / len(left), 1.0)
-        turned = np.where(place + unknown.steps > unknown.high, -unknown.steps, unknown.steps)
-        made = space.all([unknown.named(place + turn) for turn in np.diag(turned)], lambda _share: None)
-        base = space.data - left
-        slopes = np.array([np.zeros_like(base) if each is None else (each - base) * np.sign(turn)
-                           for each, turn in zip(made, turned, strict=True)]).T  # fmt: skip
-        normal = slopes.T @ slopes / noise + np.diag(unknown.weights)
-        right = slopes.T @ left / noise - unknown.pull(place)
-        move = unknown.steps * np.linalg.lstsq(normal, right, rcond=1e-9)[0]
-        before = unknown.cost(left, place, noise)
-        for halved in range(_HALVINGS):
-            tried = np.clip(place + move / 2.0**halved, unknown.low, unknown.high)
-            made_there = space.made(unknown.named(tried))
-            if made_there is not None and unknown.cost(space.data - made_there, tried, noise) < before:
-                break
-        else:
-            break
-        place, left = tried, space.data - made_there
-        if before - unknown.cost(left, place, noise) < _SETTLED * before:
-            break
-    return unknown.named(place)
-
-
-@dataclass(frozen=True)
-class _Unknowns:
-    """Numbers that are fitted together, each of shape (n,)."""
-
-    keys: tuple[str, ...]
-    start: Array
-    steps: Array
-    """Differences that slopes are taken over; of a constant one standard deviation of its prior."""
-    low: Array
-    high: Array
-    weights: Array
-    """1 where there is a prior."""
-
-    def named(self, place: Array) -> dict[str, float]:
-        """Return the numbers by name."""
-        return dict(zip(self.keys, place.tolist(), strict=True))
-
-    def pull(self, place: Array) -> Array:
-        """Return half the slope of the priors' cost, per step."""
-        return self.weights * (place - self.start) / self.steps
-
-    def cost(self, left: Array, place: Array, noise: float) -> float:
-        """Return twice the negative logarithm of the posterior, but for a constant."""
-        return float(left @ left) / noise + float(np.square(self.pull(place)).sum())
-
-
-def _unknowns(offer: Offer, found: Diagnosis) -> _Unknowns:
-    rows: list[tuple[str, float, float, float, float, float]] = []
-    for fitted in found.effects if found.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS} else ():
-        effect = offer.library.effect(fitted.name)
-        for parameter, own in zip(effect.parameters, fitted.parameters, strict=True):
-            step = 0.02 * (parameter.maximum - parameter.minimum)
-            rows.append((effect.key(parameter), own.value, step, parameter.minimum, parameter.maximum, 0.0))
-    rows += [(each.name, each.null, each.sigma, each.minimum, each.maximum, 1.0) for each in offer.constants]
-    keys, *columns = zip(*rows, strict=True)
-    return _Unknowns(tuple(map(str, keys)), *(np.array(each, dtype=np.float64) for each in columns))
-
-
-_FIT_STEPS = 4
-_HALVINGS = 4
-_SETTLED = 1e-3
-"""Share of the cost by which a last step makes it less."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -88,6 +89,8 @@ class Machine:
     arrival_s: float = 0.0
     """Delay of commands within a period of theirs, s, which no recording says."""
     reading_delay_s: float = 0.0
+    effort_delay_s: float = 0.0
+    """Of efforts behind positions of the same stamp, s."""
     clock_rate: float = 0.0
     """How much faster the clock of the readings runs than that of the commands, as a share."""
     set_point_lag_s: Mapping[str, float] = field(default_factory=dict)
@@ -109,6 +112,11 @@ class Machine:
     load_friction: dict[str, float] = field(default_factory=dict)
     """Friction per transmitted effort."""
 
+    @cached_property
+    def data(self) -> mujoco.MjData:
+        """Room to run the model in; what it holds is of the run before."""
+        return mujoco.MjData(self.model)
+
     def needs_steps(self) -> bool:
         """Return whether something changes within a run that a model cannot say."""
         return bool(self.stribeck or self.load_friction or self.slack)
@@ -127,7 +135,8 @@ class RobotSimulator:
 
     robot: Robot
     changes: Mapping[str, tuple[tuple[str, ...], tuple[float, ...], Change]]
-    """By effect or constant: keys of its values, at which values it does nothing, and what it does."""
+    """By constant or effect: keys of its values, at which values it does nothing, and what it does, in turn: a machine
+    is within its tolerances before anything is wrong with it."""
 
     def machine(self, values: Mapping[str, float]) -> Machine:
         """Return the machine with some values.
@@ -137,9 +146,10 @@ class RobotSimulator:
 
         """
         machine = Machine(self.robot, copy.copy(self.robot.model))
-        asked = dict.fromkeys(key if key in self.changes else key.rpartition(".")[0] for key in values)
-        for name in asked:
-            keys, nulls, change = self.changes[name]
+        asked = {key if key in self.changes else key.rpartition(".")[0] for key in values}
+        for name, (keys, nulls, change) in self.changes.items():
+            if name not in asked:
+                continue
             own = [values.get(key, null) for key, null in zip(keys, nulls, strict=True)]
             if any(value != null for value, null in zip(own, nulls, strict=True)):
                 change(machine, own)
@@ -147,7 +157,7 @@ class RobotSimulator:
         if (model.body_mass < 0.0).any() or (model.dof_armature < 0.0).any():
             msg = "a mass or an armature is below 0"
             raise InfeasibleError(msg)
-        mujoco.mj_setConst(model, mujoco.MjData(model))
+        mujoco.mj_setConst(model, machine.data)
         return machine
 
     def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, Array]:
@@ -239,7 +249,8 @@ def _forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str
         length = motion.end_s
     count = int(np.ceil(length / step_s)) + 1
     begins = np.array(motion.starts_s) - LEAD_S
-    controls = _controls(machine, motion, begins, count)
+    asked = _asked(machine, motion)
+    controls = _controls(machine, motion, asked, begins, count)
     starts = _starts(machine, motion, begins)
     joints = [int(model.joint(name).qposadr[0]) for name in robot.joints]
     sensed = list(dict.fromkeys((*robot.efforts, *(each.joint for each in robot.drives))))
@@ -247,7 +258,7 @@ def _forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str
     if machine.needs_steps():
         position, efforts = _stepped(machine, starts, controls, joints, sensors)
     else:
-        states, read = rollout.rollout(model, mujoco.MjData(model), starts, controls)
+        states, read = rollout.rollout(model, machine.data, starts, controls)
         position = np.concatenate([starts[:, np.newaxis, 1:][:, :, joints], states[:, :-1, 1:][:, :, joints]], axis=1)
         efforts = read[:, :, sensors]
     if not np.isfinite(position).all() or np.abs(position).max() > _WILD:
@@ -264,17 +275,28 @@ def _forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str
             if joint in machine.compliance:
                 values = values + machine.compliance[joint] * efforts[:, :, sensed.index(joint)]
             values = machine.scale.get(joint, 1.0) * values + machine.offset.get(joint, 0.0)
-        else:
-            values = machine.effort_scale.get(joint, 1.0) * efforts[:, :, sensed.index(joint)]
-        found[signal.name] = _read(machine, motion, begins, ticks, values, signal.time_s)
+            found[signal.name] = _read(machine, motion, begins, ticks, values, signal.time_s)
+            continue
+        values = efforts[:, :, sensed.index(joint)]
+        read = _read(machine, motion, begins, ticks + machine.effort_delay_s, values, signal.time_s)
+        read += _between_ticks(machine, motion, asked, controls, joint, begins, signal.time_s, read)
+        found[signal.name] = machine.effort_scale.get(joint, 1.0) * read
     return found
 
 
 def _read(machine: Machine, motion: Motion, begins: Array, ticks: Array, values: Array, time_s: Array) -> Array:
-    """Return the readings of one quantity at the times of its signal, by when they were really taken."""
-    window = np.minimum((time_s / motion.window_s).astype(int), len(motion.starts_s) - 1)
-    stamp_s = np.array(motion.starts_s)[window] + time_s - window * motion.window_s
-    real_s = stamp_s * (1.0 + machine.clock_rate) - machine.reading_delay_s
+    """Return the readings of one quantity at the times of its signal, by when they were really taken.
+
+    Args:
+        machine: Whose clock and delay count.
+        motion: With the windows.
+        begins: When each begins to run, s.
+        ticks: Since then, when a value is there to be read, shape (count,), s.
+        values: Shape (windows, count).
+        time_s: Of the readings, one window after the other, s.
+
+    """
+    real_s, window = _taken_at(machine, motion, time_s)
     found = np.empty_like(time_s)
     for k, begin_s in enumerate(begins):
         own = window == k
@@ -282,13 +304,67 @@ def _read(machine: Machine, motion: Motion, begins: Array, ticks: Array, values:
     return found
 
 
-def _controls(machine: Machine, motion: Motion, begins: Array, count: int) -> Array:
-    """Return the controls of every window, shape (windows, count, actuators)."""
+def _taken_at(machine: Machine, motion: Motion, time_s: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Return when readings were really taken, s since the start of the recording, and the window of each."""
+    window = np.minimum((time_s / motion.window_s).astype(np.intp), len(motion.starts_s) - 1)
+    stamp_s = np.array(motion.starts_s)[window] + time_s - window * motion.window_s
+    return stamp_s * (1.0 + machine.clock_rate) - machine.reading_delay_s, window
+
+
+def _between_ticks(
+    machine: Machine,
+    motion: Motion,
+    asked: Array,
+    controls: Array,
+    joint: str,
+    begins: Array,
+    time_s: Array,
+    made: Array,
+) -> Array:
+    """Return what the effort of a drive differs by between the model's steps, as its set point comes in steps.
+
+    Args:
+        machine: Whose drive it is.
+        motion: With the windows.
+        asked: Set points on the motion's grid, shape (n, drives).
+        controls: Those of every step, shape (windows, count, actuators).
+        joint: Which the drive moves.
+        begins: When each window begins to run, s.
+        time_s: Of the readings, s.
+        made: Efforts at these times, straight from step to step; N m or N.
+
+    """
+    columns = [column for column, each in enumerate(machine.robot.drives) if each.joint == joint]
+    if not columns:
+        return np.zeros_like(time_s)
+    actuator = machine.model.actuator(machine.robot.drives[columns[0]].actuator)
+    step_s = float(machine.model.opt.timestep)
+    grid = motion.step_s * np.arange(len(asked))
+    at, window = _taken_at(machine, motion, time_s)
+    at -= machine.effort_delay_s
+    found = np.empty_like(time_s)
+    # An effort is that of the step before: its set point is that of the middle of this step.
+    ticks = step_s * np.arange(1, controls.shape[1] + 1)
+    late_s = 0.5 * step_s + machine.command_delay_s + machine.arrival_s
+    for k, begin_s in enumerate(begins):
+        own = window == k
+        exact = np.interp(at[own] - late_s, grid, asked[:, columns[0]])
+        found[own] = exact - np.interp(at[own] - begin_s, ticks, controls[k, :, int(actuator.id)])
+    found *= float(actuator.gainprm[0])
+    if machine.model.actuator_forcelimited[actuator.id]:
+        low, high = actuator.forcerange
+        found = np.where((made > _NEARLY * low) & (made < _NEARLY * high), found, 0.0)
+    return found
+
+
+_NEARLY = 0.95
+"""Share of its limit from which on an effort is taken for limited."""
+
+
+def _asked(machine: Machine, motion: Motion) -> Array:
+    """Return what drives make of their set points, shape (n, drives)."""
     model = machine.model
-    step_s = float(model.opt.timestep)
-    grid = motion.step_s * np.arange(len(motion.set_points))
-    at = begins[:, np.newaxis] + step_s * np.arange(count) - machine.command_delay_s - machine.arrival_s
-    controls = np.zeros((len(begins), count, model.nu))
+    found = np.empty_like(motion.set_points)
     for column, drive in enumerate(machine.robot.drives):
         asked = motion.set_points[:, column]
         lag_s = machine.set_point_lag_s.get(drive.joint, 0.0)
@@ -307,8 +383,23 @@ def _controls(machine: Machine, motion: Motion, begins: Array, count: int) -> Ar
             asked = asked + kd / kp * rate
         # Drives regulate what their encoders read.
         scale, offset = machine.scale.get(drive.joint, 1.0), machine.offset.get(drive.joint, 0.0)
-        asked = (asked - offset if drive.quantity is Quantity.POSITION else asked) / scale
-        controls[:, :, int(actuator.id)] = np.interp(at, grid, asked)
+        found[:, column] = (asked - offset if drive.quantity is Quantity.POSITION else asked) / scale
+    return found
+
+
+def _controls(machine: Machine, motion: Motion, asked: Array, begins: Array, count: int) -> Array:
+    """Return the controls of every window: what is asked during each step, on the mean; (windows, count, actuators)."""
+    model = machine.model
+    step_s = float(model.opt.timestep)
+    grid = motion.step_s * np.arange(len(asked))
+    at = begins[:, np.newaxis] + step_s * np.arange(count) - machine.command_delay_s - machine.arrival_s
+    at = np.clip(at, 0.0, grid[-1] - step_s)
+    controls = np.zeros((len(begins), count, model.nu))
+    for column, drive in enumerate(machine.robot.drives):
+        own = asked[:, column]
+        area = np.concatenate(([0.0], np.cumsum(0.5 * motion.step_s * (own[1:] + own[:-1]))))
+        taken = np.interp(at + step_s, grid, area) - np.interp(at, grid, area)
+        controls[:, :, int(model.actuator(drive.actuator).id)] = taken / step_s
     return controls
 
 
@@ -340,7 +431,7 @@ def _stepped(
 ) -> tuple[Array, Array]:
     """Run windows step by step, with friction that changes within them, and backlash."""
     model, robot = machine.model, machine.robot
-    data = mujoco.MjData(model)
+    data = machine.data
     rubbing = sorted({robot.dof(name) for name in (*machine.stribeck, *machine.load_friction)})
     base = model.dof_frictionloss[rubbing].copy()
     still, speed, load = np.zeros(len(rubbing)), np.ones(len(rubbing)), np.zeros(len(rubbing))
@@ -384,7 +475,7 @@ def _stepped(
 def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[str, Array]:
     """Return the efforts that the measured motion takes, by inverse dynamics."""
     robot, model = machine.robot, machine.model
-    data = mujoco.MjData(model)
+    data = machine.data
     positions = [int(model.joint(name).qposadr[0]) for name in robot.joints]
     dofs = [robot.dof(name) for name in robot.joints]
     dry = model.dof_frictionloss[dofs].copy()
@@ -413,7 +504,8 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
         joint = signal.name.rpartition("/")[0]
         column = robot.joints.index(joint)
         values = machine.effort_scale.get(joint, 1.0) * torque[:, column]
-        found[signal.name] = np.interp(signal.time_s + motion.starts_s[0], grid, values)
+        at_s = signal.time_s + motion.starts_s[0] - machine.effort_delay_s
+        found[signal.name] = np.interp(at_s, grid, values)
     return found
 
 
@@ -451,10 +543,10 @@ def recordings_of(
             length = motion.end_s
         else:
             length, every = _windows(robot, motion, run, window_s)
-            most = max(int(search_s / len(runs) / length), 1)
+            most = max(int(min(search_s / len(runs) / length, len(every))), 1)
             chosen = [
                 max(part.tolist(), key=lambda start: _travel(motion, start, length))
-                for part in np.array_split(np.array(every), min(most, len(every)))
+                for part in np.array_split(np.array(every), most)
             ]
             others = [start for start in every if start not in chosen]
         for starts, where in ((chosen, compared), (others, kept)):
@@ -522,14 +614,14 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
     smooth = [savgol_filter(readings, wide, 3, deriv=order, delta=step_s, axis=0, mode="interp") for order in range(3)]
     _check_moves(robot, run, readings)
     # Set points are stepped through with the model, efforts are taken where they were read.
-    fine = min(step_s, max(float(robot.model.opt.timestep), 0.001)) if robot.drives else step_s
+    fine = min(step_s, max(0.25 * float(robot.model.opt.timestep), 0.0005)) if robot.drives else step_s
     grid = begin_s + fine * np.arange(int((end_s - begin_s) / fine) + 1, dtype=np.float64)
     smooth = [np.column_stack([np.interp(grid, times, column) for column in each.T]) for each in smooth]
-    set_points = np.column_stack([each.at(grid) for each in asked]) if asked else np.zeros((len(grid), 0))
+    set_points = np.column_stack([each.mean_about(grid, fine) for each in asked]) if asked else np.zeros((len(grid), 0))
     leading = np.zeros_like(set_points)
     for column, drive in enumerate(robot.drives):
         if drive.leading:
-            leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].at(grid)
+            leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].mean_about(grid, fine)
     position, velocity, acceleration = smooth
     motion = Motion(fine, position, velocity, acceleration, set_points, leading, (0.0,), end_s - begin_s)
     return motion, begin_s
@@ -571,7 +663,9 @@ def _recording(
     asked = [(joint, Quantity.POSITION) for joint in robot.joints if robot.drives]
     asked += [(joint, Quantity.EFFORT) for joint in robot.efforts]
     signals = [_signal(robot, run, joint, quantity, begin_s, starts, length) for joint, quantity in asked]
-    if not robot.drives:
+    if robot.drives:
+        signals = [_with_jitter(robot, run, motion, each) for each in signals]
+    else:
         signals = [_with_motion_noise(robot, run, each) for each in signals]
     inputs = replace(motion, starts_s=starts, window_s=length)
     return _with_sensitivity(robot, Recording(run.name, tuple(signals), inputs, setting=run.name))
@@ -604,6 +698,34 @@ def _signal(
     kept = np.concatenate(([True], np.diff(time_s) > 0.0))
     noise = robot.given.noise.get(quantity, 0.0)
     return Signal(f"{joint}/{quantity.value}", unit, time_s[kept], read[kept], noise)
+
+
+def _with_jitter(robot: Robot, run: Run, motion: Motion, signal: Signal) -> Signal:
+    """Return a signal with the noise that jitter of commands and readings brings into it: the faster, the more."""
+    joint, _, quantity = signal.name.rpartition("/")
+    track = run.measured[joint, Quantity(quantity)]
+    drives = [column for column, each in enumerate(robot.drives) if each.joint == joint]
+    off_s = _JITTER_S
+    if quantity == Quantity.POSITION.value:
+        rate = motion.velocity[:, robot.joints.index(joint)]
+    elif drives:
+        # Both count: a set point that comes late is felt at once.
+        off_s = float(np.sqrt(2.0)) * _JITTER_S
+        half = max(int(_FORWARD_FROM_S / motion.step_s), 1)
+        asked = motion.set_points[:, drives[0]]
+        gain = float(robot.model.actuator(robot.drives[drives[0]].actuator).gainprm[0])
+        rate = gain * (asked[2 * half :] - asked[: -2 * half]) / (2.0 * half * motion.step_s)
+    else:
+        rate = np.zeros(1)
+    own = signal.noise or _deviation(track.values)
+    jitter = off_s * float(np.sqrt(np.square(rate).mean()))
+    steps = np.diff(np.unique(track.values))
+    return replace(signal, noise=float(np.hypot(own, jitter)), resolution=float(steps.min()) if steps.size else 0.0)
+
+
+_JITTER_S = 0.0003
+"""Standard deviation of when a command arrives and a reading is taken, beside its stamp, s. Assumed: anywhere within a
+cycle of 1 kHz, 1 ms / sqrt(12)."""
 
 
 def _with_motion_noise(robot: Robot, run: Run, effort: Signal) -> Signal:
