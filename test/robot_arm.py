@@ -133,7 +133,9 @@ def write_csv(path: Path, recorded: Samples) -> Path:
     return path
 
 
-def write_bag(path: Path, recorded: Samples, form: str = "trajectory", ahead_s: float = 0.0) -> Path:
+def write_bag(
+    path: Path, recorded: Samples, form: str = "trajectory", ahead_s: float = 0.0, imu_frame: str = ""
+) -> Path:
     """Write samples as a bag with `joint_states` and commands.
 
     Args:
@@ -141,6 +143,7 @@ def write_bag(path: Path, recorded: Samples, form: str = "trajectory", ahead_s: 
         recorded: The samples.
         form: Of the commands: `trajectory`, `array` (Float64MultiArray), `states` (JointState), or `none`.
         ahead_s: By which the clock of the commands' stamps is ahead.
+        imu_frame: Of an IMU that lies still; empty: there is none.
 
     """
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -155,6 +158,7 @@ def write_bag(path: Path, recorded: Samples, form: str = "trajectory", ahead_s: 
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         states = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
         commanded = None if form == "none" else writer.add_connection(*kinds[form], typestore=store)
+        imu = writer.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
         for k, at_s in enumerate(recorded["time_s"].tolist()):
             stamp_ns = round((at_s + 100.0) * 1e9)
             header = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), "")
@@ -163,6 +167,14 @@ def write_bag(path: Path, recorded: Samples, form: str = "trajectory", ahead_s: 
             message = store.types["sensor_msgs/msg/JointState"](header, names, row["position"], none, row["effort"])
             data = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
             writer.write(states, stamp_ns, data)
+            if imu_frame:
+                vector, turn = store.types["geometry_msgs/msg/Vector3"], store.types["geometry_msgs/msg/Quaternion"]
+                framed = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), imu_frame)
+                nine, still = np.zeros(9), vector(0.0, 0.0, 0.0)
+                imu_message = store.types["sensor_msgs/msg/Imu"](
+                    framed, turn(0.0, 0.0, 0.0, 1.0), nine, still, nine, vector(0.0, 0.0, 9.81), nine
+                )
+                writer.write(imu, stamp_ns, store.serialize_cdr(imu_message, "sensor_msgs/msg/Imu"))
             asked = np.array([recorded[f"command.{name}.position"][k] for name in names])
             if commanded is None:
                 continue

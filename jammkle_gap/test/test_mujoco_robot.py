@@ -11,7 +11,7 @@ import robot_arm
 from jammkle_gap import BadRecordingError
 from jammkle_gap.mujoco.diagnosing import matched
 from jammkle_gap.mujoco.effects import groups_of, offer_of, scales_of
-from jammkle_gap.mujoco.runs import BadRobotError, Quantity, run_of_arrays, run_of_bag, run_of_csv
+from jammkle_gap.mujoco.runs import AXES, BadRobotError, Quantity, Sense, run_of_arrays, run_of_bag, run_of_csv
 from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
 
 if TYPE_CHECKING:
@@ -259,3 +259,75 @@ def test_urdf_gets_the_controller_of_the_map(tmp_path: Path) -> None:
     (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
     made = RobotSimulator(robot, {})(compared, {})["elbow/position"]
     assert 0.01 < float(np.abs(made - compared.signal("elbow/position").values).max()) < 0.2
+
+
+SITE = '<site name="wrist" pos="0.02 0 0" euler="0 0.3 0"/>'
+
+
+def with_wrist(folder: Path) -> Path:
+    """Return the model with a site on its tool."""
+    model = robot_arm.write_model(folder)
+    inertia = '<inertial pos="0 0 0" mass="0.2"'
+    model.write_text(model.read_text().replace(inertia, SITE + inertia))
+    return model
+
+
+def sensed(folder: Path, samples: robot_arm.Samples) -> dict[str, np.ndarray]:
+    """Return what the sensors at the wrist of a model would read of motion and commands, by signal."""
+    flat = {f"wrist.{sense.value}.{axis}": 0.0 * samples["time_s"] for sense in Sense for axis in AXES}
+    runs, robot = matched(with_wrist(folder), [robot_arm.run("one", {**samples, **flat})])
+    (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
+    made = RobotSimulator(robot, {})(compared, {})
+    return {name: values for name, values in made.items() if name.startswith("wrist/")}
+
+
+def test_sensors_at_sites_feel_the_weight_and_the_motion(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A force sensor reads the tool's mass times what an IMU on it reads, about gravity; a gyro the joints' rates."""
+    felt = sensed(tmp_path, recorded)
+    acceleration, force, rate = (
+        np.linalg.norm([felt[f"wrist/{sense.value}.{axis}"] for axis in AXES], axis=0)
+        for sense in (Sense.ACCELERATION, Sense.FORCE, Sense.RATE)
+    )
+    assert float(np.median(acceleration)) == pytest.approx(9.81, rel=0.2)
+    assert float(np.median(force / acceleration)) == pytest.approx(0.2, rel=0.05)
+    moving = np.gradient(recorded["yaw.position"], recorded["time_s"])
+    assert 0.5 * np.abs(moving).max() < rate.max() < 5.0 * np.abs(moving).max()
+
+
+@pytest.mark.parametrize(
+    ("effect", "value", "signal", "moved"),
+    [
+        ("force_offset_wrist.z", 0.5, "wrist/force.z", 0.5),
+        ("acceleration_scale_wrist.scale", 1.1, "wrist/acceleration.z", None),
+        ("mounting_wrist.y", 0.1, "wrist/angular_velocity.x", None),
+    ],
+)
+def test_errors_of_sensors_change_their_readings_alone(
+    tmp_path: Path, recorded: robot_arm.Samples, effect: str, value: float, signal: str, moved: float | None
+) -> None:
+    """Zero, scale and mounting change what a sensor reads, and no joint."""
+    flat = {f"wrist.{sense.value}.{axis}": 0.0 * recorded["time_s"] for sense in Sense for axis in AXES}
+    runs, robot = matched(with_wrist(tmp_path), [robot_arm.run("one", {**recorded, **flat})])
+    (compared,), _ = recordings_of(robot, runs, 2.0, 4.0)
+    offer = offer_of(robot, scales_of(robot, [compared]))
+    simulator = RobotSimulator(robot, offer.changes)
+    plain, changed = simulator(compared, {}), simulator(compared, {effect: value})
+    difference = changed[signal] - plain[signal]
+    assert float(np.abs(difference).max()) > 0.01
+    if moved is not None:
+        assert np.allclose(difference, moved)
+    assert np.array_equal(changed["elbow/position"], plain["elbow/position"])
+
+
+def test_bag_says_where_its_sensors_are(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """An IMU whose frame is no site of the model is left out by name; the map says where it is."""
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, imu_frame="imu_link")
+    model = with_wrist(tmp_path)
+    _, robot = matched(model, [bag])
+    assert not robot.senses
+    assert any("sensors: {imu_link: SITE}" in note for note in robot.notes)
+    (run,), robot = matched(model, [bag], {"sensors": {"imu_link": {"site": "wrist", "sign": -1}}})
+    assert set(robot.senses) == {("wrist", Sense.ACCELERATION), ("wrist", Sense.RATE)}
+    assert np.allclose(run.sensed["wrist", Sense.ACCELERATION][2].values, -9.81)
+    with pytest.raises(BadRobotError, match="at site tip, which the model has not; it has: wrist"):
+        matched(model, [bag], {"sensors": {"imu_link": "tip"}})

@@ -40,6 +40,9 @@ _UNSAID = (
     "effort_scale",
     "stribeck",
     "load_friction",
+    "sensor_offset",
+    "sensor_scale",
+    "sensor_turn",
 )
 """Fields of a machine that no MJCF says."""
 

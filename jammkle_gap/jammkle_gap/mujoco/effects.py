@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_gap.core.effects import Effect, EffectParameter, Library, Nuisance
-from jammkle_gap.mujoco.runs import Base, Quantity
+from jammkle_gap.mujoco.runs import Base, Quantity, Sense
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -382,6 +382,39 @@ class Timing:
 
 
 @dataclass(frozen=True)
+class SensorOffset:
+    """Another zero of a sensor at a site."""
+
+    signal: str
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        machine.sensor_offset[self.signal] = tuple(values)
+
+
+@dataclass(frozen=True)
+class SensorScale:
+    """Another scale of it."""
+
+    signal: str
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        machine.sensor_scale[self.signal] = values[0]
+
+
+@dataclass(frozen=True)
+class SensorTurn:
+    """A sensor that sits askew."""
+
+    site: str
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        machine.sensor_turn[self.site] = tuple(values)
+
+
+@dataclass(frozen=True)
 class Gravity:
     """Drives that hold a share of the weight beside their set points."""
 
@@ -492,7 +525,7 @@ def offer_of(robot: Robot, scales: Mapping[str, Scale]) -> Offer:
         for joint in joints:
             effect, change = _single(number, single[joint], joint, scales[joint])
             offered(effect, change)
-    for effect, change in (*_of_links(robot), *_of_all(robot)):
+    for effect, change in (*_of_links(robot), *_of_all(robot), *_of_senses(robot)):
         offered(effect, change)
     return Offer(Library(tuple(effects)), tuple(constants), tuple(scatter), changes, members)
 
@@ -663,6 +696,33 @@ def _of_all(robot: Robot) -> list[tuple[Effect, Any]]:
         scale = EffectParameter("scale", "1", 1.0, 0.2, 2.0, "tables of dry friction")
         sentence = "The floor grips otherwise than the model says: clean it, or measure its friction."
         found.append((Effect("floor_friction", "base", (scale,), sentence), Floor()))
+    return found
+
+
+def _of_senses(robot: Robot) -> list[tuple[Effect, Any]]:
+    """Return errors of sensors at sites: zero, scale, and how they are mounted."""
+    weight = 9.81 * float(robot.model.body_mass[1:].sum())
+    zeros = {
+        Sense.ACCELERATION: ("m/s^2", 1.0, "data sheets of MEMS sensors: zero within 0.1 g"),
+        Sense.RATE: ("rad/s", 0.1, "data sheets of MEMS sensors: zero within 6 degrees/s"),
+        Sense.FORCE: ("N", 0.5 * weight, "assumed: zeroed with up to half of the weight on it"),
+        Sense.TORQUE: ("N m", 0.1 * weight, "assumed: the same at 0.2 m"),
+    }
+    found: list[tuple[Effect, Any]] = []
+    for site, sense in robot.senses:
+        signal, (unit, most, source) = f"{site}/{sense.value}", zeros[sense]
+        axes = tuple(EffectParameter(axis, unit, 0.0, -most, most, source) for axis in "xyz")
+        what = f"the {sense.value.replace('_', ' ')} at {site}"
+        sentence = f"Readings of {what} have another zero: let the robot stand still, and zero the sensor."
+        found.append((Effect(f"{sense.value}_offset_{site}", "sensing", axes, sentence), SensorOffset(signal)))
+        scale = EffectParameter("scale", "1", 1.0, 0.8, 1.2, "assumed: a wrong range or unit is far off, others less")
+        sentence = f"Readings of {what} have another scale: look at the sensor's range and calibration."
+        found.append((Effect(f"{sense.value}_scale_{site}", "sensing", (scale,), sentence), SensorScale(signal)))
+    for site in dict.fromkeys(site for site, _ in robot.senses):
+        source = "assumed: mounted within 12 degrees"
+        turns = tuple(EffectParameter(axis, "rad", 0.0, -0.2, 0.2, source) for axis in "xyz")
+        sentence = f"The sensor at {site} sits askew: look at how it is mounted, and at its frame."
+        found.append((Effect(f"mounting_{site}", "sensing", turns, sentence), SensorTurn(site)))
     return found
 
 

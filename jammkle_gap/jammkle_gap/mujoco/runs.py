@@ -12,6 +12,7 @@ Names, signs, offsets and units follow a map where recording and model do not ag
     base: held                             # or free
     noise: {position: 0.001, effort: 0.1}  # of one reading, by the data sheet
     tolerances: {friction: 0.5}            # of what the model says, as a standard deviation and share of it
+    sensors: {/wrist/wrench: {site: flange, sign: -1}}  # IMU, force and torque: topic, or frame, and site of the model
 """
 
 from __future__ import annotations
@@ -49,6 +50,22 @@ class Quantity(Enum):
     POSITION = "position"
     VELOCITY = "velocity"
     EFFORT = "effort"
+
+
+class Sense(Enum):
+    """What a sensor at a site of the model reads along each of its axes."""
+
+    ACCELERATION = "acceleration"
+    """Specific force (REP 145), m/s^2."""
+    RATE = "angular_velocity"
+    """rad/s."""
+    FORCE = "force"
+    """Of the site's body on its parent, N."""
+    TORQUE = "torque"
+    """N m."""
+
+
+AXES = ("x", "y", "z")
 
 
 class Base(Enum):
@@ -99,6 +116,10 @@ Tracks = dict[tuple[str, Quantity], Track]
 """By joint and quantity."""
 
 
+Senses = dict[tuple[str, Sense], tuple[Track, Track, Track]]
+"""By site and sense, along x, y and z of the site."""
+
+
 @dataclass(frozen=True)
 class Run:
     """One recording of a robot, by the names of its joints."""
@@ -108,6 +129,8 @@ class Run:
     commands: Tracks
     """Empty where nothing was commanded: efforts are then what moved it."""
     notes: tuple[str, ...] = ()
+    sensed: Senses = field(default_factory=dict)
+    """By frame or topic at first, and by site in the model's terms."""
 
     def joints(self) -> tuple[str, ...]:
         """Return the joints whose position was measured."""
@@ -130,6 +153,14 @@ class JointMap:
     sign: float = 1.0
     offset: float = 0.0
     """rad or m: model's = sign * recorded + offset."""
+
+
+@dataclass(frozen=True)
+class SensorMap:
+    """Where a recorded sensor is in the model."""
+
+    site: str
+    sign: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -157,9 +188,11 @@ class RobotMap:
     """Standard deviation of one reading, SI; those not in it are estimated."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of what the model says of every body, joint or drive, as a share of it, by `TOLERATED`."""
+    sensors: Mapping[str, SensorMap] = field(default_factory=dict)
+    """By topic or frame; those not in it have the name of a site as their frame."""
 
 
-_KEYS = ("joints", "units", "commands", "gains", "torque_constants", "base", "noise", "tolerances")
+_KEYS = ("joints", "units", "commands", "gains", "torque_constants", "base", "noise", "tolerances", "sensors")
 TOLERATED = ("mass", "length", "gain", "friction", "damping", "armature")
 _LOCKED = "locked"
 
@@ -225,7 +258,19 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         Base(table.get("base", "held")),
         {Quantity(name): float(value) for name, value in dict(table.get("noise") or {}).items()},
         tolerances,
+        {str(name): _sensor_of(said, f"{where}, sensor {name}") for name, said in _table(table, "sensors").items()},
     )
+
+
+def _table(table: Mapping[str, Any], key: str) -> dict[str, Any]:
+    return dict(table.get(key) or {})
+
+
+def _sensor_of(said: Any, where: str) -> SensorMap:
+    if isinstance(said, str):
+        return SensorMap(said)
+    _check_keys(said, ("site", "sign"), where)
+    return SensorMap(str(said["site"]), float(said.get("sign", 1.0)))
 
 
 def _check_keys(table: Mapping[str, Any], known: Sequence[str], where: str) -> None:
@@ -247,7 +292,8 @@ def run_of_arrays(
     Args:
         name: Of the run.
         time_s: Rising, shape (n,), s.
-        measured: By `joint.position`, `joint.velocity`, `joint.effort`; each of shape (n,), SI.
+        measured: By `joint.position`, `joint.velocity`, `joint.effort`, and by `site.acceleration.x`,
+            `site.angular_velocity.x`, `site.force.x`, `site.torque.x` and so on; each of shape (n,), SI.
         commands: By the same names, as they were in force at these times.
         notes: What the reader of the diagnosis should know.
 
@@ -260,6 +306,7 @@ def run_of_arrays(
         msg = f"recording {name} has times that do not rise, or fewer than {_FEWEST}; give one rising time per sample"
         raise BadRecordingError(msg)
     tables: list[Tracks] = []
+    sensed, measured = _split_sensed(measured)
     for columns in (measured, commands or {}):
         tracks: Tracks = {}
         for column, given in columns.items():
@@ -268,13 +315,31 @@ def run_of_arrays(
             if not joint or quantity not in {each.value for each in Quantity} or values.shape != times.shape:
                 msg = f"recording {name} has a column '{column}' of shape {values.shape}"
                 msg += f"; it must be JOINT.position, JOINT.velocity or JOINT.effort, of shape {times.shape}"
+                msg += ", or of a sensor SITE.force.x and so on, with all of its axes"
                 raise BadRecordingError(msg)
             finite = np.isfinite(values)
             if finite.any():
                 tracks[joint, Quantity(quantity)] = Track(times[finite] - times[0], values[finite])
         tables.append(tracks)
     commanded = {key: _held(track) for key, track in tables[1].items()}
-    return _checked(Run(name, tables[0], commanded, notes))
+    since_s = times - times[0]
+    senses = {
+        key: tuple(Track(since_s, np.asarray(each, dtype=float)) for each in axes) for key, axes in sensed.items()
+    }
+    return _checked(Run(name, tables[0], commanded, notes, senses))
+
+
+def _split_sensed(
+    columns: Mapping[str, ArrayLike],
+) -> tuple[dict[tuple[str, Sense], list[ArrayLike]], dict[str, ArrayLike]]:
+    """Return the columns of sensors that have all of their axes, and the others."""
+    found, rest = {}, dict(columns)
+    for column in columns:
+        site, _, sense = column.removesuffix(".x").rpartition(".")
+        names = [f"{site}.{sense}.{axis}" for axis in AXES]
+        if sense in {each.value for each in Sense} and all(name in columns for name in names):
+            found[site, Sense(sense)] = [rest.pop(name) for name in names]
+    return found, rest
 
 
 _FEWEST = 20
@@ -309,6 +374,7 @@ _STATE = "sensor_msgs/msg/JointState"
 _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 _ARRAY = "std_msgs/msg/Float64MultiArray"
 _STATES_END = "joint_states"
+_IMU, _WRENCH = "sensor_msgs/msg/Imu", "geometry_msgs/msg/WrenchStamped"
 
 
 def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
@@ -334,7 +400,9 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
         times = BagTimes(reader)
         samples: dict[tuple[str, Quantity], tuple[list[float], list[float]]] = {}
         commands = _Commands(given.order or tuple(order), given.quantity, name_of(path))
-        kept = [*states, *commanding]
+        sensing = [each for each in reader.connections if each.msgtype in {_IMU, _WRENCH} and each.msgcount]
+        sensed = _Sensed(given)
+        kept = [*states, *commanding, *sensing]
         begin_ns: int | None = None
         for connection, time_ns, _, data in times.messages(kept):
             begin_ns = time_ns if begin_ns is None else begin_ns
@@ -342,6 +410,9 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
             message = reader.deserialize(data, connection.msgtype)
             if connection in commanding:
                 commands.take(connection.msgtype, time_s, message)
+                continue
+            if connection in sensing:
+                sensed.take(connection, time_s, message)
                 continue
             for quantity, row in _rows(message):
                 for joint, value in zip(message.name, row, strict=False):
@@ -351,7 +422,37 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
                         values.append(float(value))
         notes = [*commands.notes, *times.doubts.values()]
     measured = {key: _in_order(path, key, *lists) for key, lists in samples.items()}
-    return _checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes)))
+    return _checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes), sensed.tracks()))
+
+
+class _Sensed:
+    """Readings of IMUs and of force and torque, by topic where the map names it, else by frame."""
+
+    def __init__(self, given: RobotMap) -> None:
+        self._given = given
+        self._rows: dict[tuple[str, Sense], list[tuple[float, float, float, float]]] = {}
+
+    def take(self, connection: Connection, time_s: float, message: Any) -> None:
+        """Take a message."""
+        name = connection.topic if connection.topic in self._given.sensors else message.header.frame_id
+        if connection.msgtype == _IMU:
+            parts = {Sense.ACCELERATION: message.linear_acceleration, Sense.RATE: message.angular_velocity}
+        else:
+            parts = {Sense.FORCE: message.wrench.force, Sense.TORQUE: message.wrench.torque}
+        for sense, each in parts.items():
+            self._rows.setdefault((name, sense), []).append((time_s, each.x, each.y, each.z))
+
+    def tracks(self) -> Senses:
+        """Return all readings; those whose times do not rise, or that are no numbers, are left out."""
+        found = {}
+        for key, rows in self._rows.items():
+            table = np.array(sorted(rows))
+            table = table[np.isfinite(table).all(axis=1)]
+            table = table[np.concatenate(([True], np.diff(table[:, 0]) > 0.0))] if len(table) else table
+            if len(table) >= _FEWEST:
+                x, y, z = (Track(table[:, 0], table[:, column]) for column in (1, 2, 3))
+                found[key] = (x, y, z)
+        return found
 
 
 def _commanding(reader: BagReader, path: Path, given: RobotMap) -> list[Connection]:
@@ -540,4 +641,9 @@ def in_model_terms(run: Run, given: RobotMap) -> Run:
             found[asked.model, quantity] = track.changed(factor, offset)
         return found
 
-    return replace(run, measured=moved(run.measured), commands=moved(run.commands))
+    sensed = {}
+    for (name, sense), axes in run.sensed.items():
+        asked = given.sensors.get(name, SensorMap(name))
+        x, y, z = (each.changed(asked.sign, 0.0) for each in axes)
+        sensed[asked.site, sense] = (x, y, z)
+    return replace(run, measured=moved(run.measured), commands=moved(run.commands), sensed=sensed)

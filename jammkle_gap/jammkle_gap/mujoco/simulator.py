@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from mujoco import rollout  # type: ignore[import-untyped]  # carries no types
 from scipy.signal import lfilter, savgol_coeffs, savgol_filter  # type: ignore[import-untyped]  # carries no types
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_gap.core.simulate import InfeasibleError
-from jammkle_gap.mujoco.robot import EFFORT_SENSOR
-from jammkle_gap.mujoco.runs import BadRobotError, Base, Quantity
+from jammkle_gap.mujoco.robot import EFFORT_SENSOR, sensor_name
+from jammkle_gap.mujoco.runs import AXES, BadRobotError, Base, Quantity, Sense
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.mujoco.robot import Robot
-    from jammkle_gap.mujoco.runs import Run
+    from jammkle_gap.mujoco.runs import Run, Track
 
     Array = NDArray[np.float64]
 
@@ -111,6 +112,12 @@ class Machine:
     """Friction at rest beyond that in motion, N m or N, and the speed at which it is gone."""
     load_friction: dict[str, float] = field(default_factory=dict)
     """Friction per transmitted effort."""
+    sensor_offset: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    """By signal of a sensor without its axis, along all axes."""
+    sensor_scale: dict[str, float] = field(default_factory=dict)
+    """By the same."""
+    sensor_turn: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    """By site, vector by which the sensor there is turned in its place, rad."""
 
     @cached_property
     def data(self) -> mujoco.MjData:
@@ -255,6 +262,7 @@ def _forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str
     joints = [int(model.joint(name).qposadr[0]) for name in robot.joints]
     sensed = list(dict.fromkeys((*robot.efforts, *(each.joint for each in robot.drives))))
     sensors = [int(model.sensor(f"{EFFORT_SENSOR}{name}").adr[0]) for name in sensed]
+    sensors += _addresses(machine)
     if machine.needs_steps():
         position, efforts = _stepped(machine, starts, controls, joints, sensors)
     else:
@@ -265,11 +273,15 @@ def _forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str
         msg = "the simulation blows up"
         raise InfeasibleError(msg)
     ticks = step_s * np.arange(count, dtype=np.float64)
+    felt = _felt(machine, efforts[:, :, len(sensed) :])
     # A controller reads before it writes: an effort is that of the step before.
     efforts = np.concatenate([efforts[:, :1], efforts[:, :-1]], axis=1)
     found = {}
     for signal in recording.signals:
         joint, _, quantity = signal.name.rpartition("/")
+        if signal.name in felt:
+            found[signal.name] = _read(machine, motion, begins, ticks, felt[signal.name], signal.time_s)
+            continue
         if quantity == Quantity.POSITION.value:
             values = position[:, :, robot.joints.index(joint)]
             if joint in machine.compliance:
@@ -309,6 +321,25 @@ def _taken_at(machine: Machine, motion: Motion, time_s: Array) -> tuple[Array, N
     window = np.minimum((time_s / motion.window_s).astype(np.intp), len(motion.starts_s) - 1)
     stamp_s = np.array(motion.starts_s)[window] + time_s - window * motion.window_s
     return stamp_s * (1.0 + machine.clock_rate) - machine.reading_delay_s, window
+
+
+def _addresses(machine: Machine) -> list[int]:
+    """Return where the readings of sensors at sites are, three each."""
+    starts = [int(machine.model.sensor(sensor_name(*each)).adr[0]) for each in machine.robot.senses]
+    return [start + axis for start in starts for axis in range(len(AXES))]
+
+
+def _felt(machine: Machine, values: Array) -> dict[str, Array]:
+    """Return what sensors at sites read, by signal, from what they would without errors, shape (..., 3 sensors)."""
+    found = {}
+    for number, (site, sense) in enumerate(machine.robot.senses):
+        name = f"{site}/{sense.value}"
+        own = values[..., 3 * number : 3 * number + 3]
+        if site in machine.sensor_turn:
+            own = own @ Rotation.from_rotvec(machine.sensor_turn[site]).as_matrix()
+        own = machine.sensor_scale.get(name, 1.0) * own + np.array(machine.sensor_offset.get(name, (0.0, 0.0, 0.0)))
+        found.update({f"{name}.{axis}": own[..., column] for column, axis in enumerate(AXES)})
+    return found
 
 
 def _between_ticks(
@@ -490,17 +521,24 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
     angle, rate, acceleration = (each / scales for each in tables)
     torque = np.empty_like(angle)
     carried = np.empty_like(angle)
+    addresses = _addresses(machine)
+    sensed = np.empty((len(angle), len(addresses)))
     for k in range(len(angle)):
         data.qpos[positions], data.qvel[dofs], data.qacc[dofs] = angle[k], rate[k], acceleration[k]
         mujoco.mj_inverse(model, data)
         torque[k] = data.qfrc_inverse[dofs]
         carried[k] = np.abs(data.qfrc_bias[dofs])
+        sensed[k] = data.sensordata[addresses]
     still = np.array([machine.stribeck.get(name, (0.0, 1.0)) for name in robot.joints])
     load = np.array([machine.load_friction.get(name, 0.0) for name in robot.joints])
     rubbing = dry + still[:, 0] * np.exp(-np.square(rate / still[:, 1])) + load * carried
     torque += rubbing * np.tanh(rate / _turning(motion))
     found = {}
+    felt = _felt(machine, sensed)
     for signal in recording.signals:
+        if signal.name in felt:
+            found[signal.name] = np.interp(signal.time_s + motion.starts_s[0], grid, felt[signal.name])
+            continue
         joint = signal.name.rpartition("/")[0]
         column = robot.joints.index(joint)
         values = machine.effort_scale.get(joint, 1.0) * torque[:, column]
@@ -663,12 +701,20 @@ def _recording(
     asked = [(joint, Quantity.POSITION) for joint in robot.joints if robot.drives]
     asked += [(joint, Quantity.EFFORT) for joint in robot.efforts]
     signals = [_signal(robot, run, joint, quantity, begin_s, starts, length) for joint, quantity in asked]
+    felt = [
+        _windowed(f"{site}/{sense.value}.{axis}", _SENSE_UNITS[sense], track, begin_s, starts, length, 0.0)
+        for site, sense in robot.senses
+        for axis, track in zip(AXES, run.sensed[site, sense], strict=True)
+    ]
     if robot.drives:
         signals = [_with_jitter(robot, run, motion, each) for each in signals]
     else:
         signals = [_with_motion_noise(robot, run, each) for each in signals]
     inputs = replace(motion, starts_s=starts, window_s=length)
-    return _with_sensitivity(robot, Recording(run.name, tuple(signals), inputs, setting=run.name))
+    return _with_sensitivity(robot, Recording(run.name, (*signals, *felt), inputs, setting=run.name))
+
+
+_SENSE_UNITS = {Sense.ACCELERATION: "m/s^2", Sense.RATE: "rad/s", Sense.FORCE: "N", Sense.TORQUE: "N m"}
 
 
 def _signal(
@@ -688,6 +734,14 @@ def _signal(
         raise BadRobotError(msg)
     turning = robot.is_turning(joint)
     unit = ("rad" if turning else "m") if quantity is Quantity.POSITION else ("N m" if turning else "N")
+    name, noise = f"{joint}/{quantity.value}", robot.given.noise.get(quantity, 0.0)
+    return _windowed(name, unit, track, begin_s, starts, length, noise)
+
+
+def _windowed(
+    name: str, unit: str, track: Track, begin_s: float, starts: Sequence[float], length: float, noise: float
+) -> Signal:
+    """Return a track in windows, one after the other."""
     times, values = [], []
     for k, start in enumerate(starts):
         own_s = track.time_s - begin_s - start
@@ -696,8 +750,7 @@ def _signal(
         values.append(track.values[inside])
     time_s, read = np.concatenate(times), np.concatenate(values)
     kept = np.concatenate(([True], np.diff(time_s) > 0.0))
-    noise = robot.given.noise.get(quantity, 0.0)
-    return Signal(f"{joint}/{quantity.value}", unit, time_s[kept], read[kept], noise)
+    return Signal(name, unit, time_s[kept], read[kept], noise)
 
 
 def _with_jitter(robot: Robot, run: Run, motion: Motion, signal: Signal) -> Signal:
