@@ -8,7 +8,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_gap.mujoco.runs import Run, run_of_arrays
+from jammkle_gap.mujoco.runs import Quantity, Run, run_of_arrays
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -191,4 +191,35 @@ def write_bag(
             else:
                 command = store.types[commanded.msgtype](header, names, asked, none, none)
             writer.write(commanded, round((at_s + 100.0) * 1e9), store.serialize_cdr(command, commanded.msgtype))
+    return path
+
+
+def write_odometry(path: Path, run: Run) -> Path:
+    """Write positions, commands and the base of a run as a bag with `joint_states`, `joint_command` and `odom`."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    make = store.types
+    (joint,), none, still = run.joints(), np.array([]), make["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    track = run.measured[joint, Quantity.POSITION]
+    asked = run.commands[joint, Quantity.POSITION].at(track.time_s + 1e-6)
+    types = {"/joint_states": "sensor_msgs/msg/JointState", "/joint_command": "sensor_msgs/msg/JointState",
+             "/odom": "nav_msgs/msg/Odometry"}  # fmt: skip
+    covariance, twist = np.zeros(36), make["geometry_msgs/msg/Twist"](still, still)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        added = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in types.items()}
+        for k, at_s in enumerate(track.time_s.tolist()):
+            stamp_ns = round((at_s + 100.0) * 1e9)
+            stamp = make["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+            header = make["std_msgs/msg/Header"](stamp, "odom")
+            x, y, z, qw, qx, qy, qz = (float(each.values[k]) for each in run.base)
+            place, turn = make["geometry_msgs/msg/Point"](x, y, z), make["geometry_msgs/msg/Quaternion"](qx, qy, qz, qw)
+            pose = make["geometry_msgs/msg/PoseWithCovariance"](make["geometry_msgs/msg/Pose"](place, turn), covariance)
+            moving = make["geometry_msgs/msg/TwistWithCovariance"](twist, covariance)
+            state = make["sensor_msgs/msg/JointState"]
+            messages = {
+                "/joint_states": state(header, [joint], np.array([track.values[k]]), none, none),
+                "/joint_command": state(header, [joint], np.array([asked[k]]), none, none),
+                "/odom": make["nav_msgs/msg/Odometry"](header, "base", pose, moving),
+            }
+            for topic, message in messages.items():
+                writer.write(added[topic], stamp_ns, store.serialize_cdr(message, types[topic]))
     return path

@@ -692,7 +692,7 @@ def _of_all(robot: Robot) -> list[tuple[Effect, Any]]:
         angles = tuple(EffectParameter(axis, "rad", 0.0, -0.1, 0.1, source) for axis in ("roll", "pitch"))
         sentence = "The base stands askew: put a level on it."
         found.append((Effect("base_tilt", "base", angles, sentence), Tilt()))
-    elif robot.given.base is Base.FREE:
+    elif robot.given.base is not Base.HELD:
         scale = EffectParameter("scale", "1", 1.0, 0.2, 2.0, "tables of dry friction")
         sentence = "The floor grips otherwise than the model says: clean it, or measure its friction."
         found.append((Effect("floor_friction", "base", (scale,), sentence), Floor()))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.mujoco.base import carry_base
 from jammkle_gap.mujoco.runs import BadRobotError, Base, Gains, Quantity, Sense
 from jammkle_sim.physics.engine import mujoco
 
@@ -120,8 +121,7 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
             msg = "the recordings hold neither commands of positions or velocities nor efforts of any joint"
             msg += "; record the topic of the commands, or joint_states with efforts"
             raise BadRobotError(msg)
-    if not drives or given.base is Base.HELD:
-        _hold_base(spec, notes)
+    _put_base(spec, runs, given, notes, forward=bool(drives))
     _lock(spec, locked)
     _note_unknown(spec, notes)
     for body in spec.bodies:
@@ -389,7 +389,13 @@ def _estimated_gains(runs: Sequence[Run], joint: str, wanted: Quantity) -> Gains
     return Gains(float(first), max(float(damping), 0.0)) if wanted is Quantity.POSITION else Gains(0.0, float(first))
 
 
-def _hold_base(spec: mujoco.MjSpec, notes: list[str]) -> None:
+def _put_base(spec: mujoco.MjSpec, runs: Sequence[Run], given: RobotMap, notes: list[str], *, forward: bool) -> None:
+    """Carry a floating base as it was measured, or hold it; it is free only where the model is run forward."""
+    if given.base is Base.MEASURED:
+        carry_base(spec, runs)
+        return
+    if given.base is Base.FREE and forward:
+        return
     for joint in list(spec.joints):
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             notes.append(f"the floating base ({joint.name or joint.parent.name}) is held where the model has it")

@@ -9,7 +9,7 @@ Names, signs, offsets and units follow a map where recording and model do not ag
     commands: {topic: /arm/commands, order: [joint1, joint2], quantity: position}
     gains: {joint1: {kp: 100, kd: 3}}      # of a controller that is not in the model
     torque_constants: {joint1: 0.12}       # N m/A, where efforts are currents
-    base: held                             # or free
+    base: held                             # or free, or measured: as odometry says
     noise: {position: 0.001, effort: 0.1}  # of one reading, by the data sheet
     tolerances: {friction: 0.5}            # of what the model says, as a standard deviation and share of it
     sensors: {/wrist/wrench: {site: flange, sign: -1}}  # IMU, force and torque: topic, or frame, and site of the model
@@ -75,6 +75,12 @@ class Base(Enum):
     """Fixed where the model has it, as on a stand."""
     FREE = "free"
     """Left to move, from where the model has it."""
+    MEASURED = "measured"
+    """Moved as odometry measured it."""
+
+
+BASE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+"""Of a base's pose: m, and a quaternion."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +137,8 @@ class Run:
     notes: tuple[str, ...] = ()
     sensed: Senses = field(default_factory=dict)
     """By frame or topic at first, and by site in the model's terms."""
+    base: tuple[Track, ...] = ()
+    """Pose of a floating base, by `BASE_COLUMNS`; empty: not measured."""
 
     def joints(self) -> tuple[str, ...]:
         """Return the joints whose position was measured."""
@@ -292,8 +300,9 @@ def run_of_arrays(
     Args:
         name: Of the run.
         time_s: Rising, shape (n,), s.
-        measured: By `joint.position`, `joint.velocity`, `joint.effort`, and by `site.acceleration.x`,
-            `site.angular_velocity.x`, `site.force.x`, `site.torque.x` and so on; each of shape (n,), SI.
+        measured: By `joint.position`, `joint.velocity`, `joint.effort`; by `site.acceleration.x`,
+            `site.angular_velocity.x`, `site.force.x`, `site.torque.x` and so on; and, of a floating base, by `base.x`,
+            `base.y`, `base.z`, `base.qw`, `base.qx`, `base.qy`, `base.qz`; each of shape (n,), SI.
         commands: By the same names, as they were in force at these times.
         notes: What the reader of the diagnosis should know.
 
@@ -307,6 +316,11 @@ def run_of_arrays(
         raise BadRecordingError(msg)
     tables: list[Tracks] = []
     sensed, measured = _split_sensed(measured)
+    posed = [f"base.{each}" for each in BASE_COLUMNS]
+    base: tuple[Track, ...] = ()
+    if all(name in measured for name in posed):
+        base = tuple(Track(times - times[0], np.asarray(measured[name], dtype=float)) for name in posed)
+        measured = {name: values for name, values in measured.items() if name not in posed}
     for columns in (measured, commands or {}):
         tracks: Tracks = {}
         for column, given in columns.items():
@@ -326,7 +340,7 @@ def run_of_arrays(
     senses = {
         key: tuple(Track(since_s, np.asarray(each, dtype=float)) for each in axes) for key, axes in sensed.items()
     }
-    return _checked(Run(name, tables[0], commanded, notes, senses))
+    return _checked(Run(name, tables[0], commanded, notes, senses, base))
 
 
 def _split_sensed(
@@ -375,6 +389,7 @@ _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 _ARRAY = "std_msgs/msg/Float64MultiArray"
 _STATES_END = "joint_states"
 _IMU, _WRENCH = "sensor_msgs/msg/Imu", "geometry_msgs/msg/WrenchStamped"
+_ODOMETRY = "nav_msgs/msg/Odometry"
 
 
 def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
@@ -402,7 +417,13 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
         commands = _Commands(given.order or tuple(order), given.quantity, name_of(path))
         sensing = [each for each in reader.connections if each.msgtype in {_IMU, _WRENCH} and each.msgcount]
         sensed = _Sensed(given)
-        kept = [*states, *commanding, *sensing]
+        moving = [each for each in reader.connections if each.msgtype == _ODOMETRY and each.msgcount]
+        if given.base is Base.MEASURED and len({each.topic for each in moving}) > 1:
+            msg = f"bag {path} holds odometry on {', '.join(sorted(each.topic for each in moving))}"
+            msg += "; leave all but one topic out of the bag"
+            raise BadRecordingError(msg)
+        poses: list[tuple[float, ...]] = []
+        kept = [*states, *commanding, *sensing, *moving]
         begin_ns: int | None = None
         for connection, time_ns, _, data in times.messages(kept):
             begin_ns = time_ns if begin_ns is None else begin_ns
@@ -414,6 +435,10 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
             if connection in sensing:
                 sensed.take(connection, time_s, message)
                 continue
+            if connection in moving:
+                at, turn = message.pose.pose.position, message.pose.pose.orientation
+                poses.append((time_s, at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z))
+                continue
             for quantity, row in _rows(message):
                 for joint, value in zip(message.name, row, strict=False):
                     if np.isfinite(value):
@@ -422,7 +447,21 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
                         values.append(float(value))
         notes = [*commands.notes, *times.doubts.values()]
     measured = {key: _in_order(path, key, *lists) for key, lists in samples.items()}
-    return _checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes), sensed.tracks()))
+    base = tuple(_rising(poses))
+    return _checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes), sensed.tracks(), base))
+
+
+def _rising(rows: Sequence[tuple[float, ...]]) -> list[Track]:
+    """Return the columns of rows that begin with a time; those whose time does not rise, or no numbers, are left out.
+
+    Returns:
+        Empty where there are too few.
+
+    """
+    table = np.array(sorted(rows))
+    table = table[np.isfinite(table).all(axis=1)] if len(table) else table
+    table = table[np.concatenate(([True], np.diff(table[:, 0]) > 0.0))] if len(table) else table
+    return [Track(table[:, 0], column) for column in table.T[1:]] if len(table) >= _FEWEST else []
 
 
 class _Sensed:
@@ -443,14 +482,11 @@ class _Sensed:
             self._rows.setdefault((name, sense), []).append((time_s, each.x, each.y, each.z))
 
     def tracks(self) -> Senses:
-        """Return all readings; those whose times do not rise, or that are no numbers, are left out."""
+        """Return all readings."""
         found = {}
         for key, rows in self._rows.items():
-            table = np.array(sorted(rows))
-            table = table[np.isfinite(table).all(axis=1)]
-            table = table[np.concatenate(([True], np.diff(table[:, 0]) > 0.0))] if len(table) else table
-            if len(table) >= _FEWEST:
-                x, y, z = (Track(table[:, 0], table[:, column]) for column in (1, 2, 3))
+            if axes := _rising(rows):
+                x, y, z = axes
                 found[key] = (x, y, z)
         return found
 
@@ -646,4 +682,14 @@ def in_model_terms(run: Run, given: RobotMap) -> Run:
         asked = given.sensors.get(name, SensorMap(name))
         x, y, z = (each.changed(asked.sign, 0.0) for each in axes)
         sensed[asked.site, sense] = (x, y, z)
-    return replace(run, measured=moved(run.measured), commands=moved(run.commands), sensed=sensed)
+    base = _unflipped(run.base)
+    return replace(run, measured=moved(run.measured), commands=moved(run.commands), sensed=sensed, base=base)
+
+
+def _unflipped(base: tuple[Track, ...]) -> tuple[Track, ...]:
+    """Return a pose whose quaternion does not jump to its opposite, which is the same orientation."""
+    if not base:
+        return base
+    turns = np.array([each.values for each in base[3:]])
+    signs = np.concatenate(([1.0], np.cumprod(np.where((turns[:, 1:] * turns[:, :-1]).sum(axis=0) < 0.0, -1.0, 1.0))))
+    return (*base[:3], *(Track(each.time_s, signs * each.values) for each in base[3:]))

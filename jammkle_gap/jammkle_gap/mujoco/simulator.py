@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_gap.core.simulate import InfeasibleError
+from jammkle_gap.mujoco.base import BASE_JOINTS, carrying, coordinates_of
 from jammkle_gap.mujoco.robot import EFFORT_SENSOR, sensor_name
 from jammkle_gap.mujoco.runs import AXES, BadRobotError, Base, Quantity, Sense
 from jammkle_sim.physics.engine import mujoco
@@ -67,6 +68,8 @@ class Motion:
     """When each window that is compared begins, s."""
     window_s: float
     """How long it is, s."""
+    base: Array | None = None
+    """Position, velocity and acceleration of the joints that carry a measured base, on the grid, shape (3, n, 6)."""
     wandering: tuple[str, ...] = ()
     """Joints that no drive holds at a position, so that errors of their start last."""
     start_shift: Array | None = None
@@ -431,6 +434,10 @@ def _controls(machine: Machine, motion: Motion, asked: Array, begins: Array, cou
         area = np.concatenate(([0.0], np.cumsum(0.5 * motion.step_s * (own[1:] + own[:-1]))))
         taken = np.interp(at + step_s, grid, area) - np.interp(at, grid, area)
         controls[:, :, int(model.actuator(drive.actuator).id)] = taken / step_s
+    if motion.base is not None:
+        at = begins[:, np.newaxis] + step_s * np.arange(count) + machine.reading_delay_s
+        for name, own in zip(BASE_JOINTS, carrying(motion.base).T, strict=True):
+            controls[:, :, int(model.actuator(name).id)] = np.interp(at, grid, own)
     return controls
 
 
@@ -449,6 +456,11 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
         states[:, 1 + int(joint.qposadr[0])] = (position - offset) / scale
         velocity = np.interp(read_s, grid, motion.velocity[:, column])
         states[:, 1 + model.nq + int(joint.dofadr[0])] = velocity / scale
+    if motion.base is not None:
+        for column, name in enumerate(BASE_JOINTS):
+            joint = model.joint(name)
+            states[:, 1 + int(joint.qposadr[0])] = np.interp(read_s, grid, motion.base[0, :, column])
+            states[:, 1 + model.nq + int(joint.dofadr[0])] = np.interp(read_s, grid, motion.base[1, :, column])
     if motion.start_shift is not None:
         for column, name in enumerate(motion.wandering):
             joint = model.joint(name)
@@ -521,10 +533,14 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
     angle, rate, acceleration = (each / scales for each in tables)
     torque = np.empty_like(angle)
     carried = np.empty_like(angle)
+    held = [] if motion.base is None else [model.joint(name) for name in BASE_JOINTS]
+    carried_at, carried_by = [int(each.qposadr[0]) for each in held], [int(each.dofadr[0]) for each in held]
     addresses = _addresses(machine)
     sensed = np.empty((len(angle), len(addresses)))
     for k in range(len(angle)):
         data.qpos[positions], data.qvel[dofs], data.qacc[dofs] = angle[k], rate[k], acceleration[k]
+        if motion.base is not None:
+            data.qpos[carried_at], data.qvel[carried_by], data.qacc[carried_by] = motion.base[:, k]
         mujoco.mj_inverse(model, data)
         torque[k] = data.qfrc_inverse[dofs]
         carried[k] = np.abs(data.qfrc_bias[dofs])
@@ -636,8 +652,9 @@ def _apart(robot: Robot, first: Motion, second: Motion) -> float:
 def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
     """Return the motion of a run, and when it begins on the run's clock, s."""
     tracks = [run.measured[name, Quantity.POSITION] for name in robot.joints]
-    begin_s = max(float(each.time_s[0]) for each in tracks)
-    end_s = min(float(each.time_s[-1]) for each in tracks)
+    carried = run.base if robot.given.base is Base.MEASURED else ()
+    begin_s = max(float(each.time_s[0]) for each in (*tracks, *carried))
+    end_s = min(float(each.time_s[-1]) for each in (*tracks, *carried))
     asked = [run.commands[drive.joint, drive.quantity] for drive in robot.drives]
     begin_s = max([begin_s, *(float(each.time_s[0]) for each in asked)])
     step_s = float(np.median(np.diff(tracks[0].time_s)))
@@ -649,20 +666,35 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
         raise BadRecordingError(msg)
     times = begin_s + step_s * np.arange(count, dtype=np.float64)
     readings = np.column_stack([each.at(times) for each in tracks])
-    smooth = [savgol_filter(readings, wide, 3, deriv=order, delta=step_s, axis=0, mode="interp") for order in range(3)]
     _check_moves(robot, run, readings)
     # Set points are stepped through with the model, efforts are taken where they were read.
     fine = min(step_s, max(0.25 * float(robot.model.opt.timestep), 0.0005)) if robot.drives else step_s
     grid = begin_s + fine * np.arange(int((end_s - begin_s) / fine) + 1, dtype=np.float64)
-    smooth = [np.column_stack([np.interp(grid, times, column) for column in each.T]) for each in smooth]
+
+    def smoothed(table: Array) -> list[Array]:
+        """Return a table of readings and its derivatives on the grid."""
+        orders = [savgol_filter(table, wide, 3, deriv=k, delta=step_s, axis=0, mode="interp") for k in range(3)]
+        return [np.column_stack([np.interp(grid, times, column) for column in each.T]) for each in orders]
+
+    poses = np.column_stack([each.at(times) for each in carried]) if carried else None
+    if poses is not None and (np.linalg.norm(poses[:, 3:], axis=1) < _LEAST_NORM).any():
+        msg = (
+            f"the orientation of the base in recording {run.name} is no quaternion; its norm is 0 where it should be 1"
+        )
+        raise BadRecordingError(msg)
+    base = None if poses is None else np.array(smoothed(coordinates_of(poses)))
     set_points = np.column_stack([each.mean_about(grid, fine) for each in asked]) if asked else np.zeros((len(grid), 0))
     leading = np.zeros_like(set_points)
     for column, drive in enumerate(robot.drives):
         if drive.leading:
             leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].mean_about(grid, fine)
-    position, velocity, acceleration = smooth
-    motion = Motion(fine, position, velocity, acceleration, set_points, leading, (0.0,), end_s - begin_s)
+    position, velocity, acceleration = smoothed(readings)
+    motion = Motion(fine, position, velocity, acceleration, set_points, leading, (0.0,), end_s - begin_s, base)
     return motion, begin_s
+
+
+_LEAST_NORM = 0.1
+"""Of a quaternion. Chosen: between two that are 1 a straight line has less only where they are opposite."""
 
 
 def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
