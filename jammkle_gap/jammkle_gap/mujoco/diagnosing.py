@@ -22,7 +22,7 @@ from jammkle_gap.mujoco.corrected import closing_of, corrected_of
 from jammkle_gap.mujoco.effects import offer_of, scales_of
 from jammkle_gap.mujoco.robot import load, match
 from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_bag, run_of_csv
-from jammkle_gap.mujoco.screening import BIN_S, promising
+from jammkle_gap.mujoco.screening import BIN_S, closest, promising
 from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
 from jammkle_sim.physics.engine import mujoco
 
@@ -123,7 +123,8 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     library = promising(simulator, offer, Library(offered), compared, jobs, progress)
     problem = Problem(simulator, library, offer.scatter, offer.constants, bin_s=lambda _: BIN_S)
     found = diagnose(compared, problem, references=references, jobs=jobs, **options)
-    values = _values(offer, found)
+    progress("closing the gap", 0.0)
+    values = closest(simulator, offer, compared, _values(offer, found), jobs)
     target = Path(folder) / CORRECTED_NAME
     target.parent.mkdir(parents=True, exist_ok=True)
     corrected = corrected_of(robot, simulator.machine(values), values, target.parent)

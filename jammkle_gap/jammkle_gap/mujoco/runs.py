@@ -337,9 +337,10 @@ def run_of_arrays(
         tables.append(tracks)
     commanded = {key: _held(track) for key, track in tables[1].items()}
     since_s = times - times[0]
-    senses = {
-        key: tuple(Track(since_s, np.asarray(each, dtype=float)) for each in axes) for key, axes in sensed.items()
-    }
+    senses: Senses = {}
+    for sensor, axes in sensed.items():
+        x, y, z = (Track(since_s, np.asarray(each, dtype=float)) for each in axes)
+        senses[sensor] = (x, y, z)
     return _checked(Run(name, tables[0], commanded, notes, senses, base))
 
 

@@ -1,4 +1,4 @@
-"""Which effects of a long list promise most.
+"""Which effects of a long list promise most, and numbers that close as much of the gap as they can.
 
 All effects are screened by one Jacobian per recording, beside the constants of the machine with their priors.
 """
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries no types
+from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import Library
@@ -230,3 +231,63 @@ def _ordered(metric: _Metric, able: Sequence[_Way]) -> list[str]:
         others = [name for name in sorted(beside, key=lambda name: -beside[name]) if name not in names]
         names += others[: _OFFERED // 6]
     return names
+
+
+def closest(
+    simulator: RobotSimulator,
+    offer: Offer,
+    recordings: Sequence[Recording],
+    start: Mapping[str, float],
+    jobs: int,
+) -> dict[str, float]:
+    """Return effects and constants that leave least of all recordings, from where the diagnosis has them.
+
+    The diagnosis trusts most what agrees already, since it asks for the cause. A corrected model shall leave little
+    altogether: least squares in the noise of sensors, with the constants' priors. What the simulator leaves beyond
+    noise counts as noise, as a whole: without that, priors would not count at all.
+
+    Args:
+        simulator: Of the robot.
+        offer: Of which effects and constants are.
+        recordings: That are fitted.
+        start: Effects by `effect.parameter` and constants by name.
+        jobs: Processes.
+
+    """
+    space = _Whitened(simulator, recordings, jobs)
+    known = {effect.key(each): (each.null, 0.02 * (each.maximum - each.minimum), each.minimum, each.maximum, 0.0)
+             for effect in offer.library for each in effect.parameters}  # fmt: skip
+    known.update({each.name: (each.null, each.sigma, each.minimum, each.maximum, 1.0) for each in offer.constants})
+    null, steps, low, high, weights = np.array([known[key] for key in start]).T
+
+    def values(shares: Array) -> dict[str, float]:
+        return dict(zip(start, (null + shares * steps).tolist(), strict=True))
+
+    def rest(made: Array | None, shares: Array) -> Array:
+        left = np.full(len(space.data), _INFEASIBLE) if made is None else space.data - made
+        return np.concatenate([left / scale, weights * shares])
+
+    def slopes(shares: Array) -> Array:
+        turned = np.where(shares + 1.0 > ends[1], -1.0, 1.0)
+        made = space.all([values(shares), *(values(shares + each) for each in np.diag(turned))], lambda _share: None)
+        rows = [rest(each, shares + turn) for each, turn in zip(made[1:], np.diag(turned), strict=True)]
+        found: Array = ((np.array(rows) - rest(made[0], shares)) / turned[:, np.newaxis]).T
+        return found
+
+    ends = (low - null) / steps, (high - null) / steps
+    place = np.clip((np.array(list(start.values())) - null) / steps, ends[0] + 1e-6, ends[1] - 1e-6)
+    for _ in range(_WEIGHED):
+        first = space.made(values(place))
+        if first is None:
+            return dict(start)
+        scale = max(float(np.sqrt(np.square(space.data - first).mean())), 1.0)
+        place = least_squares(
+            lambda shares: rest(space.made(values(shares)), shares), place, slopes, ends, max_nfev=_FIT_STEPS, ftol=1e-3
+        ).x
+    return values(place)
+
+
+_WEIGHED, _FIT_STEPS = 2, 6
+"""Times that the noise is taken anew, and steps of each fit. Chosen: servos move by less than a thousandth after it."""
+_INFEASIBLE = 1e6
+"""Whitened features of what cannot be simulated: far from everything that is measured."""

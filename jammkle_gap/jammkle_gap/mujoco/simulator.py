@@ -9,6 +9,7 @@ is the measured one, smoothed and differentiated once (Savitzky and Golay 1964, 
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -477,40 +478,45 @@ def _stepped(
     data = machine.data
     rubbing = sorted({robot.dof(name) for name in (*machine.stribeck, *machine.load_friction)})
     base = model.dof_frictionloss[rubbing].copy()
-    still, speed, load = np.zeros(len(rubbing)), np.ones(len(rubbing)), np.zeros(len(rubbing))
-    for name, (torque, rate) in machine.stribeck.items():
-        still[rubbing.index(robot.dof(name))], speed[rubbing.index(robot.dof(name))] = torque, rate
-    for name, share in machine.load_friction.items():
-        load[rubbing.index(robot.dof(name))] = share
+    stribeck = {robot.dof(name): own for name, own in machine.stribeck.items()}
+    shares = {robot.dof(name): own for name, own in machine.load_friction.items()}
+    rows = [
+        (dof, float(base[k]), *stribeck.get(dof, (0.0, 1.0)), shares.get(dof, 0.0)) for k, dof in enumerate(rubbing)
+    ]
     slack = [
-        (int(model.actuator(drive.actuator).id), int(model.joint(drive.joint).qposadr[0]), machine.slack[drive.joint])
+        (
+            int(model.actuator(drive.actuator).id),
+            int(model.joint(drive.joint).qposadr[0]),
+            list(joints).index(int(model.joint(drive.joint).qposadr[0])),
+            0.5 * machine.slack[drive.joint],
+        )
         for drive in robot.drives
         if drive.joint in machine.slack
     ]
-    actuators, angles = [each[0] for each in slack], [each[1] for each in slack]
-    halves = np.array([0.5 * each[2] for each in slack])
-    columns = [list(joints).index(angle) for angle in angles]
     count = controls.shape[1]
     position = np.empty((len(starts), count, len(joints)))
     efforts = np.empty((len(starts), count, len(sensors)))
+    # Views of the model's own memory, and plain numbers: a step takes some microseconds itself.
+    angles, rates, control, read = data.qpos, data.qvel, data.ctrl, data.sensordata
+    driving, bias, friction = data.qfrc_actuator, data.qfrc_bias, model.dof_frictionloss
     for k, start in enumerate(starts):
         mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         mujoco.mj_forward(model, data)
         for i in range(count):
-            position[k, i] = data.qpos[joints]
-            data.ctrl[:] = controls[k, i]
-            if slack:
+            position[k, i] = angles[joints]
+            control[:] = controls[k, i]
+            for actuator, angle, column, half in slack:
                 # The motor turns against the load by half the backlash before it moves it.
-                error = data.ctrl[actuators] - data.qpos[angles]
-                lost = np.clip(error, -halves, halves)
-                data.ctrl[actuators] -= lost
-                position[k, i, columns] += lost
-            if rubbing:
-                carried = 0.5 * np.abs(data.qfrc_actuator[rubbing] + data.qfrc_bias[rubbing])
-                falling = still * np.exp(-np.square(data.qvel[rubbing] / speed))
-                model.dof_frictionloss[rubbing] = base + falling + load * carried
+                lost = min(max(control[actuator] - angles[angle], -half), half)
+                control[actuator] -= lost
+                position[k, i, column] += lost
+            for dof, dry, still, speed, share in rows:
+                rub = dry + share * 0.5 * abs(driving[dof] + bias[dof])
+                if still > 0.0:
+                    rub += still * math.exp(-((rates[dof] / speed) ** 2))
+                friction[dof] = rub
             mujoco.mj_step(model, data)
-            efforts[k, i] = data.sensordata[sensors]
+            efforts[k, i] = read[sensors]
     model.dof_frictionloss[rubbing] = base
     return position, efforts
 
