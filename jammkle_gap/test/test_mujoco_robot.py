@@ -18,6 +18,7 @@ from jammkle_gap.mujoco.runs import (
     BadRobotError,
     Quantity,
     Sense,
+    Track,
     run_of_arrays,
     run_of_bag,
     run_of_csv,
@@ -411,3 +412,30 @@ def test_odometry_of_a_bag_is_the_base(tmp_path: Path) -> None:
     assert robot.joints == ("hip",)
     for ours, given in zip(read.base, run.base, strict=True):
         assert np.allclose(np.abs(ours.values), np.abs(given.values))
+
+
+def test_tolerances_of_the_map_are_constants(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """What the map gives a tolerance is fitted beside every effect, within four standard deviations of the model."""
+    model, run = robot_arm.write_model(tmp_path), robot_arm.run("one", recorded)
+    runs, robot = matched(model, [run], {"tolerances": {"damping": 0.2, "mass": 0.1}})
+    compared, _ = recordings_of(robot, runs, 2.0, 20.0)
+    offer = offer_of(robot, scales_of(robot, compared))
+    constants = {each.name: each for each in offer.constants}
+    assert constants["elbow/damping"].sigma == 0.2
+    assert constants["elbow/damping"].maximum == pytest.approx(1.8)
+    assert constants["tool/mass"].sigma == 0.1
+    assert "elbow/armature" not in constants
+    machine = RobotSimulator(robot, offer.changes).machine({"elbow/damping": 1.5, "damping_elbow.coefficient": 0.1})
+    assert float(machine.model.dof_damping[2]) == pytest.approx(1.5 * 0.3 + 0.1)
+    with pytest.raises(BadRobotError, match="friction 2 must be a share"):
+        matched(model, [run], {"tolerances": {"friction": 2}})
+    with pytest.raises(BadRobotError, match="'kp'; it may have: mass, length"):
+        matched(model, [run], {"tolerances": {"kp": 0.1}})
+
+
+def test_steps_of_a_command_count_by_when_they_come() -> None:
+    """The mean about a time has of a step what lies behind it: half where it falls on the time itself."""
+    track = Track(np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.0, 4.0, 4.0]))
+    assert track.mean_about(np.array([0.5, 0.95, 1.0, 1.05, 2.5]), 0.2) == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0])
+    ramp = Track(np.array([0.0, 2.0]), np.array([1.0, 5.0]))
+    assert ramp.mean_about(np.array([-1.0, 0.0, 1.0, 2.0]), 1.0) == pytest.approx([1.0, 1.25, 3.0, 4.75])
