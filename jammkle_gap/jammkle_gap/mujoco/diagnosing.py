@@ -22,7 +22,7 @@ from jammkle_gap.mujoco.corrected import closing_of, corrected_of
 from jammkle_gap.mujoco.effects import offer_of, scales_of
 from jammkle_gap.mujoco.robot import load, match
 from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_bag, run_of_csv
-from jammkle_gap.mujoco.screening import BIN_S, closest, promising
+from jammkle_gap.mujoco.screening import BIN_S, closest, left_by, promising
 from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
 from jammkle_sim.physics.engine import mujoco
 
@@ -124,7 +124,9 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     problem = Problem(simulator, library, offer.scatter, offer.constants, bin_s=lambda _: BIN_S)
     found = diagnose(compared, problem, references=references, jobs=jobs, **options)
     progress("closing the gap", 0.0)
-    values = closest(simulator, offer, compared, _values(offer, found), jobs)
+    tries = [closest(simulator, offer, compared, start, jobs) for start in _starts(offer, found)]
+    values = min(tries, key=lambda each: left_by(simulator, kept or compared, each)) if len(tries) > 1 else tries[0]
+    within = [name for name in dict.fromkeys(key.partition(".")[0] for key in values) if name in offer.names]
     target = Path(folder) / CORRECTED_NAME
     target.parent.mkdir(parents=True, exist_ok=True)
     corrected = corrected_of(robot, simulator.machine(values), values, target.parent)
@@ -134,6 +136,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
         *robot.notes,
         *dict.fromkeys(note for run in runs for note in run.notes),
         f"{len(offered)} effects were screened, and the {len(library.effects)} most promising fitted",
+        f"{CORRECTED_NAME} has in it the constants of the machine{_beside(within, found)}",
         f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing)}, in {where}",
     )
     found = replace(found, notes=(*notes, *(note for note in found.notes if note not in notes)))
@@ -171,16 +174,34 @@ _OTHER_UNIT = 3.0
 """How many times an effort may be the model's. Chosen: no effect on offer makes half of that."""
 
 
-def _values(offer: Offer, found: Diagnosis) -> dict[str, float]:
-    """Return the effects of the best candidate that names any, and the constants of the machine beside it."""
-    values = {
-        f"{effect.name}.{each.name}": each.value
-        for effect in (found.effects if found.verdict is not Verdict.NO_GAP else ())
-        for each in effect.parameters
-    }
-    # Earlier recordings have calibrated them, later ones are explained beside them.
-    calibrated = {each.name: each.null + found.calibration.get(each.name, 0.0) * each.sigma for each in offer.constants}
-    return {**calibrated, **values, **{each.name: each.value for each in found.constants}}
+def _starts(offer: Offer, found: Diagnosis) -> list[dict[str, float]]:
+    """Return where the fit of the corrected model begins: with the best candidate, and without where none is certain.
+
+    Where none of the effects is most likely, the likeliest is a lead. The corrected model has it if that leaves less
+    where nothing was fitted.
+    """
+    # Earlier recordings have calibrated the constants, later ones are explained beside them.
+    constants = {each.name: each.null + found.calibration.get(each.name, 0.0) * each.sigma for each in offer.constants}
+    constants.update({each.name: each.value for each in found.constants})
+    if found.verdict is Verdict.NO_GAP:
+        return [constants]
+    fitted = {f"{effect.name}.{each.name}": each.value for effect in found.effects for each in effect.parameters}
+    if found.verdict is not Verdict.UNKNOWN:
+        return [{**constants, **fitted}]
+    lead = next((names for names in found.posterior if names), ())
+    begun = {key: each.null + _BEGIN * ((each.maximum if each.maximum > each.null else each.minimum) - each.null)
+             for key, each in offer.library.parameters(lead)}  # fmt: skip
+    return [{**constants, **(fitted or begun)}, constants]
+
+
+_BEGIN = 0.1
+"""Share of the way to a bound that a lead which was not fitted begins at."""
+
+
+def _beside(names: Sequence[str], found: Diagnosis) -> str:
+    if not names:
+        return " alone"
+    return f" and {' and '.join(names)}" + (", which is a lead" if found.verdict is Verdict.UNKNOWN else "")
 
 
 def _sentence(closing: Sequence[SignalClosing]) -> str:

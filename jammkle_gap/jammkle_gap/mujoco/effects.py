@@ -235,7 +235,7 @@ FAMILIES = (
             Number("speed", "speed", 0.1, 0.02, 0.3, "Armstrong-Helouvry 1991: a hundredth to a third of the speed")),
            _stribeck, "{where} stick before they slide", "look at the lubrication, and at preload of the bearings"),
     Family("load_friction", "joints",
-           (Number("share", "share", 0.0, 0.0, 0.5, "efficiency of gears of 50 to 100 %"),), _load_friction,
+           (Number("share", "share", 0.0, 0.0, 0.8, "gears of 43 to 100 %: 2 (1 - eta) / (1 + eta)"),), _load_friction,
            "gears of {where} rub in proportion to their load", "look at the wear of the gears"),
     Family("armature", "joints",
            (Number("inertia", "inertia", 0.0, 0.0, 2.0, "rotors by the gear ratio squared: twice that of links"),),
@@ -488,6 +488,11 @@ class Offer:
     changes: Mapping[str, tuple[tuple[str, ...], tuple[float, ...], Any]]
     members: Mapping[str, tuple[str, ...]]
     """By effect that joints share, the effects of single joints."""
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of all effects."""
+        return frozenset(effect.name for effect in self.library)
 
 
 def offer_of(robot: Robot, scales: Mapping[str, Scale]) -> Offer:

@@ -287,6 +287,13 @@ def closest(
     return values(place)
 
 
+def left_by(simulator: RobotSimulator, recordings: Sequence[Recording], values: Mapping[str, float]) -> float:
+    """Return the mean square, in the noise of sensors, that some values leave; infinite where they cannot be run."""
+    space = _Whitened(simulator, recordings, 1)
+    made = space.made(values)
+    return float("inf") if made is None else float(np.square(space.data - made).mean())
+
+
 _WEIGHED, _FIT_STEPS = 2, 6
 """Times that the noise is taken anew, and steps of each fit. Chosen: servos move by less than a thousandth after it."""
 _INFEASIBLE = 1e6
