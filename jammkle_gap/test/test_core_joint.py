@@ -136,3 +136,26 @@ def test_constants_that_move_nothing_are_not_simulated_again() -> None:
     found = diagnose(recorded(34, {"rubbing.torque": 0.1}, {}), problem, jobs=1)
     assert [each.value for each in found.constants if each.name == "lamp.power"] == [pytest.approx(5.0, abs=1e-3)]
     assert sum("lamp.power" in each for each in asked) <= 2 * len(found.held_out)
+
+
+@pytest.mark.parametrize(("error", "accuracy", "gap"), [(0.01, 0.0, True), (0.01, 0.02, False), (0.06, 0.02, True)])
+def test_a_gap_is_larger_than_the_simulators_accuracy(error: float, accuracy: float, gap: bool) -> None:  # noqa: FBT001
+    """What goes with the angle's square, which no effect or constant makes, by shares of the angle's range."""
+    runs = [_bent(run, error) for run in recorded(41, {}, {"arm.mass": 1.02, "servo.stiffness": 0.98})]
+    found = diagnose(runs, replace(EXACT, accuracy=accuracy), jobs=1)
+    assert (found.verdict is not Verdict.NO_GAP) is gap
+    assert Verdict.EFFECTS is not found.verdict
+
+
+def test_an_effect_is_named_beside_an_error_within_the_accuracy() -> None:
+    runs = [_bent(run, 0.005) for run in recorded(42, {"load.share": 0.5}, {})]
+    value, _ = named(diagnose(runs, replace(EXACT, accuracy=0.005), jobs=1), "load")
+    assert value == pytest.approx(0.5, abs=0.15)
+
+
+def _bent(run: Recording, error: float) -> Recording:
+    """Return a run whose angle is read wrong by a share of its range, root mean square."""
+    (signal,) = run.signals
+    square = np.square(signal.values) - np.square(signal.values).mean()
+    values = signal.values + error * np.ptp(signal.values) * square / square.std()
+    return replace(run, signals=(replace(signal, values=values),))

@@ -211,6 +211,19 @@ def _signals_of(layouts: Sequence[Layout]) -> NDArray[np.intp]:
     return np.concatenate(found)
 
 
+def _ranges(settings: Sequence[Setting]) -> NDArray[np.float64]:
+    """Return for every feature how far its signal goes, at most in one setting; 0 for an event."""
+    spans: dict[str, float] = {}
+    for setting in settings:
+        table = setting.layout.by_signal(setting.faulty_features.mean(axis=0))
+        for name, row in zip(setting.layout.signals, table, strict=True):
+            spans[name] = max(spans.get(name, 0.0), float(np.ptp(row)))
+    found = []
+    for layout in (setting.layout for setting in settings):
+        found += [np.repeat([spans[name] for name in layout.signals], layout.bins), np.zeros(len(layout.event_s))]
+    return np.concatenate(found)
+
+
 def beyond(left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return the variance of model discrepancy: what is left beyond scatter, by block, for every feature."""
     counts = np.bincount(blocks)
@@ -269,6 +282,7 @@ class Discrepancy:
         self._healthy = local + np.concatenate(smooth)
         self._base = local + self._per_block * np.concatenate(smooth)
         self._expected = np.bincount(self._blocks, self._healthy / self._base)
+        self._range = _ranges([settings[k] for k in self._used])
         self._scale, self._unknown = constants.discrepancy_of_block, constants.unknown_share
         self._pair_penalty, self._of_gap = constants.pair_penalty, constants.discrepancy_of_gap
         self._freedom = min(constants.discrepancy_freedom, float(len(self._expected)))
@@ -289,6 +303,19 @@ class Discrepancy:
         left = self._left(fit)
         rest = left - self._shared @ fit.scores if len(fit.scores) else left
         return self._whitened(self._base + self._per_block * beyond(rest, self._healthy, self._signals))
+
+    def accurate_to(self, accuracy: float) -> tuple[Difference, Difference]:
+        """Return the difference whitened by scatter and an error of the simulator as large as its stated accuracy.
+
+        Args:
+            accuracy: Share of each signal's range; 0: scatter alone.
+
+        Returns:
+            With an error that is another one in every bin, and with one that lasts for a block and resembles an effect.
+
+        """
+        error = np.square(accuracy * self._range)
+        return self._whitened(self._base + error), self._whitened(self._base + self._per_block * error)
 
     def _whitened(self, total: NDArray[np.float64]) -> Difference:
         settings = self._difference.settings

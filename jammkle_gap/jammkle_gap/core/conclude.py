@@ -272,7 +272,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     if own is None:
         detection = detect(difference, float(difference.whitened @ difference.whitened), evidence.noticed, constants)
     else:
-        detection = detect_jointly(difference, own.explained.nothing, evidence.noticed, constants)
+        detection = detect_jointly(own.machine, own.error, own.explained.nothing, evidence.noticed, constants)
     # Settings without references have a likelihood of their own.
     referenced = np.repeat(
         [bool(setting.references) for setting in evidence.settings], [each.size for each in difference.settings]
@@ -360,10 +360,12 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
         f"a probability of {detection.p_value:.2g}"
     )
     if evidence.unreferenced is not None:
+        accuracy = evidence.problem.accuracy
+        beside = f" and the simulator's accuracy of {100.0 * accuracy:g} % of each signal's range" if accuracy else ""
         first = (
             f"with the constants of the machine fitted within their tolerances the difference is "
-            f"{np.sqrt(detection.ratio):.2f} times scatter; a machine as drawn shows as much with a probability of "
-            f"{detection.p_value:.2g}"
+            f"{np.sqrt(detection.ratio):.2f} times scatter{beside}; a machine as drawn shows as much with a "
+            f"probability of {detection.p_value:.2g}"
         )
     if verdict is Verdict.NO_GAP:
         return (first,)

@@ -60,6 +60,9 @@ class Constants:
     sharpened_in_doubt: tuple[int, ...] = (8, 6, 6)
     """The same before it, where even the best leaves more than `doubtful`: a simulator that is wrong in more than one
     way bends what is fitted. Chosen: on the real servo a fit of seven numbers ends after some twenty steps."""
+    affordable_derivatives: int = 100
+    """Constants times settings up to which candidates in doubt get derivatives of their own. Chosen for time: the 72 of
+    an ankle in four exercises take 80 s of a core for each candidate, where a servo's seven take two."""
     doubtful: float = 2.0
     """What a fit of one parameter leaves per feature, in what healthy runs leave, above which it goes on. Chosen: an
     effect that is exactly the machine's leaves 1, with a spread of 0.15 (`length_spread`)."""

@@ -109,7 +109,13 @@ class Detection:
     """Probability of a length as large altogether in a healthy machine."""
 
 
-def detect(difference: Difference, length: float, singles: Sequence[Fit], constants: Constants) -> Detection:
+def detect(
+    difference: Difference,
+    length: float,
+    singles: Sequence[Fit],
+    constants: Constants,
+    whole: tuple[Difference, float] | None = None,
+) -> Detection:
     """Test the difference against healthy runs.
 
     Along an effect with p parameters the gain, over p and over the moderated variance of healthy runs along the same
@@ -122,6 +128,7 @@ def detect(difference: Difference, length: float, singles: Sequence[Fit], consta
         length: Its square, less what the constants of the machine explain.
         singles: Single effects as fitted.
         constants: Rate of false alarms, prior degrees of freedom.
+        whole: What is tested altogether, with its length, where that is whitened otherwise; None: the same.
 
     """
     best, effect = 1.0, ""
@@ -133,8 +140,9 @@ def detect(difference: Difference, length: float, singles: Sequence[Fit], consta
         if chance < best:
             best, effect = chance, "+".join(fit.names)
     explained = min(1.0, best * max(len(singles), 1, constants.tested_effects))
-    ratio = length / difference.whitened.size / max(difference.healthy, constants.least_healthy)
-    unexplained = _altogether(difference, ratio, constants)
+    tested, left = whole or (difference, length)
+    ratio = left / tested.whitened.size / max(tested.healthy, constants.least_healthy)
+    unexplained = _altogether(tested, ratio, constants)
     p_value = min(1.0, 2.0 * min(explained, unexplained))
     gap = p_value < constants.false_alarm_rate
     return Detection(

@@ -296,36 +296,45 @@ def slopes_at(machine: Machine, difference: Difference, fit: Fit, signatures: Si
         constant.
 
     """
+    return [slopes_in(k, machine, difference, fit, signatures) for k in range(len(machine.settings))]
+
+
+def slopes_in(
+    k: int, machine: Machine, difference: Difference, fit: Fit, signatures: Signatures
+) -> NDArray[np.float64]:
+    """Return the derivatives of one setting; see `slopes_at`."""
     parameters = machine.problem.library.parameters(fit.names)
     place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
-    spans = [(key, each.minimum, each.maximum, abs(fit.values[key] - each.null)) for key, each in parameters]
     back = np.linalg.inv(machine.root) if len(place) else np.zeros((0, 0))
-    free = len(parameters)
-    found = [np.hstack([each[:, :free], each[:, free:] @ back]) for each in fit.slopes]
-    always = [np.ones(len(parameters), dtype=bool)] * len(found)
-    moving = [np.linalg.norm(part, axis=0) > _VISIBLE for part in difference.split(difference.shared)]
-    seen = [np.concatenate(each) for each in zip(always, moving, strict=True)]
-    for i in range(len(parameters) + len(place)):
+    free, known = len(parameters), fit.slopes[k]
+    found = np.hstack([known[:, :free], known[:, free:] @ back])
+    moving = np.linalg.norm(difference.split(difference.shared)[k], axis=0) > _VISIBLE
+    for i in np.flatnonzero(np.concatenate([np.ones(free, dtype=bool), moving])).tolist():
         ends, width = [], 0.0
         for sign in (1.0, -1.0):
             values, moved = dict(fit.values), place.copy()
-            if i < len(parameters):
-                key, low, high, away = spans[i]
-                step = max(STEP_SHARE * away, LEAST_STEP * (high - low))
-                values[key] = float(np.clip(values[key] + sign * step, low, high))
+            if i < free:
+                key, each = parameters[i]
+                span = each.maximum - each.minimum
+                step = max(STEP_SHARE * abs(fit.values[key] - each.null), LEAST_STEP * span)
+                values[key] = float(np.clip(values[key] + sign * step, each.minimum, each.maximum))
                 width += sign * values[key]
             else:
-                j = i - len(parameters)
+                j = i - free
                 moved[j] = np.clip(moved[j] + sign * _STEP, least[j], most[j])
                 width += sign * moved[j]
             ends.append((values, machine.values(moved)))
-        for k, own in enumerate(found):
-            if not seen[k][i] or width == 0.0:
-                continue
-            after, before = (signatures.part(k, *end) for end in ends)
-            if after is not None and before is not None:
-                own[:, i] = (after - before) / width
+        if width == 0.0:
+            continue
+        after, before = (signatures.part(k, *end) for end in ends)
+        if after is not None and before is not None:
+            found[:, i] = (after - before) / width
     return found
+
+
+def _slopes_and_runs(k: int, machine: Machine, difference: Difference, fit: Fit) -> tuple[NDArray[np.float64], Made]:
+    signatures = machine.signatures(difference)
+    return slopes_in(k, machine, difference, fit, signatures), signatures.made
 
 
 @dataclass(frozen=True)
@@ -415,7 +424,8 @@ def explain(
     noticed = tuple(_whitened_by(difference, fit) for fit in singles)
     alone = _whitened_by(difference, nothing)
     pairs: list[Fit] = []
-    if finished and singles and detect_jointly(difference, alone, noticed, constants).gap:
+    gap = detect_jointly(machine, error, alone, noticed, constants).gap
+    if finished and singles and gap:
         weighed = error.difference_with(singles[0])
         profiles = Profiles(grids_of(problem), grid_signatures(grids, weighed), weighed.whitened)
         first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
@@ -427,7 +437,7 @@ def explain(
         pairs, finished = fitted(promising, "fitting pairs")
     within, own = nothing, {NONE_OF_THEM: 0.0}
     if finished:
-        fits, own, finished = _weighed(machine, error, (nothing, *singles, *pairs), runner, constants)
+        fits, own, finished = _weighed(machine, error, (nothing, *singles, *pairs), runner, constants, gap=gap)
         within = fits.pop(NONE_OF_THEM)
         singles = [fit for fit in fits.values() if len(fit.names) == 1]
         pairs = [fit for fit in fits.values() if len(fit.names) > 1]
@@ -461,21 +471,27 @@ def fit_part(
     return fit_jointly(machine, whitens, _start(names, best.values), signatures, constants), signatures.made
 
 
-def detect_jointly(difference: Difference, nothing: Fit, singles: Sequence[Fit], constants: Constants) -> Detection:
-    """Test for a gap beyond the tolerances of the constants.
+def detect_jointly(
+    machine: Machine, error: Discrepancy, nothing: Fit, singles: Sequence[Fit], constants: Constants
+) -> Detection:
+    """Test for a gap beyond the tolerances of the constants and the accuracy of the simulator.
 
-    No healthy runs show how much they scatter along a signature: data sheets and tolerances say it, and are trusted as
-    far as the simulator itself, in as many degrees of freedom as its discrepancy has.
+    No healthy runs show how much they scatter along a signature: data sheets, tolerances and the stated accuracy say
+    it, in as many degrees of freedom as the simulator's discrepancy has. An effect must explain more than an error of
+    that size that lasts for a block; what nothing explains must be larger than it.
 
     Args:
-        difference: Of all settings.
+        machine: Whose simulator has an accuracy.
+        error: Of the simulator.
         nothing: The constants alone.
         singles: Effects, each with the constants.
         constants: Of the model.
 
     """
     given = replace(constants, direction_prior_freedom=constants.discrepancy_freedom)
-    return detect(difference, nothing.left, singles, given)
+    by_bin, by_block = error.accurate_to(machine.problem.accuracy)
+    alone, whole = _whitened_by(by_block, nothing).left, (by_bin, _whitened_by(by_bin, nothing).left)
+    return detect(by_block, alone, [_whitened_by(by_block, fit) for fit in singles], given, whole)
 
 
 def _constants_alone(
@@ -492,19 +508,39 @@ def _constants_alone(
         return blank, slopes
     steps = constants.calibration_steps if machine.problem.constants else 0
     for whitened in (error.evenly_with, error.difference_with):
-        for _ in range(steps):
+        for step in range(steps):
             difference = whitened(fit)
+            if step == 0:
+                work = [(k, machine, difference, fit) for k in range(len(machine.settings))]
+                answers = runner.map(_slopes_and_runs, work)
+                slopes = [each for each, _ in answers]
+                runner.count(made for _, made in answers)
             signatures = machine.signatures(difference)
-            slopes = slopes_at(machine, difference, fit, signatures)
             found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
             runner.count([signatures.made])
             before = _whitened_by(difference, fit).left
             if not found.features or found.left >= before:
                 break
+            slopes = _updated(slopes, machine, difference, fit, found)
             fit = found
             if before - found.left < _WORTH_GOING_ON:
                 break
     return fit, slopes
+
+
+def _updated(
+    slopes: Sequence[NDArray[np.float64]], machine: Machine, difference: Difference, before: Fit, after: Fit
+) -> list[NDArray[np.float64]]:
+    """Return derivatives that explain the last step as well (Broyden 1965, Math. Comp. 19:577), at no further run."""
+    scores = after.scores - before.scores
+    step = machine.root @ scores
+    if not step.any():
+        return list(slopes)
+    found = []
+    for k, own in enumerate(slopes):
+        change = after.features[k] - before.features[k] + difference.settings[k].shared @ scores
+        found.append(own + np.outer(change - own @ step, step) / (step @ step))
+    return found
 
 
 class _Base:
@@ -579,7 +615,7 @@ def _until_stopped(
 
 
 def _weighed(
-    machine: Machine, error: Discrepancy, fits: Sequence[Fit], runner: Runner, constants: Constants
+    machine: Machine, error: Discrepancy, fits: Sequence[Fit], runner: Runner, constants: Constants, *, gap: bool
 ) -> tuple[dict[tuple[str, ...], Fit], dict[tuple[str, ...], float], bool]:
     """Return candidates beside the discrepancy that each leaves, their log-likelihoods, and whether all were fitted."""
     count = len(machine.problem.library.effects)
@@ -600,7 +636,11 @@ def _weighed(
     known = {fit.names: fit for fit in fits}
     finished, own = True, scored(known)
     rounds = [(sharpen, most) for most in constants.sharpened] if machine.problem.constants else []
-    if error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful:
+    derivatives = len(machine.problem.constants) * len(machine.settings)
+    doubtful = error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful
+    if not gap:
+        rounds = [(sharpen, 0)]  # no candidate will be named, and none needs derivatives of its own
+    elif doubtful and derivatives <= constants.affordable_derivatives:
         rounds = [*((way, most) for way in (spread, sharpen) for most in constants.sharpened_in_doubt), *rounds]
     for function, most in rounds:
         if not finished:

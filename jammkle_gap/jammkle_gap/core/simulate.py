@@ -109,6 +109,9 @@ class Problem:
     """What no two machines have the same: calibrated to references, or fitted beside every candidate without them."""
     sensing: Sensing | None = None
     alignment: Alignment | None = None
+    accuracy: float = 0.0
+    """Share of each signal's range that the simulator may be off by though its constants are right. Without references
+    a gap is what is larger. 0: its equations are the machine's."""
     bin_s: Callable[[Recording], float] = lambda _: 0.02
     """Length of a bin, s."""
     version: str = ""

@@ -293,7 +293,7 @@ def go(  # noqa: PLR0913, PLR0917  # plain numbers keep the door to compiled cod
         lengths_and_rates(laws, states, length_m, rate_m_s)
         if has_tendons:
             for i in range(TENDONS):
-                pin_m[i] = _pinned_m(pin_m[i], pin_play_m[i], pull_n[i], step_s)
+                pin_m[i] = pinned_m(pin_m[i], pin_play_m[i], pull_n[i], step_s)
                 extension_m = length_m[i] - free_m[i] - pin_m[i]
                 pull_n[i] = tendon_tension_n(tendon_laws[i], tendon_states[i], extension_m, vacuum_pa[row, i])
         before_m_s = state.speed[0]
@@ -301,13 +301,13 @@ def go(  # noqa: PLR0913, PLR0917  # plain numbers keep the door to compiled cod
         advance(laws, states, pull_n, inner_steps, step_s / inner_steps, is_held, drive_m[row], speed_m_s)
         lengths_and_rates(laws, states, length_m, rate_m_s)
         rows[row, _FORCE] = (state.speed[0] - before_m_s) / step_s + gravity
-        _note(state, length_m, rate_m_s, pull_n, rows[row])
+        note(state, length_m, rate_m_s, pull_n, rows[row])
         for i in range(TENDONS):
             rows[row, _TORN + i] = tendon_states[i].more[1]
 
 
 @compiled
-def _pinned_m(pin_m: float, play_m: float, pull_n: float, step_s: float) -> float:
+def pinned_m(pin_m: float, play_m: float, pull_n: float, step_s: float) -> float:
     """Return how far a pin has slid in its worn hole: pulled along, and back when its tendon is slack."""
     if play_m <= 0.0:
         return 0.0
@@ -319,7 +319,7 @@ def _pinned_m(pin_m: float, play_m: float, pull_n: float, step_s: float) -> floa
 
 
 @compiled
-def _note(state: Any, length_m: Any, rate_m_s: Any, pull_n: Any, out: Any) -> None:
+def note(state: Any, length_m: Any, rate_m_s: Any, pull_n: Any, out: Any) -> None:
     """Write what is seen of a state into a row."""
     out[_HEIGHT] = state.height_m
     out[_RISE] = state.speed[0]

@@ -249,9 +249,9 @@ def _gyroscopic(turn: Any, inertia: Any, spin: Vector) -> Vector:
 
 
 @compiled
-def solve(law: Any, state: Any, count: int) -> None:
-    """Fill the matrix of inertia and solve it for the change of the speeds that are free."""
-    matrix, load = state.matrix, state.load
+def _weigh_bodies(law: Any, state: Any) -> None:
+    """Fill the matrix of inertia."""
+    matrix = state.matrix
     to_ankle = turned(state.leg_turn, (law.ankle_m[0], law.ankle_m[1], law.ankle_m[2]))
     to_leg = turned(state.leg_turn, (law.leg_centre_m[0], law.leg_centre_m[1], law.leg_centre_m[2]))
     to_foot = turned(state.foot_turn, (law.foot_centre_m[0], law.foot_centre_m[1], law.foot_centre_m[2]))
@@ -275,6 +275,13 @@ def solve(law: Any, state: Any, count: int) -> None:
     foot_lever = scaled(to_foot, law.foot_kg)
     _border(matrix, LEG, leg_lever)
     _border(matrix, FOOT, foot_lever)
+
+
+@compiled
+def solve(law: Any, state: Any, count: int) -> None:
+    """Solve for the change of the speeds that are free."""
+    _weigh_bodies(law, state)
+    matrix, load = state.matrix, state.load
     if law.foot_is_free <= 0.0 and law.leg_is_free > 0.0:
         _fold(matrix, load)
     _eliminate(matrix, load, state.active, count)
@@ -439,3 +446,50 @@ def _weigh(law: Any, state: Any, ground: Vector, steps: int) -> None:
 @compiled
 def _carried(spin: Vector, change: Vector, arm: Vector) -> Vector:
     return plus(cross(change, arm), cross(spin, cross(spin, arm)))
+
+
+@compiled
+def advance_guided(
+    laws: NDArray[Any],
+    states: NDArray[Any],
+    pull_n: NDArray[np.float64],
+    steps: int,
+    step_s: float,
+    guide_speed: NDArray[np.float64],
+    guide_change: NDArray[np.float64],
+) -> None:
+    """Advance the foot of a leg that is guided: carriage and leg move as they are made to, whatever hangs on them.
+
+    Args:
+        laws: `Law.packed`.
+        states: Changed, shape (1,) of STATE.
+        pull_n: Of each tendon, the same through all steps, shape (TENDONS,).
+        steps: How many.
+        step_s: Length of each.
+        guide_speed: Of carriage and leg at the start, shape (FOOT,).
+        guide_change: Its rate, the same through all steps, shape (FOOT,).
+
+    """
+    law, state = laws[0], states[0]
+    for i in range(FOOT):
+        state.speed[i] = guide_speed[i]
+        state.change[i] = guide_change[i]
+    for _ in range(steps):
+        for i in range(SPEEDS):
+            state.speed[i] += state.change[i] * step_s / 2.0
+        _drift(state, step_s)
+        for i in range(SPEEDS):  # what depends on speed looks at the end of the step
+            state.speed[i] += state.change[i] * step_s / 2.0
+        gather(law, state, pull_n, step_s, state.height_m, state.speed[0])
+        for i in range(SPEEDS):
+            state.speed[i] -= state.change[i] * step_s / 2.0
+        _weigh_bodies(law, state)
+        for i in range(FOOT, SPEEDS):
+            for j in range(FOOT):
+                state.load[i] -= state.matrix[i, j] * state.change[j]
+            state.active[i - FOOT] = i
+        _eliminate(state.matrix, state.load, state.active, SPEEDS - FOOT)
+        for i in range(FOOT, SPEEDS):
+            state.change[i] = state.load[i]
+        for i in range(SPEEDS):
+            state.speed[i] += state.change[i] * step_s / 2.0

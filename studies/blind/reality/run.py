@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from studies.blind.reality.drop import drop
 from studies.blind.reality.faults import FAULTS, eras
+from studies.blind.reality.guided import cycle, press, shake, tilt
 from studies.blind.reality.landing import landing
 from studies.blind.reality.pressure import pressure
 from studies.blind.reality.sensors import BadPlanError
@@ -26,6 +27,10 @@ RIGS: Mapping[str, Callable[[Plan, Sequence[Era], int], RealRun]] = {
     "drop": drop,
     "slip": slip,
     "landing": landing,
+    "cycle": cycle,
+    "press": press,
+    "shake": shake,
+    "tilt": tilt,
 }
 """What carries out a plan, by the name of the rig: plan, machine over time, seed."""
 
