@@ -14,7 +14,7 @@ import pytest
 import robot_arm
 
 from jammkle_common.command.main import main
-from jammkle_gap import Verdict, diagnose_mujoco
+from jammkle_gap import BadRecordingError, Verdict, diagnose_mujoco
 from jammkle_gap.mujoco.diagnosing import matched
 from jammkle_gap.mujoco.effects import offer_of, scales_of
 from jammkle_gap.mujoco.runs import BadRobotError
@@ -140,6 +140,32 @@ def test_held_out_goes_with_a_model(tmp_path: Path, capsys: pytest.CaptureFixtur
     """Recordings of an ankle are held out in turn: the option is refused there."""
     assert main(["gap", "diagnose", str(tmp_path), "--held-out", str(tmp_path)]) == 2
     assert "goes with --model" in capsys.readouterr().err.strip().splitlines()[-1]
+
+
+def again(seed: int) -> robot_arm.Samples:
+    """Return what a healthy arm reads of the same motion another time."""
+    random = np.random.default_rng(seed)
+    noise = {"position": robot_arm.STEP_RAD, "effort": robot_arm.NOISE_N_M}
+    return {
+        name: values + random.normal(0.0, noise[name.rpartition(".")[2]], values.shape)
+        if not name.startswith(("command.", "time_s"))
+        else values
+        for name, values in robot_arm.samples(1, duration_s=3.0).items()
+    }
+
+
+def test_what_has_changed_since_is_named(tmp_path: Path) -> None:
+    """Beside earlier runs of the same motion the friction that came since is named; one run twice is refused."""
+    model = robot_arm.write_model(tmp_path)
+    now, *before = [
+        robot_arm.run(f"run {k}", robot_arm.samples(1, rubbing, 3.0) if k == 0 else again(k)) for k in range(3)
+    ]
+    found = diagnose_mujoco(model, [now], since=before, only=FEW, folder=tmp_path / "out", jobs=1)
+    assert found.diagnosis.verdict is Verdict.EFFECTS
+    assert found.diagnosis.effects[0].name == "friction_elbow"
+    assert found.corrected.values["friction_elbow.torque"] == pytest.approx(0.8, abs=0.08)
+    with pytest.raises(BadRecordingError, match="run 1 and run 1 hold the same readings; give each of them once"):
+        matched(model, [now, before[0], before[0]])
 
 
 def test_screening_puts_the_truth_among_the_first(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ diagnosis, which fits them and their pairs with the simulator.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -243,6 +244,12 @@ def matched(
             runs.append(run_of_csv(Path(bag)))
         else:
             runs.append(run_of_bag(Path(bag), given, order))
+    for first, second in itertools.combinations(runs, 2):
+        if first.measured.keys() == second.measured.keys() and all(
+            np.array_equal(track.values, second.measured[key].values) for key, track in first.measured.items()
+        ):
+            msg = f"recordings {first.name} and {second.name} hold the same readings; give each of them once"
+            raise BadRecordingError(msg)
     runs = [in_model_terms(run, given) for run in runs]
     names = [run.name for run in runs]
     runs = [
