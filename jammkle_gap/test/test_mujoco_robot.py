@@ -340,6 +340,10 @@ def test_bag_says_where_its_sensors_are(tmp_path: Path, recorded: robot_arm.Samp
     (run,), robot = matched(model, [bag], {"sensors": {"imu_link": {"site": "wrist", "sign": -1}}})
     assert set(robot.senses) == {("wrist", Sense.ACCELERATION), ("wrist", Sense.RATE)}
     assert np.allclose(run.sensed["wrist", Sense.ACCELERATION][2].values, -9.81)
+    plain = robot_arm.write_bag(tmp_path / "plain", robot_arm.samples(2))
+    _, robot = matched(model, [bag, plain], {"sensors": {"imu_link": "wrist"}})
+    assert not robot.senses
+    assert any("at wrist are left out, as not all recordings" in note for note in robot.notes)
     with pytest.raises(BadRobotError, match="at site tip, which the model has not; it has: wrist"):
         matched(model, [bag], {"sensors": {"imu_link": "tip"}})
 

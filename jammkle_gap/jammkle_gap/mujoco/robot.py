@@ -178,6 +178,9 @@ def _matched_senses(
             f"readings of sensors at {', '.join(strange)} are left out, as no site of the model has that name "
             f"({', '.join(sites) or 'it has none'}); say where they are in a map (sensors: {{{strange[0]}: SITE}})"
         )
+    some = sorted({site for run in runs for site, sense in run.sensed if (site, sense) not in everywhere} - {*strange})
+    if some:
+        notes.append(f"readings of sensors at {', '.join(some)} are left out, as not all recordings have them")
     return tuple(key for key in everywhere if key[0] in sites)
 
 
