@@ -16,10 +16,12 @@ import robot_arm
 from jammkle_common.command.main import main
 from jammkle_gap import BadRecordingError, Verdict, diagnose_mujoco
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import offer_of, scales_of
+from jammkle_gap.mujoco.effects import scales_of
+from jammkle_gap.mujoco.offer import offer_of
 from jammkle_gap.mujoco.runs import BadRobotError
 from jammkle_gap.mujoco.screening import promising
-from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of
+from jammkle_gap.mujoco.simulator import RobotSimulator
+from jammkle_gap.mujoco.windows import recordings_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:

@@ -10,8 +10,10 @@ import pytest
 import robot_arm
 
 from jammkle_gap import BadRecordingError
+from jammkle_gap.mujoco.bags import run_of_bag
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import groups_of, offer_of, scales_of
+from jammkle_gap.mujoco.effects import scales_of
+from jammkle_gap.mujoco.offer import groups_of, offer_of
 from jammkle_gap.mujoco.runs import (
     AXES,
     BASE_COLUMNS,
@@ -20,10 +22,10 @@ from jammkle_gap.mujoco.runs import (
     Sense,
     Track,
     run_of_arrays,
-    run_of_bag,
     run_of_csv,
 )
-from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
+from jammkle_gap.mujoco.simulator import RobotSimulator
+from jammkle_gap.mujoco.windows import recordings_of, repeats_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.effects import Effect
-    from jammkle_gap.mujoco.effects import Offer
+    from jammkle_gap.mujoco.offer import Offer
     from jammkle_gap.mujoco.simulator import RobotSimulator
 
     Array = NDArray[np.float64]
