@@ -89,6 +89,7 @@ class Bench:
         self.commands: list[JamCommand] = []
         self.health: dict[str, DiagnosticStatus] = {}
         self.reports = 0
+        self._felt_s = 0.0
         self.encode: Callable[[Imu], Imu | bytes] = lambda message: message
         self.imu = self.node.create_publisher(Imu, IMU.name, publisher_qos(IMU))
         for kind, topic, take in (
@@ -124,6 +125,7 @@ class Bench:
 
     def feel(self, force_m_s2: float, time_s: float) -> None:
         """Publish one IMU sample with a specific force along z, and the noise of a living sensor."""
+        self._felt_s = time_s
         message = Imu()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(time_s * 1e9), 1_000_000_000)
         message.header.frame_id = "imu"
@@ -133,6 +135,15 @@ class Bench:
         message.orientation_covariance[0] = -1.0
         self.imu.publish(self.encode(message))
         self.executor.spin_once(timeout_sec=0.001)
+
+    def stand_until(self, holds: Callable[[], bool], what: str) -> None:
+        """Go on standing from the last sample until something holds: an IMU that falls silent is believed no more."""
+
+        def stands() -> bool:
+            self.feel(GRAVITY_M_S2, self._felt_s + INTERVAL_S)
+            return holds()
+
+        self.spin_until(stands, what)
 
     def stand(self, from_s: float, until_s: float) -> None:
         for index in range(round((until_s - from_s) / INTERVAL_S)):

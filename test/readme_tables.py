@@ -159,8 +159,9 @@ def tables() -> dict[str, str]:
     made["interfaces"] = interfaces_text()
     made["sourced workspace"] = workspace_text()
     made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
-    for example in EXAMPLES.glob("*.py"):
-        made[f"example {example.name}"] = f"```python\n{example.read_text()}```"
+    for suffix, language in ((".py", "python"), (".cpp", "cpp")):
+        for example in EXAMPLES.glob(f"*{suffix}"):
+            made[f"example {example.name}"] = f"```{language}\n{example.read_text()}```"
     return made
 
 

@@ -15,6 +15,7 @@ from lifecycle_msgs.srv import ChangeState
 
 from graph import COMMAND, TIMEOUT_S, environment
 from jammkle_bringup.graph_client import DISCOVERY_S
+from jammkle_common.command.main import main
 from jammkle_common.names import CHANNELS, CLOCK, JAM, JAM_STATE, PUMP_DUTY, SOLENOIDS, STEP
 from jammkle_msgs.msg import ChannelJamState
 from readme_tables import EXAMPLES
@@ -230,16 +231,15 @@ def bad_yaml(folder: Path) -> str:
     ],
 )
 def test_bad_input_gets_one_clear_line(
-    start: Callable[..., Up], tmp_path: Path, arguments: tuple[str, ...], words: tuple[str, ...]
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     """Exit code 2 and one line that names the value; what is there already stays as it is."""
     existing = tmp_path / "existing"
     existing.mkdir()
     (existing / "metadata.yaml").write_text("not a bag")
     places = {"bad_yaml": bad_yaml(tmp_path), "missing": str(tmp_path / "missing"), "existing": str(existing)}
-    process = start(*(argument.format(**places) for argument in arguments))
-    assert process.wait() == 2
-    lines = process.text().strip().splitlines()
+    assert main([argument.format(**places) for argument in arguments]) == 2
+    lines = "".join(capsys.readouterr()).strip().splitlines()
     assert len(lines) == 1, lines
     assert all(word in lines[0] for word in words), lines[0]
     assert (existing / "metadata.yaml").read_text() == "not a bag"

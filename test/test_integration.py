@@ -216,11 +216,12 @@ def test_the_estimate_is_as_good_as_the_guide_says(robot: str, mass_kg: float, b
     assert np.median(errors_n) < median_n
 
 
-def test_the_mission_in_cpp_fits_the_messages() -> None:
-    """It compiles with the headers of the project's messages; what it uses of rclcpp is declared."""
+@pytest.mark.parametrize("example", ["mission.cpp", "in_step.cpp"])
+def test_examples_in_cpp_fit_the_messages(example: str) -> None:
+    """They compile with the headers of the project's messages; what they use of rclcpp is declared."""
     headers = [f"-I{folder}" for folder in (Path(sys.prefix) / "include").iterdir()]
     command = [os.environ.get("CXX", "/usr/bin/c++"), "-fsyntax-only", "-Wall", "-Wextra", "-Werror", "-std=c++17"]
-    command += [f"-I{STAND_IN}", *headers, str(EXAMPLES / "mission.cpp")]
+    command += [f"-I{STAND_IN}", *headers, str(EXAMPLES / example)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 

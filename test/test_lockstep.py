@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from builtin_interfaces.msg import Time
 from same_bag import differences, recorded
 from std_msgs.msg import Header
@@ -122,6 +123,22 @@ def test_the_same_seed_gives_the_same_bag_on_any_machine(
         ask_for_jams(probe)
         assert other.stop() == 0
     assert differences(bag_of(up), bag_of(other), 3_250_000_000) == []
+
+
+@pytest.mark.slow
+def test_a_leg_with_efforts_and_odometry_gives_the_same_bag(
+    start: Callable[..., Up], make_probe: Callable[..., Probe]
+) -> None:
+    """What the controller must know of its leg is there before the first step, at any speed."""
+    probe, bags = make_probe(), []
+    for speed in ("0", "1"):
+        given = ("-p", "controller:use_efforts:=true", "-p", "controller:use_odometry:=true", "--speed", speed)
+        up = paused_graph(start, probe, "--robot", "leg", *given)
+        go_on(probe, 8)
+        assert up.stop() == 0
+        bags.append(bag_of(up))
+    assert differences(*bags, 1_900_000_000) == []
+    assert len(recorded(bags[0], 1_900_000_000)["/odom"]) > 100
 
 
 def test_a_recorder_that_is_stopped_misses_nothing_and_shifts_nothing(

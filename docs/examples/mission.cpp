@@ -32,7 +32,7 @@ public:
   : node(std::make_shared<rclcpp::Node>("mission")),
     subscription(
       node->create_subscription<JamState>(
-        "jam_state", rclcpp::QoS(1).transient_local(), [this](const JamState & heard) {state = heard;}))
+        "jam_state", rclcpp::QoS(1).transient_local(), [this](const JamState & received) {state = received;}))
   {
   }
 

@@ -172,15 +172,17 @@ def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[dict[str,
             lambda array: health.update({line.name: line for line in _health_status(array)}),
             subscriber_qos(DIAGNOSTICS),
         )
-        ankles = client.ankles()
 
-        def taking(ankle: str) -> Callable[[JamState], None]:
-            return lambda state: states.update({ankle: state})
-
-        for ankle in ankles:
+        def subscribe(ankle: str) -> None:
             name = resolved(namespace, below(ankle, JAM_STATE))
-            client.node.create_subscription(JamState, name, taking(ankle), subscriber_qos(JAM_STATE))
-        if not client.wait_until(lambda: len(states) == len(ankles), ANSWER_TIMEOUT_S):
+
+            def take(state: JamState) -> None:
+                states[ankle] = state
+
+            client.node.create_subscription(JamState, name, take, subscriber_qos(JAM_STATE))
+
+        ankles = client.ankles(subscribe)
+        if not client.wait_until(lambda: states.keys() >= set(ankles), ANSWER_TIMEOUT_S):
             silent = next(ankle for ankle in ankles if ankle not in states)
             raise GraphError(no_answer(below(silent, JAM_STATE), namespace, ANSWER_TIMEOUT_S))
         drivers = {resolved(namespace, _path(ankle, DRIVER_NODE)) for ankle in ankles}

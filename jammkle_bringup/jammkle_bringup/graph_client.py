@@ -137,18 +137,30 @@ class GraphClient:
         finally:
             self.node.destroy_client(client)
 
-    def ankles(self) -> tuple[str, ...]:
+    def ankles(self, on_seen: Callable[[str], None] = lambda _: None) -> tuple[str, ...]:
         """Return the namespaces, below the client's own, of the ankles that there are; the one in that is empty.
 
         A robot's ankles are one level below. None may be missed, so as long as it is looked as discovery takes, or
         until those are seen that the robot's simulation names, all in one message, on /diagnostics.
+
+        Args:
+            on_seen: Called once for each namespace when it is first seen, while others are still looked for.
 
         Raises:
             GraphError: none is seen.
             Interrupted: the command was asked to stop.
 
         """
-        if not self.wait_until(lambda: bool(self._ankles()), ANSWER_TIMEOUT_S):
+        known: set[str] = set()
+
+        def seen() -> set[str]:
+            ankles = self._ankles()
+            for ankle in sorted(ankles - known):
+                known.add(ankle)
+                on_seen(ankle)
+            return ankles
+
+        if not self.wait_until(lambda: bool(seen()), ANSWER_TIMEOUT_S):
             raise GraphError(no_answer(DRIVER_NODE, self.namespace, ANSWER_TIMEOUT_S))
         simulation = resolved(self.namespace, SIM_NODE)
         simulated: set[str] = set()
@@ -162,9 +174,10 @@ class GraphClient:
         subscription = self.node.create_subscription(
             DiagnosticArray, DIAGNOSTICS.name, on_health, subscriber_qos(DIAGNOSTICS)
         )
-        self.wait_until(lambda: "" in self._ankles() or (bool(simulated) and simulated <= self._ankles()), DISCOVERY_S)
+        self.wait_until(lambda: "" in seen() or (bool(simulated) and simulated <= known), DISCOVERY_S)
         self.node.destroy_subscription(subscription)
-        return ("",) if "" in self._ankles() else tuple(sorted(self._ankles()))
+        ankles = seen()
+        return ("",) if "" in ankles else tuple(sorted(ankles))
 
     def _ankles(self) -> set[str]:
         """Return what is seen so far: every ankle has a pump, which a driver commands and a simulation may follow."""

@@ -36,6 +36,7 @@ from jammkle_common.qos import MessageInfo, publisher_qos, subscribe_to_any
 from jammkle_driver.conversions import duty_message, jam_state_message, seconds, set_points, solenoid_message
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver, check_carried_out
+from jammkle_driver.core.hardware import LinkState
 from jammkle_driver.core.requests import Publication, RequestError
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.hardware import HardwareContext, check_parameters, make_hardware
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
     from jammkle_common.messages import Health
     from jammkle_common.names import Service, Topic
     from jammkle_driver.core.driver import DriverStatus
-    from jammkle_driver.core.hardware import ActuatorCommand, Hardware, PressureSample
+    from jammkle_driver.core.hardware import ActuatorCommand, Hardware, LinkStatus, PressureSample
 
 
 STATE_PERIOD_S = 1.0
@@ -90,6 +91,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._refused_command = ""
         self._reported: object = None
         self._faults: tuple[str, ...] = ()
+        self._logged_link: LinkStatus | None = None
         self._diagnostics = DiagnosticsPublisher(self, self._values.hardware, self._health)
 
     def start(self) -> None:
@@ -109,6 +111,7 @@ class DriverNode(LockstepNode, LifecycleNode):
             self, self._on_sample, self._driver.take_driven, self._values, self._declared_ambient_pa
         )
         self._hardware = make_hardware(context)
+        self._logged_link = self._hardware.link
         self._create_subscriptions()
         self._create_services()
         for period_s, callback in ((TICK_PERIOD_S, self._on_tick), (STATE_PERIOD_S, self._repeat_state)):
@@ -250,10 +253,21 @@ class DriverNode(LockstepNode, LifecycleNode):
         if self._hardware is not None:
             self._look_at_link(self._hardware, now)
             self._driver.watch_link(self._hardware.link, now)
+            self._log_link(self._hardware.link)
         if self._outputs is not None and self._hardware is not None:
             self._hardware.apply(self._driver.command)
             self._outputs.repeat_command(self._driver.command)
         self._settle(now)
+
+    def _log_link(self, link: LinkStatus) -> None:
+        """Log why the hardware cannot be reached when that changes: on the terminal nothing else says it."""
+        before, self._logged_link = self._logged_link, link
+        if before is None or (before.state, _reason(before)) == (link.state, _reason(link)):
+            return
+        if link.state is not LinkState.CONNECTED:
+            self.get_logger().warning(link.detail)
+        elif before.state is not LinkState.CONNECTED:
+            self.get_logger().info(link.detail)
 
     def _repeat_state(self) -> None:
         if self._outputs is not None:
@@ -307,6 +321,11 @@ class DriverNode(LockstepNode, LifecycleNode):
         # the graph's time, which the simulation's stamps are in, also where nobody makes that
         graph_s = seconds(self.get_clock().now())
         return Instant(graph_s if self.in_step else time.monotonic(), graph_s)
+
+
+def _reason(link: LinkStatus) -> str:
+    """Return what is said of a link, without how often it is tried again."""
+    return link.detail.partition(";")[0]
 
 
 class Outputs:

@@ -89,6 +89,26 @@ def test_what_befalls_a_jammed_board_is_reported_and_left_again(ankle: Ankle, mi
     ankle.graph.spin_until(lambda: ankle.said.lines["link"].level != DiagnosticStatus.ERROR)
 
 
+def test_a_board_that_is_unplugged_is_named_on_the_terminal_once(
+    ankle: Ankle, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Whoever has started the driver with the wrong port sees why, and not again with every try."""
+    ankle.board.inject(LinkFault.UNPLUGGED)
+    reason = ankle.board.link.detail.partition(";")[0]
+    logged = ""
+
+    def is_logged() -> bool:
+        nonlocal logged
+        logged += capfd.readouterr().err
+        return reason in logged
+
+    ankle.graph.spin_until(is_logged)
+    ankle.graph.spin_until(lambda: reason in ankle.said.lines["link"].message)
+    assert (logged + capfd.readouterr().err).count(f"]: {reason}") == 1
+    ankle.board.heal()
+    ankle.graph.spin_until(lambda: ankle.said.lines["link"].level != DiagnosticStatus.ERROR)
+
+
 def test_a_board_that_resets_while_nothing_is_jammed_is_reported(ankle: Ankle) -> None:
     """A warning of the link with the cause, and no FAULT: nobody has lost anything, but the next jam would."""
     ankle.jam_again()

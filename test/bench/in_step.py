@@ -19,12 +19,14 @@ from std_msgs.msg import Bool
 
 from echo import ECHO_TOPIC, MARK
 from graph import Probe, Up, environment
-from jammkle_common.names import ACTUATOR_STATES, CLOCK, CONTACT_EVENTS, IMU
+from jammkle_common.names import ACTUATOR_STATES, CLOCK, IMU, JAM_COMMAND
 from jammkle_common.qos import publisher_qos
 from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     import psutil
+
+    from jammkle_msgs.msg import JamCommand
 
 MEASURED_S = 8.0
 RELAYS = 1000
@@ -44,7 +46,7 @@ class InStep:
         free_steering_core_s: The same running freely.
         relay_ms: Median round trip of a bare relay, ms of real time.
         tick_ms: Real time per tick of /clock in lockstep, ms.
-        sample_to_solenoid_ms: Simulated time from a landing's sample to the first solenoid that acts on it, ms.
+        sample_to_solenoid_ms: Simulated time from the sample on which it was decided to jam to the first solenoid, ms.
 
     """
 
@@ -81,8 +83,8 @@ def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
         up = Up(domain_id, Path(folder), "up", *options)
         probe = Probe(domain_id, "" if robot == "ankle" else "/lf_ankle")
         try:
-            probe.listen(CLOCK, CONTACT_EVENTS, ACTUATOR_STATES)
-            probe.spin_until(lambda: _time_s(probe) > 2.0, "it has landed")
+            probe.listen(CLOCK, JAM_COMMAND, ACTUATOR_STATES)
+            probe.spin_until(lambda: _time_s(probe) > 2.0 and _has_jammed(probe), "it has landed and is being jammed")
             steering = [each for each in up.children() if any(name in each.cmdline() for name in STEERING)]
             before_s, begin_s, core_s = _time_s(probe), time.perf_counter(), sum(map(_core_s, steering))
             ticks = len(probe.received[CLOCK.name])
@@ -97,11 +99,22 @@ def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
             up.stop()
 
 
+def _has_jammed(probe: Probe) -> bool:
+    return any(any(each.energised) for each in probe.received[ACTUATOR_STATES.name])
+
+
+def _asks(command: JamCommand) -> bool:
+    return any(channel.vacuum_pa > 0.0 for channel in command.channels)
+
+
 def _way_ms(probe: Probe) -> float:
-    """Return the simulated time from the first event to the first change of a solenoid after it."""
-    event_s = _stamp_s(probe.received[CONTACT_EVENTS.name][0])
-    after = (_stamp_s(each) for each in probe.received[ACTUATOR_STATES.name] if any(each.energised))
-    return 1e3 * (next(at_s for at_s in after if at_s >= event_s) - event_s)
+    """Return the simulated time from the sample on which it was first decided to jam, to the first solenoid that does.
+
+    A command that asks for something new has the stamp of the sample that led to it: the controller is in step.
+    """
+    asked_s = next(_stamp_s(each) for each in probe.received[JAM_COMMAND.name] if _asks(each))
+    done_s = next(_stamp_s(each) for each in probe.received[ACTUATOR_STATES.name] if any(each.energised))
+    return 1e3 * (done_s - asked_s)
 
 
 def _relay_ms() -> float:

@@ -317,7 +317,8 @@ class SteppingFoot:
         self._interval_s = 0.0
         self._rising_since_ns: int | None = None
         self._swing_since_ns = 0
-        self._swing_told = False
+        self._swing_reported = False
+        self._stood_on = False
         self._sliding = False
         self._slide_since_ns = 0
 
@@ -356,9 +357,13 @@ class SteppingFoot:
         return ContactEvent(ContactKind.LIFTOFF, time_ns, motion.force_m_s2, M_S2, rising_s, swing)
 
     def leave(self, time_ns: int) -> None:
-        """Take that the foot has left the ground."""
+        """Take that the foot has left the ground.
+
+        Where somebody else says so, as a gait that plans it, the foot may stand for some time more.
+        """
         self._swing_since_ns = time_ns
-        self._swing_told = False
+        self._swing_reported = False
+        self._stood_on = self.swing.probability < AS_LIKELY
         self._rising_since_ns = None
         self.swing.lift()
         self._touchdown.restart()
@@ -368,18 +373,23 @@ class SteppingFoot:
         return self._touchdown.in_swing(time_ns, motion, _since_s(self._swing_since_ns, time_ns))
 
     def stands(self, time_ns: int, motion: Motion) -> ContactEvent | None:
-        """Return the touch-down of a foot that swung, reported late: it stands, though nothing hit it."""
+        """Return the touch-down of a foot that swung, reported late: it stands, though nothing hit it.
+
+        Of one that stood as it was said to leave, and has not been seen to swing, that is no news: only after
+        DWELL_TIME_S, a whole swing, is it taken not to have left.
+        """
         swing = self.swing.probability
-        if swing >= STANCE_PROBABILITY:
+        waits = self._stood_on and not self._swing_reported and _since_s(self._swing_since_ns, time_ns) < DWELL_TIME_S
+        if swing >= STANCE_PROBABILITY or waits:
             return None
         return ContactEvent(ContactKind.IMPACT, time_ns, motion.sharp_m_s2, M_S2, 0.0, 1.0 - swing, is_felt=False)
 
     def swinging(self, time_ns: int, motion: Motion) -> ContactEvent | None:
         """Return once per swing that the foot swings freely."""
         swing, swung_s = self.swing.probability, _since_s(self._swing_since_ns, time_ns)
-        if self._swing_told or swing < SURE_SWING or swung_s < SURE_SWING_S:
+        if self._swing_reported or swing < SURE_SWING or swung_s < SURE_SWING_S:
             return None
-        self._swing_told = True
+        self._swing_reported = True
         return ContactEvent(ContactKind.SWING, time_ns, motion.force_m_s2, M_S2, swung_s, swing)
 
     def land(self, time_ns: int) -> None:
