@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -18,9 +19,11 @@ from jammkle_bringup.core.node_table import ROBOT_NODES, ROBOT_VALUES, parameter
 from jammkle_bringup.robot_names import RobotNamesParameters
 from jammkle_common import VERSION
 from jammkle_common.command import COMMANDS, entries
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows, typed_row
 from jammkle_controller.core.events import OFFERS, Detection
+from jammkle_controller.core.landing import Evacuation, LandingModel, Stored, travel_m
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.registers import header_text, register_table
@@ -29,6 +32,7 @@ from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.catalogue import ankle_alone
+from jammkle_sim.robots.options import RobotOptions
 from jammkle_sim.robots.urdf import UrdfNames, control_tags
 from jammkle_view.parameters import FoxgloveParameters, ViewerParameters
 
@@ -140,6 +144,14 @@ def tables() -> dict[str, str]:
         ("from", "on", "to"),
         [(state.value, trigger.value, following.value) for (state, trigger), following in TRANSITIONS.items()],
     )
+    made["landing vacuum"] = table(
+        ("falls on the ankle", *(f"{1e3 * height_m:.0f} mm" for height_m in FALLS_M)),
+        [(f"{mass_kg:g} kg", *(landing_cell(height_m, mass_kg) for height_m in FALLS_M)) for mass_kg in FALLING_KG],
+    )
+    made["jam times"] = table(
+        ("reservoir", *(f"{vacuum_pa / 1e3:.0f} kPa" for vacuum_pa in TIMED_PA), "to evacuate it to 60 kPa", "mass"),
+        [jam_time_line(volume_ml) for volume_ml in (0, 50, 100, 250)],
+    )
     made["what is felt"] = table(
         ("event", *(mount.value for mount in OFFERS)),
         [
@@ -163,6 +175,33 @@ def tables() -> dict[str, str]:
         for example in EXAMPLES.glob(f"*{suffix}"):
             made[f"example {example.name}"] = f"```{language}\n{example.read_text()}```"
     return made
+
+
+FALLS_M, FALLING_KG, TIMED_PA = (0.02, 0.04, 0.06, 0.08, 0.1, 0.15), (1.8, 2.5, 3.5, 5.0), (8e3, 20e3, 40e3, 50e3)
+"""What the tables of landings and of jam times have."""
+STORED_PA = DriverParameters().stored_vacuum_pa
+BOTTLE_KG_ML = 0.25e-3
+"""Mass of a reservoir per volume, kg/mL: a PET bottle's wall with its fitting, assumed."""
+
+
+def landing_cell(height_m: float, mass_kg: float) -> str:
+    """Vacuum of a landing on our robots' feet, kPa."""
+    speed_m_s = math.sqrt(2.0 * STANDARD_GRAVITY_M_S2 * height_m)
+    vacuum_pa = LandingModel().needed_pa(speed_m_s, mass_kg, travel_m(math.radians(RobotOptions().hang_pitch_deg)))
+    if vacuum_pa > ControllerParameters().full_vacuum_pa:
+        return "full"
+    return f"{vacuum_pa / 1e3:.0f} kPa" if vacuum_pa else "soft"
+
+
+def jam_time_line(volume_ml: int) -> tuple[str, ...]:
+    """How long all three channels take with a reservoir, and what it costs."""
+    volume_m3 = 1e-6 * volume_ml
+    air = DriverParameters(reservoir_volume_m3=volume_m3).air()
+    jams = Evacuation.of(Stored(STORED_PA if volume_ml else 0.0, volume_m3), achilles_alone=False)
+    times = [f"{1e3 * jams.until_s(vacuum_pa):.0f} ms" for vacuum_pa in TIMED_PA]
+    evacuated_s = air.evacuation_s(volume_m3 and air.shared_volume_m3, STORED_PA)
+    name = f"{volume_ml} mL" if volume_ml else "none"
+    return (name, *times, f"{evacuated_s:.1f} s", f"{1e3 * BOTTLE_KG_ML * volume_ml:.0f} g")
 
 
 def control_text() -> str:

@@ -15,7 +15,7 @@ from jammkle_common.parameters import RENAMED, TYPED_UNITS, parameter_of
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-UNITS = ("-kpa", "-mm", "-mm-s", "-s", "-hz", "-kg", "-deg", "-l-min", "-dm3-s-bar")
+UNITS = ("-kpa", "-mm", "-mm-s", "-ml", "-s", "-hz", "-kg", "-deg", "-l-min", "-dm3-s-bar")
 """What the name of an option that takes a number with a unit ends in."""
 NO_UNIT = {"--friction", "--edge-friction", "--slip-friction", "--speed"}
 """Numbers without a unit; --speed is simulated time per real time."""

@@ -13,7 +13,9 @@ from jammkle_common.names import JAM_STATE
 from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.recording import load_recordings
 from jammkle_sim.rigs.catalogue import EXERCISES
+from jammkle_sim.rigs.options import hung
 from jammkle_sim.robots.limb import LimbParameters
+from jammkle_sim.robots.options import RobotOptions
 from recorded import SIMULATOR
 
 if TYPE_CHECKING:
@@ -44,12 +46,16 @@ def worst_angle_gap(recording: Recording) -> float:
     return max(float(np.sqrt(np.mean(((each.values - simulated[each.name]) / each.deviation) ** 2))) for each in angles)
 
 
+@pytest.mark.parametrize("hang_deg", [0.0, RobotOptions().hang_pitch_deg])
 @pytest.mark.parametrize("has_abduction", [False, True])
-def test_joints_take_the_shank_where_the_exercise_has_it(has_abduction: bool) -> None:  # noqa: FBT001 - a case
+def test_joints_take_the_shank_where_the_exercise_has_it(
+    has_abduction: bool,  # noqa: FBT001 - a case
+    hang_deg: float,
+) -> None:
     """In the air: hip and knee add up to the pitch against the lean of the stance, the abduction is the roll."""
-    limb, tilted = Limb(LimbParameters(), has_abduction), course("tilt")
+    limb, tilted = Limb(LimbParameters(), has_abduction, ankle=hung(None, hang_deg)), course("tilt")
     angles = limb.hanging_rad(tilted)
-    assert angles[:, -2] + angles[:, -1] == pytest.approx(tilted.pitch_rad - limb.parameters.lean_rad)
+    assert angles[:, -2] + angles[:, -1] == pytest.approx(tilted.pitch_rad - limb.lean_rad)
     assert angles.shape[1] == 2 + has_abduction
     if has_abduction:
         assert angles[:, 0] == pytest.approx(tilted.roll_rad)
@@ -90,7 +96,10 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
         assert done.wait(TIMEOUT_S) == 0, done.text()
         bag = tmp_path / "bags" / name
         assert (bag / FILE_NAME).is_file()
-        assert read_sheet(bag, None).rig == name
+        sheet = read_sheet(bag, None)
+        assert sheet.rig == name
+        assert sheet.options["hang_pitch_deg"] == RobotOptions().hang_pitch_deg
+        assert sheet.options["reservoir_volume_m3"] == RobotOptions().reservoir_volume_m3
         (recording,) = load_recordings(bag)
         assert any(line.values.max() > 0.0 for line in recording.inputs.commands.solenoids.values())
         assert recording.inputs.shank is not None

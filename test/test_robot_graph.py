@@ -131,12 +131,10 @@ def test_an_ankle_and_the_simulation_above_it_miss_each_other(
 
 
 def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
-    start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
+    start: Callable[..., Up], make_probe: Callable[..., Probe]
 ) -> None:
-    """The controller hears the plan, and asks for vacuum before the foot, which comes 34 ms early, can be felt."""
-    early = tmp_path / "early.yaml"
-    early.write_text("/**/controller: {ros__parameters: {jam_lead_s: 0.1}}\n")
-    up = start("up", "--robot", "leg", "-p", "sim:behaviour:=walk", "--speed", "0.5", "--params", str(early))
+    """The controller receives the plan, learns how early the foot comes, and asks for vacuum before it can be felt."""
+    up = start("up", "--robot", "leg", "-p", "sim:behaviour:=walk", "--speed", "0.5")
     probe = make_probe()
     probe.listen(JAM_STATE, JAM_COMMAND, GAIT_PHASE, PLANNED_CONTACT, DIAGNOSTICS)
     probe.wait_until_up()

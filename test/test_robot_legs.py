@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +13,7 @@ from jammkle_controller.parameters import ControllerParameters
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot
-from jammkle_sim.robots.limb import LimbParameters
+from jammkle_sim.robots.limb import LimbParameters, stance_back_m
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_sim.robots.quadruped import CORNERS, QuadrupedParameters
 from jammkle_sim.robots.urdf import robot_urdf
@@ -20,11 +23,12 @@ from jammkle_sim.robots.urdf import robot_urdf
 def test_the_leg_is_that_of_the_model(kind: str, ankle: str) -> None:
     """Lengths, masses, sole and place are the figures of limb and body; the centre is that of MuJoCo."""
     made, limb, foot = robot(kind, RobotOptions()), LimbParameters(), AnkleParameters()
+    hanging = replace(foot, hang_pitch_rad=math.radians(RobotOptions().hang_pitch_deg))
     prefix = ankle.removesuffix("ankle")
     leg = leg_of(robot_urdf(made), ControllerParameters(joint_prefix=prefix))
     assert (leg.thigh_m, leg.shank_m, leg.thigh_kg) == pytest.approx((limb.thigh_m, limb.shank_m, limb.thigh_kg))
     assert leg.shank_kg == pytest.approx(limb.shank_kg + foot.mass_kg)
-    assert leg.lean_rad == pytest.approx(limb.lean_rad)
+    assert leg.lean_rad == pytest.approx(limb.lean_rad(stance_back_m(hanging)))
     sole = (foot.toe_m, foot.heel_m, foot.half_width_m, foot.sole_m)
     assert (leg.toe_m, leg.heel_m, leg.half_width_m, leg.sole_m) == pytest.approx(sole)
     assert ControllerParameters().armature_kg_m2 == limb.armature_kg_m2
@@ -37,6 +41,7 @@ def test_the_leg_is_that_of_the_model(kind: str, ankle: str) -> None:
     else:
         assert (leg.abduction, leg.hip_m, leg.offset_m) == ("", pytest.approx((0.0, 0.0, 0.0)), 0.0)
     model, data = made.model, mujoco.MjData(made.model)
+    data.joint(f"{ankle}/ankle_pitch").qpos[0] = 0.0  # as a description has it
     mujoco.mj_forward(model, data)
     shank = model.body(f"{prefix}shank").id
     way_m = data.xmat[shank].reshape(3, 3).T @ (data.subtree_com[shank] - data.xpos[shank])

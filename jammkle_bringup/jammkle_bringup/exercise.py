@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from builtin_interfaces.msg import Duration
 from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import GetParameters
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
@@ -33,6 +34,8 @@ from jammkle_common.names import (
     CARRIAGE_X_JOINT,
     CHANNELS,
     CLOCK,
+    CONTROLLER_NODE,
+    DRIVER_NODE,
     IMU,
     JAM,
     JOINT_STATES,
@@ -48,6 +51,7 @@ from jammkle_common.parameters import from_mapping, rows
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam, Unjam
 from jammkle_sim.rigs.catalogue import EXERCISES
+from jammkle_sim.rigs.options import hung
 from jammkle_sim.rigs.replay import has_ground, timestep_s
 from jammkle_sim.robots.limb import LimbParameters
 from jammkle_sim.robots.quadruped import place_of
@@ -59,6 +63,9 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.run import Programme
 
+HANG_PITCH = "hang_pitch_deg"
+AS_BUILT = ((CONTROLLER_NODE, HANG_PITCH), (DRIVER_NODE, "reservoir_volume_m3"))
+"""Parameters of nodes that say how an ankle is built, and are options of an exercise."""
 _RECORDER_TIMEOUT_S = 30.0
 _SEEN_S = 3.0
 """How long joints and odometry of a robot are waited for, s."""
@@ -148,13 +155,33 @@ class _Session:
             JointTrajectory, resolved(client.namespace, JOINT_TRAJECTORY.name), publisher_qos(JOINT_TRAJECTORY)
         )
         client.wait_until(lambda: set(self._heard.joints) == set(self._ankles), _SEEN_S)
+        self._built = {name: self._value_of(node, name) for node, name in AS_BUILT}
         self._set_auto(automatic=False)
+
+    def _value_of(self, node: str, name: str) -> float:
+        """Return how the ankles are built, as a node of each knows it.
+
+        Raises:
+            InputError: one ankle is built otherwise than another.
+
+        """
+        found = {}
+        for ankle in self._ankles:
+            path = _below(ankle, f"{node}/get_parameters")
+            answer = self._client.call(path, GetParameters, GetParameters.Request(names=[name]))
+            found[ankle] = float(answer.values[0].double_value) if answer.values else 0.0
+        if len(set(found.values())) > 1:
+            said = ", ".join(f"{ankle} {value:g}" for ankle, value in found.items())
+            msg = f"{name} of the nodes {node} differs ({said}), and a run sheet has one for all: set the same"
+            raise InputError(msg)
+        return next(iter(found.values()))
 
     def do(self, name: str, bag: Path, vacuum_pa: float | None) -> None:
         """Do one exercise and record it."""
         kind = EXERCISES[name]
         limbs = self._limbs()
-        given: dict[str, Any] = {} if vacuum_pa is None else {"vacuum_pa": vacuum_pa}
+        given: dict[str, Any] = dict(self._built)
+        given |= {} if vacuum_pa is None else {"vacuum_pa": vacuum_pa}
         if limbs and "sides" in {row.name for row in rows(kind.options)}:
             given["sides"] = "no"  # an abducted leg turns and slides its ankle as it comes down, which nothing measures
         options = from_mapping(kind.options, given)
@@ -245,7 +272,9 @@ class _Session:
         for ankle, joints in self._heard.joints.items():
             if set(LEG_JOINTS[1:]) <= set(joints):
                 offset_m = place_of(ankle).get("hip_offset_m", 0.0) if ankle in QUADRUPED_ANKLES else 0.0
-                found[ankle] = Limb(LimbParameters(), LEG_JOINTS[0] in joints, offset_m)
+                found[ankle] = Limb(
+                    LimbParameters(), LEG_JOINTS[0] in joints, offset_m, hung(None, self._built[HANG_PITCH])
+                )
         return found
 
     def _angles(self, rig: Rig, limbs: Mapping[str, Limb]) -> dict[str, Any]:

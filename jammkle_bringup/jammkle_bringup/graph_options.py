@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from jammkle_bringup.core.node_table import (
+    AS_BUILT,
     FOXGLOVE,
     GAP_MONITOR,
     NODES,
@@ -198,14 +199,16 @@ def with_value(options: GraphOptions, node: str, name: str, *, value: ParameterV
     return replace(options, values={**options.values, node: of_node})
 
 
-def with_imu_mount(options: GraphOptions) -> GraphOptions:
-    """Return the options with controllers that know where a simulated robot has its IMUs, unless somebody says so."""
+def with_robot_as_built(options: GraphOptions) -> GraphOptions:
+    """Return the options with nodes that know how a simulated robot is built, unless somebody says so."""
     if options.robot is Robot.ANKLE or options.hardware != SIM_HARDWARE:
         return options
-    place = str(given_value(options, SIM_NODE, "imu") or RobotOptions().imu)
-    for entry in options.nodes:
-        if entry.name == CONTROLLER_NODE and "imu_mount" not in given_values_of(options, entry):
-            options = with_value(options, entry.path, "imu_mount", value=place)
+    for node, name, of_robot in AS_BUILT:
+        given = given_value(options, SIM_NODE, of_robot)
+        value = getattr(RobotOptions(), of_robot) if given is None else given
+        for entry in options.nodes:
+            if entry.name == node and name not in given_values_of(options, entry):
+                options = with_value(options, entry.path, name, value=value)
     return options
 
 

@@ -36,8 +36,8 @@ from jammkle_bringup.graph_options import (
     given_value,
     makes_clock,
     node_names,
-    with_imu_mount,
     with_legs,
+    with_robot_as_built,
     with_value,
 )
 from jammkle_common.command.errors import GraphError, Interrupted
@@ -137,7 +137,7 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
 
     """
     check(options)
-    options = with_legs(with_imu_mount(options))
+    options = with_legs(with_robot_as_built(options))
     # they load while it is looked
     with Supervisor(paused_specs(options), pass_on, held=True, on_loss=say_loss) as supervisor:
         death = None

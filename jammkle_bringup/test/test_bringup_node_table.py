@@ -31,8 +31,8 @@ from jammkle_bringup.graph_options import (
     given_value,
     given_values,
     with_given,
-    with_imu_mount,
     with_legs,
+    with_robot_as_built,
 )
 from jammkle_bringup.up import child_specs
 from jammkle_common.command.errors import InputError
@@ -319,7 +319,7 @@ def test_controllers_of_a_simulated_robot_know_where_its_imus_are(
     file = tmp_path / "some.yaml"
     file.write_text(given)
     options = GraphOptions("/", parameter_files=(file,) if given else (), robot=robot)
-    assert given_value(with_imu_mount(options), CONTROLLER_NODE, "imu_mount") == mount
+    assert given_value(with_robot_as_built(options), CONTROLLER_NODE, "imu_mount") == mount
 
 
 def test_a_parameter_reaches_the_drivers_of_every_ankle_or_of_one() -> None:
@@ -353,7 +353,7 @@ def test_a_parameter_that_cannot_be_is_refused(text: str, why: str) -> None:
 
 def test_one_controller_that_knows_its_imu_leaves_the_others_as_they_are() -> None:
     options = with_given(GraphOptions("/", robot=Robot.QUADRUPED), ["lf_ankle/controller:imu_mount:=body"])
-    known = [with_imu_mount(options).values[f"{ankle}/controller"]["imu_mount"] for ankle in options.robot.ankles]
+    known = [with_robot_as_built(options).values[f"{ankle}/controller"]["imu_mount"] for ankle in options.robot.ankles]
     assert known == ["body", "shank", "shank", "shank"]
 
 

@@ -300,6 +300,7 @@ TYPED_UNITS = (
     TypedUnit("Pa", "kPa", "_pa", "_kpa", 3, "50 for 50000 Pa"),
     TypedUnit("m/s", "mm/s", "_m_s", "_mm_s", -3, "5 for 0.005 m/s"),
     TypedUnit("m", "mm", "_m", "_mm", -3, "20 for 0.02 m"),
+    TypedUnit("m^3", "ml", "_m3", "_ml", -6, "100 for 0.0001 m^3"),
 )
 """Every other unit is typed as it is inside: s, Hz, kg, deg, l/min."""
 

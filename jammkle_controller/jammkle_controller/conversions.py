@@ -6,12 +6,14 @@ Units agree on both sides (SI, and vacuum is gauge and positive in both), so onl
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CHANNEL_JAMS, CLEAR_FAULT, JAM_COMMAND, UNJAM, UNJAM_ALL, WAY_BACK
 from jammkle_controller.core.events import Contact, ContactEvent, ContactKind
+from jammkle_controller.core.landing import Stored
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, ContactState, Fault, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
 
@@ -166,3 +168,9 @@ def driver_view(message: JamState) -> DriverView:
         hold=Hold.STREAM if by_stream else Hold.NOBODY,
         faulty=tuple(each.channel for each in message.channels if each.state == ChannelJamState.FAULT),
     )
+
+
+def stored(message: JamState) -> Stored:
+    """Read what the driver says of manifold and reservoir; what is not measured counts as nothing."""
+    vacuum_pa = message.manifold_vacuum_pa if math.isfinite(message.manifold_vacuum_pa) else 0.0
+    return Stored(max(vacuum_pa, 0.0), message.reservoir_volume_m3)

@@ -164,6 +164,14 @@ def policy_health(controller: AnkleController, *, auto: bool, trouble: str, by_h
             for channel, vacuum_pa in controller.set_points_pa.items()
         },
     }
+    landing = controller.landing
+    if landing is not None:
+        values |= {
+            "landing, expected speed (m/s)": f"{landing.speed_m_s:.2f}",
+            "landing, vacuum chosen (Pa)": f"{landing.chosen_pa:.0f}",
+            "landing, vacuum reached (Pa)": f"{landing.reached_pa:.0f}",
+            "landing, why": landing.why,
+        }
     if not auto:
         return Health("policy", Level.OK, f"automatic jamming is off; {WAY_BACK}", values)
     if trouble:

@@ -25,11 +25,13 @@ from jammkle_controller.conversions import (
     contact_state_message,
     driver_view,
     jam_command_message,
+    stored,
 )
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import Freshness
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.reading import (
+    ankle_reading,
     body_twist,
     imu_sample,
     imu_sample_of,
@@ -65,6 +67,7 @@ INPUT_TOPICS = {
     Input.GAIT_PHASE: names.GAIT_PHASE.name,
     Input.PLANNED_CONTACT: names.PLANNED_CONTACT.name,
     Input.JOINTS: names.JOINT_STATES.name,
+    Input.ANKLE: names.JOINT_STATES.name,
     Input.EFFORTS: names.JOINT_STATES.name,
     Input.ODOMETRY: names.ODOMETRY.name,
 }
@@ -174,6 +177,10 @@ class ControllerNode(LockstepNode):
             pitch_rad = joint_position(message, names.ANKLE_JOINTS[1])
             if pitch_rad is not None:
                 self._controller.inputs.on_pitch(pitch_rad)
+        if self._values.use_ankle:
+            ankle = ankle_reading(message, self._values.hip_joint, self._values.knee_joint)
+            if ankle is not None:
+                self._take(self._controller.on_ankle(ankle, time_ns), message.header.frame_id)
         if self._values.use_efforts:
             reading = leg_reading(message, self._values.hip_joint, self._values.knee_joint)
             if reading is not None:
@@ -278,6 +285,7 @@ class ControllerNode(LockstepNode):
 
     def _on_driver(self, message: JamState) -> None:
         self._driver = driver_view(message)
+        self._controller.on_driver(stored(message))
         if not self._driver_reported:
             self._driver_reported = True
             if self._driver.hold is Hold.STREAM:

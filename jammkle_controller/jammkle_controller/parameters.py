@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
 from jammkle_common.constants import HELD_VACUUM_PA
 from jammkle_common.parameters import ParameterError, parameter
+from jammkle_controller.core.landing import LEAST_TRAVEL_M, RATED_KG, travel_m
 
 
 class Mount(enum.Enum):
@@ -29,6 +31,8 @@ class PolicyMode(enum.Enum):
     """Vented, whatever is felt: a baseline."""
     ALWAYS_JAMMED = "always_jammed"
     """Held, whatever is felt: a baseline."""
+    FIXED = "fixed"
+    """As auto, but every landing is met with one vacuum: a baseline."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,13 @@ class ControllerParameters:
     imu_link: str = parameter(
         "", "Link of the IMU in robot_description, from which the lever to the sole counts in slips; empty: no lever"
     )
+    hang_pitch_deg: float = parameter(
+        0.0,
+        "Pitch at which the soft foot hangs, toe-down: the way that a landing has, from which an angle at rest counts",
+        "deg",
+        0.0,
+        45.0,
+    )
     stance_share: float = parameter(
         0.5,
         "Share of the stride that the foot stands, if only gait/phase is received",
@@ -67,6 +78,11 @@ class ControllerParameters:
         default=False,
         description="Whether load_cell/wrench is the load on the foot, and shows contact; in a rig it is not",
         dynamic=True,
+    )
+    use_ankle: bool = parameter(
+        default=True,
+        description="Whether ankle_pitch and ankle_roll with hip and knee in joint_states show contact, where the foot "
+        "hangs toe-down",
     )
     use_efforts: bool = parameter(
         default=False,
@@ -123,13 +139,11 @@ class ControllerParameters:
         1.0,
         dynamic=True,
     )
-    jam_lead_s: float = parameter(
-        0.03,
-        "How long before a foreseen touch-down jamming begins; below 36 ms the fibres do not grip before the shock",
-        "s",
-        0.0,
-        1.0,
-        dynamic=True,
+    landing_vacuum_pa: float = parameter(
+        40e3, "Vacuum in the air and at the landing, with policy fixed alone", "Pa", 5e3, 80e3, dynamic=True
+    )
+    load_kg: float = parameter(
+        RATED_KG, "What falls on this ankle in a landing; more counts where load or efforts show it", "kg", 0.1, 100.0
     )
     hold_vacuum_pa: float = parameter(
         40e3,
@@ -238,6 +252,16 @@ class ControllerParameters:
     def mode(self) -> PolicyMode:
         """What automatic jamming does."""
         return PolicyMode(self.policy)
+
+    @property
+    def hang_pitch_rad(self) -> float:
+        """Pitch at which the soft foot hangs, rad."""
+        return math.radians(self.hang_pitch_deg)
+
+    @property
+    def takes_blows(self) -> bool:
+        """Whether the foot hangs so that the ankle can give in a landing."""
+        return travel_m(self.hang_pitch_rad) >= LEAST_TRAVEL_M
 
     @property
     def raised_m(self) -> float:

@@ -19,11 +19,13 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_common.names import normalised, resolved
 from jammkle_common.parameters import ParameterError
+from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.controller import AnkleController, Reaction
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
 from jammkle_controller.core.reading import (
+    ankle_reading,
     body_twist,
     imu_sample,
     joint_position,
@@ -53,7 +55,7 @@ class Received(NamedTuple):
     """What a controller receives at a time, ns: an IMU's sample, a leg, the body's motion, or the value of an input."""
 
     time_ns: int
-    what: ImuSample | LegReading | LegPose | BodyTwist | Input
+    what: ImuSample | AnkleReading | LegReading | LegPose | BodyTwist | Input
     value: float = 0.0
 
 
@@ -191,7 +193,8 @@ def _other(
     hip, knee = parameters.hip_joint, parameters.knee_joint
     reading = leg_reading(message, hip, knee) if parameters.use_efforts else None
     pose = leg_pose(message, (leg.abduction, hip, knee)) if leg is not None and parameters.use_odometry else None
-    return [*received, *(Received(at_ns, each) for each in (reading, pose) if each is not None)]
+    ankle = ankle_reading(message, hip, knee)
+    return [*received, *(Received(at_ns, each) for each in (ankle, reading, pose) if each is not None)]
 
 
 def read_table(path: Path, layout: TableFormat) -> Recording:
@@ -302,7 +305,7 @@ def feed(controller: AnkleController, received: Received) -> Reaction:
     time_ns, what, value = received
     if isinstance(what, ImuSample):
         return controller.update(what)
-    if isinstance(what, (LegReading, LegPose, BodyTwist)):
+    if isinstance(what, (AnkleReading, LegReading, LegPose, BodyTwist)):
         return _feed_motion(controller, what, time_ns)
     if what is Input.JOINTS:
         controller.inputs.on_roll(value, time_ns)
@@ -315,7 +318,11 @@ def feed(controller: AnkleController, received: Received) -> Reaction:
     return take(value, time_ns)
 
 
-def _feed_motion(controller: AnkleController, what: LegReading | LegPose | BodyTwist, time_ns: int) -> Reaction:
+def _feed_motion(
+    controller: AnkleController, what: AnkleReading | LegReading | LegPose | BodyTwist, time_ns: int
+) -> Reaction:
+    if isinstance(what, AnkleReading):
+        return controller.on_ankle(what, time_ns)
     if isinstance(what, LegReading):
         return controller.on_leg(what, time_ns)
     if isinstance(what, LegPose):

@@ -11,6 +11,7 @@ from jammkle_common.parameters import rows
 from jammkle_controller.core.detector import TOUCHDOWN_M_S2
 from jammkle_controller.core.events import ContactEvent, ContactKind
 from jammkle_controller.core.imu import Freshness
+from jammkle_controller.core.landing import Evacuation, Stored
 from jammkle_controller.core.policy import (
     MEANINGS,
     SET_POINTS,
@@ -112,19 +113,22 @@ def test_the_side_that_slips_jams_first(direction: tuple[float, float, float], f
 
 
 def test_a_foreseen_touch_down_is_prepared_and_given_up() -> None:
-    """Vacuum is asked for jam_lead_s ahead; the impact makes it a stance; if none comes, the foot is soft again."""
+    """Evacuation begins so that fibres grip as it touches, and holds from there on; if none comes, it is soft again."""
     policy = new_policy()
+    lead_ns = round(Evacuation.of(Stored(), achilles_alone=False).until_s(8e3) * SECOND_NS)
     policy.advance(0)
     policy.foresee(SECOND_NS)
-    policy.advance(SECOND_NS - 31 * MS_NS)
+    policy.advance(SECOND_NS - lead_ns - MS_NS)
     assert policy.set_points_pa == everywhere(0.0)
-    policy.advance(SECOND_NS - 30 * MS_NS)
+    policy.advance(SECOND_NS - lead_ns)
     assert (policy.state, policy.set_points_pa) == (PolicyState.PREPARING, everywhere(HOLD_PA))
     policy.advance(SECOND_NS + 151 * MS_NS)
     assert (policy.state, policy.set_points_pa) == (PolicyState.SWING, everywhere(0.0))
     policy.foresee(2 * SECOND_NS)
     policy.advance(2 * SECOND_NS)
     feel(policy, ContactKind.IMPACT, 2 * SECOND_NS + 5 * MS_NS)
+    assert (policy.state, policy.set_points_pa) == (PolicyState.LANDING, everywhere(HOLD_PA))
+    policy.advance(2 * SECOND_NS + 25 * MS_NS)
     assert (policy.state, policy.set_points_pa) == (PolicyState.STANCE, everywhere(HOLD_PA))
 
 

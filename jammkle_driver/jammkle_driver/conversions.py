@@ -99,6 +99,7 @@ def jam_state_message(status: DriverStatus, stamp: Time, refused_command: str = 
     if status.limits is not None:
         message.min_vacuum_pa, message.max_vacuum_pa = status.limits.minimum_pa, status.limits.maximum_pa
     message.refused_command = refused_command
+    message.reservoir_volume_m3 = status.reservoir_volume_m3
     return message
 
 

@@ -89,6 +89,7 @@ def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
         "flow (share of declared)": f"{estimate.pump_share:.2f} +- {estimate.pump_deviation:.2f}",
         "ultimate vacuum (share of declared)": f"{estimate.pump_end_share:.2f}",
         "resting": "yes" if ankle.resting else "no",
+        "stored vacuum wanted (Pa)": f"{ankle.settings.regulator.stored_vacuum_pa:.0f}",
     }
     if load.limited:
         return Health("pump", Level.WARN, "spared: its mean duty is at pump_rated_duty; look for a leak", values)

@@ -85,7 +85,8 @@ class DriverParameters:
     vented_vacuum_pa: float = parameter(5e3, "Vacuum below which a channel is UNJAMMED", "Pa", 100.0, 20e3)
     jam_timeout_s: float = parameter(
         3.0,
-        "Longest time that a channel asked to jam may not be JAMMED, or take the pump's full duty, before FAULT",
+        "Longest time that a channel asked to jam may not be JAMMED, or take the pump's full duty, before FAULT; the "
+        "time in which the pump evacuates the reservoir is added",
         "s",
         0.05,
         60.0,
@@ -119,6 +120,12 @@ class DriverParameters:
     )
     pump_thermal_time_s: float = parameter(60.0, "Time constant in which the pump warms up. Assumed", "s", 1.0, 3600.0)
     manifold_volume_m3: float = parameter(15e-6, "Manifold and the hose to the pump", "m^3", 1e-7, 1e-2)
+    reservoir_volume_m3: float = parameter(
+        0.0, "Reservoir between pump and manifold, evacuated while all valves are shut; 0: none", "m^3", 0.0, 1e-2
+    )
+    stored_vacuum_pa: float = parameter(
+        60e3, "Vacuum to which the reservoir is evacuated while nothing is jammed", "Pa", 5e3, 100e3
+    )
     tendon_volume_m3: float = parameter(6e-6, "Free air in one tendon with its share of hose", "m^3", 1e-7, 1e-2)
     valve_conductance_m3_s_pa: float = parameter(
         1e-9, "Sonic conductance of solenoid and hose in series (1e-8 is 1 dm^3/(s bar))", "m^3/(s Pa)", 1e-12, 1e-6
@@ -143,6 +150,12 @@ class DriverParameters:
         if self.max_vacuum_pa >= self.pump_ultimate_vacuum_pa:
             msg = (
                 f"parameter 'max_vacuum_pa' is {self.max_vacuum_pa:g}; it must be below pump_ultimate_vacuum_pa, "
+                f"here {self.pump_ultimate_vacuum_pa:g} Pa, which the pump never exceeds"
+            )
+            raise ParameterError(msg)
+        if self.reservoir_volume_m3 > 0.0 and self.stored_vacuum_pa >= self.pump_ultimate_vacuum_pa:
+            msg = (
+                f"parameter 'stored_vacuum_pa' is {self.stored_vacuum_pa:g}; it must be below pump_ultimate_vacuum_pa, "
                 f"here {self.pump_ultimate_vacuum_pa:g} Pa, which the pump never exceeds"
             )
             raise ParameterError(msg)
@@ -173,10 +186,13 @@ class DriverParameters:
             pump_free_flow_m3_s=self.pump_free_flow_m3_s,
             pump_ultimate_vacuum_pa=self.pump_ultimate_vacuum_pa,
             valve_dead_time_s=self.valve_dead_time_s,
+            reservoir_volume_m3=self.reservoir_volume_m3,
         )
 
     def settings(self) -> DriverSettings:
         """Everything the core wants to know."""
+        air = self.air()
+        reservoir_s = air.evacuation_s(self.reservoir_volume_m3, self.max_vacuum_pa)
         return DriverSettings(
             limits=self.limits(),
             ankle=AnkleSettings(
@@ -184,7 +200,7 @@ class DriverParameters:
                     tolerance_pa=self.tolerance_pa,
                     hysteresis_pa=self.hysteresis_pa,
                     vented_vacuum_pa=self.vented_vacuum_pa,
-                    jam_timeout_s=self.jam_timeout_s,
+                    jam_timeout_s=self.jam_timeout_s + reservoir_s,
                     vent_timeout_s=self.vent_timeout_s,
                 ),
                 regulator=RegulatorSettings(
@@ -195,8 +211,9 @@ class DriverParameters:
                     rated_duty=self.pump_rated_duty,
                     thermal_time_s=self.pump_thermal_time_s,
                     channel_lead_pa=0.5 * self.tolerance_pa,
+                    stored_vacuum_pa=self.stored_vacuum_pa if self.reservoir_volume_m3 > 0.0 else 0.0,
                 ),
-                diagnosis=DiagnosisSettings(self.air()),
+                diagnosis=DiagnosisSettings(air),
                 diagnose=self.diagnose,
                 ambient_pa=self.ambient_pressure_pa,
                 safe_state=SafeState(self.safe_state),

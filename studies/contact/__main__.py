@@ -45,9 +45,7 @@ def contact(
     ] = Path("runs/contact"),
     steps: Annotated[int, typer.Option(help="Touch-downs and slides in all, half of them held out.")] = 400,
     seed: Annotated[int, typer.Option(help="Everything is drawn from it.")] = 0,
-    runs: Annotated[
-        int, typer.Option(help="Landings and slips of each robot and policy for the benefit; 0: none.")
-    ] = 4,
+    runs: Annotated[int, typer.Option(help="Held-out landings of each robot and way for the benefit; 0: none.")] = 4,
     jobs: Annotated[int, typer.Option(help="Processes, each for one run.")] = 1,
     real: Annotated[
         Path | None, typer.Option(help="Folder of recordings of a real foot beside a force, as tables.", metavar="DIR")
@@ -85,7 +83,7 @@ def try_detectors(request: ContactRequest) -> int:
         raise InputError(msg)
     with progress_bar("contact") as update:
         outcome = run_trial(request.seed, request.steps, request.jobs, update)
-        rows = benefit(request.seed, request.runs, update) if request.runs else []
+        rows = benefit(request.seed, request.runs, request.jobs, update) if request.runs else []
     feet = [real_foot(path, best_settings(outcome)) for path in recordings]
     figures = results(outcome, rows) | {"real": [real_figures(foot) for foot in feet]}
     for foot in feet:

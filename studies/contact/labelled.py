@@ -17,6 +17,7 @@ from scipy.ndimage import gaussian_filter1d  # type: ignore[import-untyped]  # c
 from scipy.signal import butter, lfilter, lfilter_zi  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
 
@@ -68,6 +69,18 @@ class LabelledRecording:
     """Times, s, and gait phase, 0 at touch-down to 1, where the robot has a gait."""
     facts: dict[str, float] = field(default_factory=dict)
     """What was drawn, by name with unit."""
+
+    def ankle_readings(self) -> list[tuple[int, AnkleReading]]:
+        """Return what the controller reads of the ankle, with stamps, ns, where its joints are measured."""
+        return [
+            (
+                at_ns,
+                AnkleReading(
+                    pose.pitch_rad, pose.roll_rad, pose.pitch_rad_s, pose.roll_rad_s, pose.hip_rad_s + pose.knee_rad_s
+                ),
+            )
+            for at_ns, pose in self.poses
+        ]
 
     def in_contact(self, time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether the foot stands at times, s; it does at the start."""

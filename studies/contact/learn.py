@@ -6,19 +6,21 @@ the present truth of simulated steps (rebounds and grazes): learned anew they co
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_controller.core.ankle_contact import AnkleMotion
 from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.events import Phase
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
 from jammkle_controller.core.motion import Motion
 from jammkle_controller.core.stepping import LEAST_BLOW_M_S2, LEAST_RATIO, SoleFilter, StepRatios, ratios_of
 from jammkle_controller.parameters import ControllerParameters
-from studies.contact.labelled import walk
+from studies.contact.labelled import CLOCK_START_S, walk
 from studies.contact.robots import robot_recordings
 
 if TYPE_CHECKING:
@@ -33,6 +35,8 @@ RUNS = 60
 STRIDES = 12
 UNSURE_S = 0.02
 """Samples so near to a change of contact say nothing clear of either side."""
+SEEN_S = 0.3
+"""Of the begin of a recording, in which a robot is set down, s."""
 BLOW_S = 0.02
 """A touch-down's blow is over by then."""
 EARLY_S = 0.003
@@ -59,6 +63,41 @@ def learn(mount: str, recordings: Sequence[LabelledRecording]) -> dict[str, dict
         f"slide_{mount}": _nothing(len(SoleFilter.NAMES)),
     }
     return made | {f"slide_{mount}": _slides(mount, recordings, ratios_of(made, mount))}
+
+
+ANKLE_RUNS = 120
+LEAST_HANG_DEG, MOST_HANG_DEG = 20.0, 40.0
+"""Pitches at which feet hang in what is learned from, so that one ratio is that of every toe."""
+_ANKLE_UNSURE_S = 0.004
+"""So near to a change of contact angles say nothing clear: half of the time between two readings."""
+
+
+def ankle_runs(runs: int = ANKLE_RUNS) -> list[tuple[float, list[LabelledRecording]]]:
+    """Make what the ankle's ratio is learned from: of each seed a pitch at which the foot hangs, rad, and a leg."""
+    made = []
+    for seed in range(runs):
+        hang_deg = float(np.random.default_rng([seed, 81]).uniform(LEAST_HANG_DEG, MOST_HANG_DEG))
+        made.append((math.radians(hang_deg), robot_recordings("leg", seed, "shank", hang_pitch_deg=hang_deg)))
+    return made
+
+
+def learn_ankle(runs: Sequence[tuple[float, list[LabelledRecording]]]) -> dict[str, dict[str, Any]]:
+    """Learn the ratio of the ankle's angles in a swing and in a stance; return it by name, as `learned.json` has it."""
+    rows: list[tuple[tuple[float, ...], bool]] = []
+    for hang_rad, recordings in runs:
+        for recording in recordings:
+            motion, readings = AnkleMotion(hang_rad), recording.ankle_readings()
+            times_s = np.array([at_ns for at_ns, _ in readings]) / NANOSECONDS_PER_SECOND
+            stands = recording.in_contact(times_s)
+            # what is dropped hangs still before it first touches, and counts as neither
+            touched_s = min(recording.touches_s, default=np.inf)
+            changes = np.array([touched_s, *recording.touchdowns_s, *recording.liftoffs_s])
+            for (at_ns, reading), at_s, on_ground in zip(readings, times_s.tolist(), stands.tolist(), strict=True):
+                looked = motion.follow(reading, at_ns)
+                clear = float(np.abs(changes - at_s).min()) > _ANKLE_UNSURE_S and at_s > touched_s
+                if looked is not None and clear and at_s > CLOCK_START_S + SEEN_S:
+                    rows.append((looked[0], not on_ground))
+    return {"swing_ankle": _fitted(rows, balanced=True)}
 
 
 def _slides(mount: str, recordings: Sequence[LabelledRecording], ratios: StepRatios) -> dict[str, Any]:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
+from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.landing import Stored
 from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
 from jammkle_controller.recordings import Received, feed
 from jammkle_driver.core.driver import Driver
@@ -156,6 +158,8 @@ class AnkleLoop:
         self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
         self.driver.activate(_instant(0.0))
         self.events: list[ContactEvent] = []
+        self._standing: tuple[object, ...] = ()
+        self._reported_s = -math.inf
         self._states = _Every(STATE_PERIOD_S)
         self._ticks = _Every(TICK_PERIOD_S)
         self._commands = _Every(1.0 / controller.command_rate_hz)
@@ -176,6 +180,7 @@ class AnkleLoop:
             pressures = {**self.ankle.channel_pressures_pa(), MANIFOLD: self.ankle.manifold_pressure_pa()}
             for place, pressure_pa in pressures.items():
                 self.driver.measure(PressureSample(place, pressure_pa, time_s), now)
+                self._report_driver(time_s)
         sample = self.sample(time_s)
         self.events += self.controller.update(sample).events
         # The repeats go on at their own times beside what is said on change, as the node's timer does.
@@ -184,17 +189,35 @@ class AnkleLoop:
             self.driver.follow(set_points, now, JAM_COMMAND.name)
         if self._ticks.due(time_s):
             self.driver.tick(now)
+        self._report_driver(time_s)
         command = self.driver.command
         self.ankle.set_pump_duty(command.pump_duty)
         for channel, energised in command.solenoids.items():
             self.ankle.set_solenoid(channel, energised)
         return sample
 
+    def _report_driver(self, time_s: float) -> None:
+        """Let the controller receive what the driver says on a change, and again each second, of its air."""
+        standing = self.driver.standing
+        if standing == self._standing and time_s - self._reported_s < 1.0:
+            return
+        self._standing, self._reported_s = standing, time_s
+        status = self.driver.status
+        self.controller.on_driver(Stored(max(status.manifold_vacuum_pa or 0.0, 0.0), status.reservoir_volume_m3))
+
     def _reported(self, time_s: float) -> list[Received]:
         """Return what joints and gait report, in the order of the graph."""
         time_ns = round(time_s * NANOSECONDS_PER_SECOND)
         roll_rad = self.ankle.joint_positions().get(ANKLE_JOINTS[0])
+        if roll_rad is not None:
+            self.controller.inputs.on_pitch(self.ankle.joint_positions()[ANKLE_JOINTS[1]])
         reported = [] if roll_rad is None else [Received(time_ns, Input.JOINTS, roll_rad)]
+        if isinstance(self.ankle, WithEfforts) and set(self._above[1:]) <= self.ankle.joint_positions().keys():
+            roll, pitch, _ = ANKLE_JOINTS
+            angles, rates = self.ankle.joint_positions(), self.ankle.joint_velocities()
+            shank_rad_s = sum(rates[joint] for joint in self._above[1:])
+            reading = AnkleReading(angles[pitch], angles[roll], rates[pitch], rates[roll], shank_rad_s)
+            reported.append(Received(time_ns, reading))
         if self._leg is not None and isinstance(self.ankle, WithEfforts):
             columns = (self.ankle.joint_positions(), self.ankle.joint_velocities(), self.ankle.joint_efforts())
             if set(self._leg) <= columns[0].keys():

@@ -22,6 +22,7 @@ from studies.contact.trial import (
     SOURCES,
     TUNING,
     WINDOWS_S,
+    WITH_ANKLE,
     WITH_EFFORTS,
     WITH_ODOMETRY,
     Outcome,
@@ -50,7 +51,7 @@ def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
     for part, sources in SOURCES.items():
         more = [
             way
-            for way in (WITH_EFFORTS, WITH_ODOMETRY)
+            for way in (WITH_ANKLE, WITH_EFFORTS, WITH_ODOMETRY)
             if any(key[0] == part and key[4] == way for key in outcome.scores)
         ]
         places = [("", ""), *(("", mount.value) for mount in Mount), *sources]

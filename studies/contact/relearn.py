@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import jammkle_controller.core
 from jammkle_controller.core.stepping import WEIGHTS_FILE, ratios_of
 from jammkle_controller.parameters import Mount
-from studies.contact.learn import RUNS, learn, runs_of
+from studies.contact.learn import ANKLE_RUNS, RUNS, ankle_runs, learn, learn_ankle, runs_of
 from studies.contact.trial import KINDS, Score, detected_by_ours, harmonic_mean, scored
 
 if TYPE_CHECKING:
@@ -62,11 +62,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Learn the density ratios anew, and say whether they are better.")
     parser.add_argument("--write", action="store_true", help="put the new ones into the controller")
     parser.add_argument("--runs", type=int, default=RUNS, help=f"seeds to learn from, {FOLDS} or more")
+    parser.add_argument(
+        "--what", nargs="+", choices=("imu", "ankle"), default=["imu", "ankle"], help="ratios to learn: none: all"
+    )
     wanted = parser.parse_args()
     if wanted.runs < FOLDS:
         parser.error(f"--runs is {wanted.runs}; it must be {FOLDS} or more, one for each fold")
-    made: dict[str, Any] = {}
-    for mount in (Mount.FOOT.value, Mount.SHANK.value):
+    made: dict[str, Any] = learn_ankle(ankle_runs(ANKLE_RUNS)) if "ankle" in wanted.what else {}
+    for what, entry in made.items():
+        sys.stdout.write(f"{what}: {entry['learned_from']}\n")
+    for mount in (Mount.FOOT.value, Mount.SHANK.value) if "imu" in wanted.what else ():
         runs = runs_of(mount, wanted.runs)
         recordings = [recording for run in runs for recording in run]
         old, new = scores(recordings, None), cross_validated(mount, runs)
@@ -76,7 +81,8 @@ def main() -> int:
         made |= learn(mount, recordings)
     if wanted.write:
         path = Path(jammkle_controller.core.__file__).with_name(WEIGHTS_FILE)
-        path.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+        others = json.loads(path.read_text(encoding="utf-8"))
+        path.write_text(json.dumps(others | made, indent=1) + "\n", encoding="utf-8")
     return 0
 
 

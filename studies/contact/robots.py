@@ -321,7 +321,9 @@ def leg_of_robot(robot: str, ankle: str = "ankle") -> Leg:
     return leg_of(robot_urdf(made(robot, RobotOptions())), ControllerParameters(joint_prefix=prefix))
 
 
-def robot_recordings(robot: str, seed: int, mount: str, *, wide: bool = False) -> list[LabelledRecording]:
+def robot_recordings(
+    robot: str, seed: int, mount: str, *, wide: bool = False, hang_pitch_deg: float | None = None
+) -> list[LabelledRecording]:
     """Run a robot once, and return a recording per ankle, or one of its body; none where it blew up.
 
     Args:
@@ -329,10 +331,13 @@ def robot_recordings(robot: str, seed: int, mount: str, *, wide: bool = False) -
         seed: Everything is drawn from it.
         mount: Where the IMUs are: a value of `Mount`.
         wide: Whether it is of the held-out part.
+        hang_pitch_deg: How its feet hang; None: as the robot is built.
 
     """
     chance = np.random.default_rng([seed, int(wide), 78])
     options = draw_options(chance, mount, wide=wide)
+    if hang_pitch_deg is not None:
+        options = dataclasses.replace(options, hang_pitch_deg=hang_pitch_deg)
     simulation = robot_simulation(robot, options)
     if chance.random() < _HELD_SHARE:
         for view in simulation.ankles.values():

@@ -20,6 +20,7 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Received, feed
+from jammkle_sim.robots.options import RobotOptions
 from studies.contact.labelled import CLOCK_START_S, walk
 from studies.contact.learn import FIRST_TRIAL_SEED
 from studies.contact.robots import robot_recordings
@@ -256,8 +257,8 @@ def cases_from(part: str, seed: int, count: int) -> list[Case]:
     return [Case(part, *sources[i % len(sources)], FIRST_TRIAL_SEED + 10_000 * seed + i) for i in range(count)]
 
 
-OURS, WITH_EFFORTS = "ours", "ours, with efforts"
-WITH_ODOMETRY = "ours, with efforts and odometry"
+OURS, WITH_ANKLE, WITH_EFFORTS = "ours", "ours, with the ankle", "ours, with efforts"
+WITH_ODOMETRY = "ours, with the ankle, efforts and odometry"
 KINDS = {"impact": ContactKind.IMPACT, "lift-off": ContactKind.LIFTOFF, "slip": ContactKind.SLIP}
 SEEN_S = 0.3
 """What happens in so short a time after a begin is not scored, s: a simulated robot is set down there, while an IMU is
@@ -301,10 +302,13 @@ def run_case(case: Case) -> Outcome:
             outcome.scores[case.part, case.source, case.mount, kind, OURS].add(scored(recording, kind, times_s))
         for foot in recording.feet or (recording,):
             if foot.legs:
-                for kind, times_s in detected_by_ours(foot, efforts=True)[0].items():
-                    key = (case.part, case.source, case.mount, kind, WITH_EFFORTS)
-                    outcome.scores[key].add(scored(foot, kind, times_s))
-                times_s = detected_by_ours(foot, efforts=True, odometry=True)[0]["slip"]
+                for ours, found in (
+                    (WITH_ANKLE, detected_by_ours(foot, ankle=True)[0]),
+                    (WITH_EFFORTS, detected_by_ours(foot, efforts=True)[0]),
+                ):
+                    for kind, times_s in found.items():
+                        outcome.scores[case.part, case.source, case.mount, kind, ours].add(scored(foot, kind, times_s))
+                times_s = detected_by_ours(foot, ankle=True, efforts=True, odometry=True)[0]["slip"]
                 key = (case.part, case.source, case.mount, "slip", WITH_ODOMETRY)
                 outcome.scores[key].add(scored(foot, "slip", times_s))
         for name, (way, settings) in WAYS.items():
@@ -317,18 +321,30 @@ def run_case(case: Case) -> Outcome:
 
 
 def detected_by_ours(
-    recording: LabelledRecording, ratios: StepRatios | None = None, *, efforts: bool = False, odometry: bool = False
+    recording: LabelledRecording,
+    ratios: StepRatios | None = None,
+    *,
+    ankle: bool = False,
+    efforts: bool = False,
+    odometry: bool = False,
 ) -> tuple[dict[str, list[float]], bool]:
     """Return the times, s, that a controller reports by kind, and whether it believes the IMU at the end.
 
     Args:
         recording: What it receives.
         ratios: Density ratios; None: those that come with it.
+        ankle: Whether it receives the ankle's angles as well.
         efforts: Whether it receives the leg's drives as well.
         odometry: Whether it receives the body's speed, and all joints.
 
     """
-    parameters = ControllerParameters(imu_mount=recording.mount, use_efforts=efforts, use_odometry=odometry)
+    parameters = ControllerParameters(
+        imu_mount=recording.mount,
+        hang_pitch_deg=RobotOptions().hang_pitch_deg,
+        use_ankle=ankle,
+        use_efforts=efforts,
+        use_odometry=odometry,
+    )
     controller = AnkleController(parameters, ratios, recording.leg)
     reported: dict[str, list[float]] = {kind: [] for kind in KINDS}
     names = {each: kind for kind, each in KINDS.items()}
@@ -339,9 +355,10 @@ def detected_by_ours(
             *(Received(*each) for each in recording.twists),
             *received,
         ]
-    if efforts:  # of one time the leg comes first, as on the graph
-        legs = [Received(*each) for each in recording.legs]
-        received = sorted([*legs, *received], key=lambda each: each.time_ns)
+    if ankle or efforts:  # of one time the leg comes first, as on the graph
+        legs = [Received(*each) for each in recording.legs] if efforts else []
+        ankles = [Received(*each) for each in recording.ankle_readings()] if ankle else []
+        received = sorted([*ankles, *legs, *received], key=lambda each: each.time_ns)
     for each in received:
         for event in feed(controller, each).events:
             if event.kind in names:

@@ -132,8 +132,17 @@ ROBOT_SIM = NodeEntry(
 ROBOT_NODES = (ROBOT_SIM, *(entry for entry in NODES if not entry.simulates))
 """Each kind of node of a leg or a quadruped once."""
 
-ROBOT_VALUES = {CONTROLLER_NODE: {"imu_mount": RobotOptions().imu}}
-"""What fits our robots better than the default of a node: where their IMUs are."""
+AS_BUILT = (
+    (CONTROLLER_NODE, "imu_mount", "imu"),
+    (CONTROLLER_NODE, "hang_pitch_deg", "hang_pitch_deg"),
+    (DRIVER_NODE, "reservoir_volume_m3", "reservoir_volume_m3"),
+)
+"""What nodes must know of how a robot is built: node, its parameter, and the option of the robot that says it."""
+ROBOT_VALUES: dict[str, dict[str, ParameterValue]] = {
+    node: {name: getattr(RobotOptions(), option) for each, name, option in AS_BUILT if each == node}
+    for node in dict.fromkeys(node for node, *_ in AS_BUILT)
+}
+"""What fits our robots as they stand better than the default of a node."""
 
 GAP_MONITOR = NodeEntry(
     package="jammkle_gap",

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.names import LEG_JOINTS
+from jammkle_sim.physics.ankle import AnkleParameters, corner_m
+from jammkle_sim.robots.limb import stance_back_m
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -83,22 +86,35 @@ def spoken(course: ShankCourse) -> list[tuple[float, str]]:
 
 @dataclass(frozen=True)
 class Limb:
-    """A limb of one of our robots, whose foot is level in its stance."""
+    """A limb of one of our robots."""
 
     parameters: LimbParameters
     has_abduction: bool
     offset_m: float = 0.0
     """How far to the left of the abduction's axis its plane is."""
+    ankle: AnkleParameters = field(default_factory=AnkleParameters)
+    """What it stands on, and how that hangs."""
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Its joints, in the order of the angles below."""
         return LEG_JOINTS if self.has_abduction else (HIP, KNEE)
 
+    @property
+    def lean_rad(self) -> float:
+        """Lean of the shank as it stands, from which its pitch counts."""
+        return self.parameters.lean_rad(stance_back_m(self.ankle))
+
+    @property
+    def _toe_m(self) -> float:
+        """How much lower than that of a flat foot its toe hangs."""
+        flat = dataclasses.replace(self.ankle, hang_pitch_rad=0.0)
+        return corner_m(self.ankle, self.ankle.toe_m)[1] - corner_m(flat, self.ankle.toe_m)[1]
+
     def hanging_rad(self, course: ShankCourse) -> Floats:
         """Return the angles that take a shank through a course in the air, shape (n, joints); the thigh is at rest."""
-        lean_rad, thigh_m, shank_m = self.parameters.lean_rad, self.parameters.thigh_m, self.parameters.shank_m
-        down_m = self.parameters.stance_m - RETRACTED_M - shank_m * math.cos(lean_rad)
+        lean_rad, thigh_m, shank_m = self.lean_rad, self.parameters.thigh_m, self.parameters.shank_m
+        down_m = self.parameters.stance_m - RETRACTED_M - self._toe_m - shank_m * math.cos(lean_rad)
         hip_rad = np.full(len(course.time_s), math.acos(down_m / thigh_m))
         return self._together(course.roll_rad, hip_rad, course.pitch_rad - lean_rad - hip_rad)
 
@@ -117,7 +133,7 @@ class Limb:
         highest_m = _highest(course, along_m)
         angles = np.zeros((len(course.time_s), 2))
         for i, (pitch_rad, up_m, above_m) in enumerate(zip(course.pitch_rad, along_m, highest_m, strict=True)):
-            leaning = pitch_rad - limb.lean_rad
+            leaning = pitch_rad - self.lean_rad
             hip_rad = math.acos(min(max((-above_m - limb.shank_m * math.cos(leaning)) / limb.thigh_m, -1.0), 1.0))
             forward_m = -limb.thigh_m * math.sin(hip_rad) - limb.shank_m * math.sin(leaning)
             angles[i] = limb.segments.angles_rad(forward_m, up_m)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, NamedTuple
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.detector import PUT_DOWN_S, ContactDetector
 from jammkle_controller.core.events import (
     Contact,
@@ -23,7 +24,9 @@ from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from jammkle_controller.core.ankle_contact import AnkleReading
     from jammkle_controller.core.imu import ImuGate, ImuSample, ImuWatch
+    from jammkle_controller.core.landing import Landing, Stored
     from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
     from jammkle_controller.core.stepping import StepRatios
     from jammkle_controller.parameters import ControllerParameters, PolicyMode
@@ -134,11 +137,15 @@ class AnkleController:
         self._detector.configure(parameters)
         self._policy.parameters = self.inputs.parameters = parameters
 
+    def on_driver(self, stored: Stored) -> None:
+        """Take what the driver says of manifold and reservoir."""
+        self._policy.store(stored)
+
     def update(self, sample: ImuSample) -> Reaction:
         """Take the next sample of the IMU."""
         gate, before_pa = self._detector.gate, self._policy.set_points_pa
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
-        self._detector.bear(self.inputs.efforts_contact(sample.time_ns), sample.time_ns)
+        self._detector.bear(self.inputs.leg_contact(sample.time_ns), sample.time_ns)
         events = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
@@ -149,6 +156,10 @@ class AnkleController:
         reported = tuple(event for event in events if self._counts(event))
         for event in reported:
             self._react(event)
+        if self._detector.phase is Phase.FLIGHT:
+            seen_s = reported[-1].detection_delay_s if reported else 0.0
+            self._policy.bear(self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2)
+            self._policy.fall(sample.time_ns - round(seen_s * NANOSECONDS_PER_SECOND))
         if self._stance_held and (reported or self._detector.phase is Phase.PLANTED):
             self._stance_held = False
             if not reported:
@@ -177,6 +188,17 @@ class AnkleController:
         """Take angles, rates and efforts of hip and knee."""
         falls = self._detector.available and self._detector.motion.load < FALLING
         return self._take_event(self.inputs.on_leg(reading, time_ns, falls=falls), time_ns)
+
+    def on_ankle(self, reading: AnkleReading, time_ns: int) -> Reaction:
+        """Take angles and rates of the ankle.
+
+        In free fall a foot moves as in no swing, and the end of the fall is felt sooner on the IMU.
+        """
+        event = self.inputs.on_ankle(reading, time_ns)
+        if self._detector.phase is Phase.FLIGHT and self._detector.available:
+            self.inputs.fly()
+            return Reaction((), changed=False)
+        return self._take_event(event, time_ns)
 
     def on_pose(self, pose: LegPose, time_ns: int) -> Reaction:
         """Take angles and rates from the body down to the foot."""
@@ -209,10 +231,10 @@ class AnkleController:
         before_pa = self._policy.set_points_pa
         off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
         plan_only = event.source is Source.GAIT
-        # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body; the
-        # efforts of its leg feel it wherever the IMU is.
+        # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body; its
+        # ankle's angles and the efforts of its leg feel it wherever the IMU is.
         feels = self._detector.available and self.feels(Detection.STEP)
-        feels = feels or self.inputs.efforts_contact(time_ns) is not None
+        feels = feels or self.inputs.leg_contact(time_ns) is not None
         if off_ground is lifted or (plan_only and not lifted and feels):
             return Reaction((), changed=False)
         if plan_only and lifted and self.inputs.measured_contact(time_ns):
@@ -261,8 +283,11 @@ class AnkleController:
             return (Contact.CONTACT if planned else Contact.NO_CONTACT), "the gait's plan, at rest"
         if self._felt is Contact.CONTACT:
             return self._felt, self._felt_by
-        if not any(self._policy.set_points_pa.values()) and self.inputs.deflection_rad(time_ns) > DEFLECTED_RAD:
-            return Contact.CONTACT, "the angle of the soft ankle, at rest"
+        if not any(self._policy.set_points_pa.values()) and self.inputs.shows_angles(time_ns):
+            if self.inputs.deflection_rad(time_ns) > DEFLECTED_RAD:
+                return Contact.CONTACT, "the angle of the soft ankle, at rest"
+            if self._policy.parameters.takes_blows:  # the least load presses toes up
+                return Contact.NO_CONTACT, "the angle of the soft ankle, at rest as it hangs"
         return Contact.UNKNOWN, ""
 
     def _forget_contact(self) -> None:
@@ -279,6 +304,8 @@ class AnkleController:
         touches = event.kind is ContactKind.IMPACT
         if event.kind is ContactKind.SLIP and self.inputs.shows_slips(event.time_ns):
             return False
+        if event.kind is ContactKind.LIFTOFF and self._detector.phase is Phase.FLIGHT:
+            self.inputs.fly()
         contact = self.inputs.measured_contact(event.time_ns)
         if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
             self._detector.correct(lifted=False, time_ns=event.time_ns)
@@ -307,6 +334,8 @@ class AnkleController:
             self._rhythm.lift(event.time_ns)
         elif event.kind is ContactKind.IMPACT:
             self._rhythm.land(event.time_ns)
+            if event.source is not Source.GAIT:
+                self.inputs.gait.feel(event.time_ns)
 
     @staticmethod
     def _leaning(event: ContactEvent, roll_rad: float) -> ContactEvent:
@@ -379,6 +408,11 @@ class AnkleController:
     def set_points_pa(self) -> Mapping[str, float]:
         """Vacuum wanted per channel, Pa, gauge, positive; 0 is vented."""
         return self._policy.set_points_pa
+
+    @property
+    def landing(self) -> Landing | None:
+        """What was chosen for the latest landing; None before the first."""
+        return self._policy.landing
 
     @property
     def vacuum_pa(self) -> float:

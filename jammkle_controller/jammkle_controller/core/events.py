@@ -15,6 +15,7 @@ M_S2 = "m/s^2"
 M_S = "m/s"
 NEWTON = "N"
 METRE = "m"
+RADIAN = "rad"
 NO_UNIT = ""
 
 
@@ -41,6 +42,7 @@ class Source(enum.Enum):
     LOAD = "load"
     GAIT = "gait"
     EFFORTS = "joint efforts"
+    ANKLE = "ankle angles"
     ODOMETRY = "odometry"
 
 

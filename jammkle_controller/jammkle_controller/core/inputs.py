@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_controller.core.events import NEWTON, NO_UNIT, ContactEvent, ContactKind, Source
+from jammkle_controller.core.ankle_contact import AnkleContact
+from jammkle_controller.core.events import NEWTON, NO_UNIT, RADIAN, ContactEvent, ContactKind, Source
 from jammkle_controller.core.leg import LegLoad
 from jammkle_controller.core.slip import SoleSlip
-from jammkle_controller.core.stepping import probability_of
+from jammkle_controller.core.stepping import learned_swing, probability_of
 
 if TYPE_CHECKING:
+    from jammkle_controller.core.ankle_contact import AnkleReading
     from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
     from jammkle_controller.parameters import ControllerParameters
 
@@ -64,6 +66,11 @@ class LoadContact:
         self._time_ns: int | None = None
         self._side = True
         self._side_ns = 0
+
+    @property
+    def usual_n(self) -> float:
+        """What it bears in a stance, N; 0 before the first load."""
+        return self._usual_n
 
     def update(self, load_n: float, time_ns: int) -> LoadChange | None:
         """Take the load, N, at a time; return whether the foot stands, if that has changed since it was first known."""
@@ -142,6 +149,7 @@ class GaitPhase:
         self._phase = 0.0
         self._time_ns: int | None = None
         self._rate_hz = 0.0
+        self._early_s = 0.0
 
     def on_phase(self, phase: float, time_ns: int) -> None:
         """Take the phase, 0 to 1, at a time, ns; anything else is ignored."""
@@ -165,11 +173,20 @@ class GaitPhase:
         return (self._phase + since_s * self._rate_hz) % 1.0
 
     def touchdown_ns(self, time_ns: int) -> int | None:
-        """When the phase is 1 next, ns; None: not known."""
+        """When the foot will touch down next, ns: as planned, less what steps before were early; None: not known."""
         phase = self.phase(time_ns)
         if phase is None:
             return None
-        return time_ns + round((1.0 - phase) / self._rate_hz * NANOSECONDS_PER_SECOND)
+        return time_ns + round(((1.0 - phase) / self._rate_hz - self._early_s) * NANOSECONDS_PER_SECOND)
+
+    def feel(self, time_ns: int) -> None:
+        """Take a touch-down that was felt: toes hang lower than planned, and touch early."""
+        phase = self.phase(time_ns)
+        if phase is None:
+            return
+        early_s = ((1.0 - phase) if phase > 0.5 else -phase) / self._rate_hz  # noqa: PLR2004 - the nearer one
+        if abs(early_s) < NEAR_TOUCHDOWN / self._rate_hz:
+            self._early_s += EARLY_SHARE * (early_s - self._early_s)
 
 
 LOADED_SHARE = 0.4
@@ -185,6 +202,8 @@ SILENT_S = 0.5
 """An input that was not received for so long is not there, s."""
 PLAN_SILENT_S = 2.0
 """The same for planned contact, s: a gait may publish it on change only, and a stance or swing of a walk is shorter."""
+EARLY_SHARE = 0.3
+"""Weight of the latest step in how early the feet touch."""
 NEAR_TOUCHDOWN = 0.2
 """An impact on the body at another phase than within this of touch-down is another foot's; a fifth of the stride."""
 PLANNED_PROBABILITY = 0.9
@@ -200,7 +219,14 @@ class Input(enum.Enum):
     PLANNED_CONTACT = "planned contact"
     JOINTS = "joint states"
     EFFORTS = "joint efforts"
+    ANKLE = "ankle angles"
     ODOMETRY = "odometry"
+
+
+LEG_SENSORS = (Input.ANKLE, Input.EFFORTS)
+"""What feels every step of a foot by itself, the surer first: a toe that grazes the ground makes an effort, too."""
+ANKLE = "ankle"
+"""Name of the learned ratio of the ankle's angles."""
 
 
 class ContactInputs:
@@ -211,7 +237,7 @@ class ContactInputs:
         self.parameters = parameters
         self.gait = GaitPhase()
         self.roll_rad: float | None = None
-        self._pitch_rad = 0.0
+        self._pitch_rad = parameters.hang_pitch_rad
         self._pull_n: float | None = None
         self._pull_ns = 0
         self._received_ns: dict[Input, int] = {}
@@ -222,6 +248,11 @@ class ContactInputs:
         self._paired_ns: int | None = None
         self._leg_load: LegLoad | None = None
         self._leg_contact = LoadContact()
+        self._ankle_contact = (
+            AnkleContact(learned_swing(ANKLE), parameters.hang_pitch_rad)
+            if parameters.use_ankle and parameters.takes_blows
+            else None
+        )
         self.sole: SoleSlip | None = None
 
     def know(self, leg: Leg) -> None:
@@ -243,7 +274,7 @@ class ContactInputs:
     def contact_sensor(self, time_ns: int) -> Input | None:
         """Which sensor of contact is believed now; None: there is none."""
         here = self.received(time_ns)
-        for each in (Input.CONTACT_SWITCH, Input.LOAD, Input.EFFORTS):
+        for each in (Input.CONTACT_SWITCH, Input.LOAD, *LEG_SENSORS):
             if each in here and each in self._in_contact:
                 return each
         return None
@@ -255,9 +286,12 @@ class ContactInputs:
                 return self._in_contact[each]
         return None
 
-    def efforts_contact(self, time_ns: int) -> bool | None:
-        """Whether the efforts of the leg say that the foot stands; None: they are not received."""
-        return self._in_contact.get(Input.EFFORTS) if self._is_recent(Input.EFFORTS, time_ns) else None
+    def leg_contact(self, time_ns: int) -> bool | None:
+        """Whether the ankle's angles, or else the efforts of the leg, say that the foot stands; None: neither does."""
+        for each in LEG_SENSORS:
+            if each in self._in_contact and self._is_recent(each, time_ns):
+                return self._in_contact[each]
+        return None
 
     def shows_contact(self, time_ns: int) -> bool:
         """Whether anything beside the IMU shows contact."""
@@ -319,9 +353,18 @@ class ContactInputs:
 
     def deflection_rad(self, time_ns: int) -> float:
         """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not received."""
-        if self.roll_rad is None or not self._is_recent(Input.JOINTS, time_ns):
+        if self.roll_rad is None or not self.shows_angles(time_ns):
             return 0.0
-        return math.hypot(self.roll_rad, self._pitch_rad)
+        return math.hypot(self.roll_rad, self._pitch_rad - self.parameters.hang_pitch_rad)
+
+    def shows_angles(self, time_ns: int) -> bool:
+        """Whether roll and pitch of the ankle are received."""
+        return self._is_recent(Input.JOINTS, time_ns)
+
+    @property
+    def usual_load_n(self) -> float:
+        """What the foot usually bears in a stance, N, by load or efforts; 0: not known."""
+        return max(self._usual_load_n, self._leg_contact.usual_n)
 
     def on_pull(self, pull_n: float, time_ns: int) -> None:
         """Take the tension of a load cell that the leg hangs on in a rig, N; what presses is negative."""
@@ -344,10 +387,29 @@ class ContactInputs:
         change = self._leg_contact.update(0.0 if falls else load_n, time_ns)
         if self._leg_contact.stands is not None:
             self._in_contact[Input.EFFORTS] = self._leg_contact.stands
+        if change is None or (Input.ANKLE in self._in_contact and self._is_recent(Input.ANKLE, time_ns)):
+            return None  # the ankle knows better
+        kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
+        return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
+
+    def fly(self) -> None:
+        """Take that the body falls: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
+        if self._ankle_contact is not None:
+            self._ankle_contact.lift()
+            self._in_contact[Input.ANKLE] = False
+
+    def on_ankle(self, reading: AnkleReading, time_ns: int) -> ContactEvent | None:
+        """Take angles and rates of the ankle, where its foot hangs toe-down."""
+        if self._ankle_contact is None:
+            return None
+        self._received_ns[Input.ANKLE] = time_ns
+        change = self._ankle_contact.update(reading, time_ns)
+        if self._ankle_contact.stands is not None:
+            self._in_contact[Input.ANKLE] = self._ankle_contact.stands
         if change is None:
             return None
         kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
-        return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
+        return ContactEvent(kind, time_ns, change.angle_rad, RADIAN, change.delay_s, change.probability, Source.ANKLE)
 
     def on_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
         """Take angles and rates from the body down to the foot, and whether the foot stands, as far as known."""

@@ -8,6 +8,16 @@ from typing import TYPE_CHECKING
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_controller.core.events import ContactEvent, ContactKind
+from jammkle_controller.core.landing import (
+    HALF_WAY_S,
+    LEVEL_PA,
+    Evacuation,
+    Fall,
+    Landing,
+    LandingModel,
+    Stored,
+    travel_m,
+)
 from jammkle_controller.parameters import PolicyMode
 
 if TYPE_CHECKING:
@@ -32,10 +42,11 @@ class Trigger(enum.Enum):
     """What leads from one state to another."""
 
     LIFTOFF = "lift-off"
-    FORESEEN = "touch-down foreseen within jam_lead_s"
+    FORESEEN = "touch-down foreseen within the time that the vacuum takes"
+    FALLING = "the fall so far asks for vacuum, and a later start would come short of it"
     MISSED = "the foreseen touch-down did not come"
     TOUCHDOWN = "impact"
-    SHOCK_OVER = "jam_delay_s over"
+    SHOCK_OVER = "jam_delay_s over; at once where toes were hit and nothing was foreseen"
     SLIP = "slip"
     STOPPED = "no slip for slip_hold_s"
     RECOVERED = "no slip for recover_s"
@@ -51,7 +62,8 @@ class SetPoint(enum.Enum):
     """What a state wants of the tendons."""
 
     SOFT = "vented"
-    HOLD = "hold_vacuum_pa"
+    CHOSEN = "what was chosen for this landing"
+    HOLD = "hold_vacuum_pa; more if the landing asked for it"
     GRIP = "full_vacuum_pa, the side that slips first"
     KEEP = "what it was"
 
@@ -60,8 +72,8 @@ S, T = PolicyState, Trigger
 
 SET_POINTS: Mapping[PolicyState, SetPoint] = {
     S.SWING: SetPoint.SOFT,
-    S.PREPARING: SetPoint.HOLD,
-    S.LANDING: SetPoint.SOFT,
+    S.PREPARING: SetPoint.CHOSEN,
+    S.LANDING: SetPoint.CHOSEN,
     S.STANCE: SetPoint.HOLD,
     S.SLIPPING: SetPoint.GRIP,
     S.RECOVERING: SetPoint.GRIP,
@@ -70,7 +82,7 @@ SET_POINTS: Mapping[PolicyState, SetPoint] = {
 
 MEANINGS: Mapping[PolicyState, str] = {
     S.SWING: "the foot is in the air, or nothing is known and it moves: ready for a landing",
-    S.PREPARING: "touch-down is so near that fibres which are evacuated from now on grip only after the shock",
+    S.PREPARING: "touch-down is so near that evacuation must begin for the vacuum that is chosen for it",
     S.LANDING: "the foot has hit, and the shock passes",
     S.STANCE: "the foot stands, or rests and nothing shows that it hangs",
     S.SLIPPING: "the foot slides",
@@ -80,13 +92,14 @@ MEANINGS: Mapping[PolicyState, str] = {
 
 TRANSITIONS: Mapping[tuple[PolicyState, Trigger], PolicyState] = {
     (S.SWING, T.FORESEEN): S.PREPARING,
+    (S.SWING, T.FALLING): S.PREPARING,
     (S.SWING, T.TOUCHDOWN): S.LANDING,
     (S.SWING, T.SLIP): S.SLIPPING,
     (S.SWING, T.INHERITED): S.STANCE,
     (S.SWING, T.SHOWN): S.STANCE,
     (S.SWING, T.RESTED): S.STANCE,
     (S.SWING, T.LOST): S.FAULT,
-    (S.PREPARING, T.TOUCHDOWN): S.STANCE,
+    (S.PREPARING, T.TOUCHDOWN): S.LANDING,
     (S.PREPARING, T.MISSED): S.SWING,
     (S.PREPARING, T.SLIP): S.SLIPPING,
     (S.PREPARING, T.LIFTOFF): S.SWING,
@@ -111,6 +124,8 @@ TRANSITIONS: Mapping[tuple[PolicyState, Trigger], PolicyState] = {
 """Where a pair is missing, the state stays as it is."""
 
 
+LONGEST_FALL_S = 0.3
+"""Fall that is looked ahead to where a vacuum takes longer, s: 0.44 m."""
 MISSED_S = 0.15
 """How late a foreseen touch-down may come, s: half a swing of a fast trot."""
 
@@ -138,11 +153,18 @@ def loaded_channels(direction: tuple[float, float, float]) -> tuple[str, ...]:
 class JammingPolicy:
     """Decides on one vacuum per channel from contact events and the stamps of samples.
 
-    The shock of 1.8 kg dropped by 50 mm on a 40 deg slope peaks 0 to 10 ms after contact in simulation, whatever the
-    delay: the fibres begin to grip (8.5 kPa) only 36 to 44 ms after the command. A delay of 20 ms leaves a faster pump
-    and a slower shock room; a touch-down that is foreseen may be jammed for 30 ms ahead of it and is still met soft.
+    What a landing needs is worked out by `landing.LandingModel`. Channels share one manifold, and a valve connects or
+    vents, so that the vacuum at the touch-down is chosen by when evacuation begins: with what is stored the Achilles
+    pair alone, which bears a landing on toes, else all, as channels that join later would draw from it. From then on it
+    rises to what the stance holds. A foot that hangs flat is met soft.
 
     Time is that of the samples: it stands still while a simulation is paused, and runs as fast as the simulation does.
+
+    Attributes:
+        parameters: Of the node.
+        state: What it does.
+        landing: What was chosen for the latest landing; None before the first.
+
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
@@ -154,6 +176,12 @@ class JammingPolicy:
         self._kept: Mapping[str, float] = dict.fromkeys(CHANNELS, 0.0)
         self._first: tuple[str, ...] = ()
         self._touchdown_ns: int | None = None
+        self._fall: Fall | None = None
+        self._chosen_pa: Mapping[str, float] = dict.fromkeys(CHANNELS, 0.0)
+        self._begun_ns: int | None = None
+        self._load_kg = 0.0
+        self._stored = Stored()
+        self.landing: Landing | None = None
 
     @property
     def set_points_pa(self) -> Mapping[str, float]:
@@ -163,22 +191,24 @@ class JammingPolicy:
             return dict.fromkeys(CHANNELS, 0.0)
         if parameters.mode is PolicyMode.ALWAYS_JAMMED:
             return dict.fromkeys(CHANNELS, parameters.hold_vacuum_pa)
-        set_point = SET_POINTS[self.state]
-        if set_point is SetPoint.KEEP:
-            return self._kept
-        if set_point is SetPoint.GRIP:
-            return {
-                channel: parameters.full_vacuum_pa if not self._first or channel in self._first else 0.0
-                for channel in CHANNELS
-            }
-        return dict.fromkeys(CHANNELS, parameters.hold_vacuum_pa if set_point is SetPoint.HOLD else 0.0)
+        fixed_pa = parameters.landing_vacuum_pa if parameters.mode is PolicyMode.FIXED else None
+        chosen_pa = self._chosen_pa if fixed_pa is None else dict.fromkeys(CHANNELS, fixed_pa)
+        gripping = self._first or CHANNELS
+        wanted: Mapping[SetPoint, Mapping[str, float]] = {
+            SetPoint.SOFT: dict.fromkeys(CHANNELS, fixed_pa or 0.0),
+            SetPoint.CHOSEN: chosen_pa,
+            SetPoint.HOLD: dict.fromkeys(CHANNELS, max(parameters.hold_vacuum_pa, *chosen_pa.values())),
+            SetPoint.GRIP: {name: parameters.full_vacuum_pa * (name in gripping) for name in CHANNELS},
+            SetPoint.KEEP: self._kept,
+        }
+        return wanted[SET_POINTS[self.state]]
 
     def advance(self, time_ns: int) -> None:
         """Take the stamp of the sample at hand, before its events; takes what is due by time alone."""
         if self._now_ns is not None and time_ns < self._now_ns:
             # The clock was set back. What is held stays held: on a real slope, letting go would be the worse error.
             self._since_ns += time_ns - self._now_ns
-            self._touchdown_ns = None
+            self._touchdown_ns = self._fall = None
         self._now_ns = time_ns
         parameters, since_ns = self.parameters, time_ns - self._since_ns
         if self.state is PolicyState.LANDING and since_ns >= _nanoseconds(parameters.jam_delay_s):
@@ -190,19 +220,89 @@ class JammingPolicy:
                 self._take(Trigger.STOPPED)
         elif self.state is PolicyState.RECOVERING and since_ns >= _nanoseconds(parameters.recover_s):
             self._take(Trigger.RECOVERED)
-        if self._touchdown_ns is not None:
-            ahead_ns = self._touchdown_ns - time_ns
-            missed = ahead_ns < -_nanoseconds(MISSED_S)
-            if self.state is PolicyState.SWING and not missed and ahead_ns <= _nanoseconds(parameters.jam_lead_s):
-                self._take(Trigger.FORESEEN)
-            elif self.state is PolicyState.PREPARING and missed:
-                self._touchdown_ns = None
-                self._take(Trigger.MISSED)
+        if self._fall is not None:
+            self._brace(self._fall, time_ns)
+        elif self._touchdown_ns is not None:
+            self._prepare(self._touchdown_ns - time_ns)
+
+    def _prepare(self, ahead_ns: int) -> None:
+        """Begin to evacuate for a touch-down that is foreseen, or give it up."""
+        missed = ahead_ns < -_nanoseconds(MISSED_S)
+        if self.state is PolicyState.SWING and not missed and ahead_ns <= _nanoseconds(self._lead_s()):
+            self._choose(CHANNELS, self.parameters.hold_vacuum_pa)
+            self._take(Trigger.FORESEEN)
+        elif self.state is PolicyState.PREPARING and missed:
+            self._touchdown_ns = None
+            self._take(Trigger.MISSED)
 
     def foresee(self, touchdown_ns: int | None) -> None:
         """Take when the next touch-down is expected, ns; None: not known. One that is prepared is waited for first."""
         if self.state is not PolicyState.PREPARING or touchdown_ns is None:
             self._touchdown_ns = touchdown_ns
+
+    def bear(self, load_kg: float) -> None:
+        """Take what the foot is measured to bear, kg; it counts if it is more than `load_kg`."""
+        self._load_kg = load_kg
+
+    def store(self, stored: Stored) -> None:
+        """Take what the driver says of manifold and reservoir."""
+        self._stored = stored
+
+    def fall(self, begin_ns: int) -> None:
+        """Take that the body has been falling freely since a time, ns: no plan counts until it lands."""
+        parameters = self.parameters
+        if self._fall is None and parameters.takes_blows and self.state in (PolicyState.SWING, PolicyState.PREPARING):
+            travel = travel_m(parameters.hang_pitch_rad)
+            mass_kg = max(parameters.load_kg, self._load_kg)
+            self._fall = Fall(begin_ns, mass_kg, travel, parameters.full_vacuum_pa, self._air(self._braced))
+
+    @property
+    def _braced(self) -> tuple[str, ...]:
+        """Channels that are evacuated for the landing of a fall."""
+        stored = self._stored
+        full = stored.reservoir_m3 > 0.0 and stored.vacuum_pa >= self.parameters.hold_vacuum_pa
+        return (ACHILLES,) if full else CHANNELS
+
+    def _air(self, channels: tuple[str, ...]) -> Evacuation:
+        return Evacuation.of(self._stored, achilles_alone=channels == (ACHILLES,))
+
+    def _lead_s(self) -> float:
+        """How long ahead of a planned touch-down evacuation begins, s.
+
+        A foot is put down slowly, so that it may be met soft: its fibres begin to grip as it touches.
+        """
+        return self._air(CHANNELS).until_s(LandingModel().onset_pa)
+
+    def _brace(self, fall: Fall, time_ns: int) -> None:
+        """Begin to evacuate, or go for more, as the fall asks for it."""
+        parameters = self.parameters
+        if self.state is PolicyState.SWING and fall.must_begin(time_ns):
+            self._choose(self._braced, parameters.hold_vacuum_pa)
+            self._take(Trigger.FALLING)
+        if self.state is PolicyState.PREPARING and max(self._chosen_pa.values()) < parameters.full_vacuum_pa:
+            ahead_ns = _nanoseconds(min(fall.air.until_s(parameters.hold_vacuum_pa), LONGEST_FALL_S))
+            if fall.needed_pa(time_ns + ahead_ns - _nanoseconds(HALF_WAY_S)) > parameters.hold_vacuum_pa:
+                self._choose(self._braced, parameters.full_vacuum_pa)
+
+    def _choose(self, channels: tuple[str, ...], vacuum_pa: float) -> None:
+        if self._begun_ns is None:
+            self._begun_ns = self._now_ns
+        braced = tuple(channel for channel, chosen_pa in self._chosen_pa.items() if chosen_pa > 0.0) or channels
+        self._chosen_pa = {channel: vacuum_pa if channel in braced else 0.0 for channel in CHANNELS}
+
+    def _note_landing(self, time_ns: int) -> None:
+        """Note what a touch-down finds, and make up for what could not be known or reached."""
+        parameters = self.parameters
+        if self._fall is not None:
+            self.landing = self._fall.landing(time_ns, self._begun_ns)
+            if self.landing.reached_pa < self.landing.chosen_pa - LEVEL_PA:
+                self._chosen_pa = dict.fromkeys(CHANNELS, parameters.full_vacuum_pa)
+        elif self._begun_ns is not None:
+            reached_pa = self._air(CHANNELS).after_pa((time_ns - self._begun_ns) / NANOSECONDS_PER_SECOND)
+            self.landing = Landing(0.0, LandingModel().onset_pa, reached_pa, "foreseen by the gait or its rhythm")
+        else:
+            self.landing = Landing(0.0, 0.0, 0.0, "nothing foresaw it: met as it was", surprised=True)
+        self._fall = self._touchdown_ns = None
 
     def take_up(self, why: Trigger) -> None:
         """Hold without a touch-down: INHERITED, SHOWN or RESTED. In a fault what is kept becomes a stance's vacuum."""
@@ -228,10 +328,14 @@ class JammingPolicy:
                 self._since_ns = event.time_ns
             elif soft and self.parameters.side_first_s > 0.0:
                 self._first = loaded_channels(event.direction)
-        if trigger in (Trigger.TOUCHDOWN, Trigger.LIFTOFF):
+        surprised = False
+        if trigger is Trigger.TOUCHDOWN and self.state in (PolicyState.SWING, PolicyState.PREPARING):
+            self._note_landing(event.time_ns)
+            surprised = self.landing is not None and self.landing.surprised and self.parameters.takes_blows
+        elif trigger in (Trigger.TOUCHDOWN, Trigger.LIFTOFF):
             self._touchdown_ns = None
         self._take(trigger)
-        if self.state is PolicyState.LANDING and _nanoseconds(self.parameters.jam_delay_s) == 0:
+        if self.state is PolicyState.LANDING and (surprised or _nanoseconds(self.parameters.jam_delay_s) == 0):
             self._take(Trigger.SHOCK_OVER)
 
     def lose(self) -> None:
@@ -247,6 +351,9 @@ class JammingPolicy:
         following = TRANSITIONS.get((self.state, trigger))
         if following is None:
             return
+        if following is PolicyState.SWING:
+            self._fall = self._begun_ns = None
+            self._chosen_pa = dict.fromkeys(CHANNELS, 0.0)
         if following is not PolicyState.SLIPPING and following is not PolicyState.RECOVERING:
             self._first = ()
         self.state = following

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_common import wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ANKLE_JOINTS
+from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
 
@@ -78,6 +79,20 @@ def leg_reading(message: Any, hip: str, knee: str) -> LegReading | None:
     if any(len(column) <= max(places) for column in columns):
         return None
     return LegReading(*(float(column[place]) for column in columns for place in places))
+
+
+def ankle_reading(message: Any, hip: str, knee: str) -> AnkleReading | None:
+    """Return angles and rates of the ankle, and its shank's (sensor_msgs/JointState); None: the message lacks some."""
+    names = list(message.name)
+    roll, pitch, _ = ANKLE_JOINTS
+    if not {roll, pitch, hip, knee} <= set(names):
+        return None
+    places = [names.index(joint) for joint in (pitch, roll, hip, knee)]
+    if min(len(message.position), len(message.velocity)) <= max(places):
+        return None
+    pitch_rad, roll_rad = (float(message.position[place]) for place in places[:2])
+    pitch_rad_s, roll_rad_s, hip_rad_s, knee_rad_s = (float(message.velocity[place]) for place in places)
+    return AnkleReading(pitch_rad, roll_rad, pitch_rad_s, roll_rad_s, hip_rad_s + knee_rad_s)
 
 
 def leg_pose(message: Any, leg: Sequence[str]) -> LegPose | None:

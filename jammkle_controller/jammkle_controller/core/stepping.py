@@ -72,7 +72,24 @@ def learned(mount: str) -> StepRatios:
         KeyError: there are none for that place.
 
     """
-    return ratios_of(json.loads(resources.files(__package__).joinpath(WEIGHTS_FILE).read_text()), mount)
+    return ratios_of(_entries(), mount)
+
+
+def learned_swing(what: str) -> DensityRatio:
+    """Return the ratio of swing over stance that was learned of something else than an IMU.
+
+    Raises:
+        KeyError: there is none.
+
+    """
+    return ratio_of(_entries()[f"swing_{what}"])
+
+
+def _entries() -> Mapping[str, Mapping[str, Any]]:
+    entries: Mapping[str, Mapping[str, Any]] = json.loads(
+        resources.files(__package__).joinpath(WEIGHTS_FILE).read_text()
+    )
+    return entries
 
 
 def ratios_of(entries: Mapping[str, Mapping[str, Any]], mount: str) -> StepRatios:
@@ -82,10 +99,11 @@ def ratios_of(entries: Mapping[str, Mapping[str, Any]], mount: str) -> StepRatio
         KeyError: there are none for that place.
 
     """
-    return StepRatios(*(_ratio_of(entries[f"{what}_{mount}"]) for what in ("swing", "touchdown", "slide")))
+    return StepRatios(*(ratio_of(entries[f"{what}_{mount}"]) for what in ("swing", "touchdown", "slide")))
 
 
-def _ratio_of(entry: Mapping[str, Any]) -> DensityRatio:
+def ratio_of(entry: Mapping[str, Any]) -> DensityRatio:
+    """Return a ratio from an entry as `learned.json` has them."""
     return DensityRatio(
         centre=tuple(entry["centre"]),
         scale=tuple(entry["scale"]),
@@ -115,9 +133,16 @@ class SwingFilter:
     ratio.
     """
 
-    def __init__(self, ratio: DensityRatio) -> None:
-        """Start on the ground."""
+    def __init__(self, ratio: DensityRatio, evidence_time_s: float = EVIDENCE_TIME_S) -> None:
+        """Start on the ground.
+
+        Args:
+            ratio: Of the densities of the features in a swing and in a stance.
+            evidence_time_s: Looks closer than this count once, s.
+
+        """
         self._ratio = ratio
+        self._evidence_time_s = evidence_time_s
         self._log_odds = -2.0
 
     @property
@@ -142,7 +167,7 @@ class SwingFilter:
         mixing = min(0.5, interval_s / DWELL_TIME_S)
         probability = self.probability
         predicted = probability + (1.0 - 2.0 * probability) * mixing
-        gained = self._ratio.log_odds(features) * min(1.0, interval_s / EVIDENCE_TIME_S)
+        gained = self._ratio.log_odds(features) * min(1.0, interval_s / self._evidence_time_s)
         odds = _log_odds(predicted) + gained
         self._log_odds = min(LARGEST_LOG_ODDS, max(-LARGEST_LOG_ODDS, odds))
         return self.probability

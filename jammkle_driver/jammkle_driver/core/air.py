@@ -47,6 +47,7 @@ class AirSettings:
         pump_free_flow_m3_s: Volume that the pump draws at full duty without vacuum, m^3/s.
         pump_ultimate_vacuum_pa: Vacuum at which the pump stops drawing, Pa.
         valve_dead_time_s: Time from command to movement, s.
+        reservoir_volume_m3: Reservoir at the manifold, m^3; 0: none.
 
     """
 
@@ -57,11 +58,27 @@ class AirSettings:
     pump_free_flow_m3_s: float
     pump_ultimate_vacuum_pa: float
     valve_dead_time_s: float
+    reservoir_volume_m3: float = 0.0
+
+    @property
+    def shared_volume_m3(self) -> float:
+        """Manifold and reservoir, which have one pressure, m^3."""
+        return self.manifold_volume_m3 + self.reservoir_volume_m3
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:
-        """All volumes, m^3: the manifold's, then the channels'."""
-        return (self.manifold_volume_m3, *self.channel_volumes_m3)
+        """All volumes, m^3: what is shared, then the channels'."""
+        return (self.shared_volume_m3, *self.channel_volumes_m3)
+
+    def evacuation_s(self, volume_m3: float, vacuum_pa: float) -> float:
+        """How long the pump takes at full duty to evacuate a volume from the standard atmosphere, s.
+
+        `dp/dt = -S (1 - (p_a - p) / p_end) p / V`, the mass balance of one volume, integrated by partial fractions.
+        """
+        ambient_pa = STANDARD_ATMOSPHERE_PA
+        least_pa, pressure_pa = ambient_pa - self.pump_ultimate_vacuum_pa, ambient_pa - vacuum_pa
+        shares = (1.0 - least_pa / ambient_pa) / (1.0 - least_pa / pressure_pa)
+        return volume_m3 / self.pump_free_flow_m3_s * self.pump_ultimate_vacuum_pa / least_pa * math.log(shares)
 
 
 def orifice(from_pa: Array, to_pa: Array) -> tuple[Array, Array, Array]:
@@ -335,6 +352,6 @@ class LeakMeter:
         return {self._connected: before_pa_s + _LATEST * (rising_pa_s - before_pa_s)}
 
     def _rate(self, rate_pa_s: float, connected: frozenset[str]) -> LeakRate:
-        volume_m3 = self._air.manifold_volume_m3 + sum(self._volumes_m3[name] for name in connected)
+        volume_m3 = self._air.shared_volume_m3 + sum(self._volumes_m3[name] for name in connected)
         conductance = max(rate_pa_s, 0.0) * volume_m3 / (REFERENCE_PA * self._ambient_pa)
         return LeakRate(rate_pa_s, conductance, connected)

@@ -79,6 +79,7 @@ class Ankle:
 
     Attributes:
         settings: What it goes by.
+        may_store: Whether a reservoir may be evacuated while nothing is jammed.
 
     """
 
@@ -90,6 +91,7 @@ class Ankle:
         self.load = PumpLoad(settings.regulator)
         self._counted: set[str] = set()
         self._regulator = PumpRegulator(settings.regulator)
+        self.may_store = False
         self.reset()
 
     def reset(self) -> None:
@@ -250,6 +252,9 @@ class Ankle:
         """Set the pump anew, `elapsed_s` s after the last measurement."""
         jammed = [channel for channel in self.channels.values() if channel.set_point_pa > 0.0]
         measured_pa = [channel.vacuum_pa for channel in jammed if channel.vacuum_pa is not None]
+        if not jammed and self._stores and self.manifold_vacuum_pa is not None:
+            self._store(self.manifold_vacuum_pa, elapsed_s)
+            return
         if not measured_pa or self._held is not None:
             self._regulator.reset()
             self._duty = self.load.spare(0.0, elapsed_s)
@@ -268,10 +273,27 @@ class Ankle:
         if self._regulator.full_s > self.settings.channel.jam_timeout_s:
             self._give_up(min(jammed, key=lambda channel: math.inf if channel.vacuum_pa is None else channel.vacuum_pa))
 
+    @property
+    def _stores(self) -> bool:
+        able = self.may_store and self._held is None and not self.faulty and not self.findings
+        return able and self.settings.regulator.stored_vacuum_pa > 0.0
+
+    def _store(self, manifold_vacuum_pa: float, elapsed_s: float) -> None:
+        """Evacuate the reservoir: all valves are shut, so that the manifold's sensor reads it."""
+        stored_pa = self.settings.regulator.stored_vacuum_pa
+        duty = self._regulator.update(stored_pa, manifold_vacuum_pa, manifold_vacuum_pa, elapsed_s)
+        self._duty = self.load.spare(duty, elapsed_s)
+        timeout_s = self.settings.channel.jam_timeout_s
+        if self._regulator.full_s > timeout_s:
+            self._regulator.reset()
+            seen = f"at {manifold_vacuum_pa:.0f} of {stored_pa:.0f} Pa with the pump at full duty for {timeout_s:.3g} s"
+            values = {"vacuum wanted (Pa)": f"{stored_pa:.0f}", "vacuum at last (Pa)": f"{manifold_vacuum_pa:.0f}"}
+            self.fail(self._names, finding(Reason.NOT_REACHED, MANIFOLD, seen, values).to_clear())
+
     def _connected_m3(self) -> float:
         air = self.settings.diagnosis.air
         volumes_m3 = zip(self._names, air.channel_volumes_m3, strict=False)
-        return air.manifold_volume_m3 + sum(each for name, each in volumes_m3 if self.channels[name].energised)
+        return air.shared_volume_m3 + sum(each for name, each in volumes_m3 if self.channels[name].energised)
 
     def _vent_excess(self, stamp_s: float) -> None:
         air = self.settings.diagnosis.air

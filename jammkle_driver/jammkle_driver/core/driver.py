@@ -94,6 +94,7 @@ class DriverStatus:
         stop_publishers: How many publishers of emergency_stop there are that have said anything.
         stop_asked_by: How many of them said true last.
         commanders: How many publish jam_command now.
+        reservoir_volume_m3: Of the reservoir at the manifold; 0: none.
 
     """
 
@@ -110,6 +111,7 @@ class DriverStatus:
     stop_publishers: int = 0
     stop_asked_by: int = 0
     commanders: int = 0
+    reservoir_volume_m3: float = 0.0
 
 
 INACTIVE = "driver is not active"
@@ -183,6 +185,7 @@ class Driver:
             stop_publishers=self._emergency_stop.publishers,
             stop_asked_by=self._emergency_stop.asked_by,
             commanders=self._streams.speaking,
+            reservoir_volume_m3=ankle.settings.diagnosis.air.reservoir_volume_m3,
         )
 
     @property
@@ -210,6 +213,7 @@ class Driver:
         self._emergency_stop.begin(now)
         for channel in self.ankle.channels.values():
             channel.enable()
+        self._permit_storing()
         self.ankle.regulate(0.0)
 
     def deactivate(self) -> None:
@@ -219,6 +223,7 @@ class Driver:
         self.ankle.release()
         for channel in self.ankle.channels.values():
             channel.disable(INACTIVE)
+        self._permit_storing()
         self.ankle.regulate(0.0)
 
     def reset(self) -> None:
@@ -418,6 +423,7 @@ class Driver:
         if self._active:
             self._emergency_stop.tick(stop_publishers, now)
             self._obey_stop()
+        self._permit_storing()
         self.ankle.regulate(0.0)
 
     @property
@@ -454,8 +460,13 @@ class Driver:
     def _take(self, set_point: SetPoint, reason: str) -> None:
         self.ankle.ask(set_point.channel, set_point.vacuum_pa, reason)
 
+    def _permit_storing(self) -> None:
+        able = self._active and not self._emergency_stop.reason and not self._why_not_ready
+        self.ankle.may_store = able and not self._plant_paused
+
     def _obey_stop(self) -> None:
         reason = self._emergency_stop.reason
+        self._permit_storing()
         if not reason or self._stopped:
             return
         self._stopped = True

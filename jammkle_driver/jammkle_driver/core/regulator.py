@@ -34,6 +34,7 @@ class RegulatorSettings:
         manifold_lead_pa: How far the manifold may be below the set point while a tendon follows, Pa.
         channel_lead_pa: How far any channel may be below the set point while another follows, Pa. Half of the band
             above which its solenoid is released: one that never follows must not make the others vent.
+        stored_vacuum_pa: Vacuum to which a reservoir is evacuated while nothing is jammed, Pa; 0: there is none.
         rest_band_pa: How far the vacuum may fall before a pump that rests works again, Pa.
         rated_duty: Mean duty that the pump bears for ever, 0 to 1.
         thermal_time_s: Time constant in which it warms up, s.
@@ -47,6 +48,7 @@ class RegulatorSettings:
     rated_duty: float = 1.0
     thermal_time_s: float = 60.0
     channel_lead_pa: float = math.inf
+    stored_vacuum_pa: float = 0.0
 
 
 class PumpRegulator:

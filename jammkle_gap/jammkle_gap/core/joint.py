@@ -52,6 +52,8 @@ _FARTHEST = 10.0
 _NEGLIGIBLE = 0.1
 """Change of the squared whitened residual at which a fit ends, where one is left per feature: no candidate is more
 likely than another for less."""
+_FIRST_STEP = 3.0
+"""Standard deviations that the first step of a fit may move the constants by. Chosen: most machines lie within."""
 _STEP = 0.2
 """Step of a difference quotient by a constant, in its standard deviations. Chosen: the payload of an arm lies along a
 ridge with the masses of its links; with whole ones it stays a standard deviation beside the maximum."""
@@ -151,17 +153,22 @@ def fit_jointly(
 
     """
     objective = _Objective(machine, difference, start.names, signatures, slopes)
-    place = objective.begin(start)
+    place = begin = objective.begin(start)
     if len(place):
-        place = least_squares(
-            objective.left,
-            place,
-            jac=objective.jacobian,
-            bounds=objective.bounds,
+        low, high = objective.bounds
+        # Steps are counted from where it begins: scipy's first trust region is as wide as the variables are large, so
+        # that constants that lie next to 0 would hardly move.
+        found = least_squares(
+            lambda step: objective.left(begin + step),
+            np.zeros_like(begin),
+            jac=lambda step: objective.jacobian(begin + step),
+            bounds=(low - begin, high - begin),
+            x_scale=np.concatenate([np.ones(objective.count), np.full(len(begin) - objective.count, _FIRST_STEP)]),
             max_nfev=constants.joint_evaluations,
             xtol=constants.fit_tolerance**2,
             ftol=_NEGLIGIBLE / difference.whitened.size,
-        ).x
+        )
+        place = begin + found.x
     made = objective.features(place)
     if made is None:
         return replace(start, features=(), whitened=difference.whitened, left=np.inf)

@@ -44,6 +44,9 @@ class PneumaticParameters:
     """Temperature of all air, K. Assumed: 20 degC, as the tendon's constants are."""
     manifold_volume_m3: float = 15e-6
     """Manifold and the hose to the pump, m^3. Assumed."""
+    reservoir_volume_m3: float = 0.0
+    """Reservoir between pump and manifold, m^3; 0: none, as in the paper. Its port is wide beside the valves, so that
+    it has the manifold's pressure."""
     tendon_volume_m3: float = 6e-6
     """Free air in one tendon with its share of tube, m^3. Assumed; does not change with extension."""
     valve_conductance_dm3_s_bar: float = 0.1
@@ -71,7 +74,8 @@ def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray
     record = law[0]
     energy_j_kg = _GAS_CONSTANT_J_KG_K * parameters.temperature_k
     tendons = [len(TENDONS_OF_CHANNEL[channel]) for channel in CHANNELS]
-    volumes_m3 = np.array([parameters.manifold_volume_m3, *(parameters.tendon_volume_m3 * count for count in tendons)])
+    manifold_m3 = parameters.manifold_volume_m3 + parameters.reservoir_volume_m3
+    volumes_m3 = np.array([manifold_m3, *(parameters.tendon_volume_m3 * count for count in tendons)])
     valve_kg_s_pa = np.full(records.VALVES, conductance_kg_s_pa(parameters.valve_conductance_dm3_s_bar))
     leak_kg_s_pa = np.full(records.VOLUMES, conductance_kg_s_pa(parameters.leak_conductance_dm3_s_bar))
     free_flow_m3_s = parameters.pump_free_flow_l_min * 1e-3 / 60.0

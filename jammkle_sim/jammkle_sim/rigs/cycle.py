@@ -11,9 +11,18 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
+from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.rigs.guide import guided_by_poses
 from jammkle_sim.rigs.model import ankle_under_carriage, new_spec
-from jammkle_sim.rigs.options import jammed_vacuum_option, parameter_set_option, run_timestep_option, seed_option
+from jammkle_sim.rigs.options import (
+    hang_pitch_option,
+    hung,
+    jammed_vacuum_option,
+    parameter_set_option,
+    reservoir_option,
+    run_timestep_option,
+    seed_option,
+)
 from jammkle_sim.rigs.run import Programme, RigKind
 from jammkle_sim.rigs.vacuum import VacuumStep
 
@@ -36,6 +45,8 @@ class CycleOptions:
     vacuum_pa: float = jammed_vacuum_option()
     jam_time_s: float = parameter(1.5, "How long each cycle holds the vacuum", "s", 0.1, 60.0)
     vent_time_s: float = parameter(0.8, "How long each cycle vents", "s", 0.1, 60.0)
+    hang_pitch_deg: float = hang_pitch_option()
+    reservoir_volume_m3: float = reservoir_option()
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
     timestep_s: float = run_timestep_option()
@@ -46,7 +57,7 @@ def cycle_rig(options: CycleOptions, ankle: AnkleParameters | None = None) -> tu
 
     Args:
         options: How deep and how long.
-        ankle: Constants of the ankle; None: AnkleParameters as they stand.
+        ankle: Constants of the ankle, whose pose an option adds to; None: AnkleParameters as they stand.
 
     """
     period_s = options.jam_time_s + options.vent_time_s
@@ -62,10 +73,11 @@ def cycle_rig(options: CycleOptions, ankle: AnkleParameters | None = None) -> tu
     rig = ankle_under_carriage(
         new_spec("cycle", options.timestep_s),
         options,
-        ankle or AnkleParameters(),
+        hung(ankle, options.hang_pitch_deg),
         start_m=0.0,
         mass_kg=0.0,
         friction=0.0,
+        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
         guide=still,
     )
     programme = Programme(

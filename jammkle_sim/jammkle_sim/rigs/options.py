@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, TypeVar
 
 from jammkle_common.constants import HELD_VACUUM_PA, MAX_SEED
 from jammkle_common.parameters import ParameterClass, from_mapping, parameter, rows
+from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.constants import TENDON_SETS
 
 P = TypeVar("P", bound=ParameterClass)
@@ -46,6 +48,22 @@ def run_timestep_option() -> Any:
 def jammed_vacuum_option() -> Any:
     """Make the field `vacuum_pa` of a rig whose ankle may be jammed."""
     return parameter(HELD_VACUUM_PA, "Vacuum of the jammed ankle", "Pa", 5e3, 75e3)
+
+
+def hang_pitch_option() -> Any:
+    """Make the field `hang_pitch_deg` of an exercise, whose ankle is a robot's as it is built."""
+    return parameter(0.0, "Pitch at which the ankle's foot hangs from its shank, toe-down; 0: flat", "deg", 0.0, 45.0)
+
+
+def reservoir_option() -> Any:
+    """Make the field `reservoir_volume_m3` of an exercise, whose air is a robot's as it is built."""
+    return parameter(0.0, "Reservoir that stores vacuum between two jams; 0: none", "m^3", 0.0, 1e-3)
+
+
+def hung(ankle: AnkleParameters | None, hang_pitch_deg: float) -> AnkleParameters:
+    """Return an ankle whose foot hangs by so much more; None: AnkleParameters as they stand."""
+    ankle = ankle or AnkleParameters()
+    return dataclasses.replace(ankle, hang_pitch_rad=ankle.hang_pitch_rad + math.radians(hang_pitch_deg))
 
 
 def drop_height_option(ground: str, *, dynamic: bool = False) -> Any:

@@ -15,11 +15,15 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 from jammkle_common import names
 from jammkle_common.parameters import ParameterError, parameter
 from jammkle_sim.physics.ankle import AnkleParameters, corner_m
+from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.rigs.guide import guided_by_poses, smooth_course
 from jammkle_sim.rigs.model import add_slope, ankle_under_carriage, new_spec
 from jammkle_sim.rigs.options import (
+    hang_pitch_option,
+    hung,
     parameter_set_option,
     replaced_within_range,
+    reservoir_option,
     run_timestep_option,
     seed_option,
     slope_friction_option,
@@ -58,6 +62,8 @@ class PressOptions:
     vacuum_pa: float = parameter(
         20e3, "Vacuum of the jammed half; at 50 kPa fibres hold, and their friction does not show", "Pa", 5e3, 75e3
     )
+    hang_pitch_deg: float = hang_pitch_option()
+    reservoir_volume_m3: float = reservoir_option()
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
     timestep_s: float = run_timestep_option()
@@ -82,11 +88,13 @@ def touching_m(turn: Rotation, ankle: AnkleParameters) -> float:
 
 def _pressed(options: PressOptions, pitch: float, roll: float) -> Iterator[tuple[float, float, float, float]]:
     """Give the corners of one press: how long the way there takes, s, pitch and roll, rad, height of the ankle, m."""
-    tilt, left = math.radians(options.tilt_deg), math.radians(options.tilt_deg - options.turn_deg)
-    # The drawn ankle says how the hand moves, whatever hangs on it.
+    tilt, turn = math.radians(options.tilt_deg), math.radians(options.turn_deg)
+    # The drawn ankle says how the hand moves, whatever hangs on it. The ground turns the foot back toward level.
+    drawn = hung(None, options.hang_pitch_deg)
+    back = -abs(pitch) if drawn.hang_pitch_rad + tilt * pitch > 0.0 else abs(pitch)
     above_m, below_m = (
-        touching_m(Rotation.from_euler("YX", (angle * pitch, angle * roll)), AnkleParameters())
-        for angle in (tilt, left)
+        touching_m(Rotation.from_euler("YX", (tilt * pitch + angle * back, (tilt - angle) * roll)), drawn)
+        for angle in (0.0, turn)
     )
     above_m += _CLEARANCE_M
     for lasts_s, height_m in (
@@ -104,7 +112,7 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
 
     Args:
         options: How it is pressed.
-        ankle: Constants of the ankle; None: AnkleParameters as they stand.
+        ankle: Constants of the ankle, whose pose an option adds to; None: AnkleParameters as they stand.
 
     Raises:
         ParameterError: the foot would stand flat.
@@ -113,7 +121,7 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
     if options.turn_deg >= options.tilt_deg:
         problem = f"it must be less than the tilt of {options.tilt_deg:g} deg, or else the foot stands flat"
         raise ParameterError(problem, "turn_deg", options.turn_deg)
-    ankle = ankle or AnkleParameters()
+    ankle = hung(ankle, options.hang_pitch_deg)
     poses = POSES if options.sides == "yes" else ((1.0, 0.0), (-1.0, 0.0))
     presses = tuple(corner for pose in poses for corner in _pressed(options, *pose))
     start = (0.0, 0.0, 0.0, presses[0][-1])
@@ -134,6 +142,7 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
         start_m=0.0,
         mass_kg=0.0,
         friction=options.friction,
+        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
         guide=guided_by_poses(options.timestep_s, position_m, turn),
     )
     programme = Programme(

@@ -11,12 +11,16 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
+from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.rigs.guide import guided_by_poses
 from jammkle_sim.rigs.model import ankle_under_carriage, new_spec
 from jammkle_sim.rigs.options import (
+    hang_pitch_option,
+    hung,
     jammed_vacuum_option,
     parameter_set_option,
     replaced_within_range,
+    reservoir_option,
     run_timestep_option,
     seed_option,
 )
@@ -54,6 +58,8 @@ class ShakeOptions:
     )
     sweep_s: float = parameter(5.0, "How long each of the two sweeps lasts", "s", 1.0, 60.0)
     vacuum_pa: float = jammed_vacuum_option()
+    hang_pitch_deg: float = hang_pitch_option()
+    reservoir_volume_m3: float = reservoir_option()
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
     timestep_s: float = run_timestep_option()
@@ -73,7 +79,7 @@ def shake_rig(options: ShakeOptions, ankle: AnkleParameters | None = None) -> tu
 
     Args:
         options: How it is rocked.
-        ankle: Constants of the ankle; None: AnkleParameters as they stand.
+        ankle: Constants of the ankle, whose pose an option adds to; None: AnkleParameters as they stand.
 
     """
     jam_s = _REST_S + options.sweep_s + _REST_S
@@ -89,10 +95,11 @@ def shake_rig(options: ShakeOptions, ankle: AnkleParameters | None = None) -> tu
     rig = ankle_under_carriage(
         new_spec("shake", options.timestep_s),
         options,
-        ankle or AnkleParameters(),
+        hung(ankle, options.hang_pitch_deg),
         start_m=0.0,
         mass_kg=0.0,
         friction=0.0,
+        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
         guide=guide,
     )
     programme = Programme(

@@ -12,12 +12,16 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
+from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.rigs.guide import guided_by_poses, smooth_course
 from jammkle_sim.rigs.model import ankle_under_carriage, new_spec
 from jammkle_sim.rigs.options import (
+    hang_pitch_option,
+    hung,
     jammed_vacuum_option,
     parameter_set_option,
     replaced_within_range,
+    reservoir_option,
     run_timestep_option,
     seed_option,
 )
@@ -45,6 +49,8 @@ class TiltOptions:
     tilt_deg: float = parameter(40.0, "How far the shank is tilted to each side", "deg", 5.0, 90.0)
     hold_s: float = parameter(1.0, "How long each pose is held", "s", 0.5, 60.0)
     vacuum_pa: float = jammed_vacuum_option()
+    hang_pitch_deg: float = hang_pitch_option()
+    reservoir_volume_m3: float = reservoir_option()
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
     timestep_s: float = run_timestep_option()
@@ -60,7 +66,7 @@ def tilt_rig(options: TiltOptions, ankle: AnkleParameters | None = None) -> tupl
 
     Args:
         options: How it is tilted.
-        ankle: Constants of the ankle; None: AnkleParameters as they stand.
+        ankle: Constants of the ankle, whose pose an option adds to; None: AnkleParameters as they stand.
 
     """
     tilt = math.radians(options.tilt_deg)
@@ -78,10 +84,11 @@ def tilt_rig(options: TiltOptions, ankle: AnkleParameters | None = None) -> tupl
     rig = ankle_under_carriage(
         new_spec("tilt", options.timestep_s),
         options,
-        ankle or AnkleParameters(),
+        hung(ankle, options.hang_pitch_deg),
         start_m=0.0,
         mass_kg=0.0,
         friction=0.0,
+        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
         guide=guided_by_poses(options.timestep_s, np.zeros((len(grid_s), 3)), turn),
     )
     programme = Programme(

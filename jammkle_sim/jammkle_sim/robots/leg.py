@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,18 @@ from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import add_hold, new_spec, weigh
 from jammkle_sim.rigs.options import checked
 from jammkle_sim.robots.ground import IMPEDANCE_RATIO, Ground, compiled_on, events_of
-from jammkle_sim.robots.limb import HIP, KNEE, START_S, Fitting, Gait, LimbParameters, add_limb, make_servo
+from jammkle_sim.robots.limb import (
+    HIP,
+    KNEE,
+    START_S,
+    Fitting,
+    Gait,
+    LimbParameters,
+    add_limb,
+    make_servo,
+    stance_back_m,
+    toe_drop_m,
+)
 from jammkle_sim.robots.options import Behaviour, RobotOptions
 from jammkle_sim.robots.robot import Robot
 
@@ -50,16 +62,17 @@ class LegParameters:
 class LegControl:
     """Targets of hip and knee, and of the boom while it walks."""
 
-    def __init__(self, model: Any, options: RobotOptions, parameters: LegParameters, base_m: float) -> None:
+    def __init__(self, model: Any, options: RobotOptions, parameters: LegParameters, ankle: AnkleParameters) -> None:
         """Know where the controls are.
 
         Args:
             model: The mujoco.MjModel.
             options: What the leg does.
             parameters: Its sizes.
-            base_m: Height of the base's slide at which it stands.
+            ankle: What it stands on.
 
         """
+        self._back_m = stance_back_m(ankle)
         self._segments = parameters.limb.segments
         self._stance_m = parameters.limb.stance_m
         self._lead_s = parameters.limb.lag_s
@@ -69,12 +82,11 @@ class LegControl:
         self._gait = Gait(
             options.speed_m_s,
             options.step_period_s,
-            options.step_height_m,
+            options.step_height_m + toe_drop_m(ankle),
             options.touch_down_m_s,
             parameters.bearing_share,
             parameters.push_m,
         )
-        self._base_m = base_m
         if self._walks:
             self._drives = (model.actuator(BASE_X).id, model.actuator(BASE_Z).id)
             self._forward_at = int(model.joint(BASE_X).qposadr[0])
@@ -88,9 +100,9 @@ class LegControl:
             speed_m_s *= min((time_s - START_S) / self._gait.period_s, 1.0) if time_s >= START_S else 0.0
             forward, up = self._drives
             data.ctrl[forward] = speed_m_s * math.cos(self._slope_rad)
-            data.ctrl[up] = self._base_m + float(data.qpos[self._forward_at]) * math.tan(self._slope_rad)
+            data.ctrl[up] = float(data.qpos[self._forward_at]) * math.tan(self._slope_rad)
         sine, cosine = math.sin(self._slope_rad), math.cos(self._slope_rad)
-        forward_m = along_m * cosine - off_m * sine
+        forward_m = along_m * cosine - off_m * sine - self._back_m
         up_m = along_m * sine + off_m * cosine - self._stance_m
         data.ctrl[list(self._servos)] = self._segments.angles_rad(forward_m, up_m)
 
@@ -105,14 +117,16 @@ def leg(options: RobotOptions, parameters: LegParameters | None = None, ankle: A
     Args:
         options: What it does, where.
         parameters: Its sizes; None: as they stand.
-        ankle: Constants of the ankle; None: as they stand.
+        ankle: Constants of the ankle but for its pose, which is an option; None: as they stand.
 
     Raises:
         ParameterError: an option out of range.
 
     """
     options = checked(options)
-    parameters, ankle = parameters or LegParameters(), ankle or AnkleParameters()
+    parameters = parameters or LegParameters()
+    ankle = dataclasses.replace(ankle or AnkleParameters(), hang_pitch_rad=math.radians(options.hang_pitch_deg))
+    back_m = stance_back_m(ankle)
     sensors, limb = SensorParameters(seed=options.seed), parameters.limb
     ground = Ground.drawn(options.slope_deg, options.roughness_m, options.seed)
     spec = new_spec("leg", options.timestep_s)
@@ -131,9 +145,10 @@ def leg(options: RobotOptions, parameters: LegParameters | None = None, ankle: A
         drop_m = options.drop_height_m
         for joint in (BASE_X, BASE_Z):
             add_hold(spec, ankle.contact_time_s, joint)
-    angles_rad = limb.segments.angles_rad(0.0, -limb.stance_m)
+    angles_rad = limb.segments.angles_rad(-back_m, -limb.stance_m)
     model = compiled_on(spec, base, ground, (attached,), dict(zip((HIP, KNEE), angles_rad, strict=True)), drop_m)
-    tendon, pneumatics = tendon_parameters(options.parameter_set), PneumaticParameters()
+    tendon = tendon_parameters(options.parameter_set)
+    pneumatics = PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3)
     return Robot(
         name="leg",
         spec=spec,
@@ -143,7 +158,7 @@ def leg(options: RobotOptions, parameters: LegParameters | None = None, ankle: A
         tendon=tendon,
         pneumatics=pneumatics,
         sensors=sensors,
-        control=LegControl(model, options, parameters, 0.0),
+        control=LegControl(model, options, parameters, ankle),
         events=events_of(options, (attached,)),
         options=options,
         parts={"ankle": ankle, "leg": parameters},

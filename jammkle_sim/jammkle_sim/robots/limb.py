@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common.names import LEG_JOINTS
+from jammkle_sim.physics.ankle import corner_m
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.rig import FootPlan
 from jammkle_sim.robots.options import AnkleKind, ImuPlace
@@ -102,11 +104,26 @@ class LimbParameters:
         """How far the servos are behind a target that moves steadily: their damping knows nothing of its speed."""
         return self.damping_n_m_s / self.stiffness_n_m
 
-    @property
-    def lean_rad(self) -> float:
-        """How far the shank's lower end is ahead of its upper one in the stance, as an angle."""
-        hip_rad, knee_rad = self.segments.angles_rad(0.0, -self.stance_m)
+    def lean_rad(self, back_m: float) -> float:
+        """How far the shank's lower end is ahead of its upper one as it stands, as an angle.
+
+        Args:
+            back_m: How far behind the hip the ankle stands.
+
+        """
+        hip_rad, knee_rad = self.segments.angles_rad(-back_m, -self.stance_m)
         return -(hip_rad + knee_rad)
+
+
+def stance_back_m(ankle: AnkleParameters) -> float:
+    """Return how far behind the hip an ankle stands, m, so that what bears is below it: the toe, or the middle."""
+    return corner_m(ankle, ankle.toe_m)[0] if ankle.hang_pitch_rad > 0.0 else 0.0
+
+
+def toe_drop_m(ankle: AnkleParameters) -> float:
+    """Return how much further a foot is lifted, m: its toe drops as the load goes, from about half of the pitch."""
+    half = dataclasses.replace(ankle, hang_pitch_rad=ankle.hang_pitch_rad / 2.0)
+    return corner_m(ankle, ankle.toe_m)[1] - corner_m(half, ankle.toe_m)[1]
 
 
 @dataclass(frozen=True)
@@ -149,7 +166,7 @@ def add_limb(
         shank.name,
         ankle_name,
         position_m=(0.0, 0.0, -limb.shank_m),
-        pitch_rad=limb.lean_rad,
+        pitch_rad=limb.lean_rad(stance_back_m(fitting.ankle)),
         fitting=AnkleFitting(
             parameters=fitting.ankle,
             friction=fitting.options.friction,

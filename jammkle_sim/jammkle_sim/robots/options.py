@@ -50,6 +50,9 @@ class RobotOptions:
     ankle: str = parameter(
         "jammable", "Ankles as they are, or locked for comparison", choices=tuple(each.value for each in AnkleKind)
     )
+    hang_pitch_deg: float = parameter(
+        30.0, "Pitch at which the feet hang, toe-down: the way by which the ankles give; 0: flat", "deg", 0.0, 45.0
+    )
     imu: str = parameter(
         "shank", "Where each ankle's IMU is; body: one for all", choices=tuple(each.value for each in ImuPlace)
     )
@@ -65,6 +68,9 @@ class RobotOptions:
     step_height_m: float = parameter(0.03, "How high a foot is lifted", "m", 0.005, 0.08)
     touch_down_m_s: float = parameter(0.1, "Speed at which a foot is put down", "m/s", 0.0, 0.5)
     payload_kg: float = parameter(0.0, "What it carries", "kg", 0.0, 4.0)
+    reservoir_volume_m3: float = parameter(
+        1e-4, "Reservoir of each ankle, which stores vacuum between two jams; 0: none", "m^3", 0.0, 1e-3
+    )
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
     timestep_s: float = timestep_option("a whole number of nanoseconds")

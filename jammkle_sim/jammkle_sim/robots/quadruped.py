@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,19 @@ from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.rigs.model import HOLD, new_spec
 from jammkle_sim.rigs.options import checked
 from jammkle_sim.robots.ground import IMPEDANCE_RATIO, Ground, compiled_on, events_of
-from jammkle_sim.robots.limb import ABDUCTION, HIP, KNEE, Fitting, Gait, LimbParameters, abducted, add_limb, add_servo
+from jammkle_sim.robots.limb import (
+    ABDUCTION,
+    HIP,
+    KNEE,
+    Fitting,
+    Gait,
+    LimbParameters,
+    abducted,
+    add_limb,
+    add_servo,
+    stance_back_m,
+    toe_drop_m,
+)
 from jammkle_sim.robots.options import Behaviour, RobotOptions
 from jammkle_sim.robots.robot import Robot
 
@@ -74,15 +87,19 @@ class QuadrupedParameters:
 class QuadrupedControl:
     """Targets of all twelve servos; legs hang down along gravity, the trunk is along the ground."""
 
-    def __init__(self, model: Any, options: RobotOptions, parameters: QuadrupedParameters) -> None:
+    def __init__(
+        self, model: Any, options: RobotOptions, parameters: QuadrupedParameters, ankle: AnkleParameters
+    ) -> None:
         """Know where the controls are.
 
         Args:
             model: The mujoco.MjModel.
             options: What it does.
             parameters: Its sizes.
+            ankle: What it stands on, four times.
 
         """
+        self._back_m = stance_back_m(ankle)
         self._parameters = parameters
         slope_rad = math.radians(options.slope_deg)
         self._down = (-math.sin(slope_rad), -math.cos(slope_rad))
@@ -90,7 +107,7 @@ class QuadrupedControl:
         self._gait = Gait(
             options.speed_m_s,
             options.step_period_s,
-            options.step_height_m,
+            options.step_height_m + toe_drop_m(ankle),
             options.touch_down_m_s,
             parameters.bearing_share,
         )
@@ -111,7 +128,10 @@ class QuadrupedControl:
 
     def _angles_rad(self, corner: Corner, time_s: float) -> tuple[float, float, float]:
         forward_m, up_m = self._gait.place_m(time_s, corner.phase) if self._walks else (0.0, 0.0)
-        return stance_rad(self._parameters, corner, self._down, forward_m, up_m)
+        forward, up = -self._down[1], self._down[0]  # level, in the trunk's frame
+        return stance_rad(
+            self._parameters, corner, self._down, forward_m - self._back_m * forward, up_m - self._back_m * up
+        )
 
 
 def stance_rad(
@@ -140,14 +160,16 @@ def quadruped(
     Args:
         options: What it does, where.
         parameters: Its sizes; None: as they stand.
-        ankle: Constants of its ankles; None: as they stand.
+        ankle: Constants of its ankles but for their pose, which is an option; None: as they stand.
 
     Raises:
         ParameterError: an option out of range.
 
     """
     options = checked(options)
-    parameters, ankle = parameters or QuadrupedParameters(), ankle or AnkleParameters()
+    parameters = parameters or QuadrupedParameters()
+    ankle = dataclasses.replace(ankle or AnkleParameters(), hang_pitch_rad=math.radians(options.hang_pitch_deg))
+    back_m = stance_back_m(ankle)
     sensors = SensorParameters(seed=options.seed)
     ground = Ground.drawn(options.slope_deg, options.roughness_m, options.seed)
     spec = new_spec("quadruped", options.timestep_s)
@@ -161,13 +183,15 @@ def quadruped(
         drop_m = options.drop_height_m
         _add_hold(spec, ankle.contact_time_s)
     down = (-math.sin(ground.slope_rad), -math.cos(ground.slope_rad))
+    level = (-back_m * -down[1], -back_m * down[0])
     joints = {
         f"{corner.leg}_{joint}": angle_rad
         for corner in CORNERS
-        for joint, angle_rad in zip((ABDUCTION, HIP, KNEE), stance_rad(parameters, corner, down, 0.0, 0.0), strict=True)
+        for joint, angle_rad in zip((ABDUCTION, HIP, KNEE), stance_rad(parameters, corner, down, *level), strict=True)
     }
     model = compiled_on(spec, trunk, ground, ankles, joints, drop_m)
-    tendon, pneumatics = tendon_parameters(options.parameter_set), PneumaticParameters()
+    tendon = tendon_parameters(options.parameter_set)
+    pneumatics = PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3)
     return Robot(
         name="quadruped",
         spec=spec,
@@ -177,7 +201,7 @@ def quadruped(
         tendon=tendon,
         pneumatics=pneumatics,
         sensors=sensors,
-        control=QuadrupedControl(model, options, parameters),
+        control=QuadrupedControl(model, options, parameters, ankle),
         events=events_of(options, ankles),
         options=options,
         parts={"ankle": ankle, "quadruped": parameters},

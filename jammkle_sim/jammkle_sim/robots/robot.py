@@ -22,7 +22,7 @@ from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import ANKLE_JOINTS, TENDONS
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics import records
-from jammkle_sim.physics.ankle import AnkleParameters, add_ankle, joint_law
+from jammkle_sim.physics.ankle import PITCH, AnkleParameters, add_ankle, joint_law
 from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import PneumaticParameters, pneumatic_law
@@ -255,6 +255,7 @@ def robot_of(
     *,
     base: str = "",
     parameter_set: str = "fitted",
+    pneumatics: PneumaticParameters | None = None,
     seed: int = 0,
     control: JointControl | None = None,
 ) -> Robot:
@@ -265,6 +266,7 @@ def robot_of(
         ankles: What `attach_ankle` returned, one or several.
         base: Body that stands for the whole; empty: the first one of the model.
         parameter_set: Constants of the tendons.
+        pneumatics: Pump, valves and volumes of each ankle; None: as they stand, without a reservoir.
         seed: Of all noise.
         control: Moves the robot's own joints; None: `Simulation.data.ctrl` is the user's.
 
@@ -281,7 +283,7 @@ def robot_of(
         ankles=tuple(ankles),
         base=base or model.body(1).name,
         tendon=TENDON_SETS[parameter_set],
-        pneumatics=PneumaticParameters(),
+        pneumatics=pneumatics or PneumaticParameters(),
         sensors=SensorParameters(seed=seed),
         control=control or NoControl(),
     )
@@ -308,7 +310,7 @@ def attach_ankle(
         name: Of the ankle.
         position_m: Centre of the ball joint in the body's frame.
         pitch_rad: How the ankle's frame (x to the toe, z up along the tendons) is turned against the body's about y:
-            the shank's lean in the stance, so that the foot is level there.
+            the shank's lean in the stance. The foot hangs `fitting.parameters.hang_pitch_rad` toe-down from there.
         fitting: What the ankle is; None: as it stands.
 
     Returns:
@@ -387,6 +389,10 @@ def _ankle_alone(parameters: AnkleParameters, friction: float) -> Any:
     spec = mujoco.MjSpec()
     mount = spec.worldbody.add_body(name=_MOUNT)
     add_ankle(spec, mount, parameters, friction)
+    # It starts as it hangs, whatever keyframes the robot has: the angle is still counted from the neutral pose.
+    half_rad = parameters.hang_pitch_rad / 2.0
+    spec.body("foot").quat = (math.cos(half_rad), 0.0, math.sin(half_rad), 0.0)
+    spec.joint(PITCH).ref = parameters.hang_pitch_rad
     mass_kg, length_m = parameters.mass_kg - parameters.foot_mass_kg, parameters.tendon_length_m
     mount.mass = mass_kg
     mount.ipos = (0.0, 0.0, length_m / 2.0)

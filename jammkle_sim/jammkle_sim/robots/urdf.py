@@ -120,12 +120,17 @@ class _Body:
         model = self._model
         kind = int(model.jnt_type[index])
         reference = float(model.qpos0[model.jnt_qposadr[index]])
-        if kind not in _KINDS or np.any(model.jnt_pos[index]) or reference:
+        if kind not in _KINDS or np.any(model.jnt_pos[index]) or (reference and kind != _HINGE):
             msg = (
-                f"joint '{model.joint(index).name}' has no counterpart in URDF: it must be a hinge or a slide through "
-                "the origin of its body whose reference is 0"
+                f"joint '{model.joint(index).name}' has no counterpart in URDF: it must be a hinge, or a slide whose "
+                "reference is 0, through the origin of its body"
             )
             raise ParameterError(msg)
+        if reference:  # a model stands at its references, URDF at 0
+            back = np.zeros(4)
+            mujoco.mju_axisAngle2Quat(back, model.jnt_axis[index], -reference)
+            stands, turn = np.asarray(turn, dtype=np.float64), np.zeros(4)
+            mujoco.mju_mulQuat(turn, stands, back)
         limited = bool(model.jnt_limited[index])
         word = "continuous" if kind == _HINGE and not limited else _KINDS[kind]
         joint = ET.SubElement(self._tree, "joint", name=name, type=word)

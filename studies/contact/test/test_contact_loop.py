@@ -40,6 +40,10 @@ STATE_PERIOD_NS = 10_000_000
 """Joints and gait's plan of a robot are reported 100 times a second, at multiples of this."""
 
 
+FLAT = {"hang_pitch_deg": 0.0, "reservoir_volume_m3": 0.0}
+"""Feet and pumps as the parameters of a bare controller and driver have them."""
+
+
 def land(duration_s: float = 2.5) -> tuple[AnkleLoop, list[ImuSample]]:
     """Drop the landing rig with controller and driver around it; return them and what the IMU read."""
     simulation = landing_simulation(LandingOptions(release_time_s=0.5))
@@ -121,7 +125,7 @@ def message_of(sample: ImuSample) -> Imu:
 
 def walk(imu: str, duration_s: float) -> tuple[AnkleLoop, list[Received], list[bool]]:
     """Walk a leg in the loop; return it, what a bag of the graph would hold, and whether each true swing was held."""
-    simulation = robot_simulation("leg", RobotOptions(behaviour="walk", imu=imu))
+    simulation = robot_simulation("leg", RobotOptions(behaviour="walk", imu=imu, **FLAT))
     loop = AnkleLoop(simulation.ankles["ankle"], ControllerParameters(imu_mount=imu))
     received: list[Received] = []
     held: list[bool] = []
@@ -147,7 +151,7 @@ def test_the_plan_of_a_gait_vents_the_swings_that_a_body_does_not_show() -> None
     that receives the same recording.
     """
     loop, received, held = walk("body", 4.0)
-    assert sum(held) / len(held) < 0.5
+    assert sum(held) / len(held) < 0.65  # evacuation begins 50 ms ahead of the touch, of a swing of 0.15 s
     made = replay(received, loop_parameters := ControllerParameters(imu_mount="body"))
     assert made.events == loop.events
     assert made.decisions[-1].vacuum_pa == loop.controller.set_points_pa
@@ -228,7 +232,7 @@ def test_a_leg_that_is_put_on_a_slope_is_held(slope_deg: float, imu: str, use_ef
 
     On level ground nothing slides, and no slip is what holds it: the sole comes up against the foot as it is set down.
     """
-    simulation = robot_simulation("leg", RobotOptions(behaviour="stand", imu=imu, slope_deg=slope_deg))
+    simulation = robot_simulation("leg", RobotOptions(behaviour="stand", imu=imu, slope_deg=slope_deg, **FLAT))
     loop = AnkleLoop(
         simulation.ankles["ankle"],
         ControllerParameters(imu_mount=imu, use_efforts=use_efforts),
