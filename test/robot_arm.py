@@ -8,7 +8,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_gap.mujoco.runs import Run, run_of_arrays
+from jammkle_gap.mujoco.runs import Quantity, Run, run_of_arrays
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -126,13 +126,24 @@ def run(name: str, recorded: Samples, **changed: Any) -> Run:
     return run_of_arrays(name, recorded["time_s"], measured, {} if "commands" in without else commands)
 
 
-def write_bag(path: Path, recorded: Samples, form: str = "trajectory") -> Path:
+def write_csv(path: Path, recorded: Samples) -> Path:
+    """Write samples as a CSV file."""
+    rows = np.column_stack(list(recorded.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(recorded), comments="")
+    return path
+
+
+def write_bag(
+    path: Path, recorded: Samples, form: str = "trajectory", ahead_s: float = 0.0, imu_frame: str = ""
+) -> Path:
     """Write samples as a bag with `joint_states` and commands.
 
     Args:
         path: Folder of the bag.
         recorded: The samples.
         form: Of the commands: `trajectory`, `array` (Float64MultiArray), `states` (JointState), or `none`.
+        ahead_s: By which the clock of the commands' stamps is ahead.
+        imu_frame: Of an IMU that lies still; empty: there is none.
 
     """
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -147,6 +158,7 @@ def write_bag(path: Path, recorded: Samples, form: str = "trajectory") -> Path:
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         states = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
         commanded = None if form == "none" else writer.add_connection(*kinds[form], typestore=store)
+        imu = writer.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
         for k, at_s in enumerate(recorded["time_s"].tolist()):
             stamp_ns = round((at_s + 100.0) * 1e9)
             header = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), "")
@@ -155,9 +167,19 @@ def write_bag(path: Path, recorded: Samples, form: str = "trajectory") -> Path:
             message = store.types["sensor_msgs/msg/JointState"](header, names, row["position"], none, row["effort"])
             data = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
             writer.write(states, stamp_ns, data)
+            if imu_frame:
+                vector, turn = store.types["geometry_msgs/msg/Vector3"], store.types["geometry_msgs/msg/Quaternion"]
+                framed = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), imu_frame)
+                nine, still = np.zeros(9), vector(0.0, 0.0, 0.0)
+                imu_message = store.types["sensor_msgs/msg/Imu"](
+                    framed, turn(0.0, 0.0, 0.0, 1.0), nine, still, nine, vector(0.0, 0.0, 9.81), nine
+                )
+                writer.write(imu, stamp_ns, store.serialize_cdr(imu_message, "sensor_msgs/msg/Imu"))
             asked = np.array([recorded[f"command.{name}.position"][k] for name in names])
             if commanded is None:
                 continue
+            stamp_ns = round((at_s + 100.0 + ahead_s) * 1e9)
+            header = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), "")
             if form == "trajectory":
                 point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"](
                     asked, none, none, none, duration_type(0, 0)
@@ -168,5 +190,36 @@ def write_bag(path: Path, recorded: Samples, form: str = "trajectory") -> Path:
                 command = store.types[commanded.msgtype](layout, asked)
             else:
                 command = store.types[commanded.msgtype](header, names, asked, none, none)
-            writer.write(commanded, stamp_ns, store.serialize_cdr(command, commanded.msgtype))
+            writer.write(commanded, round((at_s + 100.0) * 1e9), store.serialize_cdr(command, commanded.msgtype))
+    return path
+
+
+def write_odometry(path: Path, run: Run) -> Path:
+    """Write positions, commands and the base of a run as a bag with `joint_states`, `joint_command` and `odom`."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    make = store.types
+    (joint,), none, still = run.joints(), np.array([]), make["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    track = run.measured[joint, Quantity.POSITION]
+    asked = run.commands[joint, Quantity.POSITION].at(track.time_s + 1e-6)
+    types = {"/joint_states": "sensor_msgs/msg/JointState", "/joint_command": "sensor_msgs/msg/JointState",
+             "/odom": "nav_msgs/msg/Odometry"}  # fmt: skip
+    covariance, twist = np.zeros(36), make["geometry_msgs/msg/Twist"](still, still)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        added = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in types.items()}
+        for k, at_s in enumerate(track.time_s.tolist()):
+            stamp_ns = round((at_s + 100.0) * 1e9)
+            stamp = make["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+            header = make["std_msgs/msg/Header"](stamp, "odom")
+            x, y, z, qw, qx, qy, qz = (float(each.values[k]) for each in run.base)
+            place, turn = make["geometry_msgs/msg/Point"](x, y, z), make["geometry_msgs/msg/Quaternion"](qx, qy, qz, qw)
+            pose = make["geometry_msgs/msg/PoseWithCovariance"](make["geometry_msgs/msg/Pose"](place, turn), covariance)
+            moving = make["geometry_msgs/msg/TwistWithCovariance"](twist, covariance)
+            state = make["sensor_msgs/msg/JointState"]
+            messages = {
+                "/joint_states": state(header, [joint], np.array([track.values[k]]), none, none),
+                "/joint_command": state(header, [joint], np.array([asked[k]]), none, none),
+                "/odom": make["nav_msgs/msg/Odometry"](header, "base", pose, moving),
+            }
+            for topic, message in messages.items():
+                writer.write(added[topic], stamp_ns, store.serialize_cdr(message, types[topic]))
     return path

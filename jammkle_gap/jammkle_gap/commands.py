@@ -61,6 +61,13 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
             "otherwise. Bags hold joint_states and commands, or are CSV files.",
         ),
     ] = None,
+    held_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="BAG",
+            help="Any robot: recording that nothing is fitted to, to try the corrected model on. May be repeated.",
+        ),
+    ] = None,
     library: LibraryOption = None,
     without: Annotated[
         list[str] | None, typer.Option(metavar="EFFECT", help="Take an effect out of the library; may be repeated.")
@@ -94,7 +101,13 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     if model is not None:
         from jammkle_gap.mujoco.command import RobotRequest, diagnose_robot
 
-        return diagnose_robot(RobotRequest(model, bags, since or [], output, json, jobs, only or (), without or ()))
+        request = RobotRequest(model, bags, since or [], output, json, jobs, only or (), without or (), held_out or ())
+        return diagnose_robot(request)
+    if held_out:
+        from jammkle_common.command.errors import InputError
+
+        msg = f"--held-out {held_out[0]} goes with --model; of an ankle every recording is held out in turn"
+        raise InputError(msg)
     from jammkle_gap.ankle.sensors import SensorSet
     from jammkle_gap.diagnosing import DiagnoseRequest
     from jammkle_gap.diagnosing import diagnose as run

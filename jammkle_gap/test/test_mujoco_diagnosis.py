@@ -14,16 +14,20 @@ import pytest
 import robot_arm
 
 from jammkle_common.command.main import main
-from jammkle_gap import Verdict, diagnose_mujoco
+from jammkle_gap import BadRecordingError, Verdict, diagnose_mujoco
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import offer_of, scales_of
+from jammkle_gap.mujoco.effects import scales_of
+from jammkle_gap.mujoco.offer import offer_of
 from jammkle_gap.mujoco.runs import BadRobotError
 from jammkle_gap.mujoco.screening import promising
-from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of
+from jammkle_gap.mujoco.simulator import RobotSimulator
+from jammkle_gap.mujoco.windows import recordings_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+
+    Recorded = Callable[[robot_arm.Samples], robot_arm.Samples]
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 FEW = ("friction_elbow", "damping_elbow", "payload")
@@ -46,10 +50,11 @@ def rubbing(model: mujoco.MjModel) -> None:
 def test_command_names_the_friction_and_corrects_the_model(tmp_path: Path) -> None:
     """The verdict is the elbow's friction; page and JSON are written; the corrected model has it and closes the gap."""
     model = robot_arm.write_model(tmp_path)
-    bags = [str(robot_arm.write_bag(tmp_path / f"bag{k}", robot_arm.samples(k, rubbing, 3.0))) for k in range(2)]
+    *bags, last = [str(robot_arm.write_bag(tmp_path / f"bag{k}", robot_arm.samples(k, rubbing, 3.0))) for k in range(3)]
     out, file = tmp_path / "out", tmp_path / "gap.json"
     offered = [part for name in FEW for part in ("--only", name)]
-    assert main(["gap", "diagnose", "--model", str(model), *bags, *offered, "-o", str(out), "--json", str(file)]) == 0
+    asked = ["gap", "diagnose", "--model", str(model), *bags, "--held-out", last, *offered]
+    assert main([*asked, "-o", str(out), "--json", str(file)]) == 0
     found = json.loads(file.read_text())
     assert [each["name"] for each in found["effects"]][:1] == ["friction_elbow"]
     assert found["corrected"]["values"]["friction_elbow.torque"] == pytest.approx(0.8, abs=0.08)
@@ -58,6 +63,7 @@ def test_command_names_the_friction_and_corrects_the_model(tmp_path: Path) -> No
     assert float(corrected.dof_frictionloss[2]) == pytest.approx(0.8, abs=0.08)
     elbow = next(each for each in found["corrected"]["closing"] if each["signal"] == "elbow/position")
     assert elbow["corrected"] < 0.2 * elbow["nominal"]
+    assert any("in recordings that were held out" in note for note in found["notes"])
 
 
 @pytest.mark.parametrize(
@@ -79,6 +85,89 @@ def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["gap", "diagnose", "--model", str(tmp_path / model), str(bag), "-o", str(tmp_path / "out")]) == 2
     last = capsys.readouterr().err.strip().splitlines()[-1]
     assert said in last
+
+
+def degrees(recorded: robot_arm.Samples) -> robot_arm.Samples:
+    return {key: np.degrees(values) if "position" in key else values for key, values in recorded.items()}
+
+
+def renamed(recorded: robot_arm.Samples) -> robot_arm.Samples:
+    return {key.replace("elbow", "elbow_joint"): values for key, values in recorded.items()}
+
+
+def still(recorded: robot_arm.Samples) -> robot_arm.Samples:
+    return {key: values if key == "time_s" else 0.0 * values for key, values in recorded.items()}
+
+
+def in_amperes(recorded: robot_arm.Samples) -> robot_arm.Samples:
+    return {key: values / 9.0 if key == "shoulder.effort" else values for key, values in recorded.items()}
+
+
+def uncommanded(recorded: robot_arm.Samples) -> robot_arm.Samples:
+    return {key: values for key, values in recorded.items() if not key.startswith("command.") and "effort" not in key}
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (renamed, "write 'joints: {elbow_joint: elbow}' into a map"),
+        (degrees, "write 'units: degrees' into a map"),
+        (still, "nothing moves in recording"),
+        (in_amperes, "write 'torque_constants: {shoulder:"),
+        (uncommanded, "neither commands of positions or velocities nor efforts"),
+    ],
+)
+def test_command_refuses_recordings_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: Recorded, said: str
+) -> None:
+    """Recordings that do not fit end the command with exit code 2, and a line that says what would be right."""
+    bag = robot_arm.write_csv(tmp_path / "run.csv", changed(robot_arm.samples(1, duration_s=2.0)))
+    model = robot_arm.write_model(tmp_path)
+    assert main(["gap", "diagnose", "--model", str(model), str(bag), "-o", str(tmp_path / "out"), "--jobs", "1"]) == 2
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said in last
+    assert not (tmp_path / "out" / "gap.html").exists()
+
+
+def test_controller_that_nobody_described_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Motors that follow positions without efforts: the command asks for the controller's gains."""
+    recorded = {key: values for key, values in robot_arm.samples(1, duration_s=2.0).items() if "effort" not in key}
+    bag = robot_arm.write_csv(tmp_path / "run.csv", recorded)
+    model = robot_arm.write_model(tmp_path, robot_arm.MOTORS)
+    assert main(["gap", "diagnose", "--model", str(model), str(bag), "-o", str(tmp_path / "out"), "--jobs", "1"]) == 2
+    assert "gains: {yaw: {kp: ..., kd: ...}}" in capsys.readouterr().err.strip().splitlines()[-1]
+
+
+def test_held_out_goes_with_a_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Recordings of an ankle are held out in turn: the option is refused there."""
+    assert main(["gap", "diagnose", str(tmp_path), "--held-out", str(tmp_path)]) == 2
+    assert "goes with --model" in capsys.readouterr().err.strip().splitlines()[-1]
+
+
+def again(seed: int) -> robot_arm.Samples:
+    """Return what a healthy arm reads of the same motion another time."""
+    random = np.random.default_rng(seed)
+    noise = {"position": robot_arm.STEP_RAD, "effort": robot_arm.NOISE_N_M}
+    return {
+        name: values + random.normal(0.0, noise[name.rpartition(".")[2]], values.shape)
+        if not name.startswith(("command.", "time_s"))
+        else values
+        for name, values in robot_arm.samples(1, duration_s=3.0).items()
+    }
+
+
+def test_what_has_changed_since_is_named(tmp_path: Path) -> None:
+    """Beside earlier runs of the same motion the friction that came since is named; one run twice is refused."""
+    model = robot_arm.write_model(tmp_path)
+    now, *before = [
+        robot_arm.run(f"run {k}", robot_arm.samples(1, rubbing, 3.0) if k == 0 else again(k)) for k in range(3)
+    ]
+    found = diagnose_mujoco(model, [now], since=before, only=FEW, folder=tmp_path / "out", jobs=1)
+    assert found.diagnosis.verdict is Verdict.EFFECTS
+    assert found.diagnosis.effects[0].name == "friction_elbow"
+    assert found.corrected.values["friction_elbow.torque"] == pytest.approx(0.8, abs=0.08)
+    with pytest.raises(BadRecordingError, match="run 1 and run 1 hold the same readings; give each of them once"):
+        matched(model, [now, before[0], before[0]])
 
 
 def test_screening_puts_the_truth_among_the_first(tmp_path: Path) -> None:

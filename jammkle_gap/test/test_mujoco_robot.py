@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,10 +10,22 @@ import pytest
 import robot_arm
 
 from jammkle_gap import BadRecordingError
+from jammkle_gap.mujoco.bags import run_of_bag
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import groups_of, offer_of, scales_of
-from jammkle_gap.mujoco.runs import BadRobotError, Quantity, run_of_arrays, run_of_bag, run_of_csv
-from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
+from jammkle_gap.mujoco.effects import scales_of
+from jammkle_gap.mujoco.offer import groups_of, offer_of
+from jammkle_gap.mujoco.runs import (
+    AXES,
+    BASE_COLUMNS,
+    BadRobotError,
+    Quantity,
+    Sense,
+    Track,
+    run_of_arrays,
+    run_of_csv,
+)
+from jammkle_gap.mujoco.simulator import RobotSimulator
+from jammkle_gap.mujoco.windows import recordings_of, repeats_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -118,6 +131,32 @@ def test_gripper_that_nobody_commands_is_held(tmp_path: Path, recorded: robot_ar
     assert any("joint elbow" in note for note in robot.notes)
     compared, _ = recordings_of(robot, runs, 2.0, 20.0)
     assert all(not signal.name.startswith("elbow") for signal in compared[0].signals)
+
+
+def test_stamps_of_two_clocks_are_set_together_and_said(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Commands that are stamped an hour ahead are those of the same motion, and the notes say so."""
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, "trajectory", ahead_s=3600.0)
+    (run,), _ = matched(robot_arm.write_model(tmp_path), [bag])
+    asked = run.commands["elbow", Quantity.POSITION].at(recorded["time_s"] + 1e-4)
+    assert np.allclose(asked[1:], recorded["command.elbow.position"][1:], atol=1e-3)
+    (note,) = [each for each in run.notes if "/arm/joint_trajectory" in each]
+    assert "clock" in note
+    assert "\n" not in note
+
+
+CHAINED = """
+  <tendon><fixed name="cable"><joint joint="elbow" coef="0.1"/></fixed></tendon>
+  <equality><connect name="strut" body1="tool" body2="world" anchor="0 0 0" active="false"/></equality>
+  <actuator><motor name="winch" tendon="cable"/>"""
+
+
+def test_closed_chains_and_tendons_are_named(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """What no effect acts on stands in the notes, by its name in the model."""
+    model = robot_arm.write_model(tmp_path)
+    model.write_text(model.read_text().replace("<actuator>", CHAINED))
+    _, robot = matched(model, [robot_arm.run("one", recorded)])
+    assert any("closed chains" in note and "strut" in note for note in robot.notes)
+    assert any("actuators on tendons" in note and "winch" in note for note in robot.notes)
 
 
 def made(folder: Path, samples: robot_arm.Samples, search_s: float = 20.0) -> tuple[Robot, RobotSimulator, list]:
@@ -233,3 +272,176 @@ def test_urdf_gets_the_controller_of_the_map(tmp_path: Path) -> None:
     (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
     made = RobotSimulator(robot, {})(compared, {})["elbow/position"]
     assert 0.01 < float(np.abs(made - compared.signal("elbow/position").values).max()) < 0.2
+
+
+SITE = '<site name="wrist" pos="0.02 0 0" euler="0 0.3 0"/>'
+
+
+def with_wrist(folder: Path) -> Path:
+    """Return the model with a site on its tool."""
+    model = robot_arm.write_model(folder)
+    inertia = '<inertial pos="0 0 0" mass="0.2"'
+    model.write_text(model.read_text().replace(inertia, SITE + inertia))
+    return model
+
+
+def sensed(folder: Path, samples: robot_arm.Samples) -> dict[str, np.ndarray]:
+    """Return what the sensors at the wrist of a model would read of motion and commands, by signal."""
+    flat = {f"wrist.{sense.value}.{axis}": 0.0 * samples["time_s"] for sense in Sense for axis in AXES}
+    runs, robot = matched(with_wrist(folder), [robot_arm.run("one", {**samples, **flat})])
+    (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
+    made = RobotSimulator(robot, {})(compared, {})
+    return {name: values for name, values in made.items() if name.startswith("wrist/")}
+
+
+def test_sensors_at_sites_feel_the_weight_and_the_motion(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A force sensor reads the tool's mass times what an IMU on it reads, about gravity; a gyro the joints' rates."""
+    felt = sensed(tmp_path, recorded)
+    acceleration, force, rate = (
+        np.linalg.norm([felt[f"wrist/{sense.value}.{axis}"] for axis in AXES], axis=0)
+        for sense in (Sense.ACCELERATION, Sense.FORCE, Sense.RATE)
+    )
+    assert float(np.median(acceleration)) == pytest.approx(9.81, rel=0.2)
+    assert float(np.median(force / acceleration)) == pytest.approx(0.2, rel=0.05)
+    moving = np.gradient(recorded["yaw.position"], recorded["time_s"])
+    assert 0.5 * np.abs(moving).max() < rate.max() < 5.0 * np.abs(moving).max()
+
+
+@pytest.mark.parametrize(
+    ("effect", "value", "signal", "moved"),
+    [
+        ("force_offset_wrist.z", 0.5, "wrist/force.z", 0.5),
+        ("acceleration_scale_wrist.scale", 1.1, "wrist/acceleration.z", None),
+        ("mounting_wrist.y", 0.1, "wrist/angular_velocity.x", None),
+    ],
+)
+def test_errors_of_sensors_change_their_readings_alone(
+    tmp_path: Path, recorded: robot_arm.Samples, effect: str, value: float, signal: str, moved: float | None
+) -> None:
+    """Zero, scale and mounting change what a sensor reads, and no joint."""
+    flat = {f"wrist.{sense.value}.{axis}": 0.0 * recorded["time_s"] for sense in Sense for axis in AXES}
+    runs, robot = matched(with_wrist(tmp_path), [robot_arm.run("one", {**recorded, **flat})])
+    (compared,), _ = recordings_of(robot, runs, 2.0, 4.0)
+    offer = offer_of(robot, scales_of(robot, [compared]))
+    simulator = RobotSimulator(robot, offer.changes)
+    plain, changed = simulator(compared, {}), simulator(compared, {effect: value})
+    difference = changed[signal] - plain[signal]
+    assert float(np.abs(difference).max()) > 0.01
+    if moved is not None:
+        assert np.allclose(difference, moved)
+    assert np.array_equal(changed["elbow/position"], plain["elbow/position"])
+
+
+def test_bag_says_where_its_sensors_are(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """An IMU whose frame is no site of the model is left out by name; the map says where it is."""
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, imu_frame="imu_link")
+    model = with_wrist(tmp_path)
+    _, robot = matched(model, [bag])
+    assert not robot.senses
+    assert any("sensors: {imu_link: SITE}" in note for note in robot.notes)
+    (run,), robot = matched(model, [bag], {"sensors": {"imu_link": {"site": "wrist", "sign": -1}}})
+    assert set(robot.senses) == {("wrist", Sense.ACCELERATION), ("wrist", Sense.RATE)}
+    assert np.allclose(run.sensed["wrist", Sense.ACCELERATION][2].values, -9.81)
+    plain = robot_arm.write_bag(tmp_path / "plain", robot_arm.samples(2))
+    _, robot = matched(model, [bag, plain], {"sensors": {"imu_link": "wrist"}})
+    assert not robot.senses
+    assert any("at wrist are left out, as not all recordings" in note for note in robot.notes)
+    with pytest.raises(BadRobotError, match="at site tip, which the model has not; it has: wrist"):
+        matched(model, [bag], {"sensors": {"imu_link": "tip"}})
+
+
+CART = """
+<mujoco><compiler angle="radian"/><option timestep="0.0025" integrator="implicitfast"/><worldbody>
+  <body name="cart" pos="0 0 1">BASE<inertial pos="0 0 0" mass="5" diaginertia="0.1 0.1 0.1"/>
+    <body name="leg"><inertial pos="0 0 -0.3" mass="1" diaginertia="0.01 0.01 0.001"/>
+      <joint name="hip" axis="0 1 0" damping="0.05" range="-3 3"/></body></body></worldbody>
+  <actuator><position name="hip" joint="hip" kp="8" kv="0.5"/>PUSH</actuator></mujoco>"""
+RAILS = '<joint name="slide" type="slide" axis="1 0 0"/><joint name="yaw" axis="0 0 1"/>'
+PUSHES = '<position name="push" joint="slide" kp="4000" kv="300"/><position name="turn" joint="yaw" kp="400" kv="30"/>'
+
+
+def shaken(folder: Path) -> tuple[Path, Run]:
+    """Return a model with a floating base, and a run of a machine whose base is shaken by drives of its own."""
+    machine = robot_arm.mujoco.MjModel.from_xml_string(CART.replace("BASE", RAILS).replace("PUSH", PUSHES))
+    data = robot_arm.mujoco.MjData(machine)
+    robot_arm.mujoco.mj_forward(machine, data)
+    time_s, rows = 0.005 * np.arange(1000), []
+    for at_s in time_s:
+        body = data.body("cart")
+        rows.append([*body.xpos, *body.xquat, data.joint("hip").qpos[0], 0.3 * np.sin(2.0 * at_s)])
+        for late_s in (0.0, 0.0025):
+            pushed = 0.3 * np.sin(5.0 * (at_s + late_s)), 0.8 * np.sin(1.5 * (at_s + late_s))
+            data.ctrl[:] = rows[-1][-1], *pushed
+            robot_arm.mujoco.mj_step(machine, data)
+        robot_arm.mujoco.mj_forward(machine, data)
+    table = np.array(rows)
+    table[500:, 3:7] *= -1.0  # the same orientation
+    measured = {f"base.{name}": column for name, column in zip(BASE_COLUMNS, table.T[:7], strict=True)}
+    file = folder / "cart.xml"
+    file.write_text(CART.replace("BASE", "<freejoint/>").replace("PUSH", ""))
+    step = np.round(table[:, 7] / 1e-4) * 1e-4
+    return file, run_of_arrays("one", time_s, {**measured, "hip.position": step}, {"hip.position": table[:, 8]})
+
+
+@pytest.mark.filterwarnings("error")
+def test_base_that_was_measured_carries_the_leg(tmp_path: Path) -> None:
+    """A leg swings as the shaken base makes it where the base moves as measured, and otherwise where it is held."""
+    file, run = shaken(tmp_path)
+    left = {}
+    for base in ("measured", "held"):
+        runs, robot = matched(file, [run], {"base": base})
+        (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
+        made = RobotSimulator(robot, {})(compared, {})["hip/position"]
+        left[base] = float(np.sqrt(np.mean((compared.signal("hip/position").values - made) ** 2)))
+    assert left["measured"] < 0.004
+    assert left["held"] > 10.0 * left["measured"]
+
+
+def test_base_without_odometry_is_refused(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A measured base takes a free joint and recordings of it."""
+    file, run = shaken(tmp_path)
+    with pytest.raises(BadRobotError, match="holds no odometry of the base"):
+        matched(file, [replace(run, base=())], {"base": "measured"})
+    lost = replace(run, base=(*run.base[:3], *(each.changed(0.0, 0.0) for each in run.base[3:])))
+    runs, robot = matched(file, [lost], {"base": "measured"})
+    with pytest.raises(BadRecordingError, match="is no quaternion"):
+        recordings_of(robot, runs, 2.0, 20.0)
+    with pytest.raises(BadRobotError, match="the model has 0 free joints"):
+        matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", recorded)], {"base": "measured"})
+
+
+def test_odometry_of_a_bag_is_the_base(tmp_path: Path) -> None:
+    """Poses of nav_msgs/Odometry are those of the arrays."""
+    file, run = shaken(tmp_path)
+    bag = robot_arm.write_odometry(tmp_path / "bag", run)
+    (read,), robot = matched(file, [bag], {"base": "measured"})
+    assert robot.joints == ("hip",)
+    for ours, given in zip(read.base, run.base, strict=True):
+        assert np.allclose(np.abs(ours.values), np.abs(given.values))
+
+
+def test_tolerances_of_the_map_are_constants(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """What the map gives a tolerance is fitted beside every effect, within four standard deviations of the model."""
+    model, run = robot_arm.write_model(tmp_path), robot_arm.run("one", recorded)
+    runs, robot = matched(model, [run], {"tolerances": {"damping": 0.2, "mass": 0.1}})
+    compared, _ = recordings_of(robot, runs, 2.0, 20.0)
+    offer = offer_of(robot, scales_of(robot, compared))
+    constants = {each.name: each for each in offer.constants}
+    assert constants["elbow/damping"].sigma == 0.2
+    assert constants["elbow/damping"].maximum == pytest.approx(1.8)
+    assert constants["tool/mass"].sigma == 0.1
+    assert "elbow/armature" not in constants
+    machine = RobotSimulator(robot, offer.changes).machine({"elbow/damping": 1.5, "damping_elbow.coefficient": 0.1})
+    assert float(machine.model.dof_damping[2]) == pytest.approx(1.5 * 0.3 + 0.1)
+    with pytest.raises(BadRobotError, match="friction 2 must be a share"):
+        matched(model, [run], {"tolerances": {"friction": 2}})
+    with pytest.raises(BadRobotError, match="'kp'; it may have: mass, length"):
+        matched(model, [run], {"tolerances": {"kp": 0.1}})
+
+
+def test_steps_of_a_command_count_by_when_they_come() -> None:
+    """The mean about a time has of a step what lies behind it: half where it falls on the time itself."""
+    track = Track(np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.0, 4.0, 4.0]))
+    assert track.mean_about(np.array([0.5, 0.95, 1.0, 1.05, 2.5]), 0.2) == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0])
+    ramp = Track(np.array([0.0, 2.0]), np.array([1.0, 5.0]))
+    assert ramp.mean_about(np.array([-1.0, 0.0, 1.0, 2.0]), 1.0) == pytest.approx([1.0, 1.25, 3.0, 4.75])

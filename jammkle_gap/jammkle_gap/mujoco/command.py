@@ -46,6 +46,7 @@ class RobotRequest:
     jobs: int | None
     only: Sequence[str] = ()
     without: Sequence[str] = ()
+    held_out: Sequence[Path] = ()
 
 
 def diagnose_robot(request: RobotRequest) -> int:
@@ -80,6 +81,7 @@ def diagnose_robot(request: RobotRequest) -> int:
                 request.bags,
                 joints,
                 since=request.since,
+                held_out=request.held_out,
                 only=request.only,
                 without=request.without,
                 folder=request.folder,

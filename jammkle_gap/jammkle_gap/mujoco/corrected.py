@@ -29,6 +29,7 @@ _UNSAID = (
     "command_delay_s",
     "arrival_s",
     "reading_delay_s",
+    "effort_delay_s",
     "clock_rate",
     "set_point_lag_s",
     "forward_share",
@@ -39,6 +40,9 @@ _UNSAID = (
     "effort_scale",
     "stribeck",
     "load_friction",
+    "sensor_offset",
+    "sensor_scale",
+    "sensor_turn",
 )
 """Fields of a machine that no MJCF says."""
 

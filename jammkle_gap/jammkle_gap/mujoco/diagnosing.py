@@ -7,6 +7,7 @@ diagnosis, which fits them and their pairs with the simulator.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,13 +17,17 @@ import numpy as np
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose
 from jammkle_gap.core.effects import Library
+from jammkle_gap.core.result import Verdict
 from jammkle_gap.core.simulate import Problem
+from jammkle_gap.mujoco.bags import run_of_bag
 from jammkle_gap.mujoco.corrected import closing_of, corrected_of
-from jammkle_gap.mujoco.effects import offer_of, scales_of
+from jammkle_gap.mujoco.effects import scales_of
+from jammkle_gap.mujoco.offer import offer_of
 from jammkle_gap.mujoco.robot import load, match
-from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_bag, run_of_csv
-from jammkle_gap.mujoco.screening import BIN_S, joint_fit, promising
-from jammkle_gap.mujoco.simulator import RobotSimulator, recordings_of, repeats_of
+from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_csv
+from jammkle_gap.mujoco.screening import BIN_S, closest, left_by, promising
+from jammkle_gap.mujoco.simulator import RobotSimulator
+from jammkle_gap.mujoco.windows import recordings_of, repeats_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -31,6 +36,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.mujoco.corrected import Corrected, SignalClosing
+    from jammkle_gap.mujoco.offer import Offer
     from jammkle_gap.mujoco.robot import Robot
 
 WINDOW_S = 2.0
@@ -54,10 +60,12 @@ class RobotDiagnosis:
     """With those that were fitted; its simulator has them all."""
     recordings: tuple[Recording, ...]
     """What was compared."""
+    tried: tuple[Recording, ...]
+    """What the corrected model was tried on."""
     corrected: Corrected
     closing: tuple[SignalClosing, ...]
-    """What the corrected model closes when it is loaded, in windows that were not fitted; in those that were, where the
-    search looked at everything."""
+    """What the corrected model closes when it is loaded: in recordings that were held out, else in windows that were
+    not fitted, and in those that were where the search looked at everything."""
 
 
 def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
@@ -66,6 +74,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     joints: Mapping[str, Any] | Path | None = None,
     *,
     since: Sequence[Path | str | Run] = (),
+    held_out: Sequence[Path | str | Run] = (),
     only: Sequence[str] = (),
     without: Sequence[str] = (),
     folder: Path | str = "runs/gap",
@@ -82,6 +91,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
         joints: What recordings and model call differently, as a map (`runs`) or a file with it.
         since: The same of the same machine at an earlier time: what has changed since? Each must be commanded as one of
             the bags.
+        held_out: The same, that nothing is fitted to: what does the corrected model close there?
         only: Effects on offer, and no others; empty: all.
         without: Effects that are not on offer.
         folder: Where `corrected.xml` goes.
@@ -98,9 +108,14 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
 
     """
     progress = options.get("progress") or (lambda _what, _share: None)
-    runs, robot = matched(Path(model), [*bags, *since], joints)
-    compared, kept = recordings_of(robot, runs[: len(bags)], window_s, search_s)
-    references = repeats_of(robot, compared, runs[len(bags) :])
+    runs, robot = matched(Path(model), [*bags, *since, *held_out], joints)
+    parts = np.cumsum([len(bags), len(since)]).tolist()
+    compared, kept = recordings_of(robot, runs[: parts[0]], window_s, search_s)
+    references = repeats_of(robot, compared, runs[parts[0] : parts[1]])
+    tried, where = (kept, "windows that were not fitted") if kept else (compared, "windows that were fitted")
+    if held_out:
+        tried, _ = recordings_of(robot, runs[parts[1] :], window_s, np.inf)
+        where = "recordings that were held out"
     offer = offer_of(robot, scales_of(robot, compared))
     offered = offer.library.effects
     if only:
@@ -110,24 +125,29 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     simulator = RobotSimulator(robot, offer.changes)
     _check_efforts(simulator, compared)
     library = promising(simulator, offer, Library(offered), compared, jobs, progress)
-    problem = Problem(simulator, library, constants=offer.constants, bin_s=lambda _: BIN_S)
+    problem = Problem(simulator, library, offer.scatter, offer.constants, bin_s=lambda _: BIN_S)
     found = diagnose(compared, problem, references=references, jobs=jobs, **options)
-    progress("fitting effects and constants together", 0.0)
-    values = joint_fit(simulator, offer, compared, found, jobs)
+    progress("closing the gap", 0.0)
+    tries = [closest(simulator, offer, compared, start, jobs) for start in _starts(offer, found)]
+    values = min(tries, key=lambda each: left_by(simulator, kept or compared, each)) if len(tries) > 1 else tries[0]
+    within = [name for name in dict.fromkeys(key.partition(".")[0] for key in values) if name in offer.names]
     target = Path(folder) / CORRECTED_NAME
     target.parent.mkdir(parents=True, exist_ok=True)
     corrected = corrected_of(robot, simulator.machine(values), values, target.parent)
     target.write_text(corrected.xml, encoding="utf-8")
-    closing = closing_of(robot, corrected, target, runs, kept or compared)
+    closing = closing_of(robot, corrected, target, runs, tried)
     notes = (
         *robot.notes,
         *dict.fromkeys(note for run in runs for note in run.notes),
         f"{len(offered)} effects were screened, and the {len(library.effects)} most promising fitted",
-        f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing, fitted=not kept)}",
+        f"{CORRECTED_NAME} has in it the constants of the machine{_beside(within, found)}",
+        f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing)}, in {where}",
     )
     found = replace(found, notes=(*notes, *(note for note in found.notes if note not in notes)))
     shared = {name: each for name, each in offer.members.items() if name not in excluded}
-    return RobotDiagnosis(found, robot, Library(offered), shared, problem, tuple(compared), corrected, closing)
+    return RobotDiagnosis(
+        found, robot, Library(offered), shared, problem, tuple(compared), tuple(tried), corrected, closing
+    )
 
 
 def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -> None:
@@ -158,10 +178,39 @@ _OTHER_UNIT = 3.0
 """How many times an effort may be the model's. Chosen: no effect on offer makes half of that."""
 
 
-def _sentence(closing: Sequence[SignalClosing], *, fitted: bool) -> str:
+def _starts(offer: Offer, found: Diagnosis) -> list[dict[str, float]]:
+    """Return where the fit of the corrected model begins: with the best candidate, and without where none is certain.
+
+    Where none of the effects is most likely, the likeliest is a lead. The corrected model has it if that leaves less
+    where nothing was fitted.
+    """
+    # Earlier recordings have calibrated the constants, later ones are explained beside them.
+    constants = {each.name: each.null + found.calibration.get(each.name, 0.0) * each.sigma for each in offer.constants}
+    constants.update({each.name: each.value for each in found.constants})
+    if found.verdict is Verdict.NO_GAP:
+        return [constants]
+    fitted = {f"{effect.name}.{each.name}": each.value for effect in found.effects for each in effect.parameters}
+    if found.verdict is not Verdict.UNKNOWN:
+        return [{**constants, **fitted}]
+    lead = next((names for names in found.posterior if names), ())
+    begun = {key: each.null + _BEGIN * ((each.maximum if each.maximum > each.null else each.minimum) - each.null)
+             for key, each in offer.library.parameters(lead)}  # fmt: skip
+    return [{**constants, **(fitted or begun)}, constants]
+
+
+_BEGIN = 0.1
+"""Share of the way to a bound that a lead which was not fitted begins at."""
+
+
+def _beside(names: Sequence[str], found: Diagnosis) -> str:
+    if not names:
+        return " alone"
+    return f" and {' and '.join(names)}" + (", which is a lead" if found.verdict is Verdict.UNKNOWN else "")
+
+
+def _sentence(closing: Sequence[SignalClosing]) -> str:
     most = sorted(closing, key=lambda one: one.corrected / max(one.nominal, 1e-12))[:_SAID]
-    said = ", ".join(f"{each.corrected:.3g} {each.unit} of {each.nominal:.3g} in {each.signal}" for each in most)
-    return f"{said}, in windows that were {'' if fitted else 'not '}fitted"
+    return ", ".join(f"{each.corrected:.3g} {each.unit} of {each.nominal:.3g} in {each.signal}" for each in most)
 
 
 _SAID = 4
@@ -198,6 +247,12 @@ def matched(
             runs.append(run_of_csv(Path(bag)))
         else:
             runs.append(run_of_bag(Path(bag), given, order))
+    for first, second in itertools.combinations(runs, 2):
+        if first.measured.keys() == second.measured.keys() and all(
+            np.array_equal(track.values, second.measured[key].values) for key, track in first.measured.items()
+        ):
+            msg = f"recordings {first.name} and {second.name} hold the same readings; give each of them once"
+            raise BadRecordingError(msg)
     runs = [in_model_terms(run, given) for run in runs]
     names = [run.name for run in runs]
     runs = [

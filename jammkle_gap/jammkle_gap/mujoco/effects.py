@@ -1,24 +1,20 @@
-"""Effects that any robot may have, and the constants that every machine has a little otherwise.
+"""What may be wrong with any robot, and what it changes in a machine.
 
-An effect of joints is offered for all of them, for those of one kind and for each, so that a cause they share is one
-effect. Bounds are shares of what the recorded motion takes (torque, speed, inertia), so that one table serves a finger
-and a hip; each entry says where its share comes from.
+Bounds are shares of what the recorded motion takes (torque, speed, inertia), so that one table serves a finger and a
+hip; each entry says where its share comes from.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_gap.core.effects import Effect, EffectParameter, Library, Nuisance
-from jammkle_gap.mujoco.runs import Base, Quantity
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -94,7 +90,7 @@ class Number:
     source: str
 
 
-_UNITS = {
+UNITS = {
     "torque": ("N m", "N"),
     "damping": ("N m s/rad", "N s/m"),
     "speed": ("rad/s", "m/s"),
@@ -108,7 +104,8 @@ _METRES = 0.2
 """Length of a slide that counts as one rad of a hinge, m."""
 
 
-def _size(scale: str, own: Scale) -> float:
+def size_of(scale: str, own: Scale) -> float:
+    """Return what a number of a family is measured in, on one joint."""
     return {
         "torque": own.torque,
         "damping": own.torque / own.speed,
@@ -224,21 +221,21 @@ def _lag(machine: Machine, joint: str, values: Sequence[float]) -> None:
 
 
 _SHEETS = "data sheets of gears and servos: no-load running torque of a tenth to a half of the rated one"
-_BY_MOTION = "assumed: up to what the motion takes of torque, and twice that of a torque that grows with speed"
+_BY_MOTION = "assumed: up to what the motion takes of torque, and four times that of a torque that grows with speed"
 FAMILIES = (
     Family("friction", "joints", (Number("torque", "torque", 0.0, 0.0, 1.0, _BY_MOTION),), _friction,
            "{where} rub more than the model says", "turn by hand with the motors off; look at bearings and seals"),
-    Family("damping", "joints", (Number("coefficient", "damping", 0.0, 0.0, 2.0, _BY_MOTION),), _damping,
+    Family("damping", "joints", (Number("coefficient", "damping", 0.0, 0.0, 4.0, _BY_MOTION),), _damping,
            "{where} are slowed by their speed more than the model says", "look at the grease and its temperature"),
     Family("stribeck", "joints",
-           (Number("torque", "torque", 0.0, 0.0, 0.4, _SHEETS),
+           (Number("torque", "torque", 0.0, 0.0, 0.8, _SHEETS),
             Number("speed", "speed", 0.1, 0.02, 0.3, "Armstrong-Helouvry 1991: a hundredth to a third of the speed")),
            _stribeck, "{where} stick before they slide", "look at the lubrication, and at preload of the bearings"),
     Family("load_friction", "joints",
-           (Number("share", "share", 0.0, 0.0, 0.5, "efficiency of gears of 50 to 100 %"),), _load_friction,
+           (Number("share", "share", 0.0, 0.0, 0.8, "gears of 43 to 100 %: 2 (1 - eta) / (1 + eta)"),), _load_friction,
            "gears of {where} rub in proportion to their load", "look at the wear of the gears"),
     Family("armature", "joints",
-           (Number("inertia", "inertia", 0.0, 0.0, 1.0, "rotors by the gear ratio squared: up to that of the links"),),
+           (Number("inertia", "inertia", 0.0, 0.0, 2.0, "rotors by the gear ratio squared: twice that of links"),),
            _armature, "{where} have more rotor inertia than the model", "look up rotor and gear in the data sheet"),
     Family("torque_constant", "drives",
            (Number("scale", "share", 1.0, 0.6, 1.4, "motors from hot to cold, and wrong entries of a data sheet"),),
@@ -378,7 +375,40 @@ class Timing:
 
     def __call__(self, machine: Machine, values: Sequence[float]) -> None:
         """Change the machine."""
-        setattr(machine, self.name, values[0])
+        setattr(machine, self.name, getattr(machine, self.name) + values[0])
+
+
+@dataclass(frozen=True)
+class SensorOffset:
+    """Another zero of a sensor at a site."""
+
+    signal: str
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        machine.sensor_offset[self.signal] = tuple(values)
+
+
+@dataclass(frozen=True)
+class SensorScale:
+    """Another scale of it."""
+
+    signal: str
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        machine.sensor_scale[self.signal] = values[0]
+
+
+@dataclass(frozen=True)
+class SensorTurn:
+    """A sensor that sits askew."""
+
+    site: str
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        machine.sensor_turn[self.site] = tuple(values)
 
 
 @dataclass(frozen=True)
@@ -421,6 +451,19 @@ class GainChange:
 
 
 @dataclass(frozen=True)
+class DofScale:
+    """Another friction, damping or armature of a joint, as a share of the model's."""
+
+    joint: str
+    field: str
+    """Of the model."""
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        getattr(machine.model, self.field)[machine.robot.dof(self.joint)] *= values[0]
+
+
+@dataclass(frozen=True)
 class EffortScale:
     """Another reading of an effort."""
 
@@ -429,243 +472,3 @@ class EffortScale:
     def __call__(self, machine: Machine, values: Sequence[float]) -> None:
         """Change the machine."""
         machine.effort_scale[self.joint] = machine.effort_scale.get(self.joint, 1.0) * values[0]
-
-
-@dataclass(frozen=True)
-class Offer:
-    """What a robot is offered: effects, constants of the machine, and what each of them changes."""
-
-    library: Library
-    constants: tuple[Nuisance, ...]
-    changes: Mapping[str, tuple[tuple[str, ...], tuple[float, ...], Any]]
-    members: Mapping[str, tuple[str, ...]]
-    """By effect that joints share, the effects of single joints."""
-
-
-def offer_of(robot: Robot, scales: Mapping[str, Scale]) -> Offer:
-    """Return all effects that a robot may have, those that joints share among them, and its constants."""
-    effects: list[Effect] = []
-    changes: dict[str, tuple[tuple[str, ...], tuple[float, ...], Any]] = {}
-    members: dict[str, tuple[str, ...]] = {}
-
-    def offered(effect: Effect, change: Any) -> None:
-        effects.append(effect)
-        keys = tuple(effect.key(each) for each in effect.parameters)
-        changes[effect.name] = (keys, tuple(each.null for each in effect.parameters), change)
-
-    driven = {each.joint for each in robot.drives}
-    at_position = {each.joint for each in robot.drives if each.quantity is Quantity.POSITION}
-    for number, family in enumerate(FAMILIES):
-        able = at_position if family.position else driven if family.drive else set(robot.joints)
-        if family.name == "torque_constant":
-            able = driven or set(robot.efforts)
-        joints = tuple(name for name in robot.joints if name in able)
-        single = {joint: f"{family.name}_{joint}" for joint in joints}
-        for label, group in groups_of(robot, joints).items():
-            effect, change = _shared(number, f"{family.name}{label}", group, scales)
-            offered(effect, change)
-            members[effect.name] = tuple(single[joint] for joint in group)
-        for joint in joints:
-            effect, change = _single(number, single[joint], joint, scales[joint])
-            offered(effect, change)
-    for effect, change in (*_of_links(robot), *_of_all(robot)):
-        offered(effect, change)
-    constants = []
-    for nuisance, change in _constants(robot):
-        constants.append(nuisance)
-        changes[nuisance.name] = ((nuisance.name,), (nuisance.null,), change)
-    return Offer(Library(tuple(effects)), tuple(constants), changes, members)
-
-
-def groups_of(robot: Robot, joints: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return joints that may share a cause, by the ending of its name: all (no ending), and those of one kind.
-
-    Of one kind are those with the same limit of torque and the same rotor in the model.
-    """
-    kinds: dict[tuple[Any, ...], list[str]] = {}
-    for name in joints:
-        drive = next((each for each in robot.drives if each.joint == name), None)
-        limit = () if drive is None else tuple(robot.model.actuator(drive.actuator).forcerange.round(6).tolist())
-        dof = robot.dof(name)
-        kinds.setdefault((robot.is_turning(name), limit, round(float(robot.model.dof_armature[dof]), 9)), []).append(
-            name
-        )
-    found: dict[str, tuple[str, ...]] = {}
-    if len(joints) > 1 and len({robot.is_turning(name) for name in joints}) == 1:
-        found[""] = tuple(joints)
-    for group in kinds.values():
-        if 1 < len(group) < len(joints):
-            found[f"_{_label(group)}"] = tuple(group)
-    return found
-
-
-def _label(names: Sequence[str]) -> str:
-    words = [re.split(r"[_\W]+|\d+", name) for name in names]
-    common = [word for word in words[0] if len(word) > 2 and all(word in each for each in words)]  # noqa: PLR2004
-    common = [word for word in common if word not in {"joint", "link", "motor"}]
-    return "_".join(common) if common else f"{names[0]}_to_{names[-1]}"
-
-
-def _shared(number: int, name: str, joints: tuple[str, ...], scales: Mapping[str, Scale]) -> tuple[Effect, JointChange]:
-    family = FAMILIES[number]
-    parameters = tuple(
-        EffectParameter(
-            each.name,
-            _UNITS[each.scale][0] if each.scale in _PLAIN else "1",
-            each.null,
-            each.minimum,
-            each.maximum,
-            each.source,
-        )
-        for each in family.numbers
-    )
-    sizes = tuple(tuple(_size(each.scale, scales[joint]) for each in family.numbers) for joint in joints)
-    where = f"the joints {', '.join(joints)}"
-    return Effect(name, family.subsystem, parameters, _sentence(family, where)), JointChange(number, joints, sizes)
-
-
-_PLAIN = ("time", "share", "angle")
-"""Scales that are the same for all joints; of others joints share a part of each one's own."""
-
-
-def _single(number: int, name: str, joint: str, scale: Scale) -> tuple[Effect, JointChange]:
-    family = FAMILIES[number]
-    parameters = []
-    for each in family.numbers:
-        size = _size(each.scale, scale)
-        unit = _UNITS[each.scale][0 if scale.turning else 1]
-        parameters.append(
-            EffectParameter(each.name, unit, each.null * size, each.minimum * size, each.maximum * size, each.source)
-        )
-    effect = Effect(name, family.subsystem, tuple(parameters), _sentence(family, f"joint {joint}"))
-    return effect, JointChange(number, (joint,), (tuple(1.0 for _ in family.numbers),))
-
-
-def _sentence(family: Family, where: str) -> str:
-    finding = family.finding.format(where=where)
-    if where.startswith("joint "):
-        for plural, singular in ((f"{where} rub", f"{where} rubs"), (f"{where} are", f"{where} is"),
-                                 (f"{where} stick before they slide", f"{where} sticks before it slides"),
-                                 (f"{where} have more", f"{where} has more"),
-                                 ("by their speed", "by its speed")):  # fmt: skip
-            finding = finding.replace(plural, singular)
-    return f"{finding[:1].upper()}{finding[1:]}: {family.check}."
-
-
-def moving_bodies(robot: Robot) -> list[str]:
-    """Return the bodies with a mass that a measured joint moves, in the model's order."""
-    model = robot.model
-    roots = {int(model.joint(name).bodyid[0]) for name in robot.joints}
-    found = []
-    for number in range(1, model.nbody):
-        above = number
-        while above and above not in roots:
-            above = int(model.body_parentid[above])
-        if above and model.body_mass[number] > 0.0 and model.body(number).name:
-            found.append(model.body(number).name)
-    return found
-
-
-def _of_links(robot: Robot) -> list[tuple[Effect, Any]]:
-    found: list[tuple[Effect, Any]] = []
-    model = robot.model
-    bodies = moving_bodies(robot)
-    total = sum(float(model.body(name).mass[0]) for name in bodies)
-    for name in bodies:
-        scale = EffectParameter("scale", "1", 1.0, 0.5, 2.0, "assumed: half to double")
-        sentence = f"Body {name} has another mass than the model says: weigh it."
-        found.append((Effect(f"mass_{name}", "links", (scale,), sentence), MassChange(name)))
-        reach = 0.2 * max(_extent(robot, name), 0.02)
-        axes = tuple(
-            EffectParameter(axis, "m", 0.0, -reach, reach, "assumed: a fifth of the link's length") for axis in "xyz"
-        )
-        sentence = f"The centre of mass of body {name} lies elsewhere: balance it on an edge."
-        found.append((Effect(f"centre_{name}", "links", axes, sentence), CentreChange(name)))
-    tips = [name for name in bodies if not _children(robot, name)]
-    for name in tips:
-        label = "payload" if len(tips) == 1 else f"payload_{name}"
-        mass = EffectParameter("mass", "kg", 0.0, 0.0, 0.3 * total, "assumed: up to 0.3 of what moves")
-        sentence = f"Body {name} carries a load that the model has not: look for tools, cables or what it grips."
-        found.append((Effect(label, "links", (mass,), sentence), Payload(name, _tip(robot, name))))
-    return found
-
-
-def _children(robot: Robot, name: str) -> list[int]:
-    model = robot.model
-    own = model.body(name).id
-    below = [k for k in range(1, model.nbody) if int(model.body_parentid[k]) == own]
-    return [k for k in below if model.body_mass[k] > 0.0 or model.body_subtreemass[k] > 0.0]
-
-
-def _extent(robot: Robot, name: str) -> float:
-    """Return how far a body's own frame is from what hangs on it, or from its centre of mass, m."""
-    model = robot.model
-    own = model.body(name).id
-    below = np.linalg.norm(model.body_pos[model.body_parentid == own], axis=1)
-    return float(max([*below.tolist(), 2.0 * float(np.linalg.norm(model.body_ipos[own]))]))
-
-
-def _tip(robot: Robot, name: str) -> tuple[float, float, float]:
-    model = robot.model
-    own = model.body(name).id
-    sites = [k for k in range(model.nsite) if int(model.site_bodyid[k]) == own]
-    places = [model.site_pos[k] for k in sites] or [model.body_ipos[own]]
-    x, y, z = max(places, key=lambda each: float(np.linalg.norm(each))).tolist()
-    return x, y, z
-
-
-def _of_all(robot: Robot) -> list[tuple[Effect, Any]]:
-    """Return effects of timing, of the base, and of drives together."""
-    late = "buses and drivers: up to some tens of milliseconds"
-    found: list[tuple[Effect, Any]] = []
-    if robot.drives:
-        delay = EffectParameter("time", "s", 0.0, 0.0, 0.08, late)
-        sentence = "Commands come late: look at the load of bus and computer."
-        found.append((Effect("command_delay", "timing", (delay,), sentence), Timing("command_delay_s")))
-        rate = EffectParameter("rate", "1", 0.0, -0.01, 0.01, "assumed: clocks without synchronisation, within 1 %")
-        sentence = "The clock of the readings runs at another rate than that of the commands: synchronise them."
-        found.append((Effect("clock_skew", "timing", (rate,), sentence), Timing("clock_rate")))
-        held = tuple(each.joint for each in robot.drives if robot.is_turning(each.joint))
-        if held:
-            lowest = -1.0 if float(robot.model.body_gravcomp.max()) > 0.5 else 0.0  # noqa: PLR2004 - rather with it
-            share = EffectParameter("share", "1", 0.0, lowest, lowest + 1.0, "from none to all of the weight")
-            sentence = "The drives hold another share of the weight by themselves: look at gravity compensation."
-            found.append((Effect("gravity_compensation", "drives", (share,), sentence), Gravity(held)))
-    delay = EffectParameter("time", "s", 0.0, 0.0, 0.05, late)
-    sentence = "Readings come late: look at filters of the sensors and at the bus."
-    found.append((Effect("reading_delay", "timing", (delay,), sentence), Timing("reading_delay_s")))
-    if robot.given.base is Base.HELD and np.any(robot.model.opt.gravity):
-        source = "assumed: a base set up by eye, within 6 degrees"
-        angles = tuple(EffectParameter(axis, "rad", 0.0, -0.1, 0.1, source) for axis in ("roll", "pitch"))
-        sentence = "The base stands askew: put a level on it."
-        found.append((Effect("base_tilt", "base", angles, sentence), Tilt()))
-    elif robot.given.base is Base.FREE:
-        scale = EffectParameter("scale", "1", 1.0, 0.2, 2.0, "tables of dry friction")
-        sentence = "The floor grips otherwise than the model says: clean it, or measure its friction."
-        found.append((Effect("floor_friction", "base", (scale,), sentence), Floor()))
-    return found
-
-
-def _constants(robot: Robot) -> list[tuple[Nuisance, Any]]:
-    """Return masses, lengths and gains, which no machine has as its drawings say."""
-    drawn, sheet = "drawings: within 2 to 3 %", "data sheets: within 2 to 3 %"
-    found: list[tuple[Nuisance, Any]] = []
-    for name in moving_bodies(robot):
-        found.append((Nuisance(f"{name}/mass", "1", 1.0, 0.025, drawn, 0.9, 1.1), MassChange(name)))
-        if _extent(robot, name) > 0.0:
-            found.append((Nuisance(f"{name}/length", "1", 1.0, 0.02, drawn, 0.9, 1.1), LengthChange(name)))
-    if robot.drives:
-        source = "a recorder stamps commands when it receives them: within milliseconds"
-        found.append((Nuisance("commands/arrival", "s", 0.0, 0.003, source, -0.01, 0.01), Timing("arrival_s")))
-    for drive in robot.drives:
-        if drive.joint in robot.estimated:
-            guess = "estimated from efforts: within 20 %"
-            for label, change in (("kp", GainChange(drive.joint, kd=False)), ("kd", GainChange(drive.joint, kp=False))):
-                found.append((Nuisance(f"{drive.joint}/{label}", "1", 1.0, 0.2, guess, 0.3, 3.0), change))
-        else:
-            found.append((Nuisance(f"{drive.joint}/gain", "1", 1.0, 0.025, sheet, 0.9, 1.1), GainChange(drive.joint)))
-    for joint in robot.given.torque_constants:
-        if joint in robot.efforts:
-            source = "data sheets: torque constants within 5 %"
-            found.append((Nuisance(f"{joint}/torque_constant", "1", 1.0, 0.05, source, 0.7, 1.3), EffortScale(joint)))
-    return found

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.mujoco.runs import BadRobotError, Base, Gains, Quantity
+from jammkle_gap.mujoco.base import carry_base
+from jammkle_gap.mujoco.runs import BadRobotError, Base, Gains, Quantity, Sense
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -32,6 +33,12 @@ _WEIGHTLESS = 1e-12
 """Share of the weight that is compensated at least: MuJoCo leaves it out where it is 0 in all of a compiled model."""
 EFFORT_SENSOR = "jammkle effort "
 """Prefix of sensors that are added to the prepared model, one per joint that is driven or whose effort is compared."""
+_SENSORS = {
+    Sense.ACCELERATION: mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+    Sense.RATE: mujoco.mjtSensor.mjSENS_GYRO,
+    Sense.FORCE: mujoco.mjtSensor.mjSENS_FORCE,
+    Sense.TORQUE: mujoco.mjtSensor.mjSENS_TORQUE,
+}
 
 
 @dataclass(frozen=True)
@@ -63,6 +70,8 @@ class Robot:
     """Joints whose controller nobody described: its gains were estimated from efforts."""
     given: RobotMap
     notes: tuple[str, ...]
+    senses: tuple[tuple[str, Sense], ...] = ()
+    """Sensors at sites that are compared."""
 
     def is_turning(self, joint: str) -> bool:
         """Return whether a joint is a hinge, in rad and N m, and no slide, in m and N."""
@@ -112,8 +121,7 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
             msg = "the recordings hold neither commands of positions or velocities nor efforts of any joint"
             msg += "; record the topic of the commands, or joint_states with efforts"
             raise BadRobotError(msg)
-    if not drives or given.base is Base.HELD:
-        _hold_base(spec, notes)
+    _put_base(spec, runs, given, notes, forward=bool(drives))
     _lock(spec, locked)
     _note_unknown(spec, notes)
     for body in spec.bodies:
@@ -125,6 +133,10 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
             objname=joint,
         )
+    senses = _matched_senses(spec, runs, given, notes)
+    for site, sense in senses:
+        name = sensor_name(site, sense)
+        spec.add_sensor(name=name, type=_SENSORS[sense], objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
     return Robot(
         file,
         _compiled(spec, file),
@@ -135,7 +147,41 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
         estimated,
         given,
         tuple(notes),
+        senses,
     )
+
+
+def sensor_name(site: str, sense: Sense) -> str:
+    """Return the name of a sensor that is added to the prepared model."""
+    return f"jammkle {sense.value} {site}"
+
+
+def _matched_senses(
+    spec: mujoco.MjSpec, runs: Sequence[Run], given: RobotMap, notes: list[str]
+) -> tuple[tuple[str, Sense], ...]:
+    """Return the sensors that all recordings have and whose site the model has; say which are left out.
+
+    Raises:
+        BadRobotError: the map names a site that the model has not.
+
+    """
+    sites = [each.name for each in spec.sites if each.name]
+    for name, asked in given.sensors.items():
+        if asked.site not in sites:
+            msg = f"the map puts sensor {name} at site {asked.site}, which the model has not"
+            msg += f"; it has: {', '.join(sites) or 'none'}"
+            raise BadRobotError(msg)
+    everywhere = [key for key in runs[0].sensed if all(key in run.sensed for run in runs)]
+    strange = sorted({site for run in runs for site, _ in run.sensed if site not in sites})
+    if strange:
+        notes.append(
+            f"readings of sensors at {', '.join(strange)} are left out, as no site of the model has that name "
+            f"({', '.join(sites) or 'it has none'}); say where they are in a map (sensors: {{{strange[0]}: SITE}})"
+        )
+    some = sorted({site for run in runs for site, sense in run.sensed if (site, sense) not in everywhere} - {*strange})
+    if some:
+        notes.append(f"readings of sensors at {', '.join(some)} are left out, as not all recordings have them")
+    return tuple(key for key in everywhere if key[0] in sites)
 
 
 def load(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
@@ -346,7 +392,13 @@ def _estimated_gains(runs: Sequence[Run], joint: str, wanted: Quantity) -> Gains
     return Gains(float(first), max(float(damping), 0.0)) if wanted is Quantity.POSITION else Gains(0.0, float(first))
 
 
-def _hold_base(spec: mujoco.MjSpec, notes: list[str]) -> None:
+def _put_base(spec: mujoco.MjSpec, runs: Sequence[Run], given: RobotMap, notes: list[str], *, forward: bool) -> None:
+    """Carry a floating base as it was measured, or hold it; it is free only where the model is run forward."""
+    if given.base is Base.MEASURED:
+        carry_base(spec, runs)
+        return
+    if given.base is Base.FREE and forward:
+        return
     for joint in list(spec.joints):
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             notes.append(f"the floating base ({joint.name or joint.parent.name}) is held where the model has it")

@@ -1,20 +1,19 @@
-"""Which effects of a long list promise most, and effects and constants fitted together.
+"""Which effects of a long list promise most, and numbers that close as much of the gap as they can.
 
 All effects are screened by one Jacobian per recording, beside the constants of the machine with their priors.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries no types
+from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import Library
 from jammkle_gap.core.features import features_of, layout_of, measured
-from jammkle_gap.core.result import Verdict
 from jammkle_gap.core.simulate import InfeasibleError
 from jammkle_gap.mujoco.runs import BadRobotError
 
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.effects import Effect
-    from jammkle_gap.core.result import Diagnosis
-    from jammkle_gap.mujoco.effects import Offer
+    from jammkle_gap.mujoco.offer import Offer
     from jammkle_gap.mujoco.simulator import RobotSimulator
 
     Array = NDArray[np.float64]
@@ -235,83 +233,68 @@ def _ordered(metric: _Metric, able: Sequence[_Way]) -> list[str]:
     return names
 
 
-def joint_fit(
-    simulator: RobotSimulator, offer: Offer, recordings: Sequence[Recording], found: Diagnosis, jobs: int
+def closest(
+    simulator: RobotSimulator,
+    offer: Offer,
+    recordings: Sequence[Recording],
+    start: Mapping[str, float],
+    jobs: int,
 ) -> dict[str, float]:
-    """Return the effects that were found and all constants, fitted together from where the diagnosis left the effects.
+    """Return effects and constants that leave least of all recordings, from where the diagnosis has them.
 
-    Gauss-Newton with the constants' priors, and steps that are halved while they make things worse. What the simulator
-    leaves beyond noise counts as noise, as a whole: without that, priors would not count at all.
+    The diagnosis trusts most what agrees already, since it asks for the cause. A corrected model shall leave little
+    altogether: least squares in the noise of sensors, with the constants' priors. What the simulator leaves beyond
+    noise counts as noise, as a whole: without that, priors would not count at all.
+
+    Args:
+        simulator: Of the robot.
+        offer: Of which effects and constants are.
+        recordings: That are fitted.
+        start: Effects by `effect.parameter` and constants by name.
+        jobs: Processes.
+
     """
-    unknown = _unknowns(offer, found)
     space = _Whitened(simulator, recordings, jobs)
-    place, current = unknown.start, space.made(unknown.named(unknown.start))
-    if current is None:
-        return {}
-    left = space.data - current
-    for _ in range(_FIT_STEPS):
-        noise = max(float(left @ left) / len(left), 1.0)
-        turned = np.where(place + unknown.steps > unknown.high, -unknown.steps, unknown.steps)
-        made = space.all([unknown.named(place + turn) for turn in np.diag(turned)], lambda _share: None)
-        base = space.data - left
-        slopes = np.array([np.zeros_like(base) if each is None else (each - base) * np.sign(turn)
-                           for each, turn in zip(made, turned, strict=True)]).T  # fmt: skip
-        normal = slopes.T @ slopes / noise + np.diag(unknown.weights)
-        right = slopes.T @ left / noise - unknown.pull(place)
-        move = unknown.steps * np.linalg.lstsq(normal, right, rcond=1e-9)[0]
-        before = unknown.cost(left, place, noise)
-        for halved in range(_HALVINGS):
-            tried = np.clip(place + move / 2.0**halved, unknown.low, unknown.high)
-            made_there = space.made(unknown.named(tried))
-            if made_there is not None and unknown.cost(space.data - made_there, tried, noise) < before:
-                break
-        else:
-            break
-        place, left = tried, space.data - made_there
-        if before - unknown.cost(left, place, noise) < _SETTLED * before:
-            break
-    return unknown.named(place)
+    known = {effect.key(each): (each.null, 0.02 * (each.maximum - each.minimum), each.minimum, each.maximum, 0.0)
+             for effect in offer.library for each in effect.parameters}  # fmt: skip
+    known.update({each.name: (each.null, each.sigma, each.minimum, each.maximum, 1.0) for each in offer.constants})
+    null, steps, low, high, weights = np.array([known[key] for key in start]).T
+
+    def values(shares: Array) -> dict[str, float]:
+        return dict(zip(start, (null + shares * steps).tolist(), strict=True))
+
+    def rest(made: Array | None, shares: Array) -> Array:
+        left = np.full(len(space.data), _INFEASIBLE) if made is None else space.data - made
+        return np.concatenate([left / scale, weights * shares])
+
+    def slopes(shares: Array) -> Array:
+        turned = np.where(shares + 1.0 > ends[1], -1.0, 1.0)
+        made = space.all([values(shares), *(values(shares + each) for each in np.diag(turned))], lambda _share: None)
+        rows = [rest(each, shares + turn) for each, turn in zip(made[1:], np.diag(turned), strict=True)]
+        found: Array = ((np.array(rows) - rest(made[0], shares)) / turned[:, np.newaxis]).T
+        return found
+
+    ends = (low - null) / steps, (high - null) / steps
+    place = np.clip((np.array(list(start.values())) - null) / steps, ends[0] + 1e-6, ends[1] - 1e-6)
+    for _ in range(_WEIGHED):
+        first = space.made(values(place))
+        if first is None:
+            return dict(start)
+        scale = max(float(np.sqrt(np.square(space.data - first).mean())), 1.0)
+        place = least_squares(
+            lambda shares: rest(space.made(values(shares)), shares), place, slopes, ends, max_nfev=_FIT_STEPS, ftol=1e-3
+        ).x
+    return values(place)
 
 
-@dataclass(frozen=True)
-class _Unknowns:
-    """Numbers that are fitted together, each of shape (n,)."""
-
-    keys: tuple[str, ...]
-    start: Array
-    steps: Array
-    """Differences that slopes are taken over; of a constant one standard deviation of its prior."""
-    low: Array
-    high: Array
-    weights: Array
-    """1 where there is a prior."""
-
-    def named(self, place: Array) -> dict[str, float]:
-        """Return the numbers by name."""
-        return dict(zip(self.keys, place.tolist(), strict=True))
-
-    def pull(self, place: Array) -> Array:
-        """Return half the slope of the priors' cost, per step."""
-        return self.weights * (place - self.start) / self.steps
-
-    def cost(self, left: Array, place: Array, noise: float) -> float:
-        """Return twice the negative logarithm of the posterior, but for a constant."""
-        return float(left @ left) / noise + float(np.square(self.pull(place)).sum())
+def left_by(simulator: RobotSimulator, recordings: Sequence[Recording], values: Mapping[str, float]) -> float:
+    """Return the mean square, in the noise of sensors, that some values leave; infinite where they cannot be run."""
+    space = _Whitened(simulator, recordings, 1)
+    made = space.made(values)
+    return float("inf") if made is None else float(np.square(space.data - made).mean())
 
 
-def _unknowns(offer: Offer, found: Diagnosis) -> _Unknowns:
-    rows: list[tuple[str, float, float, float, float, float]] = []
-    for fitted in found.effects if found.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS} else ():
-        effect = offer.library.effect(fitted.name)
-        for parameter, own in zip(effect.parameters, fitted.parameters, strict=True):
-            step = 0.02 * (parameter.maximum - parameter.minimum)
-            rows.append((effect.key(parameter), own.value, step, parameter.minimum, parameter.maximum, 0.0))
-    rows += [(each.name, each.null, each.sigma, each.minimum, each.maximum, 1.0) for each in offer.constants]
-    keys, *columns = zip(*rows, strict=True)
-    return _Unknowns(tuple(map(str, keys)), *(np.array(each, dtype=np.float64) for each in columns))
-
-
-_FIT_STEPS = 4
-_HALVINGS = 4
-_SETTLED = 1e-3
-"""Share of the cost by which a last step makes it less."""
+_WEIGHED, _FIT_STEPS = 2, 6
+"""Times that the noise is taken anew, and steps of each fit. Chosen: servos move by less than a thousandth after it."""
+_INFEASIBLE = 1e6
+"""Whitened features of what cannot be simulated: far from everything that is measured."""

@@ -1,25 +1,22 @@
-"""Runs a robot's recordings again: in windows that start at its measured state, or backwards from motion to effort.
-
-Multiple shooting (Bock and Plitt 1984, IFAC Proceedings 17:1603): a recording is cut into windows, so that what drifts
-within a second does not hide what happens within ten milliseconds. Each window begins a little before what is compared
-of it, so that readings that come late are known and errors of its start have died away. The state that it starts from
-is the measured one, smoothed and differentiated once (Savitzky and Golay 1964, Anal. Chem. 36:1627).
-"""
+"""Runs a robot's recordings again: in windows that start at its measured state, or backwards from motion to effort."""
 
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from mujoco import rollout  # type: ignore[import-untyped]  # carries no types
-from scipy.signal import lfilter, savgol_coeffs, savgol_filter  # type: ignore[import-untyped]  # carries no types
+from scipy.signal import lfilter  # type: ignore[import-untyped]  # carries no types
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_gap.core.simulate import InfeasibleError
-from jammkle_gap.mujoco.robot import EFFORT_SENSOR
-from jammkle_gap.mujoco.runs import BadRobotError, Base, Quantity
+from jammkle_gap.mujoco.base import BASE_JOINTS, carrying
+from jammkle_gap.mujoco.robot import EFFORT_SENSOR, sensor_name
+from jammkle_gap.mujoco.runs import AXES, Base, Quantity
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -27,21 +24,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.core.data import Recording, Signal
     from jammkle_gap.mujoco.robot import Robot
-    from jammkle_gap.mujoco.runs import Run
 
     Array = NDArray[np.float64]
 
 LEAD_S = 0.2
 """How long a window runs before it is compared, s. Chosen: a drive of 3 Hz forgets its start to a fortieth."""
-_SMOOTHED_S = 0.08
-"""Stretch of readings that a cubic is laid through, s. Chosen: it passes motion of up to 5 Hz within a per cent."""
-_FEWEST_SMOOTHED = 7
-_MOVED_STEPS = 5.0
-"""Twice the standard deviation of a reading, so often, a joint must travel to have moved. Chosen: five steps."""
 _WILD = 1e4
 """Position, rad or m, or speed at which a run has blown up."""
-_FORWARD_FROM_S = 0.02
+FORWARD_FROM_S = 0.02
 """Stretch over which the rate of a set point is taken, s. Chosen: set points come at 50 Hz or more often."""
 
 
@@ -65,6 +57,8 @@ class Motion:
     """When each window that is compared begins, s."""
     window_s: float
     """How long it is, s."""
+    base: Array | None = None
+    """Position, velocity and acceleration of the joints that carry a measured base, on the grid, shape (3, n, 6)."""
     wandering: tuple[str, ...] = ()
     """Joints that no drive holds at a position, so that errors of their start last."""
     start_shift: Array | None = None
@@ -88,6 +82,8 @@ class Machine:
     arrival_s: float = 0.0
     """Delay of commands within a period of theirs, s, which no recording says."""
     reading_delay_s: float = 0.0
+    effort_delay_s: float = 0.0
+    """Of efforts behind positions of the same stamp, s."""
     clock_rate: float = 0.0
     """How much faster the clock of the readings runs than that of the commands, as a share."""
     set_point_lag_s: Mapping[str, float] = field(default_factory=dict)
@@ -108,6 +104,17 @@ class Machine:
     """Friction at rest beyond that in motion, N m or N, and the speed at which it is gone."""
     load_friction: dict[str, float] = field(default_factory=dict)
     """Friction per transmitted effort."""
+    sensor_offset: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    """By signal of a sensor without its axis, along all axes."""
+    sensor_scale: dict[str, float] = field(default_factory=dict)
+    """By the same."""
+    sensor_turn: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    """By site, vector by which the sensor there is turned in its place, rad."""
+
+    @cached_property
+    def data(self) -> mujoco.MjData:
+        """Room to run the model in; what it holds is of the run before."""
+        return mujoco.MjData(self.model)
 
     def needs_steps(self) -> bool:
         """Return whether something changes within a run that a model cannot say."""
@@ -127,7 +134,8 @@ class RobotSimulator:
 
     robot: Robot
     changes: Mapping[str, tuple[tuple[str, ...], tuple[float, ...], Change]]
-    """By effect or constant: keys of its values, at which values it does nothing, and what it does."""
+    """By constant or effect: keys of its values, at which values it does nothing, and what it does, in turn: a machine
+    is within its tolerances before anything is wrong with it."""
 
     def machine(self, values: Mapping[str, float]) -> Machine:
         """Return the machine with some values.
@@ -137,9 +145,10 @@ class RobotSimulator:
 
         """
         machine = Machine(self.robot, copy.copy(self.robot.model))
-        asked = dict.fromkeys(key if key in self.changes else key.rpartition(".")[0] for key in values)
-        for name in asked:
-            keys, nulls, change = self.changes[name]
+        asked = {key if key in self.changes else key.rpartition(".")[0] for key in values}
+        for name, (keys, nulls, change) in self.changes.items():
+            if name not in asked:
+                continue
             own = [values.get(key, null) for key, null in zip(keys, nulls, strict=True)]
             if any(value != null for value, null in zip(own, nulls, strict=True)):
                 change(machine, own)
@@ -147,7 +156,7 @@ class RobotSimulator:
         if (model.body_mass < 0.0).any() or (model.dof_armature < 0.0).any():
             msg = "a mass or an armature is below 0"
             raise InfeasibleError(msg)
-        mujoco.mj_setConst(model, mujoco.MjData(model))
+        mujoco.mj_setConst(model, machine.data)
         return machine
 
     def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, Array]:
@@ -170,7 +179,7 @@ def run(machine: Machine, recording: Recording) -> dict[str, Array]:
     motion: Motion = recording.inputs
     if not machine.robot.drives:
         return _backward(machine, motion, recording)
-    return _from_likely_starts(motion, recording, _forward(machine, motion, recording))
+    return _from_likely_starts(motion, recording, run_forward(machine, motion, recording))
 
 
 def _from_likely_starts(motion: Motion, recording: Recording, made: dict[str, Array]) -> dict[str, Array]:
@@ -182,14 +191,14 @@ def _from_likely_starts(motion: Motion, recording: Recording, made: dict[str, Ar
     if not motion.sensitivity:
         return made
     count = len(motion.starts_s)
-    left = {each.name: (each.values - made[each.name]) / _scale(each) for each in recording.signals}
+    left = {each.name: (each.values - made[each.name]) / scale_of(each) for each in recording.signals}
     found = {}
     shares = np.zeros((count, 2 * len(motion.wandering)))
     places = {
         each.name: np.minimum((each.time_s / motion.window_s).astype(int), count - 1) for each in recording.signals
     }
     for window in range(count):
-        rows = [motion.sensitivity[name][places[name] == window] / _scale(recording.signal(name)) for name in left]
+        rows = [motion.sensitivity[name][places[name] == window] / scale_of(recording.signal(name)) for name in left]
         table, rest = np.concatenate(rows), np.concatenate([left[name][places[name] == window] for name in left])
         shares[window] = np.linalg.solve(table.T @ table + np.eye(table.shape[1]), table.T @ rest)
     for name, values in made.items():
@@ -197,41 +206,31 @@ def _from_likely_starts(motion: Motion, recording: Recording, made: dict[str, Ar
     return found
 
 
-def _scale(signal: Signal) -> float:
-    return signal.deviation or _deviation(signal.values)
+def scale_of(signal: Signal) -> float:
+    """Return the standard deviation of one reading: declared, or estimated."""
+    return signal.deviation or deviation_of(signal.values)
 
 
-def _with_sensitivity(robot: Robot, recording: Recording) -> Recording:
-    """Return a recording that knows what errors of its starts do, where they last."""
-    held = {drive.joint for drive in robot.drives if drive.quantity is Quantity.POSITION}
-    wandering = tuple(name for name in robot.joints if name not in held)
-    if not wandering or not robot.drives or robot.given.base is Base.FREE:
-        return recording
-    motion: Motion = replace(recording.inputs, wandering=wandering)
-    machine = Machine(robot, robot.model)
-    nominal = _forward(machine, motion, recording)
-    columns: dict[str, list[Array]] = {name: [] for name in nominal}
-    for order in range(2):
-        for column, name in enumerate(wandering):
-            signal = recording.signal(f"{name}/{Quantity.POSITION.value}")
-            step_s = float(np.median(np.diff(signal.time_s)))
-            wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
-            gain = float(np.sqrt(np.square(savgol_coeffs(wide, 3, deriv=order, delta=step_s)).sum()))
-            shift = np.zeros((len(motion.starts_s), 2 * len(wandering)))
-            shift[:, order * len(wandering) + column] = _START_ERRORS * gain * _scale(signal)
-            made = _forward(machine, replace(motion, start_shift=shift), recording)
-            for other in nominal:
-                columns[other].append(made[other] - nominal[other])
-    sensitivity = {name: np.array(each).T for name, each in columns.items()}
-    return replace(recording, inputs=replace(motion, sensitivity=sensitivity))
+def deviation_of(values: Array) -> float:
+    """Return the standard deviation of one reading, by second differences (Gasser et al. 1986, Biometrika 73:625)."""
+    second = values[1:-1] - 0.5 * (values[:-2] + values[2:])
+    blocks = [float(np.square(each).mean()) for each in np.array_split(second, _BLOCKS) if each.size]
+    steps = np.diff(np.unique(values))
+    rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0
+    return float(np.hypot(np.sqrt(np.median(blocks) / 1.5), rounding))
 
 
-_START_ERRORS = 3.0
-"""Standard deviations of a smoothed reading that a start may be off. Chosen: smoothing bends fast motion, too."""
+_BLOCKS = 8
+"""Stretches of which the median is taken, so that fast motion in some does not count."""
 
 
-def _forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str, Array]:
-    """Run every window and read its sensors."""
+def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str, Array]:
+    """Run every window and read its sensors.
+
+    Raises:
+        InfeasibleError: it blows up.
+
+    """
     robot, model = machine.robot, machine.model
     step_s = float(model.opt.timestep)
     length = motion.window_s + LEAD_S
@@ -239,42 +238,59 @@ def _forward(machine: Machine, motion: Motion, recording: Recording) -> dict[str
         length = motion.end_s
     count = int(np.ceil(length / step_s)) + 1
     begins = np.array(motion.starts_s) - LEAD_S
-    controls = _controls(machine, motion, begins, count)
+    asked = _asked(machine, motion)
+    controls = _controls(machine, motion, asked, begins, count)
     starts = _starts(machine, motion, begins)
     joints = [int(model.joint(name).qposadr[0]) for name in robot.joints]
     sensed = list(dict.fromkeys((*robot.efforts, *(each.joint for each in robot.drives))))
     sensors = [int(model.sensor(f"{EFFORT_SENSOR}{name}").adr[0]) for name in sensed]
+    sensors += _addresses(machine)
     if machine.needs_steps():
         position, efforts = _stepped(machine, starts, controls, joints, sensors)
     else:
-        states, read = rollout.rollout(model, mujoco.MjData(model), starts, controls)
+        states, read = rollout.rollout(model, machine.data, starts, controls)
         position = np.concatenate([starts[:, np.newaxis, 1:][:, :, joints], states[:, :-1, 1:][:, :, joints]], axis=1)
         efforts = read[:, :, sensors]
     if not np.isfinite(position).all() or np.abs(position).max() > _WILD:
         msg = "the simulation blows up"
         raise InfeasibleError(msg)
     ticks = step_s * np.arange(count, dtype=np.float64)
+    felt = _felt(machine, efforts[:, :, len(sensed) :])
     # A controller reads before it writes: an effort is that of the step before.
     efforts = np.concatenate([efforts[:, :1], efforts[:, :-1]], axis=1)
     found = {}
     for signal in recording.signals:
         joint, _, quantity = signal.name.rpartition("/")
+        if signal.name in felt:
+            found[signal.name] = _read(machine, motion, begins, ticks, felt[signal.name], signal.time_s)
+            continue
         if quantity == Quantity.POSITION.value:
             values = position[:, :, robot.joints.index(joint)]
             if joint in machine.compliance:
                 values = values + machine.compliance[joint] * efforts[:, :, sensed.index(joint)]
             values = machine.scale.get(joint, 1.0) * values + machine.offset.get(joint, 0.0)
-        else:
-            values = machine.effort_scale.get(joint, 1.0) * efforts[:, :, sensed.index(joint)]
-        found[signal.name] = _read(machine, motion, begins, ticks, values, signal.time_s)
+            found[signal.name] = _read(machine, motion, begins, ticks, values, signal.time_s)
+            continue
+        values = efforts[:, :, sensed.index(joint)]
+        read = _read(machine, motion, begins, ticks + machine.effort_delay_s, values, signal.time_s)
+        read += _between_ticks(machine, motion, asked, controls, joint, begins, signal.time_s, read)
+        found[signal.name] = machine.effort_scale.get(joint, 1.0) * read
     return found
 
 
 def _read(machine: Machine, motion: Motion, begins: Array, ticks: Array, values: Array, time_s: Array) -> Array:
-    """Return the readings of one quantity at the times of its signal, by when they were really taken."""
-    window = np.minimum((time_s / motion.window_s).astype(int), len(motion.starts_s) - 1)
-    stamp_s = np.array(motion.starts_s)[window] + time_s - window * motion.window_s
-    real_s = stamp_s * (1.0 + machine.clock_rate) - machine.reading_delay_s
+    """Return the readings of one quantity at the times of its signal, by when they were really taken.
+
+    Args:
+        machine: Whose clock and delay count.
+        motion: With the windows.
+        begins: When each begins to run, s.
+        ticks: Since then, when a value is there to be read, shape (count,), s.
+        values: Shape (windows, count).
+        time_s: Of the readings, one window after the other, s.
+
+    """
+    real_s, window = _taken_at(machine, motion, time_s)
     found = np.empty_like(time_s)
     for k, begin_s in enumerate(begins):
         own = window == k
@@ -282,13 +298,86 @@ def _read(machine: Machine, motion: Motion, begins: Array, ticks: Array, values:
     return found
 
 
-def _controls(machine: Machine, motion: Motion, begins: Array, count: int) -> Array:
-    """Return the controls of every window, shape (windows, count, actuators)."""
+def _taken_at(machine: Machine, motion: Motion, time_s: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Return when readings were really taken, s since the start of the recording, and the window of each."""
+    window = np.minimum((time_s / motion.window_s).astype(np.intp), len(motion.starts_s) - 1)
+    stamp_s = np.array(motion.starts_s)[window] + time_s - window * motion.window_s
+    return stamp_s * (1.0 + machine.clock_rate) - machine.reading_delay_s, window
+
+
+def _addresses(machine: Machine) -> list[int]:
+    """Return where the readings of sensors at sites are, three each."""
+    starts = [int(machine.model.sensor(sensor_name(*each)).adr[0]) for each in machine.robot.senses]
+    return [start + axis for start in starts for axis in range(len(AXES))]
+
+
+def _felt(machine: Machine, values: Array) -> dict[str, Array]:
+    """Return what sensors at sites read, by signal, from what they would without errors, shape (..., 3 sensors)."""
+    found = {}
+    for number, (site, sense) in enumerate(machine.robot.senses):
+        name = f"{site}/{sense.value}"
+        own = values[..., 3 * number : 3 * number + 3]
+        if site in machine.sensor_turn:
+            own = own @ Rotation.from_rotvec(machine.sensor_turn[site]).as_matrix()
+        own = machine.sensor_scale.get(name, 1.0) * own + np.array(machine.sensor_offset.get(name, (0.0, 0.0, 0.0)))
+        found.update({f"{name}.{axis}": own[..., column] for column, axis in enumerate(AXES)})
+    return found
+
+
+def _between_ticks(
+    machine: Machine,
+    motion: Motion,
+    asked: Array,
+    controls: Array,
+    joint: str,
+    begins: Array,
+    time_s: Array,
+    made: Array,
+) -> Array:
+    """Return what the effort of a drive differs by between the model's steps, as its set point comes in steps.
+
+    Args:
+        machine: Whose drive it is.
+        motion: With the windows.
+        asked: Set points on the motion's grid, shape (n, drives).
+        controls: Those of every step, shape (windows, count, actuators).
+        joint: Which the drive moves.
+        begins: When each window begins to run, s.
+        time_s: Of the readings, s.
+        made: Efforts at these times, straight from step to step; N m or N.
+
+    """
+    columns = [column for column, each in enumerate(machine.robot.drives) if each.joint == joint]
+    if not columns:
+        return np.zeros_like(time_s)
+    actuator = machine.model.actuator(machine.robot.drives[columns[0]].actuator)
+    step_s = float(machine.model.opt.timestep)
+    grid = motion.step_s * np.arange(len(asked))
+    at, window = _taken_at(machine, motion, time_s)
+    at -= machine.effort_delay_s
+    found = np.empty_like(time_s)
+    # An effort is that of the step before: its set point is that of the middle of this step.
+    ticks = step_s * np.arange(1, controls.shape[1] + 1)
+    late_s = 0.5 * step_s + machine.command_delay_s + machine.arrival_s
+    for k, begin_s in enumerate(begins):
+        own = window == k
+        exact = np.interp(at[own] - late_s, grid, asked[:, columns[0]])
+        found[own] = exact - np.interp(at[own] - begin_s, ticks, controls[k, :, int(actuator.id)])
+    found *= float(actuator.gainprm[0])
+    if machine.model.actuator_forcelimited[actuator.id]:
+        low, high = actuator.forcerange
+        found = np.where((made > _NEARLY * low) & (made < _NEARLY * high), found, 0.0)
+    return found
+
+
+_NEARLY = 0.95
+"""Share of its limit from which on an effort is taken for limited."""
+
+
+def _asked(machine: Machine, motion: Motion) -> Array:
+    """Return what drives make of their set points, shape (n, drives)."""
     model = machine.model
-    step_s = float(model.opt.timestep)
-    grid = motion.step_s * np.arange(len(motion.set_points))
-    at = begins[:, np.newaxis] + step_s * np.arange(count) - machine.command_delay_s - machine.arrival_s
-    controls = np.zeros((len(begins), count, model.nu))
+    found = np.empty_like(motion.set_points)
     for column, drive in enumerate(machine.robot.drives):
         asked = motion.set_points[:, column]
         lag_s = machine.set_point_lag_s.get(drive.joint, 0.0)
@@ -301,14 +390,33 @@ def _controls(machine: Machine, motion: Motion, begins: Array, count: int) -> Ar
             forward = machine.forward_share.get(drive.joint, 0.0)
             rate = motion.leading[:, column] if drive.leading else np.zeros_like(asked)
             if forward != 0.0:
-                half = max(int(_FORWARD_FROM_S / motion.step_s), 1)
+                half = max(int(FORWARD_FROM_S / motion.step_s), 1)
                 padded = np.pad(asked, half, mode="edge")
                 rate = rate + forward * (padded[2 * half :] - padded[: -2 * half]) / (2.0 * half * motion.step_s)
             asked = asked + kd / kp * rate
         # Drives regulate what their encoders read.
         scale, offset = machine.scale.get(drive.joint, 1.0), machine.offset.get(drive.joint, 0.0)
-        asked = (asked - offset if drive.quantity is Quantity.POSITION else asked) / scale
-        controls[:, :, int(actuator.id)] = np.interp(at, grid, asked)
+        found[:, column] = (asked - offset if drive.quantity is Quantity.POSITION else asked) / scale
+    return found
+
+
+def _controls(machine: Machine, motion: Motion, asked: Array, begins: Array, count: int) -> Array:
+    """Return the controls of every window: what is asked during each step, on the mean; (windows, count, actuators)."""
+    model = machine.model
+    step_s = float(model.opt.timestep)
+    grid = motion.step_s * np.arange(len(asked))
+    at = begins[:, np.newaxis] + step_s * np.arange(count) - machine.command_delay_s - machine.arrival_s
+    at = np.clip(at, 0.0, grid[-1] - step_s)
+    controls = np.zeros((len(begins), count, model.nu))
+    for column, drive in enumerate(machine.robot.drives):
+        own = asked[:, column]
+        area = np.concatenate(([0.0], np.cumsum(0.5 * motion.step_s * (own[1:] + own[:-1]))))
+        taken = np.interp(at + step_s, grid, area) - np.interp(at, grid, area)
+        controls[:, :, int(model.actuator(drive.actuator).id)] = taken / step_s
+    if motion.base is not None:
+        at = begins[:, np.newaxis] + step_s * np.arange(count) + machine.reading_delay_s
+        for name, own in zip(BASE_JOINTS, carrying(motion.base).T, strict=True):
+            controls[:, :, int(model.actuator(name).id)] = np.interp(at, grid, own)
     return controls
 
 
@@ -327,6 +435,11 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
         states[:, 1 + int(joint.qposadr[0])] = (position - offset) / scale
         velocity = np.interp(read_s, grid, motion.velocity[:, column])
         states[:, 1 + model.nq + int(joint.dofadr[0])] = velocity / scale
+    if motion.base is not None:
+        for column, name in enumerate(BASE_JOINTS):
+            joint = model.joint(name)
+            states[:, 1 + int(joint.qposadr[0])] = np.interp(read_s, grid, motion.base[0, :, column])
+            states[:, 1 + model.nq + int(joint.dofadr[0])] = np.interp(read_s, grid, motion.base[1, :, column])
     if motion.start_shift is not None:
         for column, name in enumerate(motion.wandering):
             joint = model.joint(name)
@@ -340,43 +453,48 @@ def _stepped(
 ) -> tuple[Array, Array]:
     """Run windows step by step, with friction that changes within them, and backlash."""
     model, robot = machine.model, machine.robot
-    data = mujoco.MjData(model)
+    data = machine.data
     rubbing = sorted({robot.dof(name) for name in (*machine.stribeck, *machine.load_friction)})
     base = model.dof_frictionloss[rubbing].copy()
-    still, speed, load = np.zeros(len(rubbing)), np.ones(len(rubbing)), np.zeros(len(rubbing))
-    for name, (torque, rate) in machine.stribeck.items():
-        still[rubbing.index(robot.dof(name))], speed[rubbing.index(robot.dof(name))] = torque, rate
-    for name, share in machine.load_friction.items():
-        load[rubbing.index(robot.dof(name))] = share
+    stribeck = {robot.dof(name): own for name, own in machine.stribeck.items()}
+    shares = {robot.dof(name): own for name, own in machine.load_friction.items()}
+    rows = [
+        (dof, float(base[k]), *stribeck.get(dof, (0.0, 1.0)), shares.get(dof, 0.0)) for k, dof in enumerate(rubbing)
+    ]
     slack = [
-        (int(model.actuator(drive.actuator).id), int(model.joint(drive.joint).qposadr[0]), machine.slack[drive.joint])
+        (
+            int(model.actuator(drive.actuator).id),
+            int(model.joint(drive.joint).qposadr[0]),
+            list(joints).index(int(model.joint(drive.joint).qposadr[0])),
+            0.5 * machine.slack[drive.joint],
+        )
         for drive in robot.drives
         if drive.joint in machine.slack
     ]
-    actuators, angles = [each[0] for each in slack], [each[1] for each in slack]
-    halves = np.array([0.5 * each[2] for each in slack])
-    columns = [list(joints).index(angle) for angle in angles]
     count = controls.shape[1]
     position = np.empty((len(starts), count, len(joints)))
     efforts = np.empty((len(starts), count, len(sensors)))
+    # Views of the model's own memory, and plain numbers: a step takes some microseconds itself.
+    angles, rates, control, read = data.qpos, data.qvel, data.ctrl, data.sensordata
+    driving, bias, friction = data.qfrc_actuator, data.qfrc_bias, model.dof_frictionloss
     for k, start in enumerate(starts):
         mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         mujoco.mj_forward(model, data)
         for i in range(count):
-            position[k, i] = data.qpos[joints]
-            data.ctrl[:] = controls[k, i]
-            if slack:
+            position[k, i] = angles[joints]
+            control[:] = controls[k, i]
+            for actuator, angle, column, half in slack:
                 # The motor turns against the load by half the backlash before it moves it.
-                error = data.ctrl[actuators] - data.qpos[angles]
-                lost = np.clip(error, -halves, halves)
-                data.ctrl[actuators] -= lost
-                position[k, i, columns] += lost
-            if rubbing:
-                carried = 0.5 * np.abs(data.qfrc_actuator[rubbing] + data.qfrc_bias[rubbing])
-                falling = still * np.exp(-np.square(data.qvel[rubbing] / speed))
-                model.dof_frictionloss[rubbing] = base + falling + load * carried
+                lost = min(max(control[actuator] - angles[angle], -half), half)
+                control[actuator] -= lost
+                position[k, i, column] += lost
+            for dof, dry, still, speed, share in rows:
+                rub = dry + share * 0.5 * abs(driving[dof] + bias[dof])
+                if still > 0.0:
+                    rub += still * math.exp(-((rates[dof] / speed) ** 2))
+                friction[dof] = rub
             mujoco.mj_step(model, data)
-            efforts[k, i] = data.sensordata[sensors]
+            efforts[k, i] = read[sensors]
     model.dof_frictionloss[rubbing] = base
     return position, efforts
 
@@ -384,7 +502,7 @@ def _stepped(
 def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[str, Array]:
     """Return the efforts that the measured motion takes, by inverse dynamics."""
     robot, model = machine.robot, machine.model
-    data = mujoco.MjData(model)
+    data = machine.data
     positions = [int(model.joint(name).qposadr[0]) for name in robot.joints]
     dofs = [robot.dof(name) for name in robot.joints]
     dry = model.dof_frictionloss[dofs].copy()
@@ -399,21 +517,33 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
     angle, rate, acceleration = (each / scales for each in tables)
     torque = np.empty_like(angle)
     carried = np.empty_like(angle)
+    held = [] if motion.base is None else [model.joint(name) for name in BASE_JOINTS]
+    carried_at, carried_by = [int(each.qposadr[0]) for each in held], [int(each.dofadr[0]) for each in held]
+    addresses = _addresses(machine)
+    sensed = np.empty((len(angle), len(addresses)))
     for k in range(len(angle)):
         data.qpos[positions], data.qvel[dofs], data.qacc[dofs] = angle[k], rate[k], acceleration[k]
+        if motion.base is not None:
+            data.qpos[carried_at], data.qvel[carried_by], data.qacc[carried_by] = motion.base[:, k]
         mujoco.mj_inverse(model, data)
         torque[k] = data.qfrc_inverse[dofs]
         carried[k] = np.abs(data.qfrc_bias[dofs])
+        sensed[k] = data.sensordata[addresses]
     still = np.array([machine.stribeck.get(name, (0.0, 1.0)) for name in robot.joints])
     load = np.array([machine.load_friction.get(name, 0.0) for name in robot.joints])
     rubbing = dry + still[:, 0] * np.exp(-np.square(rate / still[:, 1])) + load * carried
     torque += rubbing * np.tanh(rate / _turning(motion))
     found = {}
+    felt = _felt(machine, sensed)
     for signal in recording.signals:
+        if signal.name in felt:
+            found[signal.name] = np.interp(signal.time_s + motion.starts_s[0], grid, felt[signal.name])
+            continue
         joint = signal.name.rpartition("/")[0]
         column = robot.joints.index(joint)
         values = machine.effort_scale.get(joint, 1.0) * torque[:, column]
-        found[signal.name] = np.interp(signal.time_s + motion.starts_s[0], grid, values)
+        at_s = signal.time_s + motion.starts_s[0] - machine.effort_delay_s
+        found[signal.name] = np.interp(at_s, grid, values)
     return found
 
 
@@ -424,213 +554,3 @@ def _turning(motion: Motion) -> Array:
     """
     found: Array = np.maximum(0.02 * np.abs(motion.velocity).max(axis=0), 1e-6)
     return found
-
-
-def recordings_of(
-    robot: Robot, runs: Sequence[Run], window_s: float, search_s: float
-) -> tuple[list[Recording], list[Recording]]:
-    """Return what is compared of runs, and what is kept to try the answer on.
-
-    Args:
-        robot: That was recorded.
-        runs: In the model's terms.
-        window_s: Length of a window, s.
-        search_s: How much of all runs together is compared, s. The windows with the largest travel are taken, evenly
-            over each run.
-
-    Raises:
-        BadRecordingError: too short, nothing moves, or efforts of other units than the model's.
-
-    """
-    compared: list[Recording] = []
-    kept: list[Recording] = []
-    for run in runs:
-        motion, begin_s = _motion_of(robot, run)
-        if not robot.drives:
-            chosen, others = [0.0], []
-            length = motion.end_s
-        else:
-            length, every = _windows(robot, motion, run, window_s)
-            most = max(int(search_s / len(runs) / length), 1)
-            chosen = [
-                max(part.tolist(), key=lambda start: _travel(motion, start, length))
-                for part in np.array_split(np.array(every), min(most, len(every)))
-            ]
-            others = [start for start in every if start not in chosen]
-        for starts, where in ((chosen, compared), (others, kept)):
-            if starts:
-                where.append(_recording(robot, run, motion, begin_s, tuple(starts), length))
-    return compared, kept
-
-
-def repeats_of(robot: Robot, compared: Sequence[Recording], runs: Sequence[Run]) -> list[Recording]:
-    """Return runs in the windows and settings of recordings that were commanded in the same way.
-
-    Settings are written into the recordings' own names: a recording's setting is its name.
-
-    Raises:
-        BadRecordingError: a run was commanded as no recording.
-
-    """
-    found = []
-    for own in runs:
-        motion, begin_s = _motion_of(robot, own)
-        apart = {each.name: _apart(robot, each.inputs, motion) for each in compared}
-        best = min(apart, key=lambda name: apart[name])
-        if apart[best] > _SAME_SHARE:
-            msg = f"recording {own.name} was not commanded as any of {', '.join(apart)}"
-            msg += f" (it is {100.0 * apart[best]:.0f} % of the motion off {best}, more than {100.0 * _SAME_SHARE:g} %)"
-            msg += "; record the same commands, from the same start"
-            raise BadRecordingError(msg)
-        like = next(each for each in compared if each.name == best)
-        if like.inputs.starts_s[-1] + like.inputs.window_s > motion.end_s:
-            msg = f"recording {own.name} is shorter than {best}; record the same commands to their end"
-            raise BadRecordingError(msg)
-        again = _recording(robot, own, motion, begin_s, like.inputs.starts_s, like.inputs.window_s)
-        found.append(replace(again, setting=like.setting))
-    return found
-
-
-_SAME_SHARE = 0.02
-"""Root mean square by which set points of repeats may differ, as a share of their range. Chosen: arrival within a
-tenth of a period."""
-
-
-def _apart(robot: Robot, first: Motion, second: Motion) -> float:
-    one, other = (each.set_points if robot.drives else each.position for each in (first, second))
-    length = min(len(one), len(other))
-    spans = np.maximum(np.ptp(one, axis=0), 1e-9)
-    return float(np.sqrt(np.square((one[:length] - other[:length]) / spans).mean()))
-
-
-def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
-    """Return the motion of a run, and when it begins on the run's clock, s."""
-    tracks = [run.measured[name, Quantity.POSITION] for name in robot.joints]
-    begin_s = max(float(each.time_s[0]) for each in tracks)
-    end_s = min(float(each.time_s[-1]) for each in tracks)
-    asked = [run.commands[drive.joint, drive.quantity] for drive in robot.drives]
-    begin_s = max([begin_s, *(float(each.time_s[0]) for each in asked)])
-    step_s = float(np.median(np.diff(tracks[0].time_s)))
-    count = int((end_s - begin_s) / step_s) + 1
-    wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
-    if count <= 2 * wide:
-        msg = f"recording {run.name} holds {max(end_s - begin_s, 0.0):.2f} s of joint states with commands"
-        msg += f", less than {2 * wide * step_s:.2f} s; record longer"
-        raise BadRecordingError(msg)
-    times = begin_s + step_s * np.arange(count, dtype=np.float64)
-    readings = np.column_stack([each.at(times) for each in tracks])
-    smooth = [savgol_filter(readings, wide, 3, deriv=order, delta=step_s, axis=0, mode="interp") for order in range(3)]
-    _check_moves(robot, run, readings)
-    # Set points are stepped through with the model, efforts are taken where they were read.
-    fine = min(step_s, max(float(robot.model.opt.timestep), 0.001)) if robot.drives else step_s
-    grid = begin_s + fine * np.arange(int((end_s - begin_s) / fine) + 1, dtype=np.float64)
-    smooth = [np.column_stack([np.interp(grid, times, column) for column in each.T]) for each in smooth]
-    set_points = np.column_stack([each.at(grid) for each in asked]) if asked else np.zeros((len(grid), 0))
-    leading = np.zeros_like(set_points)
-    for column, drive in enumerate(robot.drives):
-        if drive.leading:
-            leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].at(grid)
-    position, velocity, acceleration = smooth
-    motion = Motion(fine, position, velocity, acceleration, set_points, leading, (0.0,), end_s - begin_s)
-    return motion, begin_s
-
-
-def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
-    travels = np.ptp(readings, axis=0)
-    for column, name in enumerate(robot.joints):
-        track = run.measured[name, Quantity.POSITION]
-        if travels[column] > _MOVED_STEPS * 2.0 * _deviation(track.values):
-            return
-    msg = f"nothing moves in recording {run.name}: no joint travels more than {travels.max():.2g}"
-    msg += "; record a motion of every joint"
-    raise BadRecordingError(msg)
-
-
-def _windows(robot: Robot, motion: Motion, run: Run, window_s: float) -> tuple[float, list[float]]:
-    """Return the length of a run's windows and when each begins, s."""
-    if robot.given.base is Base.FREE:
-        return motion.end_s - LEAD_S, [LEAD_S]
-    room = motion.end_s - LEAD_S
-    if room <= LEAD_S:
-        msg = f"recording {run.name} holds {motion.end_s:.2f} s, too short; record {2.0 * LEAD_S + window_s:g} s"
-        raise BadRecordingError(msg)
-    length = min(window_s, room)
-    return length, (LEAD_S + length * np.arange(int(room / length + 1e-9))).tolist()
-
-
-def _travel(motion: Motion, start_s: float, length_s: float) -> float:
-    own = slice(int(start_s / motion.step_s), int((start_s + length_s) / motion.step_s) + 1)
-    spans = np.maximum(np.ptp(motion.position, axis=0), 1e-9)
-    return float((np.abs(np.diff(motion.position[own], axis=0)).sum(axis=0) / spans).sum())
-
-
-def _recording(
-    robot: Robot, run: Run, motion: Motion, begin_s: float, starts: tuple[float, ...], length: float
-) -> Recording:
-    """Return what is compared of a run: windows one after the other."""
-    asked = [(joint, Quantity.POSITION) for joint in robot.joints if robot.drives]
-    asked += [(joint, Quantity.EFFORT) for joint in robot.efforts]
-    signals = [_signal(robot, run, joint, quantity, begin_s, starts, length) for joint, quantity in asked]
-    if not robot.drives:
-        signals = [_with_motion_noise(robot, run, each) for each in signals]
-    inputs = replace(motion, starts_s=starts, window_s=length)
-    return _with_sensitivity(robot, Recording(run.name, tuple(signals), inputs, setting=run.name))
-
-
-def _signal(
-    robot: Robot,
-    run: Run,
-    joint: str,
-    quantity: Quantity,
-    begin_s: float,
-    starts: Sequence[float],
-    length: float,
-) -> Signal:
-    track = run.measured.get((joint, quantity))
-    if track is None and not robot.drives:
-        track = run.commands.get((joint, quantity))
-    if track is None:
-        msg = f"recording {run.name} holds no {quantity.value} of joint {joint}, as others do; leave one kind out"
-        raise BadRobotError(msg)
-    turning = robot.is_turning(joint)
-    unit = ("rad" if turning else "m") if quantity is Quantity.POSITION else ("N m" if turning else "N")
-    times, values = [], []
-    for k, start in enumerate(starts):
-        own_s = track.time_s - begin_s - start
-        inside = (own_s >= 0.0) & (own_s < length)
-        times.append(own_s[inside] + k * length)
-        values.append(track.values[inside])
-    time_s, read = np.concatenate(times), np.concatenate(values)
-    kept = np.concatenate(([True], np.diff(time_s) > 0.0))
-    noise = robot.given.noise.get(quantity, 0.0)
-    return Signal(f"{joint}/{quantity.value}", unit, time_s[kept], read[kept], noise)
-
-
-def _with_motion_noise(robot: Robot, run: Run, effort: Signal) -> Signal:
-    """Return an effort with the noise that differentiated angles bring into what is compared with it."""
-    joint = effort.name.rpartition("/")[0]
-    track = run.measured[joint, Quantity.POSITION]
-    noise = robot.given.noise.get(Quantity.POSITION, 0.0) or _deviation(track.values)
-    step_s = float(np.median(np.diff(track.time_s)))
-    wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
-    gain = float(np.sqrt(np.square(savgol_coeffs(wide, 3, deriv=2, delta=step_s)).sum()))
-    data = mujoco.MjData(robot.model)
-    mujoco.mj_forward(robot.model, data)
-    mass = np.zeros((robot.model.nv, robot.model.nv))
-    mujoco.mj_fullM(robot.model, data, mass)
-    inertia = mass[robot.dof(joint), robot.dof(joint)]
-    own = effort.noise or _deviation(effort.values)
-    return replace(effort, noise=float(np.hypot(own, inertia * gain * noise)))
-
-
-def _deviation(values: Array) -> float:
-    """Return the standard deviation of one reading, by second differences (Gasser et al. 1986, Biometrika 73:625)."""
-    second = values[1:-1] - 0.5 * (values[:-2] + values[2:])
-    blocks = [float(np.square(each).mean()) for each in np.array_split(second, _BLOCKS) if each.size]
-    steps = np.diff(np.unique(values))
-    rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0
-    return float(np.hypot(np.sqrt(np.median(blocks) / 1.5), rounding))
-
-
-_BLOCKS = 8
-"""Stretches of which the median is taken, so that fast motion in some does not count."""

@@ -1,0 +1,275 @@
+"""What a bag holds of a robot: joint states, set points as a controller plays them, sensors, and the base's pose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_common.bags.reading import name_of, opened
+from jammkle_common.bags.times import BagTimes
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.mujoco.runs import FEWEST, Base, Quantity, Run, Sense, Track, checked, held
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from jammkle_common.bags.reading import BagReader, Connection
+    from jammkle_gap.mujoco.runs import RobotMap, Senses, Tracks
+
+_STATE = "sensor_msgs/msg/JointState"
+_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+_ARRAY = "std_msgs/msg/Float64MultiArray"
+_STATES_END = "joint_states"
+_IMU, _WRENCH = "sensor_msgs/msg/Imu", "geometry_msgs/msg/WrenchStamped"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+
+
+def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
+    """Read `joint_states` and commands of a bag.
+
+    Args:
+        path: The bag.
+        given: Which topic commands are on, and what commands without names are.
+        order: Joints that commands without names are taken for, where the map does not say.
+
+    Raises:
+        BadRecordingError: it has no joint states, or several topics of commands.
+        InputError: it cannot be read.
+
+    """
+    with opened(path) as reader:
+        states = [each for each in reader.connections if each.msgtype == _STATE and each.topic.endswith(_STATES_END)]
+        if not states:
+            types = ", ".join(sorted({each.msgtype for each in reader.connections})) or "nothing"
+            msg = f"bag {path} holds no {_STATES_END} ({_STATE}), but {types}; record that topic"
+            raise BadRecordingError(msg)
+        commanding = _commanding(reader, path, given)
+        times = BagTimes(reader)
+        samples: dict[tuple[str, Quantity], tuple[list[float], list[float]]] = {}
+        commands = _Commands(given.order or tuple(order), given.quantity, name_of(path))
+        sensing = [each for each in reader.connections if each.msgtype in {_IMU, _WRENCH} and each.msgcount]
+        sensed = _Sensed(given)
+        moving = [each for each in reader.connections if each.msgtype == _ODOMETRY and each.msgcount]
+        if given.base is Base.MEASURED and len({each.topic for each in moving}) > 1:
+            msg = f"bag {path} holds odometry on {', '.join(sorted(each.topic for each in moving))}"
+            msg += "; leave all but one topic out of the bag"
+            raise BadRecordingError(msg)
+        poses: list[tuple[float, ...]] = []
+        kept = [*states, *commanding, *sensing, *moving]
+        begin_ns: int | None = None
+        for connection, time_ns, _, data in times.messages(kept):
+            begin_ns = time_ns if begin_ns is None else begin_ns
+            time_s = (time_ns - begin_ns) / NANOSECONDS_PER_SECOND
+            message = reader.deserialize(data, connection.msgtype)
+            if connection in commanding:
+                commands.take(connection.msgtype, time_s, message)
+                continue
+            if connection in sensing:
+                sensed.take(connection, time_s, message)
+                continue
+            if connection in moving:
+                at, turn = message.pose.pose.position, message.pose.pose.orientation
+                poses.append((time_s, at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z))
+                continue
+            for quantity, row in _rows(message):
+                for joint, value in zip(message.name, row, strict=False):
+                    if np.isfinite(value):
+                        kept_times, values = samples.setdefault((joint, quantity), ([], []))
+                        kept_times.append(time_s)
+                        values.append(float(value))
+        notes = [*commands.notes, *times.doubts.values()]
+    measured = {key: _in_order(path, key, *lists) for key, lists in samples.items()}
+    base = tuple(_rising(poses))
+    return checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes), sensed.tracks(), base))
+
+
+def _rising(rows: Sequence[tuple[float, ...]]) -> list[Track]:
+    """Return the columns of rows that begin with a time; those whose time does not rise, or no numbers, are left out.
+
+    Returns:
+        Empty where there are too few.
+
+    """
+    table = np.array(sorted(rows))
+    table = table[np.isfinite(table).all(axis=1)] if len(table) else table
+    table = table[np.concatenate(([True], np.diff(table[:, 0]) > 0.0))] if len(table) else table
+    return [Track(table[:, 0], column) for column in table.T[1:]] if len(table) >= FEWEST else []
+
+
+class _Sensed:
+    """Readings of IMUs and of force and torque, by topic where the map names it, else by frame."""
+
+    def __init__(self, given: RobotMap) -> None:
+        self._given = given
+        self._rows: dict[tuple[str, Sense], list[tuple[float, float, float, float]]] = {}
+
+    def take(self, connection: Connection, time_s: float, message: Any) -> None:
+        """Take a message."""
+        name = connection.topic if connection.topic in self._given.sensors else message.header.frame_id
+        if connection.msgtype == _IMU:
+            parts = {Sense.ACCELERATION: message.linear_acceleration, Sense.RATE: message.angular_velocity}
+        else:
+            parts = {Sense.FORCE: message.wrench.force, Sense.TORQUE: message.wrench.torque}
+        for sense, each in parts.items():
+            self._rows.setdefault((name, sense), []).append((time_s, each.x, each.y, each.z))
+
+    def tracks(self) -> Senses:
+        """Return all readings."""
+        found = {}
+        for key, rows in self._rows.items():
+            if axes := _rising(rows):
+                x, y, z = axes
+                found[key] = (x, y, z)
+        return found
+
+
+def _commanding(reader: BagReader, path: Path, given: RobotMap) -> list[Connection]:
+    """Return the topic of the commands, if there is one.
+
+    Raises:
+        BadRecordingError: there are several, or not the one that the map names.
+
+    """
+    found = [
+        each
+        for each in reader.connections
+        if each.msgcount
+        and (each.msgtype in {_TRAJECTORY, _ARRAY} or (each.msgtype == _STATE and not each.topic.endswith(_STATES_END)))
+    ]
+    topics = sorted({each.topic for each in found})
+    if given.topic is not None:
+        asked = f"/{given.topic.strip('/')}"
+        if asked not in topics:
+            msg = f"bag {path} holds no commands on {asked}, but on: {', '.join(topics) or 'no topic'}"
+            msg += "; name one of these in the map (commands: {topic: ...})"
+            raise BadRecordingError(msg)
+        return [each for each in found if each.topic == asked]
+    if len(topics) > 1:
+        msg = f"bag {path} holds commands on {', '.join(topics)}; name one in the map (commands: {{topic: ...}})"
+        raise BadRecordingError(msg)
+    return found
+
+
+def _rows(message: Any) -> Iterable[tuple[Quantity, Any]]:
+    return (
+        (Quantity.POSITION, message.position),
+        (Quantity.VELOCITY, message.velocity),
+        (Quantity.EFFORT, message.effort),
+    )
+
+
+class _Commands:
+    """Set points as a controller plays them: a trajectory from its first point on, anything else until the next."""
+
+    def __init__(self, order: Sequence[str], quantity: Quantity, bag: str) -> None:
+        self._order, self._quantity, self._bag = tuple(order), quantity, bag
+        self._points: dict[tuple[str, Quantity], tuple[list[float], list[float]]] = {}
+        self._trajectories: dict[str, list[tuple[float, NDArray[np.float64], NDArray[np.float64], Any]]] = {}
+        self.notes: list[str] = []
+
+    def take(self, message_type: str, time_s: float, message: Any) -> None:
+        """Take a message."""
+        if message_type == _TRAJECTORY:
+            self._take_trajectory(time_s, message)
+        elif message_type == _STATE:
+            for quantity, row in _rows(message):
+                self._hold(time_s, message.name, quantity, row)
+        else:
+            if len(message.data) != len(self._order):
+                msg = f"bag {self._bag} holds commands of {len(message.data)} numbers without names"
+                msg += "; name their joints in the map (commands: {order: [...], quantity: position})"
+                raise BadRecordingError(msg)
+            note = f"numbers of the commands are taken for the {self._quantity.value} of {', '.join(self._order)}"
+            if note not in self.notes:
+                self.notes.append(note)
+            self._hold(time_s, self._order, self._quantity, message.data)
+
+    def _hold(self, time_s: float, names: Sequence[str], quantity: Quantity, row: Any) -> None:
+        for joint, value in zip(names, row, strict=False):
+            if np.isfinite(value):
+                times, values = self._points.setdefault((joint, quantity), ([], []))
+                times.append(time_s)
+                values.append(float(value))
+
+    def _take_trajectory(self, time_s: float, message: Any) -> None:
+        lasts = [point.time_from_start for point in message.points]
+        at_s = np.array([each.sec + each.nanosec / NANOSECONDS_PER_SECOND for each in lasts])
+        for column, joint in enumerate(message.joint_names):
+            positions = np.array([point.positions[column] for point in message.points if len(point.positions)])
+            velocities = np.array([point.velocities[column] for point in message.points if len(point.velocities)])
+            if len(positions) == len(at_s) and len(at_s):
+                given = velocities if len(velocities) == len(at_s) else None
+                self._trajectories.setdefault(joint, []).append((time_s, at_s, positions, given))
+
+    def tracks(self, measured: Tracks) -> Tracks:
+        """Return all set points; a joint without any before its first trajectory is where it was measured."""
+        found = {}
+        for key, (times, values) in self._points.items():
+            order = np.argsort(times, kind="stable")
+            found[key] = held(Track(np.array(times)[order], np.array(values)[order]))
+        for joint, trajectories in self._trajectories.items():
+            start = measured.get((joint, Quantity.POSITION))
+            first = trajectories[0][2][0] if start is None else start.values[0]
+            found[joint, Quantity.POSITION] = _played(trajectories, float(first))
+        return found
+
+
+_SPLINE_S = 0.005
+"""Between the points at which a spline is taken, s. Chosen: a controller's own rate is 100 to 1000 Hz."""
+
+
+def _played(trajectories: Sequence[tuple[float, Any, Any, Any]], start: float) -> Track:
+    """Return the set point of a joint as joint_trajectory_controller plays trajectories, each until the next.
+
+    Straight from point to point, and by cubic splines where velocities are given, from where it is at the beginning.
+    """
+    times, values = [trajectories[0][0]], [start]
+    ends = [each[0] for each in trajectories[1:]] + [np.inf]
+    for (begin_s, at_s, positions, velocities), end_s in zip(trajectories, ends, strict=True):
+        own, points = [0.0], [values[-1]]
+        keep = at_s > 0.0
+        if keep.any():
+            knots, through = np.append(0.0, at_s[keep]), np.append(values[-1], positions[keep])
+            own, points = knots.tolist(), through.tolist()
+            if velocities is not None and knots.size > 1:
+                spline = CubicHermiteSpline(knots, through, np.append(0.0, velocities[keep]))
+                fine = np.linspace(0.0, knots[-1], max(int(knots[-1] / _SPLINE_S), 2))
+                own, points = fine.tolist(), spline(fine).tolist()
+        else:  # at once
+            own, points = [0.0, 0.0], [values[-1], float(positions[-1])]
+        left = end_s - begin_s
+        inside = [k for k, each in enumerate(own) if each <= left]
+        cut = [own[k] for k in inside], [points[k] for k in inside]
+        last = float(np.interp(min(left, own[-1]), own, points)) if own[-1] > 0.0 else points[-1]
+        times += [begin_s + each for each in cut[0]]
+        values += cut[1]
+        if np.isfinite(end_s):
+            times.append(end_s)
+            values.append(last)
+    return Track(np.array(times), np.array(values))
+
+
+def _in_order(path: Path, key: tuple[str, Quantity], times: list[float], values: list[float]) -> Track:
+    """Return samples by rising times.
+
+    Raises:
+        BadRecordingError: more than a hundredth of them have a time that does not rise.
+
+    """
+    order = np.argsort(times, kind="stable")
+    time_s, read = np.array(times)[order], np.array(values)[order]
+    kept = np.concatenate(([True], np.diff(time_s) > 0.0))
+    if kept.mean() < _MOSTLY:
+        msg = f"bag {path}: {100.0 * (1.0 - kept.mean()):.0f} % of the stamps of joint {key[0]} do not rise"
+        msg += "; record one publisher with a steady clock"
+        raise BadRecordingError(msg)
+    return Track(time_s[kept], read[kept])
+
+
+_MOSTLY = 0.99

@@ -1,0 +1,84 @@
+"""A floating base that moves as odometry measured it, whatever the robot does to it.
+
+In place of the free joint there are three slides and three hinges, so heavy that nothing but their drives moves them.
+The drives get the force that the measured acceleration takes, and pull back what strays.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_gap.mujoco.runs import BASE_COLUMNS, BadRobotError
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.mujoco.runs import Run
+
+    Array = NDArray[np.float64]
+
+_COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")
+BASE_JOINTS = tuple(f"jammkle base {each}" for each in _COORDINATES)
+"""Joints, and actuators, that carry the base."""
+_AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 1, 0), (1, 0, 0))
+_HEAVY = 1e7
+"""Armature of each, kg or kg m^2. Chosen: 1000 N move it by 0.2 mm in 2 s."""
+_PULL_HZ = 3.0
+"""Of the drives, without overshoot. Chosen: well below the 100 Hz and more that models are stepped at."""
+
+
+def carry_base(spec: mujoco.MjSpec, runs: Sequence[Run]) -> None:
+    """Put the joints and drives that carry the base into a model.
+
+    Raises:
+        BadRobotError: the model has no floating base, or a recording no odometry.
+
+    """
+    free = [each for each in spec.joints if each.type == mujoco.mjtJoint.mjJNT_FREE]
+    if len(free) != 1:
+        msg = (
+            f"the map says 'base: measured', and the model has {len(free)} free joints; write 'base: held' or one joint"
+        )
+        raise BadRobotError(msg)
+    without = [run.name for run in runs if not run.base]
+    if without:
+        msg = f"recording {without[0]} holds no odometry of the base; record nav_msgs/Odometry, or write 'base: held'"
+        raise BadRobotError(msg)
+    body = free[0].parent
+    spec.delete(free[0])
+    for key in list(spec.keys):
+        spec.delete(key)  # its positions are of other joints now
+    body.pos, body.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    rate = 2.0 * np.pi * _PULL_HZ
+    for number, (name, axis) in enumerate(zip(BASE_JOINTS, _AXES, strict=True)):
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if number < len(_AXES) // 2 else mujoco.mjtJoint.mjJNT_HINGE
+        body.add_joint(name=name, type=kind, axis=axis, armature=_HEAVY)
+        drive = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
+        drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        gain, bias = np.zeros_like(drive.gainprm), np.zeros_like(drive.biasprm)
+        gain[0], bias[1], bias[2] = _HEAVY, -_HEAVY * rate**2, -2.0 * _HEAVY * rate
+        drive.gainprm, drive.biasprm = gain, bias
+
+
+def carrying(base: Array) -> Array:
+    """Return the controls of the drives on the grid, shape (n, 6).
+
+    Args:
+        base: Position, velocity and acceleration of the joints, shape (3, n, 6).
+
+    """
+    rate = 2.0 * np.pi * _PULL_HZ
+    found: Array = base[2] + 2.0 * rate * base[1] + rate**2 * base[0]
+    return found
+
+
+def coordinates_of(poses: Array) -> Array:
+    """Return the joints' positions from poses (x, y, z, and w, x, y, z of a quaternion); shapes (n, 7) and (n, 6)."""
+    turns = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_euler("ZYX")
+    return np.column_stack([poses[:, : len(BASE_COLUMNS) - 4], np.unwrap(turns, axis=0)])

@@ -1,0 +1,324 @@
+"""What is compared of a robot's runs: windows, the motion that they start from, and the noise of what was read.
+
+Multiple shooting (Bock and Plitt 1984, IFAC Proceedings 17:1603): a recording is cut into windows, so that what drifts
+within a second does not hide what happens within ten milliseconds. Each window begins a little before what is compared
+of it, so that readings that come late are known and errors of its start have died away. The state that it starts from
+is the measured one, smoothed and differentiated once (Savitzky and Golay 1964, Anal. Chem. 36:1627).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_gap.core.data import BadRecordingError, Recording, Signal
+from jammkle_gap.mujoco.base import coordinates_of
+from jammkle_gap.mujoco.runs import AXES, BadRobotError, Base, Quantity, Sense
+from jammkle_gap.mujoco.simulator import FORWARD_FROM_S, LEAD_S, Machine, Motion, deviation_of, run_forward, scale_of
+from jammkle_sim.physics.engine import mujoco
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.mujoco.robot import Robot
+    from jammkle_gap.mujoco.runs import Run, Track
+
+    Array = NDArray[np.float64]
+
+_SMOOTHED_S = 0.08
+"""Stretch of readings that a cubic is laid through, s. Chosen: it passes motion of up to 5 Hz within a per cent."""
+_FEWEST_SMOOTHED = 7
+_MOVED_STEPS = 5.0
+"""Twice the standard deviation of a reading, so often, a joint must travel to have moved. Chosen: five steps."""
+
+
+def recordings_of(
+    robot: Robot, runs: Sequence[Run], window_s: float, search_s: float
+) -> tuple[list[Recording], list[Recording]]:
+    """Return what is compared of runs, and what is kept to try the answer on.
+
+    Args:
+        robot: That was recorded.
+        runs: In the model's terms.
+        window_s: Length of a window, s.
+        search_s: How much of all runs together is compared, s. The windows with the largest travel are taken, evenly
+            over each run.
+
+    Raises:
+        BadRecordingError: too short, nothing moves, or efforts of other units than the model's.
+
+    """
+    compared: list[Recording] = []
+    kept: list[Recording] = []
+    for run in runs:
+        motion, begin_s = _motion_of(robot, run)
+        if not robot.drives:
+            chosen, others = [0.0], []
+            length = motion.end_s
+        else:
+            length, every = _windows(robot, motion, run, window_s)
+            most = max(int(min(search_s / len(runs) / length, len(every))), 1)
+            chosen = [
+                max(part.tolist(), key=lambda start: _travel(motion, start, length))
+                for part in np.array_split(np.array(every), most)
+            ]
+            others = [start for start in every if start not in chosen]
+        for starts, where in ((chosen, compared), (others, kept)):
+            if starts:
+                where.append(_recording(robot, run, motion, begin_s, tuple(starts), length))
+    return compared, kept
+
+
+def repeats_of(robot: Robot, compared: Sequence[Recording], runs: Sequence[Run]) -> list[Recording]:
+    """Return runs in the windows and settings of recordings that were commanded in the same way.
+
+    Settings are written into the recordings' own names: a recording's setting is its name.
+
+    Raises:
+        BadRecordingError: a run was commanded as no recording.
+
+    """
+    found = []
+    for own in runs:
+        motion, begin_s = _motion_of(robot, own)
+        apart = {each.name: _apart(robot, each.inputs, motion) for each in compared}
+        best = min(apart, key=lambda name: apart[name])
+        if apart[best] > _SAME_SHARE:
+            msg = f"recording {own.name} was not commanded as any of {', '.join(apart)}"
+            msg += f" (it is {100.0 * apart[best]:.0f} % of the motion off {best}, more than {100.0 * _SAME_SHARE:g} %)"
+            msg += "; record the same commands, from the same start"
+            raise BadRecordingError(msg)
+        like = next(each for each in compared if each.name == best)
+        if like.inputs.starts_s[-1] + like.inputs.window_s > motion.end_s:
+            msg = f"recording {own.name} is shorter than {best}; record the same commands to their end"
+            raise BadRecordingError(msg)
+        again = _recording(robot, own, motion, begin_s, like.inputs.starts_s, like.inputs.window_s)
+        found.append(replace(again, setting=like.setting))
+    return found
+
+
+_SAME_SHARE = 0.02
+"""Root mean square by which set points of repeats may differ, as a share of their range. Chosen: arrival within a
+tenth of a period."""
+
+
+def _apart(robot: Robot, first: Motion, second: Motion) -> float:
+    one, other = (each.set_points if robot.drives else each.position for each in (first, second))
+    length = min(len(one), len(other))
+    spans = np.maximum(np.ptp(one, axis=0), 1e-9)
+    return float(np.sqrt(np.square((one[:length] - other[:length]) / spans).mean()))
+
+
+def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
+    """Return the motion of a run, and when it begins on the run's clock, s."""
+    tracks = [run.measured[name, Quantity.POSITION] for name in robot.joints]
+    carried = run.base if robot.given.base is Base.MEASURED else ()
+    begin_s = max(float(each.time_s[0]) for each in (*tracks, *carried))
+    end_s = min(float(each.time_s[-1]) for each in (*tracks, *carried))
+    asked = [run.commands[drive.joint, drive.quantity] for drive in robot.drives]
+    begin_s = max([begin_s, *(float(each.time_s[0]) for each in asked)])
+    step_s = float(np.median(np.diff(tracks[0].time_s)))
+    count = int((end_s - begin_s) / step_s) + 1
+    wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
+    if count <= 2 * wide:
+        msg = f"recording {run.name} holds {max(end_s - begin_s, 0.0):.2f} s of joint states with commands"
+        msg += f", less than {2 * wide * step_s:.2f} s; record longer"
+        raise BadRecordingError(msg)
+    times = begin_s + step_s * np.arange(count, dtype=np.float64)
+    readings = np.column_stack([each.at(times) for each in tracks])
+    _check_moves(robot, run, readings)
+    # Set points are stepped through with the model, efforts are taken where they were read.
+    fine = min(step_s, max(0.25 * float(robot.model.opt.timestep), 0.0005)) if robot.drives else step_s
+    grid = begin_s + fine * np.arange(int((end_s - begin_s) / fine) + 1, dtype=np.float64)
+
+    def smoothed(table: Array) -> list[Array]:
+        """Return a table of readings and its derivatives on the grid."""
+        orders = [savgol_filter(table, wide, 3, deriv=k, delta=step_s, axis=0, mode="interp") for k in range(3)]
+        return [np.column_stack([np.interp(grid, times, column) for column in each.T]) for each in orders]
+
+    poses = np.column_stack([each.at(times) for each in carried]) if carried else None
+    if poses is not None and (np.linalg.norm(poses[:, 3:], axis=1) < _LEAST_NORM).any():
+        msg = (
+            f"the orientation of the base in recording {run.name} is no quaternion; its norm is 0 where it should be 1"
+        )
+        raise BadRecordingError(msg)
+    base = None if poses is None else np.array(smoothed(coordinates_of(poses)))
+    set_points = np.column_stack([each.mean_about(grid, fine) for each in asked]) if asked else np.zeros((len(grid), 0))
+    leading = np.zeros_like(set_points)
+    for column, drive in enumerate(robot.drives):
+        if drive.leading:
+            leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].mean_about(grid, fine)
+    position, velocity, acceleration = smoothed(readings)
+    motion = Motion(fine, position, velocity, acceleration, set_points, leading, (0.0,), end_s - begin_s, base)
+    return motion, begin_s
+
+
+_LEAST_NORM = 0.1
+"""Of a quaternion. Chosen: between two that are 1 a straight line has less only where they are opposite."""
+
+
+def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
+    travels = np.ptp(readings, axis=0)
+    for column, name in enumerate(robot.joints):
+        track = run.measured[name, Quantity.POSITION]
+        if travels[column] > _MOVED_STEPS * 2.0 * deviation_of(track.values):
+            return
+    msg = f"nothing moves in recording {run.name}: no joint travels more than {travels.max():.2g}"
+    msg += "; record a motion of every joint"
+    raise BadRecordingError(msg)
+
+
+def _windows(robot: Robot, motion: Motion, run: Run, window_s: float) -> tuple[float, list[float]]:
+    """Return the length of a run's windows and when each begins, s."""
+    if robot.given.base is Base.FREE:
+        return motion.end_s - LEAD_S, [LEAD_S]
+    room = motion.end_s - LEAD_S
+    if room <= LEAD_S:
+        msg = f"recording {run.name} holds {motion.end_s:.2f} s, too short; record {2.0 * LEAD_S + window_s:g} s"
+        raise BadRecordingError(msg)
+    length = min(window_s, room)
+    return length, (LEAD_S + length * np.arange(int(room / length + 1e-9))).tolist()
+
+
+def _travel(motion: Motion, start_s: float, length_s: float) -> float:
+    own = slice(int(start_s / motion.step_s), int((start_s + length_s) / motion.step_s) + 1)
+    spans = np.maximum(np.ptp(motion.position, axis=0), 1e-9)
+    return float((np.abs(np.diff(motion.position[own], axis=0)).sum(axis=0) / spans).sum())
+
+
+def _recording(
+    robot: Robot, run: Run, motion: Motion, begin_s: float, starts: tuple[float, ...], length: float
+) -> Recording:
+    """Return what is compared of a run: windows one after the other."""
+    asked = [(joint, Quantity.POSITION) for joint in robot.joints if robot.drives]
+    asked += [(joint, Quantity.EFFORT) for joint in robot.efforts]
+    signals = [_signal(robot, run, joint, quantity, begin_s, starts, length) for joint, quantity in asked]
+    felt = [
+        _windowed(f"{site}/{sense.value}.{axis}", _SENSE_UNITS[sense], track, begin_s, starts, length, 0.0)
+        for site, sense in robot.senses
+        for axis, track in zip(AXES, run.sensed[site, sense], strict=True)
+    ]
+    if robot.drives:
+        signals = [_with_jitter(robot, run, motion, each) for each in signals]
+    else:
+        signals = [_with_motion_noise(robot, run, each) for each in signals]
+    inputs = replace(motion, starts_s=starts, window_s=length)
+    return _with_sensitivity(robot, Recording(run.name, (*signals, *felt), inputs, setting=run.name))
+
+
+_SENSE_UNITS = {Sense.ACCELERATION: "m/s^2", Sense.RATE: "rad/s", Sense.FORCE: "N", Sense.TORQUE: "N m"}
+
+
+def _signal(
+    robot: Robot,
+    run: Run,
+    joint: str,
+    quantity: Quantity,
+    begin_s: float,
+    starts: Sequence[float],
+    length: float,
+) -> Signal:
+    track = run.measured.get((joint, quantity))
+    if track is None and not robot.drives:
+        track = run.commands.get((joint, quantity))
+    if track is None:
+        msg = f"recording {run.name} holds no {quantity.value} of joint {joint}, as others do; leave one kind out"
+        raise BadRobotError(msg)
+    turning = robot.is_turning(joint)
+    unit = ("rad" if turning else "m") if quantity is Quantity.POSITION else ("N m" if turning else "N")
+    name, noise = f"{joint}/{quantity.value}", robot.given.noise.get(quantity, 0.0)
+    return _windowed(name, unit, track, begin_s, starts, length, noise)
+
+
+def _windowed(
+    name: str, unit: str, track: Track, begin_s: float, starts: Sequence[float], length: float, noise: float
+) -> Signal:
+    """Return a track in windows, one after the other."""
+    times, values = [], []
+    for k, start in enumerate(starts):
+        own_s = track.time_s - begin_s - start
+        inside = (own_s >= 0.0) & (own_s < length)
+        times.append(own_s[inside] + k * length)
+        values.append(track.values[inside])
+    time_s, read = np.concatenate(times), np.concatenate(values)
+    kept = np.concatenate(([True], np.diff(time_s) > 0.0))
+    return Signal(name, unit, time_s[kept], read[kept], noise)
+
+
+def _with_jitter(robot: Robot, run: Run, motion: Motion, signal: Signal) -> Signal:
+    """Return a signal with the noise that jitter of commands and readings brings into it: the faster, the more."""
+    joint, _, quantity = signal.name.rpartition("/")
+    track = run.measured[joint, Quantity(quantity)]
+    drives = [column for column, each in enumerate(robot.drives) if each.joint == joint]
+    off_s = _JITTER_S
+    if quantity == Quantity.POSITION.value:
+        rate = motion.velocity[:, robot.joints.index(joint)]
+    elif drives:
+        # Both count: a set point that comes late is felt at once.
+        off_s = float(np.sqrt(2.0)) * _JITTER_S
+        half = max(int(FORWARD_FROM_S / motion.step_s), 1)
+        asked = motion.set_points[:, drives[0]]
+        gain = float(robot.model.actuator(robot.drives[drives[0]].actuator).gainprm[0])
+        rate = gain * (asked[2 * half :] - asked[: -2 * half]) / (2.0 * half * motion.step_s)
+    else:
+        rate = np.zeros(1)
+    own = signal.noise or deviation_of(track.values)
+    jitter = off_s * float(np.sqrt(np.square(rate).mean()))
+    steps = np.diff(np.unique(track.values))
+    return replace(signal, noise=float(np.hypot(own, jitter)), resolution=float(steps.min()) if steps.size else 0.0)
+
+
+_JITTER_S = 0.0003
+"""Standard deviation of when a command arrives and a reading is taken, beside its stamp, s. Assumed: anywhere within a
+cycle of 1 kHz, 1 ms / sqrt(12)."""
+
+
+def _with_motion_noise(robot: Robot, run: Run, effort: Signal) -> Signal:
+    """Return an effort with the noise that differentiated angles bring into what is compared with it."""
+    joint = effort.name.rpartition("/")[0]
+    track = run.measured[joint, Quantity.POSITION]
+    noise = robot.given.noise.get(Quantity.POSITION, 0.0) or deviation_of(track.values)
+    step_s = float(np.median(np.diff(track.time_s)))
+    wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
+    gain = float(np.sqrt(np.square(savgol_coeffs(wide, 3, deriv=2, delta=step_s)).sum()))
+    data = mujoco.MjData(robot.model)
+    mujoco.mj_forward(robot.model, data)
+    mass = np.zeros((robot.model.nv, robot.model.nv))
+    mujoco.mj_fullM(robot.model, data, mass)
+    inertia = mass[robot.dof(joint), robot.dof(joint)]
+    own = effort.noise or deviation_of(effort.values)
+    return replace(effort, noise=float(np.hypot(own, inertia * gain * noise)))
+
+
+def _with_sensitivity(robot: Robot, recording: Recording) -> Recording:
+    """Return a recording that knows what errors of its starts do, where they last."""
+    held = {drive.joint for drive in robot.drives if drive.quantity is Quantity.POSITION}
+    wandering = tuple(name for name in robot.joints if name not in held)
+    if not wandering or not robot.drives or robot.given.base is Base.FREE:
+        return recording
+    motion: Motion = replace(recording.inputs, wandering=wandering)
+    machine = Machine(robot, robot.model)
+    nominal = run_forward(machine, motion, recording)
+    columns: dict[str, list[Array]] = {name: [] for name in nominal}
+    for order in range(2):
+        for column, name in enumerate(wandering):
+            signal = recording.signal(f"{name}/{Quantity.POSITION.value}")
+            step_s = float(np.median(np.diff(signal.time_s)))
+            wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
+            gain = float(np.sqrt(np.square(savgol_coeffs(wide, 3, deriv=order, delta=step_s)).sum()))
+            shift = np.zeros((len(motion.starts_s), 2 * len(wandering)))
+            shift[:, order * len(wandering) + column] = _START_ERRORS * gain * scale_of(signal)
+            made = run_forward(machine, replace(motion, start_shift=shift), recording)
+            for other in nominal:
+                columns[other].append(made[other] - nominal[other])
+    sensitivity = {name: np.array(each).T for name, each in columns.items()}
+    return replace(recording, inputs=replace(motion, sensitivity=sensitivity))
+
+
+_START_ERRORS = 3.0
+"""Standard deviations of a smoothed reading that a start may be off. Chosen: smoothing bends fast motion, too."""
