@@ -201,7 +201,7 @@ def test_the_load_on_a_foot_is_estimated(run: Callable[..., Any], make_probe: Ca
 
 
 @pytest.mark.parametrize(
-    ("robot", "mass_kg", "behaviour", "median_n"), [("quadruped", 7.2, "stand", 1.0), ("leg", 1.8, "walk", 3.0)]
+    ("robot", "mass_kg", "behaviour", "median_n"), [("quadruped", 7.2, "stand", 5.0), ("leg", 1.8, "walk", 8.0)]
 )
 def test_the_estimate_is_as_good_as_the_guide_says(robot: str, mass_kg: float, behaviour: str, median_n: float) -> None:
     """Against the truth of the simulation, the feet that stand known: standing it is right, walking it is rough."""
