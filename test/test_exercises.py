@@ -13,7 +13,7 @@ from jammkle_common.names import JAM_STATE
 from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.recording import load_recordings
 from jammkle_sim.rigs.catalogue import EXERCISES
-from jammkle_sim.rigs.options import hung
+from jammkle_sim.rigs.model import hung
 from jammkle_sim.robots.limb import LimbParameters
 from jammkle_sim.robots.options import RobotOptions
 from recorded import SIMULATOR

@@ -154,7 +154,7 @@ def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
         wanted = command is None or any(channel.vacuum_pa > 0.0 for channel in command.channels)
         if wanted and not before and probe.last(GAIT_PHASE) is not None:
             begun_at.append(probe.last(GAIT_PHASE).data)
-        return any(0.75 < phase < 0.9 for phase in begun_at)
+        return any(0.75 < phase < 1.0 for phase in begun_at)
 
     probe.spin_until(is_jammed_ahead, "it is jammed ahead of a touch-down")
     probe.spin_until(

@@ -51,7 +51,7 @@ from jammkle_common.parameters import from_mapping, rows
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam, Unjam
 from jammkle_sim.rigs.catalogue import EXERCISES
-from jammkle_sim.rigs.options import hung
+from jammkle_sim.rigs.model import hung
 from jammkle_sim.rigs.replay import has_ground, timestep_s
 from jammkle_sim.robots.limb import LimbParameters
 from jammkle_sim.robots.quadruped import place_of

@@ -67,7 +67,7 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
             word = {0: 1, 30: 2, 60: 3}[step]
             fault = maker.make("jammkle_msgs/msg/Fault", 0, "", "")
             channel = maker.make("jammkle_msgs/msg/ChannelJamState", "achilles", word, vacuum_pa, 0.0, "", 0)
-            state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "")
+            state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "", 0.0)
             maker.write("/jam_state", time_s, maker.make("jammkle_msgs/msg/JamState", *state))
     event = maker.make(
         "jammkle_msgs/msg/ContactEvent",

@@ -90,7 +90,7 @@ class Landing:
             fault = self.maker.make("jammkle_msgs/msg/Fault", 0, "", "")
             states = [self.maker.make("jammkle_msgs/msg/ChannelJamState", channel, *fields, 0) for channel in CHANNELS]
             stopped = False
-            self.write("jam_state", time_s, "jammkle_msgs/msg/JamState", stopped, 0.0, states, fault, 0.0, 0.0, "")
+            self.write("jam_state", time_s, "jammkle_msgs/msg/JamState", stopped, 0.0, states, fault, 0.0, 0.0, "", 0.0)
 
 
 def landing(maker: Any, parts: tuple[str, ...] = PARTS, namespace: str = "", reach: float = 1.0) -> Path:

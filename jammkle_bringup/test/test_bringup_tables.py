@@ -69,7 +69,7 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
             maker.write("/lf_ankle/achilles/solenoid", time_s, maker.make("std_msgs/msg/Bool", step >= 100))
             fault = maker.make("jammkle_msgs/msg/Fault", 0, "", "")
             channel = maker.make("jammkle_msgs/msg/ChannelJamState", "achilles", step // 100, 5e4, 1.5, "asked", 0)
-            state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "")
+            state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "", 0.0)
             maker.write("/lf_ankle/jam_state", time_s, maker.make("jammkle_msgs/msg/JamState", *state))
     event = maker.make(
         "jammkle_msgs/msg/ContactEvent",

@@ -177,10 +177,9 @@ class ControllerNode(LockstepNode):
             pitch_rad = joint_position(message, names.ANKLE_JOINTS[1])
             if pitch_rad is not None:
                 self._controller.inputs.on_pitch(pitch_rad)
-        if self._values.use_ankle:
-            ankle = ankle_reading(message, self._values.hip_joint, self._values.knee_joint)
-            if ankle is not None:
-                self._take(self._controller.on_ankle(ankle, time_ns), message.header.frame_id)
+        ankle = ankle_reading(message, self._values.hip_joint, self._values.knee_joint)
+        if ankle is not None:
+            self._take(self._controller.on_ankle(ankle, time_ns), message.header.frame_id)
         if self._values.use_efforts:
             reading = leg_reading(message, self._values.hip_joint, self._values.knee_joint)
             if reading is not None:

@@ -79,11 +79,6 @@ class ControllerParameters:
         description="Whether load_cell/wrench is the load on the foot, and shows contact; in a rig it is not",
         dynamic=True,
     )
-    use_ankle: bool = parameter(
-        default=True,
-        description="Whether ankle_pitch and ankle_roll with hip and knee in joint_states show contact, where the foot "
-        "hangs toe-down",
-    )
     use_efforts: bool = parameter(
         default=False,
         description="Whether efforts of hip and knee in joint_states show contact; needs robot_description",

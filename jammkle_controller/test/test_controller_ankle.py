@@ -62,7 +62,7 @@ def test_a_soft_step_is_felt_wherever_the_imu_is(mount: str) -> None:
         assert event.unit == "rad"
         assert event.probability > 0.8
     assert controller.contact.contact is Contact.CONTACT
-    _, events = felt(ControllerParameters(imu_mount=mount, hang_pitch_deg=HANG_DEG, use_ankle=False), 2.5)
+    _, events = felt(ControllerParameters(imu_mount=mount), 2.5)
     assert not [event for event in events if event.kind in (ContactKind.IMPACT, ContactKind.LIFTOFF)]
 
 

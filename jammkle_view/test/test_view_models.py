@@ -77,11 +77,11 @@ def test_a_robot_stands_on_the_ground_that_it_is_drawn_on() -> None:
 
 
 def test_a_robot_is_drawn_where_it_says_that_it_is() -> None:
-    """A trotting quadruped, from its topics: every body is where the simulation has it, the ground below."""
+    """A walking quadruped, from its topics: every body is where the simulation has it, the ground below."""
     simulation = robot_simulation("quadruped", RobotOptions(behaviour="walk", slope_deg=8.0))
     setting = setting_of("robot: quadruped\noptions: {behaviour: walk, slope_deg: 8.0}")
     kinematics = Kinematics(setting.model)
-    (*_, sample) = simulation.samples(1.2, 100)
+    (*_, sample) = simulation.samples(3.0, 100)
     joints = {
         setting.ankles[name].joint(joint): value
         for name, ankle in sample.ankles.items()

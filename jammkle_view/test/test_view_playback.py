@@ -93,13 +93,13 @@ def effect(folder: Path, text: str) -> Path:
 def test_a_walking_robot_is_followed_through_its_bag(tmp_path: Path) -> None:
     """One ankle of a quadruped is chosen; where the trunk was and how the other legs stood is read as well."""
     bag = tmp_path / "trot"
-    words = ["robot", "quadruped", "--behaviour", "walk", "--duration-s", "1.5", "--imu-rate-hz", "100", "-o", str(bag)]
+    words = ["robot", "quadruped", "--behaviour", "walk", "--duration-s", "2.5", "--imu-rate-hz", "100", "-o", str(bag)]
     subprocess.run([JAMMKLE, *words], check=True, capture_output=True)
     trot = read_recorded(bag, "/rf_ankle", lambda _: None)
     assert "quadruped" in trot.description
     assert set(trot.others) == {"lf_ankle", "lh_ankle", "rh_ankle"}
     assert {"hip", "knee", "ankle_pitch"} <= set(trot.others["lh_ankle"].columns)
-    start, end = trot.state_at(0.1).base, trot.state_at(1.4).base
+    start, end = trot.state_at(1.2).base, trot.state_at(2.4).base
     assert start is not None
     assert end is not None
     assert end.position_m[0] - start.position_m[0] > 0.05

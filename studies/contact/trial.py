@@ -341,7 +341,6 @@ def detected_by_ours(
     parameters = ControllerParameters(
         imu_mount=recording.mount,
         hang_pitch_deg=RobotOptions().hang_pitch_deg,
-        use_ankle=ankle,
         use_efforts=efforts,
         use_odometry=odometry,
     )

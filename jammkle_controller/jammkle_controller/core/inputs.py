@@ -249,9 +249,7 @@ class ContactInputs:
         self._leg_load: LegLoad | None = None
         self._leg_contact = LoadContact()
         self._ankle_contact = (
-            AnkleContact(learned_swing(ANKLE), parameters.hang_pitch_rad)
-            if parameters.use_ankle and parameters.takes_blows
-            else None
+            AnkleContact(learned_swing(ANKLE), parameters.hang_pitch_rad) if parameters.takes_blows else None
         )
         self.sole: SoleSlip | None = None
 

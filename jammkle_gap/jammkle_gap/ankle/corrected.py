@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 
 from jammkle_gap.ankle.effects import (
     ankle_library,
@@ -100,7 +101,8 @@ def corrected_text(library: Library, values: Mapping[str, float], library_file: 
             value = float(values.get(effect.key(parameter), parameter.null))
             unit = "" if parameter.unit == "1" else f"{parameter.unit}, "
             limits = f"{parameter.minimum:g} to {parameter.maximum:g}, off at {parameter.null:g}"
-            lines.append(f"  {parameter.name}: {value!r}  # {unit}{limits}")
+            number = yaml.safe_dump(value).split()[0]  # what YAML reads as one: 5.0e-11, and not 5e-11
+            lines.append(f"  {parameter.name}: {number}  # {unit}{limits}")
     return "\n".join(lines) + "\n"
 
 

@@ -13,10 +13,9 @@ from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.rigs.guide import guided_by_poses
-from jammkle_sim.rigs.model import ankle_under_carriage, new_spec
+from jammkle_sim.rigs.model import ankle_under_carriage, hung, new_spec
 from jammkle_sim.rigs.options import (
     hang_pitch_option,
-    hung,
     jammed_vacuum_option,
     parameter_set_option,
     reservoir_option,

@@ -5,6 +5,7 @@ Frame of every rig: z up, x where the toe points, y to the left; the carriage sl
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CARRIAGE_JOINT, CHANNELS, TENDONS_OF_CHANNEL
-from jammkle_sim.physics.ankle import PITCH, add_ankle, corner_m, free_lengths_m
+from jammkle_sim.physics.ankle import PITCH, AnkleParameters, add_ankle, corner_m, free_lengths_m
 from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import PneumaticParameters
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.physics.ankle import AnkleParameters
     from jammkle_sim.physics.constants import TendonParameters
     from jammkle_sim.rigs.rig import Event
 
@@ -289,3 +289,9 @@ def weigh(body: Any, mass_kg: float) -> None:
     body.ipos = (0.0, 0.0, 0.0)  # else the mass is left out of a saved model
     body.inertia = (mass_kg * 1e-3,) * 3
     body.explicitinertial = True
+
+
+def hung(ankle: AnkleParameters | None, hang_pitch_deg: float) -> AnkleParameters:
+    """Return an ankle whose foot hangs by so much more; None: AnkleParameters as they stand."""
+    ankle = ankle or AnkleParameters()
+    return dataclasses.replace(ankle, hang_pitch_rad=ankle.hang_pitch_rad + math.radians(hang_pitch_deg))

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any, TypeVar
 
 from jammkle_common.constants import HELD_VACUUM_PA, MAX_SEED
 from jammkle_common.parameters import ParameterClass, from_mapping, parameter, rows
-from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.constants import TENDON_SETS
 
 P = TypeVar("P", bound=ParameterClass)
@@ -58,12 +56,6 @@ def hang_pitch_option() -> Any:
 def reservoir_option() -> Any:
     """Make the field `reservoir_volume_m3` of an exercise, whose air is a robot's as it is built."""
     return parameter(0.0, "Reservoir that stores vacuum between two jams; 0: none", "m^3", 0.0, 1e-3)
-
-
-def hung(ankle: AnkleParameters | None, hang_pitch_deg: float) -> AnkleParameters:
-    """Return an ankle whose foot hangs by so much more; None: AnkleParameters as they stand."""
-    ankle = ankle or AnkleParameters()
-    return dataclasses.replace(ankle, hang_pitch_rad=ankle.hang_pitch_rad + math.radians(hang_pitch_deg))
 
 
 def drop_height_option(ground: str, *, dynamic: bool = False) -> Any:

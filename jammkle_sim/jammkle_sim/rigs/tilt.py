@@ -14,10 +14,9 @@ from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.rigs.guide import guided_by_poses, smooth_course
-from jammkle_sim.rigs.model import ankle_under_carriage, new_spec
+from jammkle_sim.rigs.model import ankle_under_carriage, hung, new_spec
 from jammkle_sim.rigs.options import (
     hang_pitch_option,
-    hung,
     jammed_vacuum_option,
     parameter_set_option,
     replaced_within_range,
