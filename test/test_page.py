@@ -81,8 +81,9 @@ def test_what_is_clicked_has_its_effect(
 
 @pytest.mark.timeout(300)
 def test_a_leg_is_put_on_a_slope(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
-    """From the next reset on it stands on ground that is inclined: its foot turns by as much."""
-    up = start("up", "--view", "--robot", "leg")
+    """From the next reset on it stands on ground that is inclined: a flat foot turns by as much."""
+    flat = ("-p", "sim:hang_pitch_deg:=0.0", "-p", "controller:hang_pitch_deg:=0.0")
+    up = start("up", "--view", "--robot", "leg", *flat)
     probe = make_probe()
     probe.listen(JOINT_STATES)
     with PageClient(page_of(up, probe)) as page:
