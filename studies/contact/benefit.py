@@ -1,6 +1,6 @@
 """What the ankle and its policy are good for: the same landings in seven ways, on robots whose feet hang toe-down.
 
-Ways are auto; auto that is not told the payload; the best single vacuum, chosen on landings of the tuning side; always
+Ways are auto; auto without the payload; the best single vacuum, chosen on landings of the tuning side; always
 soft; always jammed; the same foot on a locked joint; and in hindsight the vacuum that was best for that very landing.
 """
 

@@ -113,7 +113,7 @@ def fit() -> int:
     screen = console()
     for name, value in zip(names, np.exp(found), strict=True):
         screen.print(f"{name} {value:.4g}")
-    screen.print(f"told rightly {np.mean((lacking_j(found) > 0.0) == strikes):.3f}, strikes {strikes.mean():.3f}")
+    screen.print(f"classified right {np.mean((lacking_j(found) > 0.0) == strikes):.3f}, strikes {strikes.mean():.3f}")
     return 0
 
 

@@ -62,7 +62,7 @@ class Constants:
     way bends what is fitted. Chosen: on the real servo a fit of seven numbers ends after some twenty steps."""
     affordable_derivatives: int = 100
     """Constants times settings up to which candidates in doubt get derivatives of their own. Chosen for time: the 72 of
-    an ankle in four exercises take 80 s of a core for each candidate, where a servo's seven take two."""
+    an ankle in four exercises take up to 53 s of a core for each candidate."""
     doubtful: float = 2.0
     """What a fit of one parameter leaves per feature, in what healthy runs leave, above which it goes on. Chosen: an
     effect that is exactly the machine's leaves 1, with a spread of 0.15 (`length_spread`)."""
