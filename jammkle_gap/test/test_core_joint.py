@@ -159,3 +159,12 @@ def _bent(run: Recording, error: float) -> Recording:
     square = np.square(signal.values) - np.square(signal.values).mean()
     values = signal.values + error * np.ptp(signal.values) * square / square.std()
     return replace(run, signals=(replace(signal, values=values),))
+
+
+def test_constants_beyond_their_tolerance_are_named() -> None:
+    """Four standard deviations leave no gap, and that is said of this constant alone."""
+    found = diagnose(recorded(43, {}, {"servo.stiffness": 0.8}), EXACT, jobs=1)
+    assert found.verdict is Verdict.NO_GAP
+    (said,) = found.reasons[1:]
+    assert "servo.stiffness by -" in said
+    assert "arm.mass" not in said
