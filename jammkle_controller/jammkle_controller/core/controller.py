@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, NamedTuple
 
-from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.detector import PUT_DOWN_S, ContactDetector
 from jammkle_controller.core.events import (
     Contact,
@@ -157,9 +157,8 @@ class AnkleController:
         for event in reported:
             self._react(event)
         if self._detector.phase is Phase.FLIGHT:
-            seen_s = reported[-1].detection_delay_s if reported else 0.0
             self._policy.bear(self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2)
-            self._policy.fall(sample.time_ns - round(seen_s * NANOSECONDS_PER_SECOND))
+            self._policy.fall(self._detector.flight_began_ns)
         if self._stance_held and (reported or self._detector.phase is Phase.PLANTED):
             self._stance_held = False
             if not reported:

@@ -82,6 +82,7 @@ def columns_of(bag: Path) -> Mapping[str, Column]:
         names.TENDON_STATES.name: lambda m: {each.name: (each.extension_m, each.tension_n) for each in m.tendons},
         names.JAM_COMMAND.name: lambda m: {each.channel: each.vacuum_pa for each in m.channels},
         names.CONTACT_EVENTS.name: lambda m: (m.magnitude, m.source, m.probability),
+        names.LANDING.name: lambda m: (m.speed_m_s, m.chosen_vacuum_pa, m.reached_vacuum_pa, m.surprised, m.why),
         **{topic.name: lambda m: m.fluid_pressure for topic in PLACES.values()},
         **{topic.name: lambda m: m.data for topic in (names.PUMP_DUTY, *names.SOLENOIDS.values())},
     }
@@ -130,6 +131,10 @@ def landed_in_loop() -> Mapping[str, Column]:
     found[names.CONTACT_EVENTS.name] = [
         (event.time_ns, (event.magnitude, event.source.value, event.probability)) for event in loop.events
     ]
+    chosen = loop.controller.landing
+    assert chosen is not None
+    what = (chosen.speed_m_s, chosen.chosen_pa, chosen.reached_pa, chosen.surprised, chosen.why)
+    found[names.LANDING.name] = [(chosen.time_ns, what)]
     driven: dict[str, Column] = {topic.name: [] for topic in (names.PUMP_DUTY, *names.SOLENOIDS.values())}
     for time_ns, command in loop.driven:
         of_topic = {names.PUMP_DUTY.name: command.pump_duty}
