@@ -301,11 +301,12 @@ class AnkleController:
     def _counts(self, event: ContactEvent) -> bool:
         """Whether an event of the IMU stands against what else is known; the detector is set right if it does not."""
         touches = event.kind is ContactKind.IMPACT
-        if event.kind is ContactKind.SLIP and self.inputs.shows_slips(event.time_ns):
-            return False
+        contact = self.inputs.measured_contact(event.time_ns)
+        if event.kind is ContactKind.SLIP and (contact is False or self.inputs.shows_slips(event.time_ns)):
+            return False  # what does not stand does not slide
         if event.kind is ContactKind.LIFTOFF and self._detector.phase is Phase.FLIGHT:
             self.inputs.fly()
-        contact = self.inputs.measured_contact(event.time_ns)
+            contact = self.inputs.measured_contact(event.time_ns)
         if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
             self._detector.correct(lifted=False, time_ns=event.time_ns)
             return False
