@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.design import next_experiment
+from jammkle_gap.core.design import DETECTABLE, next_experiment
 from jammkle_gap.core.detect import altogether, class_names, class_of, detect
 from jammkle_gap.core.joint import detect_jointly
 from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
@@ -79,8 +78,6 @@ _Z90 = 1.645
 """Half of a 90 % interval, in standard deviations."""
 _AT_BOUND = 0.01
 """Share of a parameter's range from a bound within which it counts as at it."""
-_DETECTABLE = (stats.norm.ppf(0.99) + stats.norm.ppf(0.99)) ** 2
-"""Squared whitened length that is detected with 99 % power at 1 % false alarms along a known direction."""
 
 
 def candidate_of(
@@ -158,7 +155,7 @@ def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedE
             low, high = max(value - half[index], each.minimum), min(value + half[index], each.maximum)
             bound = min(value - each.minimum, each.maximum - value) < _AT_BOUND * span and value != each.null
             seen = float(np.linalg.norm(fit.jacobian[:, index]))
-            step = np.sqrt(_DETECTABLE) / seen if seen > 0.0 else np.nan
+            step = np.sqrt(DETECTABLE) / seen if seen > 0.0 else np.nan
             detectable = each.null + np.sign(value - each.null) * step
             inside = each.minimum <= detectable <= each.maximum
             parameters.append(
@@ -305,7 +302,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     following = None
     if verdict is Verdict.AMBIGUOUS and candidates.finished:
         chosen = [fits[names] for names in named]
-        following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine)
+        following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine, constants.blocks)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     nominal = difference.by_scatter([each.difference for each in evidence.residuals])
     where = nominal if verdict is not Verdict.UNKNOWN else difference.by_scatter(_left(evidence, _within(evidence)))
