@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.core.design import DETECTABLE, next_experiment
-from jammkle_gap.core.detect import altogether, class_names, class_of, detect
+from jammkle_gap.core.detect import altogether, beyond_tolerance, class_names, class_of, detect
 from jammkle_gap.core.joint import detect_jointly
 from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
@@ -288,6 +288,11 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     if own is not None and posterior.best == NONE_OF_THEM:
         # Along effects a test sees what the constants were not fitted to quite; none of these is the better answer.
         detection = altogether(detection, constants)
+    elif own is not None:
+        alone, beside = (
+            [each.deviations for each in _constants(evidence, fit)] for fit in (None, fits[posterior.best])
+        )
+        detection = beyond_tolerance(detection, alone, beside, constants)
     verdict = _verdict(detection, posterior)
     # What no data can tell apart is one answer, with the probability of all its members.
     shared = by_class(posterior.probabilities, classes)
