@@ -369,5 +369,5 @@ def test_a_copy_is_no_repeat() -> None:
     """The same samples under two names show no scatter; they are refused by name."""
     runs = machine(25).record(2)
     copies = [runs[0], replace(runs[0], name="again")]
-    with pytest.raises(BadRecordingError, match="again is a copy of .*leave it out, or give a run of its own"):
+    with pytest.raises(BadRecordingError, match=r"again is a copy of .*leave it out, or give a run of its own"):
         diagnose(copies, PROBLEM, jobs=1)
