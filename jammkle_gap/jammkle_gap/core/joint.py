@@ -309,10 +309,19 @@ def slopes_at(machine: Machine, difference: Difference, fit: Fit, signatures: Si
     return [slopes_in(k, machine, difference, fit, signatures) for k in range(len(machine.settings))]
 
 
+_CENTRAL, _FORWARD = (1.0, -1.0), (1.0, 0.0)
+"""Ends of a difference quotient, in steps."""
+
+
 def slopes_in(
-    k: int, machine: Machine, difference: Difference, fit: Fit, signatures: Signatures
+    k: int,
+    machine: Machine,
+    difference: Difference,
+    fit: Fit,
+    signatures: Signatures,
+    ends_at: tuple[float, float] = _CENTRAL,
 ) -> NDArray[np.float64]:
-    """Return the derivatives of one setting; see `slopes_at`."""
+    """Return the derivatives of one setting; see `slopes_at`. Forward differences take half of the runs."""
     parameters = machine.problem.library.parameters(fit.names)
     place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
     back = np.linalg.inv(machine.root) if len(place) else np.zeros((0, 0))
@@ -320,20 +329,21 @@ def slopes_in(
     found = np.hstack([known[:, :free], known[:, free:] @ back])
     moving = np.linalg.norm(difference.split(difference.shared)[k], axis=0) > _VISIBLE
     for i in np.flatnonzero(np.concatenate([np.ones(free, dtype=bool), moving])).tolist():
-        ends, width = [], 0.0
-        for sign in (1.0, -1.0):
+        ends, places = [], []
+        for sign in ends_at:
             values, moved = dict(fit.values), place.copy()
             if i < free:
                 key, each = parameters[i]
                 span = each.maximum - each.minimum
                 step = max(STEP_SHARE * abs(fit.values[key] - each.null), LEAST_STEP * span)
                 values[key] = float(np.clip(values[key] + sign * step, each.minimum, each.maximum))
-                width += sign * values[key]
+                places.append(values[key])
             else:
                 j = i - free
                 moved[j] = np.clip(moved[j] + sign * _STEP, least[j], most[j])
-                width += sign * moved[j]
+                places.append(float(moved[j]))
             ends.append((values, machine.values(moved)))
+        width = places[0] - places[1]
         if width == 0.0:
             continue
         after, before = (signatures.part(k, *end) for end in ends)
@@ -342,9 +352,16 @@ def slopes_in(
     return found
 
 
-def _slopes_and_runs(k: int, machine: Machine, difference: Difference, fit: Fit) -> tuple[NDArray[np.float64], Made]:
+def _slopes_and_runs(
+    k: int, machine: Machine, difference: Difference, fit: Fit, ends_at: tuple[float, float]
+) -> tuple[NDArray[np.float64], Made]:
     signatures = machine.signatures(difference)
-    return slopes_in(k, machine, difference, fit, signatures), signatures.made
+    return slopes_in(k, machine, difference, fit, signatures, ends_at), signatures.made
+
+
+def _affordable(machine: Machine, constants: Constants) -> bool:
+    """Return whether derivatives by all constants may be taken as often as they help."""
+    return len(machine.problem.constants) * len(machine.settings) <= constants.affordable_derivatives
 
 
 @dataclass(frozen=True)
@@ -507,7 +524,7 @@ def _constants_alone(
 ) -> tuple[Fit, list[NDArray[np.float64]]]:
     """Return the constants fitted alone, as well as they can be, and their derivatives there.
 
-    What they leave is what is asked about.
+    What they leave is what is asked about. Where derivatives are dear they are taken once, forward, and updated.
     """
     fit, made = fit_beside_error(machine, error, blank, blank, constants, None)
     runner.count([made])
@@ -515,11 +532,13 @@ def _constants_alone(
     if not fit.features:
         return blank, slopes
     steps = constants.calibration_steps if machine.problem.constants else 0
-    for whitened in (error.evenly_with, error.difference_with):
+    affordable = _affordable(machine, constants)
+    for turn, whitened in enumerate((error.evenly_with, error.difference_with)):
         for step in range(steps):
             difference = whitened(fit)
-            if step == 0:
-                work = [(k, machine, difference, fit) for k in range(len(machine.settings))]
+            if step == 0 and (affordable or turn == 0):
+                ends_at = _CENTRAL if affordable else _FORWARD
+                work = [(k, machine, difference, fit, ends_at) for k in range(len(machine.settings))]
                 answers = runner.map(_slopes_and_runs, work)
                 slopes = [each for each, _ in answers]
                 runner.count(made for _, made in answers)
@@ -700,11 +719,10 @@ def _weighed(
     known = {fit.names: fit for fit in fits}
     finished, own = True, scored(known)
     rounds = [(sharpen, most) for most in constants.sharpened] if machine.problem.constants else []
-    derivatives = len(machine.problem.constants) * len(machine.settings)
     doubtful = error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful
     if not gap:
         rounds = [(sharpen, 0)]  # no candidate will be named, and none needs derivatives of its own
-    elif doubtful and derivatives <= constants.affordable_derivatives:
+    elif doubtful and _affordable(machine, constants):
         rounds = [*((way, most) for way in (spread, sharpen) for most in constants.sharpened_in_doubt), *rounds]
     for function, most in rounds:
         if not finished:
