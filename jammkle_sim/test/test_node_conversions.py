@@ -8,7 +8,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import Float32
 
@@ -96,6 +96,7 @@ def test_the_load_cell_keeps_its_sign() -> None:
     message = OutgoingMessages().wrench(0, (1.0, -2.0, 17.7))
     assert (message.wrench.force.x, message.wrench.force.y, message.wrench.force.z) == (1.0, -2.0, 17.7)
     assert message.header.frame_id == names.LOAD_CELL_FRAME
+    assert OutgoingMessages().wrench_bytes(0, (1.0, -2.0, 17.7)) == serialize_message(message)
 
 
 @pytest.mark.parametrize("bad", BAD)
@@ -110,6 +111,7 @@ def test_what_is_not_finite_does_not_leave(bad: float) -> None:
         ("joint", lambda: messages.joint_states(0, {"a": 0.0}, {"a": bad})),
         ("tendon 'peroneal_left'", lambda: messages.tendon_states(0, tendons(bad))),
         ("load cell", lambda: messages.wrench(0, (0.0, 0.0, bad))),
+        ("load cell", lambda: messages.wrench_bytes(0, (0.0, 0.0, bad))),
     ]
     for what, attempt in attempts:
         with pytest.raises(NotFiniteError, match=what):
