@@ -81,7 +81,7 @@ def run_demos(count: int) -> bool:
 
 def run_tests(paths: tuple[str, ...], times: int) -> bool:
     """Run tests again and again; return whether all of them passed."""
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadgroup", *paths]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", *paths]
     return all(subprocess.run(command, check=False).returncode == 0 for _ in range(times))  # noqa: S603 - our tests
 
 
