@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -91,6 +92,7 @@ def main(
     suite: Annotated[bool, typer.Option("--suite", help="Run the whole suite once, too.")] = False,  # noqa: FBT002
 ) -> None:
     """Run all of it; exit with 1 if anything failed."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # else the loops would go on for ever
     with busy_loops():
         well = run_demos(demos)
         well = run_tests(GRAPH_TESTS, graph_tests) and well
