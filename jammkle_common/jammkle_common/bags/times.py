@@ -295,9 +295,11 @@ class BagTimes:
             if _is_clock(connection):
                 self._tick_ns = _stamp_ns(data)
                 continue
-            stamps = self._stamps[connection.id]
+            stamps, stamp_ns = self._stamps[connection.id], _stamp_ns(data)
+            if self._tick_ns == stamp_ns == self._start_tick_ns:
+                continue  # the clock itself stands, as before a simulation's first step
             if len(stamps.stamps_ns) < _FIRST and not self._part(log_ns).shift_ns:
-                stamps.stamps_ns.append(_stamp_ns(data))
+                stamps.stamps_ns.append(stamp_ns)
                 stamps.known_ns.append(log_ns if self._tick_ns is None else self._tick_ns)
                 if len(stamps.stamps_ns) == _FIRST:
                     missing.discard(connection.id)
