@@ -108,12 +108,10 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
 
         msg = f"--held-out {held_out[0]} goes with --model; of an ankle every recording is held out in turn"
         raise InputError(msg)
-    from jammkle_common.command.results import check_new
     from jammkle_gap.ankle.sensors import SensorSet
-    from jammkle_gap.diagnosing import CORRECTED_NAME, PAGE_NAME, DiagnoseRequest
+    from jammkle_gap.diagnosing import DiagnoseRequest
     from jammkle_gap.diagnosing import diagnose as run
 
-    check_new(output, (PAGE_NAME, CORRECTED_NAME))
     run(
         DiagnoseRequest(
             bags,
