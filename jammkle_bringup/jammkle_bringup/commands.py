@@ -370,7 +370,9 @@ def plot(
 
     results.check_writable(json)
     page = output / PAGE_NAME
-    results.check_new(output, [PAGE_NAME])
+    if page.exists():
+        msg = f"--output {output} holds {PAGE_NAME}: nothing is overwritten; choose another or move it away"
+        raise InputError(msg)
     stop = StopRequest()
     place = None if namespace is None else normalised(namespace)
     with results.progress_bar(f"reading {bag}") as show:

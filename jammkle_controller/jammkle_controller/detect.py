@@ -12,15 +12,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.results import (
-    EVENT_COLOURS,
-    LINE_COLOURS,
-    STYLE,
-    check_new,
-    check_writable,
-    console,
-    write_json,
-)
+from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS, STYLE, check_writable, console, write_json
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_controller.core.events import ContactKind
@@ -98,7 +90,6 @@ def _seconds(time_ns: int, begin_ns: int) -> float:
 
 _LEAST_USED = 0.1
 """Share of the samples that must be usable. Assumed: a topic that repeats every row nine times is still an IMU."""
-_EVENTS, _PICTURE = "events.json", "detect.png"
 _TABLES = (".csv", ".txt", ".tsv")
 SHAKEN_M_S2 = 1.0
 """Root mean square of the specific force about its mean over `SHAKEN_WINDOW_S`, m/s^2, from which on a foot moves: one
@@ -130,7 +121,6 @@ def detect(request: DetectRequest) -> int:
 
     """
     check_writable(request.json)
-    check_new(request.output, (_EVENTS, _PICTURE))
     parameters = parameters_from(request.settings)
     if request.recording.suffix.lower() in _TABLES:
         recording = read_table(request.recording, request.layout)
@@ -142,7 +132,7 @@ def detect(request: DetectRequest) -> int:
     made = replay(recording.received, parameters, recording.leg)
     _check_used(request.recording, made)
     content = as_dict(recording, made, parameters)
-    events, picture = request.output / _EVENTS, request.output / _PICTURE
+    events, picture = request.output / "events.json", request.output / "detect.png"
     try:
         request.output.mkdir(parents=True, exist_ok=True)
         draw(recording, made, picture)

@@ -44,18 +44,6 @@ def test_a_table_in_g_is_read_and_its_fall_is_reported(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "detect.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_results_of_an_earlier_run_are_not_overwritten(tmp_path: Path) -> None:
-    """The second run is refused before it reads anything, whichever file of the first is left."""
-    (tmp_path / "out").mkdir()
-    for name in ("events.json", "detect.png"):
-        (tmp_path / "out" / name).write_text("of an earlier run")
-        answer = detect(tmp_path / "nowhere.csv", "-o", tmp_path / "out")
-        assert answer.returncode == 2
-        assert f"holds {name}: nothing is overwritten" in answer.stderr
-        assert (tmp_path / "out" / name).read_text() == "of an earlier run"
-        (tmp_path / "out" / name).unlink()
-
-
 @pytest.mark.parametrize(
     ("mount", "shaken_m_s2", "doubted"), [("foot", 2.0, True), ("foot", 0.1, False), ("body", 2.0, False)]
 )

@@ -127,7 +127,8 @@ def _check(request: DiagnoseRequest) -> None:
         msg = f"folder {request.folder} cannot be made: {error.strerror}"
         raise InputError(msg) from error
     results.check_writable(request.json)
-    results.check_new(request.folder, (PAGE_NAME, CORRECTED_NAME))
+    for name in (PAGE_NAME, CORRECTED_NAME):
+        results.check_writable(request.folder / name, "--output")
 
 
 def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:

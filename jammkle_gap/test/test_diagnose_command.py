@@ -334,22 +334,6 @@ def test_the_command_knows_the_sets_of_sensors() -> None:
 
 
 @pytest.mark.parametrize(
-    ("names", "options"),
-    [(("gap.html", "corrected.yaml"), []), (("gap.html", "corrected.xml"), ["--model", "robot.xml"])],
-    ids=["ankle", "robot"],
-)
-def test_an_earlier_diagnosis_is_not_overwritten(
-    names: tuple[str, ...], options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Page and correction took minutes: whoever asks for the same folder again is refused before anything is read."""
-    for name in names:
-        (tmp_path / name).write_text("of an earlier run", encoding="utf-8")
-        assert main(["gap", "diagnose", "nowhere", *options, "-o", str(tmp_path)]) == 2
-        assert f"holds {name}: nothing is overwritten" in capsys.readouterr().err
-        (tmp_path / name).unlink()
-
-
-@pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["{folder}/nowhere"], "nowhere"),

@@ -122,7 +122,7 @@ def received_late(samples: tuple[Sample, ...], late_s: float, *, acknowledged: b
 
 
 def test_commands_that_are_received_late_do_not_count_where_the_hardware_acknowledges_its_own() -> None:
-    """The driver's commands come 40 ms late: a wide gap, unless the hardware said when it took them."""
+    """The driver's wishes come 40 ms late: a wide gap, unless the hardware said when it took them."""
     samples = landing("", 0.0)
     assert received_late(samples, 0.04, acknowledged=False)["pneumatics"] > SETTINGS.limit
     assert received_late(samples, 0.04, acknowledged=True)["pneumatics"] < 0.5 * SETTINGS.limit

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import shlex
 import sys
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.names import ACHILLES, PERONEAL_LEFT, PERONEAL_RIGHT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
     from typing import TextIO
 
@@ -122,19 +121,6 @@ def check_writable(path: Path | None, option: str = "--json") -> None:
     if why:
         msg = f"{option} {path} cannot be written: {why}"
         raise InputError(msg)
-
-
-def check_new(folder: Path, names: Iterable[str], option: str = "--output") -> None:
-    """Refuse a folder that holds results of an earlier run already; `option` is what asked for it.
-
-    Raises:
-        InputError: a file of one of the names is in it.
-
-    """
-    for name in names:
-        if os.path.lexists(folder / name):
-            msg = f"{option} {folder} holds {name}: nothing is overwritten; choose another or move it away"
-            raise InputError(msg)
 
 
 @contextlib.contextmanager

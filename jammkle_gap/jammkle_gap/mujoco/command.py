@@ -59,7 +59,6 @@ def diagnose_robot(request: RobotRequest) -> int:
 
     """
     results.check_writable(request.json)
-    results.check_new(request.folder, (_PAGE_NAME, CORRECTED_NAME))
     model, joints = _model_of(request.model)
     try:
         request.folder.mkdir(parents=True, exist_ok=True)
