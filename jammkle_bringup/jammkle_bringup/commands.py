@@ -177,22 +177,34 @@ def exercise(
         float | None,
         typer.Option(help="Vacuum of the jammed half, 5 to 75 kPa.", show_default="50, of press 20"),
     ] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(
+            "-p",
+            "--param",
+            help="An option of the exercise, as run.yaml has it (SI), such as way_time_s:=0.3; may be repeated.",
+            metavar="NAME:=VALUE",
+        ),
+    ] = None,
     namespace: NamespaceOption = "/",
     json: JsonOption = None,
 ) -> int:
     """Take a robot through exercises for a diagnosis, and record each with its run sheet."""
+    from jammkle_bringup.core.node_table import option_value
     from jammkle_bringup.exercise import exercise as do
+    from jammkle_common.bags.run_sheet import RunSheet
     from jammkle_sim.rigs.catalogue import EXERCISES
 
     if name != "all" and name not in EXERCISES:
         msg = f"NAME '{name}' does not exist; it must be one of {', '.join(EXERCISES)}, all"
         raise InputError(msg)
     results.check_writable(json)
-    chosen = tuple(EXERCISES) if name == "all" else (name,)
-    vacuum_pa = None if vacuum_kpa is None else 1e3 * vacuum_kpa
-    bags = do(chosen, output, normalised(namespace), vacuum_pa, StopRequest())
-    for each in bags.values():
-        typer.echo(str(each))
+    options: dict[str, object] = {} if vacuum_kpa is None else {"vacuum_pa": 1e3 * vacuum_kpa}
+    options |= dict(option_value(text, text) for text in option or ())
+    bags = {each: output / each for each in (tuple(EXERCISES) if name == "all" else (name,))}
+    do({bag: RunSheet(each, options) for each, bag in bags.items()}, normalised(namespace), StopRequest())
+    for bag in bags.values():
+        typer.echo(str(bag))
     results.write_json(json, {"bags": {each: str(bag) for each, bag in bags.items()}})
     return 0
 

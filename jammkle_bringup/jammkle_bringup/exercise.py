@@ -44,10 +44,11 @@ from jammkle_common.names import (
     ODOMETRY,
     QUADRUPED_ANKLES,
     SET_AUTO,
+    SIM_NODE,
     UNJAM,
     resolved,
 )
-from jammkle_common.parameters import from_mapping, rows
+from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam, Unjam
 from jammkle_sim.rigs.catalogue import EXERCISES
@@ -93,43 +94,66 @@ class _Heard:
         self.hip_height_m = float(message.pose.pose.position.z)
 
 
-def exercise(
-    names: Sequence[str], folder: Path, namespace: str, vacuum_pa: float | None, asked_to_stop: Callable[[], bool]
-) -> dict[str, Path]:
+def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Callable[[], bool]) -> None:
     """Do exercises one after the other, and record each into a bag of its own.
 
     Args:
-        names: Of `jammkle_sim.rigs.catalogue.EXERCISES`.
-        folder: Where the bags go, by the name of the exercise.
+        runs: By bag: an exercise of `jammkle_sim.rigs.catalogue.EXERCISES`, and options that are not its defaults, SI.
         namespace: Normalised namespace of the ankle, or of the robot with its ankles below.
-        vacuum_pa: Of the jammed ankle, 5 to 75 kPa; None: what each exercise has by itself.
         asked_to_stop: Ends it early.
 
-    Returns:
-        The bags by exercise.
-
     Raises:
-        InputError: a bag is there already.
+        InputError: a bag is there already, or there is no such exercise or option.
         GraphError: the graph is not there, or refuses.
         Interrupted: asked to stop; everything is vented, and what was recorded is complete.
 
     """
-    bags = {name: folder / name for name in names}
-    for bag in bags.values():
+    for bag, sheet in runs.items():
         if bag.exists():
             msg = f"{bag} is there already: nothing is overwritten; choose another --output or move it away"
             raise InputError(msg)
-    folder.mkdir(parents=True, exist_ok=True)
+        if sheet.rig not in EXERCISES:
+            msg = f"exercise '{sheet.rig}' does not exist; it must be one of {', '.join(EXERCISES)}"
+            raise InputError(msg)
+        try:
+            from_mapping(EXERCISES[sheet.rig].options, dict(sheet.options))
+        except ParameterError as error:
+            msg = f"{sheet.rig}: {error}"
+            raise InputError(msg) from error
+        bag.parent.mkdir(parents=True, exist_ok=True)
     ends = False
     with GraphClient(namespace, lambda: asked_to_stop() and not ends, LOOKERS) as client:
         session = _Session(client)
         try:
-            for name, bag in bags.items():
-                session.do(name, bag, vacuum_pa)
+            for bag, sheet in runs.items():
+                session.do(sheet, bag)
         finally:
             ends = True  # it is vented however it ends
             session.end()
-    return bags
+
+
+def is_simulated(namespace: str, asked_to_stop: Callable[[], bool]) -> bool:
+    """Return whether the robot of a live graph is a simulated one, which moves without anybody near it.
+
+    Args:
+        namespace: Normalised namespace of the ankle, or of the robot with its ankles below.
+        asked_to_stop: Ends it early.
+
+    Raises:
+        GraphError: no driver is on the graph.
+
+    """
+    with GraphClient(namespace, asked_to_stop, LOOKERS) as client:
+        client.ankles()
+        # The simulation of one ankle of a robot stands above the ankle's own namespace.
+        within = {resolved(above, SIM_NODE) for above in _above(client.namespace)}
+        return bool(within & client.nodes())
+
+
+def _above(namespace: str) -> list[str]:
+    """Return a namespace and all that it lies in."""
+    parts = namespace.strip("/").split("/")
+    return [f"/{'/'.join(parts[:count])}" for count in range(len(parts), -1, -1)]
 
 
 class _Session:
@@ -176,12 +200,11 @@ class _Session:
             raise InputError(msg)
         return next(iter(found.values()))
 
-    def do(self, name: str, bag: Path, vacuum_pa: float | None) -> None:
+    def do(self, sheet: RunSheet, bag: Path) -> None:
         """Do one exercise and record it."""
-        kind = EXERCISES[name]
+        name, kind = sheet.rig, EXERCISES[sheet.rig]
         limbs = self._limbs()
-        given: dict[str, Any] = dict(self._built)
-        given |= {} if vacuum_pa is None else {"vacuum_pa": vacuum_pa}
+        given: dict[str, Any] = {**self._built, **sheet.options}
         if limbs and "sides" in {row.name for row in rows(kind.options)}:
             given["sides"] = "no"  # an abducted leg turns and slides its ankle as it comes down, which nothing measures
         options = from_mapping(kind.options, given)
@@ -214,8 +237,8 @@ class _Session:
             self._wait(_REST_S)
             self._limb_over_ground = None
             supervisor.stop()
-        sheet = RunSheet(name, {**given, "vacuum_pa": options.vacuum_pa})
-        (bag / FILE_NAME).write_text(yaml.safe_dump(sheet.as_mapping(), sort_keys=False), encoding="utf-8")
+        done = RunSheet(name, {**given, "vacuum_pa": options.vacuum_pa})
+        (bag / FILE_NAME).write_text(yaml.safe_dump(done.as_mapping(), sort_keys=False), encoding="utf-8")
 
     def end(self) -> None:
         """Vent everything, and let the robot and its controllers do what they did before."""

@@ -84,7 +84,7 @@ def test_simulated_stamps_wait_for_the_clock_that_comes_later() -> None:
     assert log.times.source is TimeSource.SIMULATED
     assert not log.written
     log.times.tick(tick(4 * MS_NS, EPOCH_NS + 10))
-    assert log.written["/imu"] == 4 * MS_NS
+    assert log.written["/imu"] == 2 * MS_NS
 
 
 def test_a_tick_that_is_repeated_moves_nothing() -> None:
@@ -102,3 +102,13 @@ def test_without_any_tick_nothing_is_lost() -> None:
     log.times.take(Received("/duty", b"", EPOCH_NS))
     log.times.end()
     assert log.written == {"/duty": 0}
+
+
+def test_what_was_stamped_before_the_first_tick_keeps_its_stamp() -> None:
+    """A recorder may find /clock seconds after the sensors; a stamp that cannot be before that tick says nothing."""
+    log = Log(TimeSource.SIMULATED)
+    log.times.take(Received("/joints", b"", EPOCH_NS + 1, 5 * MS_NS))
+    log.times.take(Received("/duty", b"", EPOCH_NS + 2))
+    log.times.take(Received("/other", b"", EPOCH_NS + 3, EPOCH_NS))
+    log.times.tick(tick(9 * MS_NS, EPOCH_NS + 10))
+    assert log.written == {"/joints": 5 * MS_NS, "/duty": 9 * MS_NS, "/other": 9 * MS_NS, "/clock 9000000": 9 * MS_NS}

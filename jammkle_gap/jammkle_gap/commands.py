@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from jammkle_common.command.options import ON_THE_GAP, JsonOption
+from jammkle_common.command.options import ON_THE_GAP, JsonOption, NamespaceOption
 
 gap_app = typer.Typer(
     help="Find out where simulation and robot disagree, and why.",
@@ -112,7 +112,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     from jammkle_gap.diagnosing import DiagnoseRequest
     from jammkle_gap.diagnosing import diagnose as run
 
-    return run(
+    run(
         DiagnoseRequest(
             bags,
             since or [],
@@ -128,6 +128,30 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
             None if sensors is None else SensorSet(sensors.value),
         )
     )
+    return 0
+
+
+@gap_app.command()
+def session(
+    folder: Annotated[
+        Path, typer.Argument(help="Gets a bag per run, and the page; what is there already counts.", metavar="DIR")
+    ],
+    further: Annotated[int, typer.Option(help="Most runs after the first exercises.")] = 3,
+    namespace: NamespaceOption = "/",
+    jobs: Annotated[int | None, typer.Option(help="Processes.", show_default="one per core where that pays")] = None,
+    json: JsonOption = None,
+) -> int:
+    """Take a live robot through the exercises, diagnose it, and record what separates the causes that remain.
+
+    It ends when one is named, or when no exercise on offer would separate what is left. A simulated robot goes on by
+    itself; a real one moves again when a person says so.
+    """
+    from jammkle_common.names import normalised
+    from jammkle_gap.session import SessionRequest
+    from jammkle_gap.session import session as run
+
+    run(SessionRequest(folder, normalised(namespace), further, json, jobs))
+    return 0
 
 
 @gap_app.command()

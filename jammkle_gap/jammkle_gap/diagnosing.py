@@ -82,8 +82,8 @@ class DiagnoseRequest:
     """None: those of a robot, and the load cell where it was recorded."""
 
 
-def diagnose(request: DiagnoseRequest) -> int:
-    """Do everything and return the exit code; one that was stopped on the way is written too, and says so.
+def diagnose(request: DiagnoseRequest) -> Diagnosis:
+    """Diagnose, show and write it all; one that was stopped on the way is written too, and says so.
 
     Raises:
         InputError: a bag, an effect or an option cannot be used; the message says what would be right.
@@ -104,7 +104,7 @@ def diagnose(request: DiagnoseRequest) -> int:
     asked = write_page(diagnosis, recordings, references, problem, request.folder, request.library, request.sensors)
     results.write_json(request.json, _content(diagnosis, asked, request))
     show(diagnosis, asked, request.folder / PAGE_NAME)
-    return 0
+    return diagnosis
 
 
 def _check(request: DiagnoseRequest) -> None:
@@ -324,7 +324,7 @@ def diagnosis_of(
             recordings,
             problem,
             references=references,
-            experiments=experiments(),
+            experiments=experiments(recordings),
             jobs=_ALL_CORES if jobs is None else jobs,
             progress=on_progress,
             provisional=show_first_answer,

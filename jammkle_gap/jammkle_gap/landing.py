@@ -126,7 +126,7 @@ class Ending:
             f"Does this ankle do what its simulator says? Diagnosed from the bag, beside {REFERENCES} landings of a "
             "healthy ankle, simulated without the graph."
         )
-        say(f"verdict: {diagnosis.verdict.value.replace('_', ' ')}. {words.headline(diagnosis)}")
+        say(f"verdict: {words.VERDICTS[diagnosis.verdict]}. {words.headline(diagnosis)}")
         for check in words.checks(diagnosis, {effect.name: effect.sentence for effect in ankle_library()}):
             say(f"  - {check}")
         for line in parameter_lines(diagnosis.effects):

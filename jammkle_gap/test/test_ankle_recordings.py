@@ -131,13 +131,25 @@ def test_a_recording_without_any_signal_of_a_set_is_refused() -> None:
         selected(alone, SensorSet.ROBOT)
 
 
-@pytest.mark.parametrize("experiment", experiments(), ids=lambda each: each.name)
+ON_A_RIG = recording_of(bag_of_run(run("pressure", cycles=1)))
+ON_A_ROBOT = recording_of(bag_of_run(run("cycle", reservoir_volume_m3=5e-5)))
+OFFERED = [*experiments([ON_A_RIG]), *experiments([ON_A_RIG, ON_A_ROBOT])]
+
+
+@pytest.mark.parametrize("experiment", OFFERED, ids=lambda each: each.name)
 def test_every_plan_can_be_run(experiment: Experiment) -> None:
     """Each run on offer has a rig and options that exist, gives signals with a noise, and is named as its command."""
     recording = experiment.plan()
-    assert experiment.name.startswith(f"rig {recording.inputs.rig}")
+    assert experiment.name.split()[1] == recording.inputs.rig
     assert recording.signals
     assert all(signal.deviation > 0.0 for signal in recording.signals)
+
+
+def test_what_is_on_offer_goes_by_the_machine() -> None:
+    """A bench is offered its rigs, a robot exercises, with the reservoir that it has."""
+    assert {each.name.split()[0] for each in experiments([ON_A_RIG])} == {"rig"}
+    assert {each.name.split()[0] for each in experiments([ON_A_RIG, ON_A_ROBOT])} == {"exercise"}
+    assert dict(experiments([ON_A_ROBOT])[0].plan().inputs.options)["reservoir_volume_m3"] == 5e-5
 
 
 def test_small_gaps_have_no_digits_to_read() -> None:

@@ -363,3 +363,11 @@ def test_a_nuisance_without_a_spread_is_refused() -> None:
     with pytest.raises(ValueError, match="outside"):
         Nuisance("x", "1", 2.0, 1.0, "assumed", 0.0, 1.0)
     assert all(each.sigma > 0.0 for each in SCATTER)
+
+
+def test_a_copy_is_no_repeat() -> None:
+    """The same samples under two names show no scatter; they are refused by name."""
+    runs = machine(25).record(2)
+    copies = [runs[0], replace(runs[0], name="again")]
+    with pytest.raises(BadRecordingError, match=r"again is a copy of .*leave it out, or give a run of its own"):
+        diagnose(copies, PROBLEM, jobs=1)

@@ -162,9 +162,18 @@ def _bent(run: Recording, error: float) -> Recording:
 
 
 def test_constants_beyond_their_tolerance_are_named() -> None:
-    """Four standard deviations leave no gap, and that is said of this constant alone."""
-    found = diagnose(recorded(43, {}, {"servo.stiffness": 0.8}), EXACT, jobs=1)
+    """Four standard deviations that no effect takes over leave no gap, and that is said of this constant alone."""
+    without = replace(EXACT, library=EXACT.library.without("weak").without("load"))
+    found = diagnose(recorded(43, {}, {"servo.stiffness": 0.8}), without, jobs=1)
     assert found.verdict is Verdict.NO_GAP
     (said,) = found.reasons[1:]
     assert "servo.stiffness by -" in said
     assert "arm.mass" not in said
+
+
+def test_an_effect_that_is_a_constant_as_well_takes_over_beyond_its_tolerance() -> None:
+    """A servo that is weak by six standard deviations of its stiffness is worn; by two it is as drawn."""
+    value, (low, high) = named(diagnose(recorded(43, {}, {"servo.stiffness": 0.7}), EXACT, jobs=1), "weak")
+    assert low < 0.3 < high
+    assert value == pytest.approx(0.3, abs=0.1)
+    assert diagnose(recorded(43, {}, {"servo.stiffness": 0.9}), EXACT, jobs=1).verdict is Verdict.NO_GAP

@@ -93,7 +93,9 @@ def made_up(verdict: Verdict, signals: int = 2, samples: int = 400, settings: in
     gaps = [20.0 / (i + 1) if verdict is not Verdict.NO_GAP else 0.9 for i in range(signals)]
     time_s = np.linspace(0.0, 10.0, samples)
     scatter = 100.0 * np.random.default_rng(1).standard_normal(samples)
-    following = NextExperiment("rig pressure --cycles 9", names[0], 7.0, 700.0, "Pa", "pump_wear differs by 700 Pa")
+    following = NextExperiment(
+        "rig pressure --cycles 9", 21.0, names[0], 7.0, 700.0, "Pa", "pump_wear differs by 700 Pa"
+    )
     candidates = CANDIDATES[verdict]
     named = {each.names: each.probability for each in candidates}
     rest = 1.0 - sum(named.values())
@@ -168,7 +170,7 @@ def test_every_verdict_has_a_page_that_needs_no_network(verdict: Verdict) -> Non
     assert all(source.startswith("data:image/svg+xml;base64,") for source in read.loaded)
     assert not re.search(r"https?://(?!www\.w3\.org)", text)
     assert read.ids >= SECTIONS
-    assert verdict.value.replace("_", " ") in read.words
+    assert words.VERDICTS[verdict].upper() in read.words
     said = [words.headline(diagnosis), *words.checks(diagnosis, ASKED.sentences), *words.explanation(diagnosis)]
     said += [text for each in words.answers(diagnosis) for text in (each.short, each.more)]
     for sentence in (*said, ASKED.origin.version, ASKED.origin.date, ASKED.origin.command):
@@ -273,7 +275,7 @@ def test_the_posterior_keeps_all_of_its_probability() -> None:
 def test_what_a_whole_set_holds_is_said_once() -> None:
     """A set of pairs with one effect in common names that one first, and the others by their names."""
     pairs = (candidate((LEAK, WEAR), 0.5), candidate((LEAK, FRICTION), 0.3), candidate((LEAK,), 0.2))
-    following = NextExperiment("rig drop", "a", 7.0, 1.0, "Pa", "line_leak_achilles + pump_wear differ by 1 Pa")
+    following = NextExperiment("rig drop", 2.0, "a", 7.0, 1.0, "Pa", "line_leak_achilles + pump_wear differ by 1 Pa")
     found = dataclasses.replace(made_up(Verdict.AMBIGUOUS), candidates=pairs, next_experiment=following)
     said = words.headline(found)
     assert said.startswith("The achilles line leaks; with it comes one of 3")

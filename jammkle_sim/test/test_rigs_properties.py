@@ -54,7 +54,7 @@ def go(name: str, values: dict[str, object]) -> RigRun:
     return run_rig(name, from_mapping(RIGS[name].options, values), lambda _: None, lambda: False)
 
 
-def told(name: str, values: dict[str, object]) -> object:
+def outcome(name: str, values: dict[str, object]) -> object:
     """All that a run gives, to the last bit; or the line that it ends with."""
     try:
         run = go(name, values)
@@ -90,7 +90,7 @@ def test_any_options_in_range_give_finite_figures(name: str, data: st.DataObject
 def test_the_same_options_give_the_same_bytes(name: str, data: st.DataObject) -> None:
     """Whatever is chosen, seed included, a second run agrees with the first to the last bit."""
     values = data.draw(any_options(name))
-    assert told(name, values) == told(name, values)
+    assert outcome(name, values) == outcome(name, values)
 
 
 @pytest.mark.parametrize("name", RIGS)

@@ -31,7 +31,7 @@ class TimeSource(enum.Enum):
     UNDECIDED = "undecided"
     """It is not known yet whether there is a /clock: messages wait."""
     SIMULATED = "simulated"
-    """/clock. Messages from before its first tick get the time of that tick."""
+    """/clock. Messages from before its first tick get their own stamp, or the time of that tick if they have none."""
     SYSTEM = "system"
     """The clock of the machines that publish."""
 
@@ -134,5 +134,7 @@ class LogTimes:
         if not self._tick_stamps_ns:
             return 0
         following = bisect.bisect_right(self._tick_sources_ns, message.source_ns)
+        if following == 0 and message.stamp_ns:
+            return min(message.stamp_ns, self._tick_stamps_ns[0])
         at = following if message.from_clock_maker else following - 1
         return self._tick_stamps_ns[min(max(at, 0), len(self._tick_stamps_ns) - 1)]

@@ -331,19 +331,36 @@ def assignment(text: str) -> tuple[str, str, ParameterValue]:
         InputError: it has another form, or the value is not a single one.
 
     """
-    found = re.fullmatch(r"([^:\s]+):([^:\s]+):=(.*)", text, re.DOTALL)
+    found = re.fullmatch(r"([^:\s]+):([^:\s]+:=.*)", text, re.DOTALL)
     if found is None:
         msg = f"-p {text}: give NODE:NAME:=VALUE, for example driver:max_vacuum_pa:=50000"
         raise InputError(msg)
-    node, name, value_text = found.groups()
+    return found.group(1), *option_value(found.group(2), text)
+
+
+def option_value(text: str, typed: str) -> tuple[str, ParameterValue]:
+    """Return name and value of `NAME:=VALUE`, the value read as in a parameter file.
+
+    Args:
+        text: Name and value.
+        typed: What was typed behind -p, for the error.
+
+    Raises:
+        InputError: it has another form, or the value is not a single one.
+
+    """
+    name, given, value_text = text.partition(":=")
+    if not name or not given:
+        msg = f"-p {typed}: give NAME:=VALUE, for example vacuum_pa:=35000"
+        raise InputError(msg)
     try:
         value = yaml.load(value_text, _RosLoader)  # noqa: S506 - a safe loader's subclass
     except yaml.YAMLError:
         value = None
     if not isinstance(value, (bool, int, float, str)):
-        msg = f"-p {text}: the value must be a number, true, false or text (text with a colon in quotes)"
+        msg = f"-p {typed}: the value must be a number, true, false or text (text with a colon in quotes)"
         raise InputError(msg)
-    return node, name, value
+    return name, value
 
 
 def merged_values(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> dict[str, object]:

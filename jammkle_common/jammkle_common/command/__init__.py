@@ -16,6 +16,9 @@ EFFECTS_FILE = "jammkle.effects_file"
 """`load`: takes the path of an effects file and returns what it does to a rig (`jammkle_sim.rigs.rig`)."""
 LANDING = "jammkle.landing"
 """`record`: has the graph land once and records it (`jammkle_bringup.demo.record_landing`)."""
+EXERCISE = "jammkle.exercise"
+"""`record`: takes a live robot through exercises and records each; `is_simulated`: whether it is a simulated one
+(`jammkle_bringup.exercise`)."""
 HARDWARE = "jammkle.hardware"
 """Makes what the driver drives, by the name that its parameter `hardware` has (`jammkle_driver.hardware`)."""
 

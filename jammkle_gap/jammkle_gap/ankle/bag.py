@@ -141,11 +141,16 @@ class _Table:
         self._stamp_ns: list[int] = []
         self._rows: list[dict[str, float]] = []
         self._places: dict[int, int] = {}
+        self._last_ns: dict[frozenset[str], int] = {}
+        self._each_in_order = True
 
     def add(self, log_ns: int, message: Any, row: dict[str, float]) -> None:
         header = getattr(message, "header", None)
         stamp_ns = 0 if header is None else int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
         if header is not None:
+            half = frozenset(row)
+            self._each_in_order &= stamp_ns >= self._last_ns.get(half, stamp_ns)
+            self._last_ns[half] = stamp_ns
             # Two publishers that know one half of the joints each may stamp alike.
             place = self._places.setdefault(stamp_ns, len(self._rows))
             if place < len(self._rows) and row and self._rows[place].keys().isdisjoint(row):
@@ -156,6 +161,11 @@ class _Table:
         self._rows.append(row)
 
     def samples(self) -> Samples:
+        if len(self._last_ns) > 1 and self._each_in_order:
+            # A recorder takes from one publisher what it has, and then from the other.
+            order = sorted(range(len(self._rows)), key=self._stamp_ns.__getitem__)
+            self._log_ns, self._stamp_ns = ([times[i] for i in order] for times in (self._log_ns, self._stamp_ns))
+            self._rows = [self._rows[i] for i in order]
         names_ = dict.fromkeys(name for row in self._rows for name in row)
         columns = {name: np.array([row.get(name, np.nan) for row in self._rows]) for name in names_}
         lacking = {name: np.array([name not in row for row in self._rows]) for name in names_}

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from importlib import metadata, resources
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_common import names
-from jammkle_common.parameters import from_mapping
+from jammkle_common.bags.run_sheet import RunSheet
+from jammkle_common.parameters import from_mapping, rows
 from jammkle_gap.ankle.alignment import AnkleAlignment
 from jammkle_gap.ankle.effects import (
     AnkleEffect,
@@ -33,7 +34,7 @@ from jammkle_sim.rigs.catalogue import rig_kind, run_rig
 from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping, Sequence
     from typing import Any
 
     from numpy.typing import NDArray
@@ -198,38 +199,61 @@ def _turned(measured: Mapping[str, NDArray[np.float64]], before: Rig, after: Rig
     return found
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """One run that could be made."""
-
-    rig: str
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def command(self) -> str:
-        """How to simulate it, which also says what to do with the robot."""
-        shown = {name: f"{value:g}" if isinstance(value, float) else value for name, value in self.settings.items()}
-        options = (f"--{name.replace('_', '-')} {value}" for name, value in shown.items())
-        return " ".join(("rig", self.rig, *options))
-
-    def recording(self) -> Recording:
-        """Return the recording as it would be with nothing wrong."""
-        options = from_mapping(rig_kind(self.rig).options, dict(self.settings))
-        return recording_of_run(run_rig(self.rig, options, lambda _: None, lambda: False), self.command)
-
-
-_PLANS = (
-    _Plan("pressure", {"jam_time_s": 4.0, "vent_time_s": 1.0, "cycles": 2}),
-    _Plan("pressure", {"vacuum_pa": 20e3, "cycles": 3}),
-    _Plan("tensile", {"vacuum_pa": 50e3}),
-    _Plan("tensile", {"vacuum_pa": 0.0, "speed_m_s": 0.1}),
-    _Plan("drop", {"foot": "unjammed"}),
-    _Plan("drop", {"foot": "jammed"}),
-    _Plan("slip", {"foot": "unjammed", "speed_m_s": 0.02}),
+_BUILT = ("hang_pitch_deg", "reservoir_volume_m3", "sides")
+"""Options that say how the machine is built and what it can do: those of the recordings hold for the next one, too."""
+_ON_RIGS = (
+    RunSheet("pressure", {"jam_time_s": 4.0, "vent_time_s": 1.0, "cycles": 2}),
+    RunSheet("pressure", {"vacuum_pa": 20e3, "cycles": 3}),
+    RunSheet("tensile", {"vacuum_pa": 50e3}),
+    RunSheet("tensile", {"vacuum_pa": 0.0, "speed_m_s": 0.1}),
+    RunSheet("drop", {"foot": "unjammed"}),
+    RunSheet("drop", {"foot": "jammed"}),
+    RunSheet("slip", {"foot": "unjammed", "speed_m_s": 0.02}),
 )
 """Slow and fast, soft and jammed, in the air and on the ground: what parts most pairs of effects. Assumed."""
+_EXERCISES = (
+    RunSheet("cycle", {"vacuum_pa": 20e3}),
+    RunSheet("cycle", {"jam_time_s": 4.0, "vent_time_s": 2.0}),
+    RunSheet("press", {"vacuum_pa": 10e3}),
+    RunSheet("press", {"vacuum_pa": 40e3}),
+    RunSheet("press", {"way_time_s": 2.0}),
+    RunSheet("shake", {"vacuum_pa": 20e3}),
+    RunSheet("shake", {"amplitude_deg": 20.0, "to_hz": 4.0}),
+    RunSheet("tilt", {"vacuum_pa": 20e3}),
+)
+"""The same of what a robot does with its own means, apart from the defaults. Assumed."""
 
 
-def experiments() -> tuple[Experiment, ...]:
+def plans(rigs: Collection[str]) -> dict[str, RunSheet]:
+    """Return runs that could be made of a machine that was recorded on these rigs, by the command that makes them.
+
+    Where all of them are test rigs these are on offer, else exercises.
+    """
+    if set(rigs) <= {each.rig for each in _ON_RIGS}:
+        return {f"rig {each.rig} {_typed(each)}": each for each in _ON_RIGS}
+    return {f"exercise {each.rig} {_given(each)}": each for each in _EXERCISES}
+
+
+def experiments(recordings: Sequence[Recording]) -> tuple[Experiment, ...]:
     """Return the runs on offer; each is planned only when a diagnosis asks for it."""
-    return tuple(Experiment(each.command, each.recording) for each in _PLANS)
+    built = {name: value for each in recordings for name, value in each.inputs.options if name in _BUILT}
+    offered = plans({each.inputs.rig for each in recordings})
+    return tuple(Experiment(command, partial(_planned, sheet, built)) for command, sheet in offered.items())
+
+
+def _typed(sheet: RunSheet) -> str:
+    shown = {name: f"{value:g}" if isinstance(value, float) else value for name, value in sheet.options.items()}
+    return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in shown.items())
+
+
+def _given(sheet: RunSheet) -> str:
+    return " ".join(f"-p {name}:={value:g}" for name, value in sheet.options.items())
+
+
+def _planned(sheet: RunSheet, built: Mapping[str, Any]) -> Recording:
+    """Return the recording as it would be with nothing wrong."""
+    kind = rig_kind(sheet.rig)
+    known = {row.name for row in rows(kind.options)}
+    given = {name: value for name, value in built.items() if name in known}
+    options = from_mapping(kind.options, {**given, **sheet.options})
+    return recording_of_run(run_rig(sheet.rig, options, lambda _: None, lambda: False), sheet.rig)

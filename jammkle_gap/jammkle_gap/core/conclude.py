@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.design import next_experiment
-from jammkle_gap.core.detect import altogether, class_names, class_of, detect
+from jammkle_gap.core.design import DETECTABLE, next_experiment
+from jammkle_gap.core.detect import altogether, beyond_tolerance, class_names, class_of, detect
 from jammkle_gap.core.joint import detect_jointly
 from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
@@ -79,8 +78,6 @@ _Z90 = 1.645
 """Half of a 90 % interval, in standard deviations."""
 _AT_BOUND = 0.01
 """Share of a parameter's range from a bound within which it counts as at it."""
-_DETECTABLE = (stats.norm.ppf(0.99) + stats.norm.ppf(0.99)) ** 2
-"""Squared whitened length that is detected with 99 % power at 1 % false alarms along a known direction."""
 
 
 def candidate_of(
@@ -158,7 +155,7 @@ def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedE
             low, high = max(value - half[index], each.minimum), min(value + half[index], each.maximum)
             bound = min(value - each.minimum, each.maximum - value) < _AT_BOUND * span and value != each.null
             seen = float(np.linalg.norm(fit.jacobian[:, index]))
-            step = np.sqrt(_DETECTABLE) / seen if seen > 0.0 else np.nan
+            step = np.sqrt(DETECTABLE) / seen if seen > 0.0 else np.nan
             detectable = each.null + np.sign(value - each.null) * step
             inside = each.minimum <= detectable <= each.maximum
             parameters.append(
@@ -291,6 +288,11 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     if own is not None and posterior.best == NONE_OF_THEM:
         # Along effects a test sees what the constants were not fitted to quite; none of these is the better answer.
         detection = altogether(detection, constants)
+    elif own is not None:
+        alone, beside = (
+            [each.deviations for each in _constants(evidence, fit)] for fit in (None, fits[posterior.best])
+        )
+        detection = beyond_tolerance(detection, alone, beside, constants)
     verdict = _verdict(detection, posterior)
     # What no data can tell apart is one answer, with the probability of all its members.
     shared = by_class(posterior.probabilities, classes)
@@ -305,7 +307,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     following = None
     if verdict is Verdict.AMBIGUOUS and candidates.finished:
         chosen = [fits[names] for names in named]
-        following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine)
+        following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine, constants.blocks)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     nominal = difference.by_scatter([each.difference for each in evidence.residuals])
     where = nominal if verdict is not Verdict.UNKNOWN else difference.by_scatter(_left(evidence, _within(evidence)))

@@ -163,6 +163,41 @@ def altogether(detection: Detection, constants: Constants) -> Detection:
     return replace(detection, p_value=p_value, gap=gap, probability=probability, effect="")
 
 
+def beyond_tolerance(
+    detection: Detection, alone: Sequence[float], beside: Sequence[float], constants: Constants
+) -> Detection:
+    """Return the test with a third part: whether an effect takes over from constants beyond their tolerance.
+
+    What a constant explains that had to move too far is a gap, if with an effect in its place the machine is as drawn.
+    A tolerance is the standard deviation of a normal distribution; the largest of all counts (Sidak 1967, J. Am. Stat.
+    Assoc. 62:626), and the smallest of the three probabilities three times (Bonferroni).
+
+    Args:
+        detection: By what is left beside these constants.
+        alone: Deviations of every constant where none of the effects is there, in standard deviations.
+        beside: The same beside the effect.
+        constants: Rate of false alarms.
+
+    """
+    if _as_drawn(beside) < _DRAWN:
+        return detection
+    p_value = min(1.0, 3.0 * min(detection.explained, detection.unexplained, _as_drawn(alone)))
+    if p_value >= detection.p_value:
+        return detection
+    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
+    return replace(detection, p_value=p_value, gap=gap, probability=probability, effect="")
+
+
+_DRAWN = 0.05
+"""Probability of the largest deviation of all constants from which on a machine is as drawn. Chosen: by custom."""
+
+
+def _as_drawn(deviations: Sequence[float]) -> float:
+    """Return the probability that the largest deviation of a machine from its drawing is as large."""
+    largest = max(map(abs, deviations), default=0.0)
+    return -float(np.expm1(len(deviations) * np.log1p(-2.0 * stats.norm.sf(largest)))) if largest > 0.0 else 1.0
+
+
 def probability_of_gap(p_value: float, constants: Constants) -> float:
     """Return the probability of a gap with even odds beforehand.
 

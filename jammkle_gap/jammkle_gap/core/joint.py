@@ -59,6 +59,9 @@ _STEP = 0.2
 ridge with the masses of its links; with whole ones it stays a standard deviation beside the maximum."""
 _FAR = 0.5
 """Standard deviations that the constants move alone, from which on effects are looked for there as well."""
+_BEYOND = 2.5
+"""Standard deviations from nominal from which on a constant may stand for an effect. Chosen: one of 70 constants of a
+machine as drawn lies beyond."""
 _WORTH_GOING_ON = 4.0
 """What another step must take off the squared whitened residual, for the constants alone to be fitted on: two nats."""
 _NESTED = 2
@@ -306,10 +309,19 @@ def slopes_at(machine: Machine, difference: Difference, fit: Fit, signatures: Si
     return [slopes_in(k, machine, difference, fit, signatures) for k in range(len(machine.settings))]
 
 
+_CENTRAL, _FORWARD = (1.0, -1.0), (1.0, 0.0)
+"""Ends of a difference quotient, in steps."""
+
+
 def slopes_in(
-    k: int, machine: Machine, difference: Difference, fit: Fit, signatures: Signatures
+    k: int,
+    machine: Machine,
+    difference: Difference,
+    fit: Fit,
+    signatures: Signatures,
+    ends_at: tuple[float, float] = _CENTRAL,
 ) -> NDArray[np.float64]:
-    """Return the derivatives of one setting; see `slopes_at`."""
+    """Return the derivatives of one setting; see `slopes_at`. Forward differences take half of the runs."""
     parameters = machine.problem.library.parameters(fit.names)
     place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
     back = np.linalg.inv(machine.root) if len(place) else np.zeros((0, 0))
@@ -317,20 +329,21 @@ def slopes_in(
     found = np.hstack([known[:, :free], known[:, free:] @ back])
     moving = np.linalg.norm(difference.split(difference.shared)[k], axis=0) > _VISIBLE
     for i in np.flatnonzero(np.concatenate([np.ones(free, dtype=bool), moving])).tolist():
-        ends, width = [], 0.0
-        for sign in (1.0, -1.0):
+        ends, places = [], []
+        for sign in ends_at:
             values, moved = dict(fit.values), place.copy()
             if i < free:
                 key, each = parameters[i]
                 span = each.maximum - each.minimum
                 step = max(STEP_SHARE * abs(fit.values[key] - each.null), LEAST_STEP * span)
                 values[key] = float(np.clip(values[key] + sign * step, each.minimum, each.maximum))
-                width += sign * values[key]
+                places.append(values[key])
             else:
                 j = i - free
                 moved[j] = np.clip(moved[j] + sign * _STEP, least[j], most[j])
-                width += sign * moved[j]
+                places.append(float(moved[j]))
             ends.append((values, machine.values(moved)))
+        width = places[0] - places[1]
         if width == 0.0:
             continue
         after, before = (signatures.part(k, *end) for end in ends)
@@ -339,9 +352,16 @@ def slopes_in(
     return found
 
 
-def _slopes_and_runs(k: int, machine: Machine, difference: Difference, fit: Fit) -> tuple[NDArray[np.float64], Made]:
+def _slopes_and_runs(
+    k: int, machine: Machine, difference: Difference, fit: Fit, ends_at: tuple[float, float]
+) -> tuple[NDArray[np.float64], Made]:
     signatures = machine.signatures(difference)
-    return slopes_in(k, machine, difference, fit, signatures), signatures.made
+    return slopes_in(k, machine, difference, fit, signatures, ends_at), signatures.made
+
+
+def _affordable(machine: Machine, constants: Constants) -> bool:
+    """Return whether derivatives by all constants may be taken as often as they help."""
+    return len(machine.problem.constants) * len(machine.settings) <= constants.affordable_derivatives
 
 
 @dataclass(frozen=True)
@@ -392,10 +412,7 @@ def explain(
     error = Discrepancy(machine.settings, residuals, difference, constants)
     blank = _start((), {}, [np.zeros(each.size) for each in difference.settings])
     nothing, slopes = _constants_alone(machine, error, blank, runner, constants)
-    bases = [_Base(problem, grids, error.difference_with(blank), blank, None)]
-    if np.abs(nothing.scores).max(initial=0.0) > _FAR:
-        there = _about(machine, error.difference_with(nothing), nothing, slopes)
-        bases.append(_Base(problem, grids, there, nothing, slopes))
+    bases = _bases(machine, error, blank, nothing, slopes, grids)
     if provisional is not None:
         length = max(bases[0].length, 1.0)
         shares = [(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in bases[0].singles]
@@ -403,7 +420,7 @@ def explain(
 
     def fitted(starts: Sequence[tuple[_Base, Place]], what: str) -> tuple[list[Fit], bool]:
         work = [
-            (machine, error, _from(problem, place, base.fit), base.fit, constants, base.slopes)
+            (machine, error, _from(problem, place, base.fit), base.weighs, constants, base.slopes)
             for base, place in starts
         ]
         answers, finished = _until_stopped(runner, fit_beside_error, work, what)
@@ -433,14 +450,15 @@ def explain(
     pairs: list[Fit] = []
     gap = detect_jointly(machine, error, alone, noticed, constants).gap
     if finished and singles and gap:
+        about = bases[min(1, len(bases) - 1)]
         weighed = error.difference_with(singles[0])
         profiles = Profiles(grids_of(problem), grid_signatures(grids, weighed), weighed.whitened)
         first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
         places = sorted((place for fit in first for place in profiles.seconds(fit)), key=lambda place: -place.gain)
         most = constants.refined_pairs // 2
-        promising = [(bases[-1], place) for place in places[:most]]
-        names = [place.names[0] for place in bases[-1].singles[: constants.paired]]
-        promising += [(bases[-1], place) for place in bases[-1].profiles.pairs(names, most)]
+        promising = [(about, place) for place in places[:most]]
+        names = [place.names[0] for place in about.singles[: constants.paired]]
+        promising += [(about, place) for place in about.profiles.pairs(names, most)]
         pairs, finished = fitted(promising, "fitting pairs")
     within, own = nothing, {NONE_OF_THEM: 0.0}
     if finished:
@@ -506,7 +524,7 @@ def _constants_alone(
 ) -> tuple[Fit, list[NDArray[np.float64]]]:
     """Return the constants fitted alone, as well as they can be, and their derivatives there.
 
-    What they leave is what is asked about.
+    What they leave is what is asked about. Where derivatives are dear they are taken once, forward, and updated.
     """
     fit, made = fit_beside_error(machine, error, blank, blank, constants, None)
     runner.count([made])
@@ -514,11 +532,13 @@ def _constants_alone(
     if not fit.features:
         return blank, slopes
     steps = constants.calibration_steps if machine.problem.constants else 0
-    for whitened in (error.evenly_with, error.difference_with):
+    affordable = _affordable(machine, constants)
+    for turn, whitened in enumerate((error.evenly_with, error.difference_with)):
         for step in range(steps):
             difference = whitened(fit)
-            if step == 0:
-                work = [(k, machine, difference, fit) for k in range(len(machine.settings))]
+            if step == 0 and (affordable or turn == 0):
+                ends_at = _CENTRAL if affordable else _FORWARD
+                work = [(k, machine, difference, fit, ends_at) for k in range(len(machine.settings))]
                 answers = runner.map(_slopes_and_runs, work)
                 slopes = [each for each, _ in answers]
                 runner.count(made for _, made in answers)
@@ -559,27 +579,83 @@ class _Base:
         grids: GridFeatures,
         difference: Difference,
         fit: Fit,
+        weighs: Fit,
         slopes: Sequence[NDArray[np.float64]] | None,
     ) -> None:
-        self.fit, self.slopes = fit, slopes
+        """Look effects up on their grids.
+
+        Args:
+            problem: The library.
+            grids: What grid points make of the features.
+            difference: Whitened about this base.
+            fit: The constants that a candidate begins with.
+            weighs: Constants whose discrepancy weighs the features first.
+            slopes: Derivatives by the constants; None: those at the nominal machine.
+
+        """
+        self.fit, self.weighs, self.slopes = fit, weighs, slopes
         self.length = float(difference.whitened @ difference.whitened)
         self.profiles = Profiles(grids_of(problem), grid_signatures(grids, difference), difference.whitened)
         places = [self.profiles.single(name) for name in self.profiles.names]
         self.singles = sorted(places, key=lambda place: -place.gain)
 
 
-def _about(machine: Machine, whitens: Difference, nothing: Fit, slopes: Sequence[NDArray[np.float64]]) -> Difference:
+def _bases(
+    machine: Machine,
+    error: Discrepancy,
+    blank: Fit,
+    nothing: Fit,
+    slopes: Sequence[NDArray[np.float64]],
+    grids: GridFeatures,
+) -> list[_Base]:
+    """Return where effects are looked for: beside constants about nominal, about where they explain most, and between.
+
+    A worn pump is an effect, and constants of its curve as well. Beside constants that have taken an effect up it
+    explains nothing more: it is looked for with those that lie beyond their tolerance held at nominal.
+    """
+    problem = machine.problem
+    found = [_Base(problem, grids, error.difference_with(blank), blank, blank, None)]
+    away = np.abs(nothing.scores)
+    if away.max(initial=0.0) > _FAR:
+        weighed = error.difference_with(nothing)
+        there = _about(machine, weighed, nothing, slopes)
+        found.append(_Base(problem, grids, there, nothing, nothing, slopes))
+        beyond = away > _BEYOND
+        if beyond.any():
+            kept = replace(nothing, scores=np.where(beyond, 0.0, nothing.scores))
+            between = _about(machine, weighed, nothing, slopes, held=beyond)
+            found.append(_Base(problem, grids, between, kept, nothing, slopes))
+    return found
+
+
+def _about(
+    machine: Machine,
+    whitens: Difference,
+    nothing: Fit,
+    slopes: Sequence[NDArray[np.float64]],
+    held: NDArray[np.bool_] | None = None,
+) -> Difference:
     """Return the difference with constants that are linear about where they explain most alone.
 
     They keep their priors: a place to linearise at is no knowledge (as in an iterated Kalman filter; Bell and Cathey
     1993, IEEE Trans. Autom. Control 38:294).
+
+    Args:
+        machine: What is to be explained.
+        whitens: Weighs the features.
+        nothing: The constants alone.
+        slopes: Derivatives there.
+        held: Scores that are held at 0, shape (constants,); None: none.
+
     """
     columns = [each @ machine.root for each in slopes]
-    settings = tuple(replace(own, shared=each) for own, each in zip(whitens.settings, columns, strict=True))
     moved = [
         raw - part + (each - own.shared) @ nothing.scores
         for raw, part, own, each in zip(machine.raw, nothing.features, whitens.settings, columns, strict=True)
     ]
+    if held is not None:
+        columns = [np.where(held, 0.0, each) for each in columns]
+    settings = tuple(replace(own, shared=each) for own, each in zip(whitens.settings, columns, strict=True))
     found = replace(whitens, settings=settings, shared=whitens.by_scatter([each.T for each in columns]).T)
     return replace(found, whitened=found.whiten(moved))
 
@@ -643,11 +719,10 @@ def _weighed(
     known = {fit.names: fit for fit in fits}
     finished, own = True, scored(known)
     rounds = [(sharpen, most) for most in constants.sharpened] if machine.problem.constants else []
-    derivatives = len(machine.problem.constants) * len(machine.settings)
     doubtful = error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful
     if not gap:
         rounds = [(sharpen, 0)]  # no candidate will be named, and none needs derivatives of its own
-    elif doubtful and derivatives <= constants.affordable_derivatives:
+    elif doubtful and _affordable(machine, constants):
         rounds = [*((way, most) for way in (spread, sharpen) for most in constants.sharpened_in_doubt), *rounds]
     for function, most in rounds:
         if not finished:

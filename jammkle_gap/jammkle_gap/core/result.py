@@ -169,10 +169,12 @@ class NextExperiment:
     """What to record next, to split the credible set."""
 
     name: str
+    """The command that makes it, without `jammkle`."""
+    lasts_s: float
     signal: str
     """Where the two candidates that are hardest to tell apart differ most."""
     difference: float
-    """Root mean square between them there, in the sensor's noise."""
+    """Root mean square between them there, in the noise of the sensor and the accuracy of the simulator."""
     difference_physical: float
     unit: str
     sentence: str
@@ -310,6 +312,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         if following is None
         else {
             "name": following.name,
+            "lasts_s": _number(following.lasts_s),
             "signal": following.signal,
             "difference": _number(following.difference),
             "difference_physical": _number(following.difference_physical),

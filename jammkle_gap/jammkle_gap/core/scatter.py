@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.features import features_of, layout_of, measured
 from jammkle_gap.core.simulate import Task, UnrunnableError
 
@@ -221,7 +222,7 @@ def settings_of(
     """Group runs by their setting; those that name none are by themselves.
 
     Raises:
-        BadRecordingError: runs of a setting do not overlap, or have no signal in common.
+        BadRecordingError: runs of a setting do not overlap, have no signal in common, or are copies.
 
     """
     groups: dict[str, tuple[list[Recording], list[Recording]]] = {}
@@ -239,8 +240,19 @@ def settings_of(
             )
             for runs in (faulty, healthy)
         )
+        _refuse_copies([*faulty, *healthy], np.concatenate([first, second]))
         found.append(Setting(name, layout, tuple(faulty), tuple(healthy), first, second))
     return tuple(found)
+
+
+def _refuse_copies(runs: Sequence[Recording], features: NDArray[np.float64]) -> None:
+    known: dict[bytes, str] = {}
+    for run, row in zip(runs, features, strict=True):
+        other = known.setdefault(row.tobytes(), run.name)
+        if other != run.name:
+            msg = f"{run.name} is a copy of {other}: repeats show how much a machine scatters, and a copy shows nothing"
+            msg += "; leave it out, or give a run of its own"
+            raise BadRecordingError(msg)
 
 
 @dataclass(frozen=True)

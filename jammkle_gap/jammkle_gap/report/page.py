@@ -80,10 +80,10 @@ def page(diagnosis: Diagnosis, asked: Asked) -> str:
     source = importlib.resources.files(__package__).joinpath("page.html.j2").read_text(encoding="utf-8")
     picture = _overview(diagnosis)
     return environment.from_string(source).render(
-        title=f"{diagnosis.verdict.value.replace('_', ' ')}: {', '.join(asked.bags)}",
+        title=f"{words.VERDICTS[diagnosis.verdict].upper()}: {', '.join(asked.bags)}",
         asked=asked,
         # the verdict, and what a technician should check
-        verdict=diagnosis.verdict.value.replace("_", " "),
+        verdict=words.VERDICTS[diagnosis.verdict].upper(),
         waterfall=_waterfall(diagnosis) if diagnosis.ledger and math.isfinite(diagnosis.ledger[0].share) else "",
         tone=_TONES[diagnosis.verdict],
         finished=diagnosis.finished,

@@ -45,7 +45,7 @@ def show(diagnosis: Diagnosis, asked: Asked, page: Path) -> None:
     if not diagnosis.finished:
         say("STOPPED EARLY: not every effect was fitted, and a better one may be missing.")
     style = _STYLES[diagnosis.verdict]
-    console.print(f"[{style}]{diagnosis.verdict.value.replace('_', ' ')}[/{style}]")
+    console.print(f"[{style}]{words.VERDICTS[diagnosis.verdict].upper()}[/{style}]")
     say(words.headline(diagnosis))
     for answer in words.answers(diagnosis):
         say(f"{answer.question.lower()}: {answer.short}. {answer.more}", 2)

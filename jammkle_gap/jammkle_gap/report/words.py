@@ -34,6 +34,13 @@ PHASE_WORDS = {
     "other": "in the rest of the run",
     "whole run": "over the whole run",
 }
+VERDICTS = {
+    Verdict.NO_GAP: "no gap",
+    Verdict.EFFECTS: "named",
+    Verdict.AMBIGUOUS: "one of these",
+    Verdict.UNKNOWN: "something else",
+}
+"""What people read of a verdict; JSON has its own name."""
 NONE_OF_THEM = "none of the effects on offer"
 _MOST_IN_WORDS = 3
 """Explanations that are given by their sentences; more are given by their names."""

@@ -1,0 +1,132 @@
+"""`jammkle gap session`: exercise, diagnose, and record what separates the remaining candidates, until one is named.
+
+What was recorded stays in the folder, so that a session goes on where it was left: on a machine without a graph it says
+what to record next, and the next call takes it up.
+
+The design is adaptive, one run after the other, as in active model discrimination (Atkinson and Fedorov 1975,
+Biometrika 62:289); each step is chosen by `jammkle_gap.core.design`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import typer
+
+from jammkle_common.bags.run_sheet import RunSheet
+from jammkle_common.command import EXERCISE, provided
+from jammkle_common.command.errors import GraphError, InputError, StopRequest
+from jammkle_common.command.results import say
+from jammkle_gap.ankle.problem import plans
+from jammkle_gap.diagnosing import DiagnoseRequest, diagnose
+from jammkle_sim.rigs.catalogue import EXERCISES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from jammkle_gap.core.result import Diagnosis
+
+_BRINGS_EXERCISES = "jammkle_bringup"
+
+
+class _Record(Protocol):
+    """`jammkle_bringup.exercise.exercise`."""
+
+    def __call__(self, runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Callable[[], bool]) -> None:
+        """Do exercises on the live graph, and record each."""
+
+
+@dataclass(frozen=True)
+class SessionRequest:
+    """One call of `jammkle gap session`."""
+
+    folder: Path
+    """Holds a bag per run, and gets the page and the corrected simulator."""
+    namespace: str
+    """Normalised namespace of the ankle."""
+    further: int
+    """Most runs after the first exercises, 0 or more."""
+    json: Path | None
+    jobs: int | None
+
+
+def session(request: SessionRequest) -> Diagnosis:
+    """Exercise, diagnose and go on, until one cause is named or nothing on offer would separate what is left.
+
+    Raises:
+        InputError: the folder holds something that is no bag of this machine, or an option cannot be used.
+        GraphError: no robot is on the graph, and nothing is in the folder yet; or it refuses.
+        Interrupted: stopped before anything was known.
+
+    """
+    if request.further < 0:
+        msg = f"--further {request.further} must be 0 or more"
+        raise InputError(msg)
+    record: _Record = provided(EXERCISE, "record", _BRINGS_EXERCISES)
+    stop = StopRequest()
+    request.folder.mkdir(parents=True, exist_ok=True)
+    bags = _bags_in(request.folder)
+    there = {bag.name for bag in bags}
+    missing = {request.folder / name: RunSheet(name, {}) for name in EXERCISES if name not in there}
+    if missing:
+        say(f"first, the exercises {', '.join(each.rig for each in missing.values())}")
+        record(missing, request.namespace, stop)
+    done = 0
+    while True:
+        diagnosis = _diagnosed(request, _bags_in(request.folder))
+        following = diagnosis.next_experiment
+        if following is None or not diagnosis.finished:
+            say(_why_it_ends(diagnosis))
+            return diagnosis
+        if done == request.further:
+            say(f"{done} further runs were made, as many as --further allows; `jammkle {following.name}` would be next")
+            return diagnosis
+        sheet = plans(EXERCISES)[following.name]
+        say(f"next: jammkle {following.name}, {following.lasts_s:.0f} s: there, {following.sentence}")
+        if not _may_go_on(request, stop):
+            return diagnosis
+        record({_free(request.folder, sheet.rig): sheet}, request.namespace, stop)
+        done += 1
+
+
+def _bags_in(folder: Path) -> list[Path]:
+    """Return the bags of a session, in the order of their names."""
+    return sorted(each for each in folder.iterdir() if (each / "metadata.yaml").is_file())
+
+
+def _free(folder: Path, name: str) -> Path:
+    """Return the next name of a bag that is not taken."""
+    number = 2
+    while (folder / f"{name}_{number}").exists():
+        number += 1
+    return folder / f"{name}_{number}"
+
+
+def _diagnosed(request: SessionRequest, bags: list[Path]) -> Diagnosis:
+    namespace = None if request.namespace == "/" else request.namespace
+    return diagnose(
+        DiagnoseRequest(bags, (), None, namespace, None, request.folder, request.json, request.jobs, scheduler=None)
+    )
+
+
+def _may_go_on(request: SessionRequest, stop: StopRequest) -> bool:
+    """Return whether the next run may be made: a simulated robot moves by itself, a real one when a person says so."""
+    try:
+        simulated: bool = provided(EXERCISE, "is_simulated", _BRINGS_EXERCISES)(request.namespace, stop)
+    except GraphError as error:
+        say(f"{error}; start the robot, and call the session again: it goes on from {request.folder}")
+        return False
+    if simulated:
+        return True
+    return typer.confirm("The robot moves again. Is it ready, and nobody near it?", err=True)
+
+
+def _why_it_ends(diagnosis: Diagnosis) -> str:
+    """Return why nothing more is recorded."""
+    if not diagnosis.finished:
+        return "stopped: call the session again to go on"
+    if len([each for each in diagnosis.candidates if each.names]) > 1:
+        return "no exercise on offer would separate what is left: look at each of them"
+    return "nothing is left to separate"
