@@ -116,7 +116,7 @@ class Scene:
         return self.line("driver: link")
 
     def know_atmosphere(self) -> None:
-        """Wait until vented channels have told the atmosphere, before which faults are found by time-outs alone."""
+        """Wait until vented channels have shown the atmosphere, before which faults are found by time-outs alone."""
 
         def known() -> bool:
             values = {each.key: each.value for each in self.line("driver: atmosphere").values}
@@ -199,7 +199,7 @@ class Scene:
 
     def wait_for_fault(self, fault: int) -> None:
         """Wait until a channel is in FAULT for this reason."""
-        self.probe.spin_until(lambda: fault in self.faults(), f"fault {fault} is told")
+        self.probe.spin_until(lambda: fault in self.faults(), f"fault {fault} is reported")
 
     def faults(self) -> set[int]:
         """Return what the channels report as their faults."""

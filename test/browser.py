@@ -56,9 +56,9 @@ class Browser:
         self._process = subprocess.Popen(
             [*nice, path, *options, "about:blank"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
-        told = self._folder / "DevToolsActivePort"
-        wait_until(lambda: told.is_file() and "\n" in told.read_text(), "Chromium listens")
-        port = told.read_text().split("\n")[0]
+        port_file = self._folder / "DevToolsActivePort"
+        wait_until(lambda: port_file.is_file() and "\n" in port_file.read_text(), "Chromium listens")
+        port = port_file.read_text().split("\n")[0]
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
             pages = [page for page in json.load(answer) if page["type"] == "page"]
         self._line = connect(pages[0]["webSocketDebuggerUrl"], max_size=None)

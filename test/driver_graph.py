@@ -1,4 +1,4 @@
-"""A driver's node in the test's own process, on real DDS, with a node that hears what it says, and a fake ankle."""
+"""A driver's node in the test's own process, on real DDS, with a node that subscribes to it, and a fake ankle."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Onlooker:
         node.create_subscription(Float32, names.PUMP_DUTY.name, self._on_duty, subscriber_qos(names.PUMP_DUTY))
 
     def watch_states(self) -> None:
-        """Hear jam_state and /diagnostics from now on."""
+        """Receive jam_state and /diagnostics from now on."""
         qos = subscriber_qos(names.JAM_STATE)
         self.node.create_subscription(JamState, names.JAM_STATE.name, self.states.append, qos)
         topic = names.DIAGNOSTICS

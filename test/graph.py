@@ -59,7 +59,7 @@ def messages_of(bag: Path, topic: str) -> list[Any]:
 
 
 class Probe:
-    """A node in the test process, in a context of its own, that hears every topic of one namespace."""
+    """A node in the test process, in a context of its own, that subscribes to every topic of one namespace."""
 
     def __init__(self, domain_id: int, namespace: str = "") -> None:
         self.context = rclpy.Context()

@@ -57,7 +57,7 @@ def bench(command: list[str], tmp_path: Path) -> Iterator[BoardBench]:
 
 
 class Raw:
-    """A client that says exactly the bytes it is told."""
+    """A client that says exactly the bytes it is given."""
 
     def __init__(self, port: Path) -> None:
         self.port = serial.Serial(str(port), 115200, timeout=0.5)
@@ -263,7 +263,7 @@ def test_no_nonsense_on_the_line_drives_anything(
 ) -> None:
     """Of a jammed board nonsense changes no output, and does not keep it jammed: it is off once its watchdog expires.
 
-    Then it stays off whatever it hears, and answers the next good request.
+    Then it stays off whatever it receives, and answers the next good request.
     """
     client.acknowledge()
     began = len(bench.edges)

@@ -66,7 +66,7 @@ def make_scene(command: list[str], tmp_path: Path, domain_id: int) -> Iterator[C
 def test_a_jam_goes_all_the_way_and_every_mishap_ends_in_the_safe_state(make_scene: Callable[..., Scene]) -> None:
     """A service jams to the measured vacuum; whatever befalls driver, controller, line or board vents; the next jams.
 
-    The reason of a FAULT is told. Within what time is measured by `make bench`, and printed here.
+    The reason of a FAULT is reported. Within what time is measured by `make bench`, and printed here.
     """
     scene = make_scene()
     for name, event in EVENTS.items():
@@ -106,7 +106,9 @@ def test_stale_commands_vent_later_than_a_pulled_cable(make_scene: Callable[...,
     scene = make_scene()
     for _ in range(5):  # a machine so busy that the board lets go first is not what is measured here
         stale_s = scene.delay_s(scene.stream_jam(), all_off)
-        scene.probe.spin_until(lambda: bool(scene.faults() & {Fault.COMMANDS_STALE, Fault.BOARD_LET_GO}), "it is told")
+        scene.probe.spin_until(
+            lambda: bool(scene.faults() & {Fault.COMMANDS_STALE, Fault.BOARD_LET_GO}), "it is reported"
+        )
         if scene.faults() == {Fault.COMMANDS_STALE}:
             break
     else:
@@ -212,7 +214,7 @@ def test_the_link_is_told_on_diagnostics(make_scene: Callable[..., Scene]) -> No
 def test_a_node_that_hangs_lets_go_of_a_bought_board(
     make_scene: Callable[..., Scene], tmp_path: Path, safe_state: str, safe: Callable[[int, float], bool]
 ) -> None:
-    """The link lets go, as the board's watchdog waits longer than the node hangs; it is told, and the next jam jams."""
+    """The link lets go, as its watchdog waits longer than the node hangs; it is reported, and the next jam jams."""
     (tmp_path / "bought.yaml").write_text(OTHER_FIRMWARE)
     scene = make_scene(board_file=str(tmp_path / "bought.yaml"), safe_state=safe_state)
     scene.jam()
@@ -247,8 +249,8 @@ def test_gauges_count_from_the_atmosphere_that_is_declared_now(
         [sys.executable, "-m", "jammkle_driver", "--ros-args", *words], env=environment(domain_id)
     )
 
-    def told(declared_pa: float) -> list[DiagnosticStatus]:
-        """Return each row on the atmosphere that names this parameter, once channels have told it."""
+    def rows(declared_pa: float) -> list[DiagnosticStatus]:
+        """Return each row on the atmosphere that names this parameter, once channels have shown it."""
         rows = [
             status
             for message in probe.received[DIAGNOSTICS.name]
@@ -262,8 +264,8 @@ def test_gauges_count_from_the_atmosphere_that_is_declared_now(
         for declared_pa in (STANDARD_ATMOSPHERE_PA, 95e3):
             parameter = Parameter("ambient_pressure_pa", value=declared_pa).to_parameter_msg()
             assert probe.call(SET_PARAMETERS, parameters=[parameter]).results[0].successful
-            probe.spin_until(lambda now_pa=declared_pa: len(told(now_pa)) > 1, "the atmosphere is told")
-            assert {row.level for row in told(declared_pa)} == {DiagnosticStatus.OK}
+            probe.spin_until(lambda now_pa=declared_pa: len(rows(now_pa)) > 1, "the atmosphere is reported")
+            assert {row.level for row in rows(declared_pa)} == {DiagnosticStatus.OK}
             for topic in PRESSURES.values():
                 assert probe.last(topic).fluid_pressure == pytest.approx(declared_pa)
     finally:

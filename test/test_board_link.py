@@ -81,7 +81,7 @@ def test_the_rate_is_what_the_file_says(bench: BoardBench, tmp_path: Path) -> No
 
 
 def test_a_driver_that_does_not_tick_looks_dead(bench: BoardBench, host: Host) -> None:
-    """A command that is not repeated is not passed on: the board's watchdog ends it, and what it latched is told."""
+    """A command that is not repeated is not passed on: the watchdog ends it, and what it latched is reported."""
     host.jam(bench)
     last_s = time.monotonic()
     wait_until(lambda: bench.released)

@@ -51,11 +51,11 @@ def test_controller_and_driver_share_a_process(
     probe.wait_until_up()
     assert probe.call(SET_AUTO, data=False).success
     assert probe.call(JAM, vacuum_pa=40e3).success
-    told = (PUMP_DUTY, *SOLENOIDS.values())
-    probe.spin_until(lambda: all(probe.last(topic) and probe.last(topic).data for topic in told), "it jams")
+    commanded = (PUMP_DUTY, *SOLENOIDS.values())
+    probe.spin_until(lambda: all(probe.last(topic) and probe.last(topic).data for topic in commanded), "it jams")
     process.terminate()
     assert process.wait(30.0) == 0
-    probe.spin_until(lambda: not any(probe.last(topic).data for topic in told), "pump and solenoids are let go")
+    probe.spin_until(lambda: not any(probe.last(topic).data for topic in commanded), "pump and solenoids are let go")
 
 
 def test_two_ankles_share_a_process(

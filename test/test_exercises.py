@@ -87,7 +87,7 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
     start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
 ) -> None:
     """Its own joints move the shank, its driver the valves; bags are whole, and what they hold is simulated again."""
-    start("up", "--robot", "leg", "-p", "sim:behaviour:=hang", "-p", "sim:drop_height_m:=0.01")
+    start("up", "--robot", "leg", "--speed", "0", "-p", "sim:behaviour:=hang", "-p", "sim:drop_height_m:=0.01")
     probe = make_probe()
     probe.listen(JAM_STATE)
     probe.wait_until_up()

@@ -50,7 +50,7 @@ class Witness:
         self.probe.spin_until(holds, what)
         self.seen_s[what] = time.monotonic() - since_s
 
-    def hear_each_other(self) -> bool:
+    def see_each_other(self) -> bool:
         names = ("controller", "driver", "sim")
         lines = [self.line(f"/{name}: nodes") for name in names]
         return all(line is not None and all(name in line.message for name in names) for line in lines)
@@ -118,7 +118,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     processes.start("controller", "use_sim_time:=true")
     processes.start("driver", "use_sim_time:=true")
     processes.start("sim", "start_paused:=true")
-    probe.spin_until(witness.hear_each_other, "the nodes hear each other")
+    probe.spin_until(witness.see_each_other, "the nodes see each other")
     assert probe.call(SET_PAUSED, data=False).success
     witness.until("standing, jammed", time.monotonic(), witness.jammed)
 
@@ -143,11 +143,11 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     witness.until("driver goes on: jammed again", woken_s, lambda: witness.energised() and witness.jammed())
     assert ChannelJamState.FAULT not in probe.channel_states().values()
 
-    # The controller dies: vented, told, and taken up again where the robot stands.
+    # The controller dies: vented, reported, and taken up again where the robot stands.
     dead_s = processes.send("controller", signal.SIGKILL)
     stale = {Fault.COMMANDS_STALE}
     witness.until("controller killed: released", dead_s, witness.released_in_silence)
-    witness.until("controller killed: told", dead_s, lambda: witness.missed("driver", "controller"))
+    witness.until("controller killed: reported", dead_s, lambda: witness.missed("driver", "controller"))
     processes.start("controller", "use_sim_time:=true")
     witness.until("controller again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
 
@@ -170,14 +170,14 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     # The driver dies: the board lets go; a new driver follows the controller that is there.
     dead_s = processes.send("driver", signal.SIGKILL)
     witness.until("driver killed: released", dead_s, witness.let_go)
-    witness.until("driver killed: told", dead_s, lambda: witness.missed("sim", "driver"))
+    witness.until("driver killed: reported", dead_s, lambda: witness.missed("sim", "driver"))
     assert "released" in witness.line("/sim: commands").message
     processes.start("driver", "use_sim_time:=true")
     witness.until("driver again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
 
     # An emergency stop latches until it is cleared.
     stop = probe.publisher(EMERGENCY_STOP)
-    probe.spin_until(lambda: stop.get_subscription_count() > 0, "the driver hears emergency_stop")
+    probe.spin_until(lambda: stop.get_subscription_count() > 0, "the driver receives emergency_stop")
     stop.publish(Bool(data=True))
     stopped_s = time.monotonic()
     witness.until(
@@ -192,7 +192,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
 
     # The simulation stands still, and time with it: that is reported, and nothing has happened to the ankle.
     stood_s = processes.send("sim", signal.SIGSTOP)
-    witness.until("sim stopped: told", stood_s, lambda: witness.clock_missed("driver"))
+    witness.until("sim stopped: reported", stood_s, lambda: witness.clock_missed("driver"))
     processes.send("sim", signal.SIGCONT)
     probe.spin_until(lambda: not witness.clock_missed("driver"), "the clock ticks again")
     assert ChannelJamState.FAULT not in probe.channel_states().values()
@@ -211,12 +211,12 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     probe.received[DIAGNOSTICS.name].clear()
     probe.spin_until(
         lambda: (line := witness.line("/driver: nodes")) is not None and "sim" in line.message,
-        "the driver hears the simulation",
+        "the driver receives the simulation's",
     )
 
     # The simulation dies: there is no ankle any more.
     dead_s = processes.send("sim", signal.SIGKILL)
-    witness.until("sim killed: told", dead_s, lambda: witness.clock_missed("driver"))
+    witness.until("sim killed: reported", dead_s, lambda: witness.clock_missed("driver"))
 
     # Stopped in order, nobody is missed.
     ended_s = processes.send("controller", signal.SIGTERM)

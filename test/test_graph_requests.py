@@ -46,14 +46,14 @@ def test_status_lists_every_node_every_time(graph: tuple[Up, Probe], begin: Call
     _, probe = graph
     probe.listen(DIAGNOSTICS)
     probe.spin_until(lambda: len({node_of(line) for line in lines_of(probe)}) == 3, "every node reports")
-    told = {line for line in lines_of(probe) if "nodes" not in line}
+    reported = {line for line in lines_of(probe) if "nodes" not in line}
     files = [tmp_path / f"{number}.json" for number in range(STATUS_CALLS)]
     for call in [begin("status", "--json", str(file)) for file in files]:
         assert call.wait() == 0
     for file in files:
         listed = {line["name"] for line in json.loads(file.read_text())["health"]}
         assert {node_of(line) for line in listed} == {"/controller", "/driver", "/sim"}
-        assert told <= listed
+        assert reported <= listed
 
 
 def lines_of(probe: Probe) -> set[str]:

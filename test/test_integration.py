@@ -95,8 +95,8 @@ def example(name: str) -> Any:
     return module
 
 
-def names_told(robot: str) -> list[str]:
-    """What a real controller manager told on introspection_data/names about our description of a robot."""
+def names_published(robot: str) -> list[str]:
+    """What a real controller manager published on introspection_data/names about our description of a robot."""
     return list(yaml.safe_load(TOLD_BY_CONTROLLER_MANAGER.read_text())[robot])
 
 
@@ -140,7 +140,9 @@ def test_the_controller_hears_an_imu_of_another_name(
     run("-m", "jammkle_controller", *IN_NAMESPACE, "-r", "imu/data:=/trunk/imu")
     foot = run(EXAMPLES / "foot_contact.py", *IN_NAMESPACE)
     probe = make_probe(NAMESPACE)
-    probe.spin_until(lambda: probe.node.count_subscribers("/trunk/imu") == 1, "the controller hears the trunk's IMU")
+    probe.spin_until(
+        lambda: probe.node.count_subscribers("/trunk/imu") == 1, "the controller subscribes to the trunk's IMU"
+    )
     assert probe.node.count_subscribers(f"{NAMESPACE}/imu/data") == 0
     events = probe.publisher(CONTACT_EVENTS)
     probe.spin_until(lambda: events.get_subscription_count() > 0, "the events are received")
@@ -187,16 +189,16 @@ def test_the_load_on_a_foot_is_estimated(run: Callable[..., Any], make_probe: Ca
     sample.header.frame_id = "trunk"
     sample.linear_acceleration.x, sample.linear_acceleration.z = 1.0, 10.0
 
-    def told() -> list[tuple[float, float]]:
+    def loads() -> list[tuple[float, float]]:
         imu.publish(sample)
         forces = [each[-1].wrench.force for each in received.values() if each]
         return [(force.x, force.z) for force in forces]
 
     for left, right, expected in ((True, True, [(2.0, 20.0), (2.0, 20.0)]), (False, True, [(0.0, 0.0), (4.0, 40.0)])):
-        assert told() != expected
+        assert loads() != expected
         for foot, stands in (("left", left), ("right", right)):
             contacts[foot].publish(Bool(data=stands))
-        probe.spin_until(lambda expected=expected: told() == expected, f"the loads are {expected}")
+        probe.spin_until(lambda expected=expected: loads() == expected, f"the loads are {expected}")
     assert received["right"][-1].header.frame_id == "trunk"
 
 
@@ -229,11 +231,11 @@ def test_examples_in_cpp_fit_the_messages(example: str) -> None:
 def test_commands_of_ros2_control_are_those_of_the_driver() -> None:
     """What controllers have set becomes a jam_command for each ankle, what nobody has set does not; states go back."""
     bridge = example("gpio_bridge")
-    told = names_told("quadruped")
-    values = [math.nan] * len(told)
-    values[told.index("command_interface.lf_ankle_achilles/vacuum")] = 40e3
-    values[told.index("command_interface.rh_ankle_peroneal_left/vacuum")] = 0.0
-    wanted = bridge.wishes(told, values)
+    known = names_published("quadruped")
+    values = [math.nan] * len(known)
+    values[known.index("command_interface.lf_ankle_achilles/vacuum")] = 40e3
+    values[known.index("command_interface.rh_ankle_peroneal_left/vacuum")] = 0.0
+    wanted = bridge.set_points(known, values)
     assert wanted == {"lf_ankle_achilles": 40e3, "rh_ankle_peroneal_left": 0.0}
     sent = {
         ankle: [
@@ -250,18 +252,18 @@ def test_commands_of_ros2_control_are_those_of_the_driver() -> None:
     )
     states = {name: value for ankle in QUADRUPED_ANKLES for name, value in bridge.states(ankle, report).items()}
     joints = ("/position", "/velocity")
-    assert set(states) == {name for name in told if name.startswith("state_interface.") and not name.endswith(joints)}
+    assert set(states) == {name for name in known if name.startswith("state_interface.") and not name.endswith(joints)}
     assert {value for name, value in states.items() if name.endswith("/vacuum")} == {4e4}
     assert {value for name, value in states.items() if name.endswith("/state")} == {float(ChannelJamState.JAMMED)}
     with pytest.raises(ValueError, match="zip"):
-        bridge.wishes(told, values[1:])
+        bridge.set_points(known, values[1:])
 
 
 @pytest.mark.parametrize("robot", ["ankle", "quadruped"])
 def test_a_controller_manager_finds_what_description_and_controllers_name(
     robot: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The interfaces of the URDF are those that a real one told of; the controllers' file commands every channel."""
+    """The interfaces of the URDF are those that a real one publishes; the controllers' file commands every channel."""
     assert main(["robot", robot, "--urdf"]) == 0
     control = list(ET.fromstring(capsys.readouterr().out).iterfind("ros2_control"))  # noqa: S314 - our own text
     found = {
@@ -270,8 +272,8 @@ def test_a_controller_manager_finds_what_description_and_controllers_name(
         for part in (*system.iterfind("joint"), *system.iterfind("gpio"))
         for interface in part
     }
-    told = names_told(robot)
-    assert found == {name for name in told if not name.endswith(".is_limited")}
+    known = names_published(robot)
+    assert found == {name for name in known if not name.endswith(".is_limited")}
     controllers = yaml.safe_load((CONFIG / f"{robot}.ros2_control.yaml").read_text())
     gpio = controllers["/**/gpio_controller"]["ros__parameters"]
     commanded = {

@@ -195,11 +195,18 @@ def test_a_node_of_ones_own_takes_part_in_ten_lines(
     guest = probe.node.create_publisher(Header, LOCKSTEP.name, answer_qos())
     probe.spin_until(lambda: guest.get_subscription_count() > 0, "it is listened to")
 
-    def nonsense() -> bool:
-        guest.publish(Header(frame_id="/guest", stamp=Time(sec=1_000_000)))
-        return "/guest says it is done with 1000000.0000 s" in reports(probe)
+    now = probe.last(CLOCK).clock
+    for stamp, told in (
+        (Time(sec=1_000_000), "/guest says it is done with 1000000.0000 s"),
+        (Time(), "/guest keeps saying that it is done with 0.0000 s"),
+        (now, "/guest answers twice: two nodes have that name"),
+    ):
 
-    probe.spin_until(nonsense, "it is reported")
+        def nonsense(stamp: Time = stamp, told: str = told) -> bool:
+            guest.publish(Header(frame_id="/guest", stamp=stamp))
+            return told in reports(probe)
+
+        probe.spin_until(nonsense, told)
     before_s = simulated_s(probe)
     go_on(probe, 1)
     assert simulated_s(probe) > before_s

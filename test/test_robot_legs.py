@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from jammkle_common.command.main import main
+from jammkle_controller.core.events import ContactKind
 from jammkle_controller.core.robot_description import leg_of
 from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.recordings import read_bag, replay
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot
@@ -17,6 +21,9 @@ from jammkle_sim.robots.limb import LimbParameters, stance_back_m
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_sim.robots.quadruped import CORNERS, QuadrupedParameters
 from jammkle_sim.robots.urdf import robot_urdf
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @pytest.mark.parametrize(("kind", "ankle"), [("leg", "ankle"), *(("quadruped", corner.ankle) for corner in CORNERS)])
@@ -47,3 +54,16 @@ def test_the_leg_is_that_of_the_model(kind: str, ankle: str) -> None:
     way_m = data.xmat[shank].reshape(3, 3).T @ (data.subtree_com[shank] - data.xpos[shank])
     assert leg.shank_centre_m == pytest.approx(-way_m[2], abs=1e-6)
     assert np.abs(way_m[:2]).max() < 0.02  # the ankle leans: what the model of a rod leaves out
+
+
+def test_a_walk_is_not_full_of_slips(tmp_path: Path) -> None:
+    """On ground that grips, feet on giving ankles slide by millimetres as they step: no slip after the first steps."""
+    walk = ["robot", "quadruped", "--behaviour", "walk", "--duration-s", "4", "--imu-rate-hz", "500"]
+    assert main([*walk, "--vacuum-kpa", "20", "-o", str(tmp_path / "walk")]) == 0
+    parameters = ControllerParameters(imu_mount="shank", hang_pitch_deg=RobotOptions().hang_pitch_deg)
+    for corner in CORNERS:
+        recording = read_bag(tmp_path / "walk", "", f"/{corner.ankle}", parameters)
+        made = replay(recording.received, parameters, recording.leg)
+        times_s = {kind: [each.time_ns * 1e-9 for each in made.events if each.kind is kind] for kind in ContactKind}
+        assert len(times_s[ContactKind.LIFTOFF]) >= 4
+        assert [each for each in times_s[ContactKind.SLIP] if each > times_s[ContactKind.LIFTOFF][1]] == []

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 ACHILLES_BIT = 4
 """Place of the channel among the solenoids of the shipped wiring, at the pins."""
+ALL_BITS = 7
 FIRST, *OTHERS = QUADRUPED_ANKLES
 
 
@@ -42,7 +43,10 @@ def look_on(make_probe: Callable[..., Probe]) -> dict[str, Probe]:
 def test_each_ankle_has_its_own_board(
     command: list[str], start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
 ) -> None:
-    """One channel of one ankle is one pin of one board; all are jammed by one command; the end vents every board."""
+    """One channel of one ankle is one pin of one board; all are jammed by one command; the end vents every board.
+
+    A board lets go of a driver that a busy machine keeps waiting, and is jammed again; none of that is a fault.
+    """
     sections = [f"/{ankle}/driver: {{ros__parameters: {{port: {tmp_path / ankle}}}}}\n" for ankle in QUADRUPED_ANKLES]
     sections.append("/**/controller: {ros__parameters: {auto_at_start: false}}\n")
     (tmp_path / "ports.yaml").write_text("".join(sections))
@@ -55,13 +59,22 @@ def test_each_ankle_has_its_own_board(
         up = start("up", "--robot", "quadruped", *hardware)
         probes = look_on(make_probe)
         assert start("jam", ACHILLES, "--namespace", FIRST).wait() == 0
-        probes[FIRST].wait_for_channels(ChannelJamState.JAMMED, ACHILLES)
-        assert pins(boards[FIRST]) == ACHILLES_BIT
+        probes[FIRST].spin_jammed_until(
+            lambda: (
+                probes[FIRST].channel_states().get(ACHILLES) == ChannelJamState.JAMMED
+                and pins(boards[FIRST]) == ACHILLES_BIT
+            ),
+            f"{ACHILLES} is jammed",
+            ACHILLES,
+        )
         assert [pins(boards[ankle]) for ankle in OTHERS] == [0, 0, 0]
         assert start("jam").wait() == 0
-        for probe in probes.values():
-            probe.wait_until_jammed()
-        assert [pins(board) for board in boards.values()] == [7, 7, 7, 7]
+        for ankle, probe in probes.items():
+            probe.wait_until_jammed(lambda board=boards[ankle]: pins(board) == ALL_BITS)
+        reported = [
+            channel for probe in probes.values() for said in probe.received[JAM_STATE.name] for channel in said.channels
+        ]
+        assert {channel.state for channel in reported} & {ChannelJamState.FAULT} == set()
         assert up.stop() == 0, up.text()
         probes[FIRST].spin_until(lambda: not any(pins(board) for board in boards.values()), "every board has let go")
 

@@ -158,11 +158,8 @@ class Shell:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
-    [
-        pytest.param(path, id=path.name, marks=pytest.mark.xdist_group(f"page {path.name}"))
-        for path in DOCUMENTS
-        if any(map(runs, blocks_of(path)))
-    ],
+    [path for path in DOCUMENTS if any(map(runs, blocks_of(path)))],
+    ids=lambda path: path.name,
 )
 def test_the_examples_of_a_page_run(
     path: Path, folder: Path, landing: Path, domain_id: int, monkeypatch: pytest.MonkeyPatch

@@ -25,13 +25,13 @@ class FootContact(Node):
     """Publishes what the latest event says of the foot; nothing before the first."""
 
     def __init__(self):
-        """Hear events, and latch what they mean."""
+        """Follow events, and latch what they mean."""
         super().__init__("foot_contact")
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.contact = self.create_publisher(Bool, "contact", latched)
-        self.create_subscription(ContactEvent, "contact_events", self.hear, 100)
+        self.create_subscription(ContactEvent, "contact_events", self.update, 100)
 
-    def hear(self, event):
+    def update(self, event):
         """Publish where an event says something of contact."""
         if event.type in CONTACT:
             self.contact.publish(Bool(data=CONTACT[event.type]))

@@ -34,7 +34,7 @@ class FootLoad(Node):
     """Publishes an estimate with every sample of the IMU, once the contact of every foot is known."""
 
     def __init__(self):
-        """Hear the IMU and the contact of each foot; ParameterError without a mass."""
+        """Follow the IMU and the contact of each foot; ParameterError without a mass."""
         super().__init__("foot_load")
         self.mass_kg = self.declare_parameter("mass_kg", 0.0).value
         if not self.mass_kg > 0.0:
@@ -46,12 +46,14 @@ class FootLoad(Node):
         for ankle in self.ankles:
             prefix = f"{ankle}/" if ankle else ""
             self.publishers_of[ankle] = self.create_publisher(WrenchStamped, f"{prefix}foot_load", 10)
-            self.create_subscription(Bool, f"{prefix}contact", lambda told, foot=ankle: self.stand(foot, told), latched)
+            self.create_subscription(
+                Bool, f"{prefix}contact", lambda known, foot=ankle: self.stand(foot, known), latched
+            )
         self.create_subscription(Imu, "imu/data", self.feel, qos_profile_sensor_data)
 
-    def stand(self, foot, told):
+    def stand(self, foot, known):
         """Keep whether a foot is on the ground."""
-        self.standing[foot] = told.data
+        self.standing[foot] = known.data
 
     def feel(self, sample):
         """Publish the estimates of one sample; no torque, as it is about where the foot presses, wherever that is."""

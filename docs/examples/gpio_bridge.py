@@ -5,9 +5,9 @@ python gpio_bridge.py --ros-args -p component:=quadruped_air -p ankles:="[lf_ank
 
 Runs in the namespace of the controller manager. Commands: the interfaces `vacuum` (Pa below ambient; 0 unjams) that the
 controller manager tells on `controller_manager/introspection_data`, whichever controller has set them. States: what
-`cm_topic_hardware_component/CMTopicSystem` hears, per channel `vacuum` (measured, Pa) and `state`
+`cm_topic_hardware_component/CMTopicSystem` reads, per channel `vacuum` (measured, Pa) and `state`
 (jammkle_msgs/ChannelJamState). Needs pal_statistics_msgs, which ros2_control brings along. Do not run the project's own
-controller beside it: both would wish.
+controller beside it: both would command.
 """
 
 import math
@@ -22,7 +22,7 @@ from jammkle_common.runner import run
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand, JamState
 
 VACUUM, STATE = "vacuum", "state"
-COMMAND, TOLD = "command_interface.", "state_interface."
+COMMAND_INTERFACE, STATE_INTERFACE = "command_interface.", "state_interface."
 PERIOD_S = 0.05
 """Well below the driver's command_timeout_s: a command of ros2_control stands until the next, ours go stale."""
 SILENT_S = 2.5
@@ -36,22 +36,22 @@ def gpio(ankle, channel):
     return f"{ankle}_{channel}" if ankle else channel
 
 
-def wishes(names, values):
-    """Return the vacuum wanted, Pa, by GPIO; what nobody has set yet is NaN, and no wish."""
+def set_points(names, values):
+    """Return the vacuum wanted, Pa, by GPIO; what nobody has set yet is NaN, and no set point."""
     return {
-        name.removeprefix(COMMAND).removesuffix(f"/{VACUUM}"): value
+        name.removeprefix(COMMAND_INTERFACE).removesuffix(f"/{VACUUM}"): value
         for name, value in zip(names, values, strict=True)
-        if name.startswith(COMMAND) and name.endswith(f"/{VACUUM}") and not math.isnan(value)
+        if name.startswith(COMMAND_INTERFACE) and name.endswith(f"/{VACUUM}") and not math.isnan(value)
     }
 
 
 def states(ankle, report):
     """Return the value of each state interface of an ankle by its full name, from a JamState."""
-    told = {}
+    states_now = {}
     for each in report.channels:
-        name = TOLD + gpio(ankle, each.channel)
-        told[f"{name}/{VACUUM}"], told[f"{name}/{STATE}"] = each.measured_vacuum_pa, float(each.state)
-    return told
+        name = STATE_INTERFACE + gpio(ankle, each.channel)
+        states_now[f"{name}/{VACUUM}"], states_now[f"{name}/{STATE}"] = each.measured_vacuum_pa, float(each.state)
+    return states_now
 
 
 def command(ankle, channels, wanted, stamp):
@@ -77,14 +77,14 @@ class GpioBridge(Node):
         component = self.declare_parameter("component", f"{alone}_air").value
         ankles = list(self.declare_parameter("ankles", [""]).value)
         self.prefixes = {ankle: ankle if len(ankles) > 1 else "" for ankle in ankles}
-        self.channels, self.heard_s, self.refused, self.told = {}, {}, {}, {}
+        self.channels, self.reported_s, self.refused, self.states_now = {}, {}, {}, {}
         self.names, self.passed_on_s = {}, -math.inf
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.jam_commands = {}
         for ankle in ankles:
             below = f"{ankle}/" if ankle else ""
             self.jam_commands[ankle] = self.create_publisher(JamCommand, f"{below}jam_command", QoSProfile(depth=1))
-            self.create_subscription(JamState, f"{below}jam_state", lambda it, of=ankle: self.hear(of, it), latched)
+            self.create_subscription(JamState, f"{below}jam_state", lambda it, of=ankle: self.update(of, it), latched)
         self.state_names = self.create_publisher(StatisticsNames, f"{component}/names", 1)
         self.state_values = self.create_publisher(StatisticsValues, f"{component}/values", 1)
         introspection = "controller_manager/introspection_data"
@@ -103,35 +103,35 @@ class GpioBridge(Node):
         if len(names) != len(message.values) or now_s < self.passed_on_s + PERIOD_S:
             return  # the manager is loading or unloading: the names that belong to it are on their way
         self.passed_on_s = now_s
-        wanted = wishes(names, message.values)
+        wanted = set_points(names, message.values)
         stamp = self.get_clock().now().to_msg()
         for ankle, channels in self.channels.items():
-            wish = command(self.prefixes[ankle], channels, wanted, stamp)
-            if wish.channels:
-                self.jam_commands[ankle].publish(wish)
+            request = command(self.prefixes[ankle], channels, wanted, stamp)
+            if request.channels:
+                self.jam_commands[ankle].publish(request)
 
-    def hear(self, ankle, report):
-        """Keep the states of an ankle, and tell them."""
-        self.channels[ankle], self.heard_s[ankle] = [each.channel for each in report.channels], time.monotonic()
+    def update(self, ankle, report):
+        """Keep the states of an ankle, and publish them."""
+        self.channels[ankle], self.reported_s[ankle] = [each.channel for each in report.channels], time.monotonic()
         if report.refused_command and report.refused_command != self.refused.get(ankle):
             self.get_logger().error(f"{ankle or self.get_namespace()}: {report.refused_command}")
         self.refused[ankle] = report.refused_command
-        self.told.update(states(self.prefixes[ankle], report))
+        self.states_now.update(states(self.prefixes[ankle], report))
         self.tell()
 
     def doubt(self):
         """Say of an ankle whose driver is silent that its states are not known."""
-        for ankle, heard_s in self.heard_s.items():
-            if time.monotonic() > heard_s + SILENT_S:
+        for ankle, reported_s in self.reported_s.items():
+            if time.monotonic() > reported_s + SILENT_S:
                 unknown = [ChannelJamState(channel=name, measured_vacuum_pa=math.nan) for name in self.channels[ankle]]
-                self.told.update(states(self.prefixes[ankle], JamState(channels=unknown)))
+                self.states_now.update(states(self.prefixes[ankle], JamState(channels=unknown)))
                 self.tell()
 
     def tell(self):
         """Tell the states to the hardware component, with their names, which may have been lost before."""
         names, values = self.messages
-        self.state_names.publish(names(names=list(self.told), names_version=NAMES_VERSION))
-        self.state_values.publish(values(values=list(self.told.values()), names_version=NAMES_VERSION))
+        self.state_names.publish(names(names=list(self.states_now), names_version=NAMES_VERSION))
+        self.state_values.publish(values(values=list(self.states_now.values()), names_version=NAMES_VERSION))
 
 
 if __name__ == "__main__":

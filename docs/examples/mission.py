@@ -24,9 +24,9 @@ class Ankle(Node):
         super().__init__("mission")
         self.state = JamState()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(JamState, "jam_state", self.hear, latched)
+        self.create_subscription(JamState, "jam_state", self.update, latched)
 
-    def hear(self, state):
+    def update(self, state):
         """Keep the latest report."""
         self.state = state
 

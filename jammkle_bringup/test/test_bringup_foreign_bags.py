@@ -439,6 +439,25 @@ def test_a_topic_or_a_stamp_that_lies_apart_is_named_and_bounded(
     assert json.loads((tmp_path / "events.json").read_text())["samples"]["usable"] >= 28
 
 
+def test_stamps_from_before_the_first_step_of_a_simulation_are_as_right_as_its_clock(
+    bag_maker: Callable[[str], Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Many at the clock's zero, as every node reports before the first step: no note. Zeros that stay are named."""
+    maker = bag_maker("bag")
+    for step in range(130):
+        now_s = max(0.0, (step - 30) * 0.01)
+        time = maker.make("builtin_interfaces/msg/Time", *divmod(round(now_s * 1e9), 10**9))
+        maker.write("/clock", now_s, maker.make("rosgraph_msgs/msg/Clock", time))
+        for topic, stamp_s in (("/stamped", now_s), ("/unset", 0.0)):
+            pressed = maker.make("sensor_msgs/msg/FluidPressure", maker.header(stamp_s), 1e5, 0.0)
+            maker.write(topic, now_s, pressed)
+    assert main(["info", str(maker.close()), "--json", str(tmp_path / "info.json")]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "/unset are zero" in line
+    found = {each["name"]: each["rate_by"] for each in json.loads((tmp_path / "info.json").read_text())["topics"]}
+    assert found == {"/clock": "stamp", "/stamped": "stamp", "/unset": "/clock"}
+
+
 def test_a_clock_that_was_set_makes_no_rows_of_years(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The hole is named; the rows before and after it are there."""
     rows = [*ROWS, *(make(row.log_ns + 3 * YEAR_NS) for row in ROWS for make in (imu, pressure))]

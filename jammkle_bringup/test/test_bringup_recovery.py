@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -119,6 +120,84 @@ def test_wherever_a_bag_is_cut_it_is_recovered_up_to_there(torn: Path) -> None:
         counts.append(len(found))
     assert counts == sorted(counts)
     assert set(counts) == {0, 10, 20, 30, 40, 50, 60}
+
+
+def pressures(log: BagLog, topic: str, log_ns: int, stamp_ns: int) -> None:
+    """Write a pressure that was logged at one time and stamped with another."""
+    stamp = struct.pack("<iI", *divmod(stamp_ns, 10**9))
+    log.write(topic, b"\0\1\0\0" + stamp + struct.pack("<I", 1) + bytes(4) + struct.pack("<dd", 1e5, 0.0), log_ns)
+
+
+DAY_NS, SECOND_NS = 24 * 3600 * 10**9, 10**9
+ODD_TIMES = {  # which messages of 100, 0.1 s apart; shifts of log and stamps, ns; what is said; span of the data, s
+    "the log is zero for 2 s": (range(20), -20_000 * DAY_NS, 0, "log times at its start lie 20000.0 days before", 9.9),
+    "the log is zero for 3 s": (range(30), -20_000 * DAY_NS, 0, "log times at its start lie 20000.0 days before", 9.9),
+    "the log is zero for two messages": (range(2), -20_000 * DAY_NS, 0, "log times at its start lie 20000.0 days", 9.9),
+    "the log was set, stamps were not": (range(80, 100), 3 * DAY_NS, 0, "log times after its step 1 lie 3.0 days", 9.9),
+    "the clock was set": (range(80, 100), 3 * DAY_NS, 3 * DAY_NS, "its log makes a step of 3.0 days", 259_209.9),
+}
+
+
+@pytest.mark.parametrize("boot", [False, True], ids=["", "beside a topic on its boot clock"])
+@pytest.mark.parametrize("case", ODD_TIMES)
+def test_recover_judges_times_as_info_does(
+    *,
+    case: str,
+    boot: bool,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a log that lies apart, both name what does, and say how long the data themselves are."""
+    moved, log_shift_ns, stamp_shift_ns, named, span_s = ODD_TIMES[case]
+    log = BagLog(tmp_path / "bag", MessageDefinitions(share_folders()))
+    for topic in ("/pressure", "/boot"):
+        log.add_topic(topic, "sensor_msgs/msg/FluidPressure", list)
+    for number in range(100):
+        now_ns = 20_000 * DAY_NS + number * SECOND_NS // 10
+        log_ns = now_ns + (number in moved) * log_shift_ns
+        pressures(log, "/pressure", log_ns, now_ns + (number in moved) * stamp_shift_ns)
+        if boot:
+            pressures(log, "/boot", log_ns, now_ns + (number in moved) * stamp_shift_ns - 20_000 * DAY_NS + 1)
+    log.close()
+    for verb in ("info", "recover"):
+        monkeypatch.setattr("jammkle_common.command.results._said", set())
+        assert main([verb, str(tmp_path / "bag"), "--json", str(tmp_path / f"{verb}.json")]) == 0
+        said = capsys.readouterr().err
+        assert named in said
+        assert ("the stamps of /boot lie" in said) == boot
+        assert len(said.splitlines()) == 1 + boot
+        found = json.loads((tmp_path / f"{verb}.json").read_text())
+        assert found["data_duration_s"] == pytest.approx(span_s)
+
+
+def test_a_log_of_zeros_without_any_stamp_is_no_span_of_years(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What has no stamp and was logged before a clock was found counts as the begin."""
+    log = BagLog(tmp_path / "bag", MessageDefinitions(share_folders()))
+    log.add_topic("/duty", "std_msgs/msg/Float32", list)
+    for number in range(50):
+        log.write("/duty", b"\0\1\0\0" + bytes(4), 0 if number < 10 else 20_000 * DAY_NS + number * SECOND_NS)
+    log.close()
+    assert main(["recover", str(tmp_path / "bag")]) == 0
+    said = capsys.readouterr()
+    assert "its data span 39.000 s by their own clock" in said.out
+    assert "log times at its start lie 20000.0 days before the rest" in said.err
+
+
+def test_recover_names_a_topic_on_another_clock(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One topic on its boot clock is named with how far it lies apart, while the rest agrees with the log."""
+    log = BagLog(tmp_path / "bag", MessageDefinitions(share_folders()))
+    for topic in ("/a", "/b", "/boot"):
+        log.add_topic(topic, "sensor_msgs/msg/FluidPressure", list)
+    for number in range(30):
+        now_ns = 20_000 * DAY_NS + number * SECOND_NS // 10
+        for topic in ("/a", "/b", "/boot"):
+            pressures(log, topic, now_ns, now_ns - (20_000 * DAY_NS - SECOND_NS) * (topic == "/boot"))
+    log.close()
+    assert main(["recover", str(tmp_path / "bag")]) == 0
+    assert "the stamps of /boot lie 1727999999.000 s before the rest" in capsys.readouterr().err
 
 
 def test_the_torn_bag_stays_where_another_folder_is_asked_for(torn: Path, tmp_path: Path) -> None:

@@ -61,13 +61,6 @@ def pytest_configure() -> None:
     settings.load_profile("jammkle")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep tests of a file in one process, for `--dist loadgroup`: they share fixtures. A mark of their own wins."""
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
-
-
 @pytest.fixture(autouse=True)
 def _environment() -> Iterator[None]:
     """Give every test the environment back as it was: a process of ours chooses how it talks when it starts."""

@@ -1,8 +1,9 @@
 """Measurements as bytes: messages of a header and a fixed number of doubles, read and written without rclpy's classes.
 
-An IMU, 500 times a second for each ankle, and pressures, 400 times, are most of what a graph says. rclpy makes nine
-objects and arrays of each Imu (44 us where this takes 2.8, on a machine that was busy besides). For a quadruped, its
-clock and the answers to it this saves 0.17 core seconds in each simulated second, 0.11 of them on the IMUs.
+An IMU, 500 times a second for each ankle, pressures, 400 times, and a rig's load cell, 500 times, are most of what a
+graph says. rclpy makes nine objects and arrays of each Imu (44 us where this takes 2.8, on a machine that was busy
+besides). For a quadruped, its clock and the answers to it this saves 0.17 core seconds in each simulated second, 0.11
+of them on the IMUs.
 `read` wants little-endian plain CDR, as Fast DDS and Cyclone DDS send it from a machine of today; of anything else it
 returns None, and rclpy's own way remains.
 
@@ -31,6 +32,9 @@ _ALIGNMENT: Final = 8
 
 PRESSURE_DOUBLES: Final = 2
 """Of sensor_msgs/FluidPressure: pressure, Pa, and its variance."""
+WRENCH_DOUBLES: Final = 6
+"""Of geometry_msgs/WrenchStamped: force, N, then torque, N m."""
+WRENCH_FORCE_Z: Final = 2
 IMU_DOUBLES: Final = 37
 """Of sensor_msgs/Imu: orientation, then angular velocity, then specific force, each followed by its covariance."""
 IMU_ORIENTATION_COVARIANCE: Final = slice(4, 13)

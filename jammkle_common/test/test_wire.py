@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu
@@ -46,6 +47,14 @@ def test_a_pressure_is_read_and_written_as_rclpy_does(frame_id: str) -> None:
         deserialize_message(wire.Writer(frame_id, wire.PRESSURE_DOUBLES).write(-1, (61325.5, 4.0)), FluidPressure)
         == message
     )
+
+
+def test_a_force_is_read_as_rclpy_does() -> None:
+    wrench = Wrench(force=Vector3(x=1.0, y=2.0, z=-40.5), torque=Vector3(x=3.0, y=4.0, z=5.0))
+    message = WrenchStamped(header=Header(frame_id="load_cell", stamp=Time(sec=2, nanosec=1)), wrench=wrench)
+    measured = wire.read(serialize_message(message), wire.WRENCH_DOUBLES)
+    assert measured == (2_000_000_001, "load_cell", (1.0, 2.0, -40.5, 3.0, 4.0, 5.0))
+    assert measured.values[wire.WRENCH_FORCE_Z] == message.wrench.force.z
 
 
 def test_a_clock_is_read_as_rclpy_does() -> None:

@@ -41,6 +41,7 @@ from jammkle_controller.core.reading import (
     leg_pose,
     leg_reading,
     load_n,
+    load_n_of,
     nanoseconds,
 )
 from jammkle_controller.core.robot_description import leg_of
@@ -143,7 +144,9 @@ class ControllerNode(LockstepNode):
             (Float32, names.GAIT_PHASE, lambda m, ns: self._controller.on_phase(m.data, ns)),
         ):
             self.create_subscription(kind, topic.name, partial(self._on_unstamped, take), subscriber_qos(topic))
-        self.create_subscription(WrenchStamped, names.LOAD_CELL.name, self._on_load, subscriber_qos(names.LOAD_CELL))
+        self.create_subscription(
+            WrenchStamped, names.LOAD_CELL.name, self._on_load, subscriber_qos(names.LOAD_CELL), raw=True
+        )
         self.create_subscription(
             JointState, names.JOINT_STATES.name, self._on_joints, subscriber_qos(names.JOINT_STATES)
         )
@@ -169,10 +172,17 @@ class ControllerNode(LockstepNode):
         """Take an input without a stamp: it is of now."""
         self._take(take(message, self.get_clock().now().nanoseconds), "")
 
-    def _on_load(self, message: WrenchStamped) -> None:
-        self._controller.inputs.on_pull(-load_n(message), nanoseconds(message.header.stamp))
-        reaction = self._controller.on_load(load_n(message), nanoseconds(message.header.stamp))
-        self._take(reaction, message.header.frame_id)
+    def _on_load(self, serialized: bytes) -> None:
+        measured = wire.read(serialized, wire.WRENCH_DOUBLES)
+        if measured is not None:
+            self._take_load(load_n_of(measured), measured.time_ns, measured.frame_id)
+            return
+        message = deserialize_message(serialized, WrenchStamped)
+        self._take_load(load_n(message), nanoseconds(message.header.stamp), message.header.frame_id)
+
+    def _take_load(self, load_on_foot_n: float, time_ns: int, frame_id: str) -> None:
+        self._controller.inputs.on_pull(-load_on_foot_n, time_ns)
+        self._take(self._controller.on_load(load_on_foot_n, time_ns), frame_id)
 
     def _on_joints(self, message: JointState) -> None:
         roll_rad, time_ns = joint_position(message, names.ANKLE_JOINTS[0]), nanoseconds(message.header.stamp)

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import OFFERS, ContactKind, Detection, Phase, not_felt
-from jammkle_controller.core.stepping import SoleFilter
+from jammkle_controller.core.motion import Motion
+from jammkle_controller.core.stepping import SoleFilter, learned
 from jammkle_controller.parameters import ControllerParameters, Mount
 
 LANDING = [ContactKind.LIFTOFF, ContactKind.IMPACT, ContactKind.SETTLED]
@@ -225,6 +226,19 @@ def test_a_sole_that_goes_up_does_not_slide(
     controller = AnkleController(ControllerParameters(imu_mount="shank"))
     kinds = [event.kind for event in streams.events_of(streams.sense(streams.rest(0.5), 500), controller)]
     assert (ContactKind.SLIP in kinds) is slips
+
+
+@pytest.mark.parametrize("gives", [False, True])
+def test_where_the_ankle_gives_the_speed_of_the_sole_is_known_from_a_rest_on(streams: Any, *, gives: bool) -> None:
+    """A shank goes on as its toe touches down: known is its speed again after a rest, or when that is forgotten."""
+    sole = SoleFilter(learned("shank").slide, gives=gives)
+    assert sole.knows_speed(0) is not gives
+    sole.land(1_000_000_000)
+    assert [sole.knows_speed(each) for each in (1_500_000_000, 1_700_000_000)] == [not gives, True]
+    sole.land(2_000_000_000)
+    (sample,) = streams.sense(streams.rest(0.002), 500)
+    sole.follow(sample._replace(time_ns=2_100_000_000), 0.002, Motion((0.0, 0.0, GRAVITY_M_S2)))
+    assert sole.knows_speed(2_100_000_000)
 
 
 def test_pushing_off_is_no_slip(streams: Any) -> None:

@@ -10,41 +10,54 @@ from typing import TYPE_CHECKING
 import pytest
 from controller_bench import GRAVITY_M_S2, INTERVAL_S, LANDED_AT_S, TIMEOUT_S
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Imu
 
-from jammkle_common.names import (
-    CHANNELS,
-    UNJAM,
-)
+from jammkle_common import wire
+from jammkle_common.names import CHANNELS, LOAD_CELL, UNJAM
+from jammkle_common.qos import publisher_qos
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, Fault, JamState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from controller_bench import Bench
-    from sensor_msgs.msg import Imu
 
 
-def big_endian(message: Imu) -> bytes:
+def big_endian(message: Imu | WrenchStamped) -> bytes:
     """Return a message as a machine of the other byte order sends it."""
-    serialized = serialize_message(message)
+    serialized, doubles = serialize_message(message), wire.IMU_DOUBLES if isinstance(message, Imu) else 6
     words = struct.unpack_from("<iII", serialized, 4)
-    numbers = struct.unpack("<37d", serialized[-37 * 8 :])
+    numbers = struct.unpack(f"<{doubles}d", serialized[-doubles * 8 :])
     return (
         b"\0\0"
         + serialized[2:4]
         + struct.pack(">iII", *words)
-        + serialized[16 : -37 * 8]
-        + struct.pack(">37d", *numbers)
+        + serialized[16 : -doubles * 8]
+        + struct.pack(f">{doubles}d", *numbers)
     )
 
 
-def test_an_imu_of_the_other_byte_order_is_felt_as_well(make_bench: Callable[..., Bench]) -> None:
-    bench = make_bench()
+def test_sensors_of_either_byte_order_are_felt(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench("--ros-args", "-p", "use_load:=true")
     bench.wait_until_up()
     bench.encode = big_endian
     bench.land()
     assert bench.events[-1].header.frame_id == "imu"
+    loads = bench.node.create_publisher(WrenchStamped, LOAD_CELL.name, publisher_qos(LOAD_CELL))
+    loaded = WrenchStamped()
+    loaded.wrench.force.z = -40.0
+
+    def takes_load(encode: Callable[[WrenchStamped], WrenchStamped | bytes] | None) -> bool:
+        loaded.header.stamp = bench.node.get_clock().now().to_msg()
+        if encode is not None:
+            loads.publish(encode(loaded))
+        return "load" in bench.health["inputs"].message.partition(";")[0]
+
+    bench.spin_until(lambda: takes_load(big_endian), "the load is taken")
+    bench.spin_until(lambda: not takes_load(None), "nothing is taken for a while")
+    bench.spin_until(lambda: takes_load(lambda message: message), "the load is taken again")
 
 
 def test_landing_is_reported_and_jams_after_the_delay(make_bench: Callable[..., Bench]) -> None:

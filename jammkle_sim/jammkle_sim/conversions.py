@@ -78,6 +78,7 @@ class OutgoingMessages:
         self._joints = JointState()
         self._tendons = TendonStates(tendons=[TendonState(name=name) for name in tendons])
         self._wrench = WrenchStamped(header=Header(frame_id=frame(namespace, LOAD_CELL_FRAME)))
+        self._wrench_writer = wire.Writer(self._wrench.header.frame_id, wire.WRENCH_DOUBLES)
         self._odometry = Odometry(
             header=Header(frame_id=frame(namespace, ODOM_FRAME)), child_frame_id=frame(namespace, BASE_FRAME)
         )
@@ -173,6 +174,11 @@ class OutgoingMessages:
         _check_finite("the load cell", force_n)
         _fill_vector(self._wrench.wrench.force, force_n)
         return _stamped(self._wrench, self._wrench.header.stamp, time_ns)
+
+    def wrench_bytes(self, time_ns: int, force_n: tuple[float, float, float]) -> bytes:
+        """Return what `wrench` returns, serialized."""
+        _check_finite("the load cell", force_n)
+        return self._wrench_writer.write(time_ns, (*force_n, 0.0, 0.0, 0.0))
 
 
 def time_message(time_ns: int) -> Time:

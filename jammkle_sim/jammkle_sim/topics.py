@@ -240,8 +240,8 @@ class _Outputs:
     def _tendon_states(self, time_ns: int) -> TendonStates:
         return self._messages.tendon_states(time_ns, self._ankle.tendons())
 
-    def _load_cell(self, time_ns: int) -> WrenchStamped:
-        return self._messages.wrench(time_ns, self._ankle.load_cell_force_n())
+    def _load_cell(self, time_ns: int) -> bytes:
+        return self._messages.wrench_bytes(time_ns, self._ankle.load_cell_force_n())
 
     def _true_contact(self, time_ns: int) -> TrueContact:
         return self._messages.true_contact(time_ns, self._ankle.foot())

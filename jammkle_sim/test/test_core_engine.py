@@ -46,7 +46,7 @@ class Counter:
 
 
 class World:
-    """An engine on a counter, and a clock that moves only when told."""
+    """An engine on a counter, and a clock that moves only on command."""
 
     def __init__(self, speed: float = 1.0, *, start_paused: bool = False) -> None:
         self.now_s = 100.0
@@ -161,9 +161,9 @@ def test_a_failure_stops_time_until_a_reset() -> None:
     world.engine.fail("it blew up")
     world.now_s += 1.0
     assert world.ticks() == []
-    for wish in (world.engine.resume, lambda: world.engine.begin_steps(1)):
+    for ask in (world.engine.resume, lambda: world.engine.begin_steps(1)):
         with pytest.raises(RefusedError, match="it blew up; call ~/reset"):
-            wish()
+            ask()
     world.engine.reset()
     assert world.engine.control.state is RunState.PAUSED
     world.engine.resume()
@@ -186,9 +186,9 @@ def test_wishes_that_do_not_fit_the_state_are_refused() -> None:
         world.engine.begin_steps(1)
     world.engine.pause()
     world.engine.begin_steps(100)
-    for wish in (world.engine.pause, world.engine.resume, world.engine.reset, lambda: world.engine.begin_steps(1)):
+    for ask in (world.engine.pause, world.engine.resume, world.engine.reset, lambda: world.engine.begin_steps(1)):
         with pytest.raises(RefusedError, match="100 steps are still to take"):
-            wish()
+            ask()
 
 
 def test_the_real_time_factor_is_zero_while_time_stands() -> None:

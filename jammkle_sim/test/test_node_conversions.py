@@ -6,6 +6,7 @@ import math
 
 import pytest
 import yaml
+from geometry_msgs.msg import WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
@@ -96,6 +97,7 @@ def test_the_load_cell_keeps_its_sign() -> None:
     message = OutgoingMessages().wrench(0, (1.0, -2.0, 17.7))
     assert (message.wrench.force.x, message.wrench.force.y, message.wrench.force.z) == (1.0, -2.0, 17.7)
     assert message.header.frame_id == names.LOAD_CELL_FRAME
+    assert deserialize_message(OutgoingMessages().wrench_bytes(0, (1.0, -2.0, 17.7)), WrenchStamped) == message
 
 
 @pytest.mark.parametrize("bad", BAD)
@@ -110,6 +112,7 @@ def test_what_is_not_finite_does_not_leave(bad: float) -> None:
         ("joint", lambda: messages.joint_states(0, {"a": 0.0}, {"a": bad})),
         ("tendon 'peroneal_left'", lambda: messages.tendon_states(0, tendons(bad))),
         ("load cell", lambda: messages.wrench(0, (0.0, 0.0, bad))),
+        ("load cell", lambda: messages.wrench_bytes(0, (0.0, 0.0, bad))),
     ]
     for what, attempt in attempts:
         with pytest.raises(NotFiniteError, match=what):

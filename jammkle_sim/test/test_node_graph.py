@@ -60,20 +60,20 @@ def test_every_topic_has_its_rate_to_the_nanosecond(start_graph: Callable[..., A
 def test_the_hardware_says_when_it_took_each_command(start_graph: Callable[..., Any]) -> None:
     """actuator_states names every change at the step from which on it counts, and else repeats what holds at 100 Hz."""
     graph = start_graph(start_paused=True)
-    told = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
+    reported = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
     duty = graph.publisher(Float32, names.PUMP_DUTY)
     solenoid = graph.publisher(Bool, names.SOLENOIDS[names.ACHILLES])
     assert graph.step(105).success
     duty.publish(Float32(data=0.5))
-    graph.spin_until(lambda: told[-1].pump_duty == 0.5, "the duty is acknowledged")
+    graph.spin_until(lambda: reported[-1].pump_duty == 0.5, "the duty is acknowledged")
     assert graph.step(2).success
     solenoid.publish(Bool(data=True))
-    graph.spin_until(lambda: any(told[-1].energised), "the solenoid is acknowledged")
+    graph.spin_until(lambda: any(reported[-1].energised), "the solenoid is acknowledged")
     assert graph.step(100).success
-    graph.spin_until(lambda: graph.stamp_ns(told[-1].header.stamp) == 200 * STEP_NS, "the rest")
+    graph.spin_until(lambda: graph.stamp_ns(reported[-1].header.stamp) == 200 * STEP_NS, "the rest")
     states = {
         graph.stamp_ns(each.header.stamp): (each.pump_duty, dict(zip(each.channels, each.energised, strict=True)))
-        for each in told
+        for each in reported
     }
     nothing = dict.fromkeys(names.CHANNELS, False)
     drawing = {**nothing, names.ACHILLES: True}
@@ -276,37 +276,37 @@ def test_who_makes_the_clock_does_not_listen_to_it(start_graph: Callable[..., An
 
 
 def test_the_simulated_board_lets_go_when_nobody_commands(start_graph: Callable[..., Any]) -> None:
-    """A duty that is not repeated is dropped, told, and not taken again before everything was told to release."""
+    """A duty that is not repeated is dropped, reported, and not taken again before a release of all."""
     graph = start_graph()
-    told = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
+    reported = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
     health = graph.record(DiagnosticArray, names.DIAGNOSTICS.name)
     duty = graph.publisher(Float32, names.PUMP_DUTY)
     duty.publish(Float32(data=0.5))
-    graph.spin_until(lambda: any(each.pump_duty == 0.5 for each in told), "the duty is taken")
-    graph.spin_until(lambda: told[-1].host_silent and told[-1].pump_duty == 0.0, "the board lets go")
+    graph.spin_until(lambda: any(each.pump_duty == 0.5 for each in reported), "the duty is taken")
+    graph.spin_until(lambda: reported[-1].host_silent and reported[-1].pump_duty == 0.0, "the board lets go")
 
-    def told_as_error() -> bool:
+    def reported_as_error() -> bool:
         lines = [status for array in health for status in array.status if status.name.endswith(": commands")]
         return any(line.level == DiagnosticStatus.ERROR for line in lines)
 
-    graph.spin_until(told_as_error, "the error is told")
+    graph.spin_until(reported_as_error, "the error is reported")
     duty.publish(Float32(data=0.7))
-    graph.spin_until(lambda: told[-1].host_silent, "it is still latched")
-    assert told[-1].pump_duty == 0.0
+    graph.spin_until(lambda: reported[-1].host_silent, "it is still latched")
+    assert reported[-1].pump_duty == 0.0
     duty.publish(Float32(data=0.0))
-    graph.spin_until(lambda: not told[-1].host_silent, "a release acknowledges it")
+    graph.spin_until(lambda: not reported[-1].host_silent, "a release acknowledges it")
     duty.publish(Float32(data=0.7))
-    graph.spin_until(lambda: any(each.pump_duty == pytest.approx(0.7) for each in told), "it takes commands again")
+    graph.spin_until(lambda: any(each.pump_duty == pytest.approx(0.7) for each in reported), "it takes commands again")
 
 
 def test_the_simulated_board_waits_while_time_stands(start_graph: Callable[..., Any]) -> None:
     """In a paused simulation a command by hand stays as it is: the board's time stands, too."""
     graph = start_graph(start_paused=True)
-    told = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
+    reported = graph.record(ActuatorStates, names.ACTUATOR_STATES.name)
     duty = graph.publisher(Float32, names.PUMP_DUTY)
     duty.publish(Float32(data=0.5))
-    graph.spin_until(lambda: bool(told) and told[-1].pump_duty == 0.5, "the duty is taken")
+    graph.spin_until(lambda: bool(reported) and reported[-1].pump_duty == 0.5, "the duty is taken")
     begun_s = time.monotonic()
     graph.spin_until(lambda: time.monotonic() - begun_s > 0.5, "longer than the watchdog")
-    assert not told[-1].host_silent
-    assert told[-1].pump_duty == 0.5
+    assert not reported[-1].host_silent
+    assert reported[-1].pump_duty == 0.5

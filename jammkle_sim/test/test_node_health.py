@@ -60,7 +60,7 @@ def test_an_unstable_simulation_pauses_and_says_so(start_graph: Callable[..., An
 
 
 def test_a_failure_answers_the_step_that_met_it(start_graph: Callable[..., Any], fake: Any) -> None:
-    """Who asked for steps hears that they were not all taken, and why."""
+    """Who asked for steps is answered that they were not all taken, and why."""
     fake.unstable_at = 100
     graph = start_graph(lambda _: fake, start_paused=True)
     answer = graph.step(1000)

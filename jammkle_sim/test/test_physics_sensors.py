@@ -55,5 +55,6 @@ def test_noise_does_not_depend_on_who_asks_how_often() -> None:
     assert (one.pressure_pa(5) == many.pressure_pa(5)).all()
     assert not (one.pressure_pa(5) == one.pressure_pa(6)).any()
     assert not (one.load_cell_n(5) == other.load_cell_n(5)).any()
+    assert (one.load_cell_n(5) == many.load_cell_n(5)).all()
     one.reset()
     assert (one.imu_white(100) == whole).all()

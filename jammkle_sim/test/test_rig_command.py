@@ -46,8 +46,8 @@ def test_effects_are_put_into_the_rig_or_refused(tmp_path: Path, capsys: pytest.
     ]
     assert peaks[0] > 1.3 * peaks[1]
     metadata = yaml.safe_load((bag / "metadata.yaml").read_text())
-    told = metadata["rosbag2_bagfile_information"]["custom_data"].values()
-    assert any("tendon_stiffness.scale: 2.0" in text for text in told)
+    said = metadata["rosbag2_bagfile_information"]["custom_data"].values()
+    assert any("tendon_stiffness.scale: 2.0" in text for text in said)
     capsys.readouterr()
     effects.write_text("tendon_stiffness: {scale: 20.0}\n")
     assert main([*SHORT_PULL, "--effects", str(effects), "-o", str(tmp_path / "other")]) == 2
@@ -201,7 +201,7 @@ def test_a_torn_tendon_is_said_and_recorded(tmp_path: Path, capsys: pytest.Captu
 def test_a_sensor_at_the_end_of_its_range_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A stiff tendon pulled beyond 245 N and a hard landing say which sensor clipped; a soft landing says nothing."""
     pull = ("tensile", "--material", "a85", "--extension-mm", "50", "--speed-mm-s", "1000", "--vacuum-kpa", "75")
-    told = {}
+    said = {}
     for name, options in (
         ("pull", pull),
         ("hard", ("drop", "--foot", "standard")),
@@ -209,12 +209,12 @@ def test_a_sensor_at_the_end_of_its_range_is_told(tmp_path: Path, capsys: pytest
     ):
         assert main(["rig", *options, "-o", str(tmp_path / name), "--json", str(tmp_path / f"{name}.json")]) == 0
         (run,) = json.loads((tmp_path / f"{name}.json").read_text())["runs"]
-        told[name] = run["clipped"]
+        said[name] = run["clipped"]
         lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("clipped")]
-        assert bool(lines) == bool(told[name])
-    assert told["pull"] == ["the load cell at 245 N"]
-    assert told["hard"] == ["the load cell at 245 N", "the IMU at 80.83 m/s^2 with gravity"]
-    assert told["soft"] == []
+        assert bool(lines) == bool(said[name])
+    assert said["pull"] == ["the load cell at 245 N"]
+    assert said["hard"] == ["the load cell at 245 N", "the IMU at 80.83 m/s^2 with gravity"]
+    assert said["soft"] == []
 
 
 def test_help_says_what_a_saved_model_lacks(capsys: pytest.CaptureFixture[str]) -> None:

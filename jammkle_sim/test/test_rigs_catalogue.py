@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,12 @@ def go(name: str, options: Any) -> RigRun:
     return run_rig(name, options, lambda _: None, lambda: False)
 
 
+@functools.cache
+def usual(name: str) -> RigRun:
+    """The short run of a rig, made once."""
+    return go(name, quick(name))
+
+
 def same(one: RigRun, other: RigRun) -> bool:
     """Whether two runs agree to the last bit."""
     return one.results == other.results and all(
@@ -60,11 +67,9 @@ def test_catalogue_holds_the_rigs() -> None:
 
 
 @pytest.mark.parametrize("name", RIGS)
-def test_same_seed_same_bytes_another_seed_others(name: str) -> None:
-    """Two runs of the same options agree to the last bit; another seed gives other noise."""
-    run = go(name, quick(name))
-    assert same(run, go(name, quick(name)))
-    assert not same(run, go(name, quick(name, seed=1)))
+def test_another_seed_gives_other_noise(name: str) -> None:
+    """A run with another seed does not agree to the last bit; that one with the same does is tested for any options."""
+    assert not same(usual(name), go(name, quick(name, seed=1)))
 
 
 @pytest.mark.parametrize("name", RIGS)
@@ -93,7 +98,7 @@ def test_repeats_differ_and_come_back(name: str) -> None:
 @pytest.mark.parametrize("name", RIGS)
 def test_run_is_complete_and_can_be_written(name: str) -> None:
     """Times rise by the topic's rate from first to last, commands start at 0 s, description and results are plain."""
-    run = go(name, quick(name))
+    run = usual(name)
     rates_hz = {"imu/data": 1000, "joint_states": 500, "tendon_states": 500, "load_cell/wrench": 500}
     for topic, series in run.topics.items():
         assert series.values.shape == (len(series.time_s), len(series.columns))

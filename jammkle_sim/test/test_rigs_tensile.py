@@ -102,7 +102,7 @@ def test_break_is_latched_and_shows_in_the_run() -> None:
     ("speed_m_s", "error_m", "bound_m"), [(0.05, 0.003, 1e-4), (0.05, -0.003, 1e-4), (1.0, 0.0, 1e-3)]
 )
 def test_break_is_told_of_the_tendon_where_it_tore(speed_m_s: float, error_m: float, bound_m: float) -> None:
-    """However it is clamped it tears at 55 mm of its own, told to half the way between two rows of the recording."""
+    """However it is clamped it tears at 55 mm of its own, said to half the way between two rows of the recording."""
     run = pull(extension_m=0.07, speed_m_s=speed_m_s, mounting_error_m=error_m)
     assert run.results["break_extension_m"] == pytest.approx(0.055, abs=bound_m)
 

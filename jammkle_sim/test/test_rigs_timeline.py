@@ -48,7 +48,7 @@ def test_the_means_keep_the_area(changes: list[tuple[float, float]], delay_s: fl
 )
 @settings(deadline=None)
 def test_valves_move_as_in_the_stepped_law(changes: list[int], dead_time_s: float, repeats: list[int]) -> None:
-    """Told ahead or step by step, and however often anew, a valve draws for the same share of every step."""
+    """Given ahead or step by step, and however often anew, a valve draws for the same share of every step."""
     law = pneumatic_law(PneumaticParameters(valve_dead_time_s=dead_time_s), DT_S)
     state = vented_state(law)
     stepped = np.zeros(STEPS)
@@ -57,8 +57,8 @@ def test_valves_move_as_in_the_stepped_law(changes: list[int], dead_time_s: floa
             state["command"][0, 0] = 1.0 - state["command"][0, 0]
         kernels.move_valves(law[0], state[0])
         stepped[step] = state["position"][0, 0]
-    told = sorted({*changes, *repeats})
-    values = [(DT_S * step, float(sum(change <= step for change in changes) % 2)) for step in told]
+    given = sorted({*changes, *repeats})
+    values = [(DT_S * step, float(sum(change <= step for change in changes) % 2)) for step in given]
     ahead = valve_timeline(timeline(*values), dead_time_s, DT_S).means(DT_S, STEPS)
     taken_back = np.diff(sorted(changes)).min(initial=STEPS) <= dead_time_s / DT_S + 1
     if not taken_back:

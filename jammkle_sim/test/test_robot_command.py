@@ -25,11 +25,11 @@ def test_a_body_that_slips_has_its_sliding_in_the_bag(tmp_path: Path) -> None:
     with AnyReader([bag]) as reader:
         assert {"/clock", "/sim_parameters"} <= set(reader.topics)
         assert not {f"/{PLANNED_CONTACT.name}", f"/{GAIT_PHASE.name}"} & set(reader.topics)  # it has no gait
-        heard = {name: [] for name in (f"/{IMU.name}", f"/{TRUE_CONTACT.name}")}
+        found = {name: [] for name in (f"/{IMU.name}", f"/{TRUE_CONTACT.name}")}
         for connection, _, raw in reader.messages():
-            if connection.topic in heard:
-                heard[connection.topic].append(reader.deserialize(raw, connection.msgtype))
-    imus, truths = heard.values()
+            if connection.topic in found:
+                found[connection.topic].append(reader.deserialize(raw, connection.msgtype))
+    imus, truths = found.values()
     slope_rad = math.radians(25.0)
     along = [
         each.linear_acceleration.x * math.cos(slope_rad) + each.linear_acceleration.z * math.sin(slope_rad)

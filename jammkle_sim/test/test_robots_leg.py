@@ -222,11 +222,11 @@ def test_efforts_are_what_the_servos_gave_in_the_mean() -> None:
             simulation.advance(1)
             spring_n_m = limb.stiffness_n_m * (float(simulation.data.ctrl[target]) - at_rad)
             applied.append(spring_n_m - limb.damping_n_m_s * float(knee.qvel[0]))
-        told = view.joint_efforts()
-        errors.append(abs(told["knee"] - np.mean(applied)))
+        efforts = view.joint_efforts()
+        errors.append(abs(efforts["knee"] - np.mean(applied)))
         last.append(abs(applied[-1] - np.mean(applied)))
     assert np.median(errors) < 0.5 * np.median(last)
-    assert told["ankle_pitch"] == 0.0
+    assert efforts["ankle_pitch"] == 0.0
 
 
 def test_another_ground_is_put_under_it() -> None:

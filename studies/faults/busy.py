@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -81,7 +82,7 @@ def run_demos(count: int) -> bool:
 
 def run_tests(paths: tuple[str, ...], times: int) -> bool:
     """Run tests again and again; return whether all of them passed."""
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadgroup", *paths]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", *paths]
     return all(subprocess.run(command, check=False).returncode == 0 for _ in range(times))  # noqa: S603 - our tests
 
 
@@ -91,6 +92,7 @@ def main(
     suite: Annotated[bool, typer.Option("--suite", help="Run the whole suite once, too.")] = False,  # noqa: FBT002
 ) -> None:
     """Run all of it; exit with 1 if anything failed."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # else the loops would go on for ever
     with busy_loops():
         well = run_demos(demos)
         well = run_tests(GRAPH_TESTS, graph_tests) and well

@@ -140,7 +140,7 @@ class Stimulus(Probe):
         return sent_s
 
     def ready(self) -> bool:
-        """Whether driver, controller and echo are there and hear each other."""
+        """Whether driver, controller and echo are there and see each other."""
         states = self.channel_states()
         known = len(states) == len(CHANNELS) and set(states.values()) == {ChannelJamState.UNJAMMED}
         return known and self.second_echo_at_s > 0.0 and self.node.count_subscribers(IMU.name) >= IMU_SUBSCRIBERS

@@ -19,14 +19,12 @@ from std_msgs.msg import Bool
 
 from echo import ECHO_TOPIC, MARK
 from graph import Probe, Up, environment
-from jammkle_common.names import ACTUATOR_STATES, CLOCK, IMU, JAM_COMMAND
+from jammkle_common.names import ACTUATOR_STATES, CLOCK, IMU, JAM_COMMAND, SET_PAUSED
 from jammkle_common.qos import publisher_qos
 from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     import psutil
-
-    from jammkle_msgs.msg import JamCommand
 
 MEASURED_S = 8.0
 RELAYS = 1000
@@ -46,7 +44,8 @@ class InStep:
         free_steering_core_s: The same running freely.
         relay_ms: Median round trip of a bare relay, ms of real time.
         tick_ms: Real time per tick of /clock in lockstep, ms.
-        sample_to_solenoid_ms: Simulated time from the sample on which it was decided to jam to the first solenoid, ms.
+        sample_to_solenoid_ms: Simulated time from the first command that asks for a channel's vacuum, stamped as the
+            sample that led to it, to the first acknowledgement of that channel's solenoid, ms.
 
     """
 
@@ -79,11 +78,17 @@ def _measured(robot: str) -> InStep:
 def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
     """Return speed, core seconds of those that steer, real ms per tick, and the way from sample to solenoid, ms."""
     with tempfile.TemporaryDirectory() as folder, own_domain() as domain_id:
-        options = ("--robot", robot, "--speed", "0", "-p", f"sim:lockstep:={str(lockstep).lower()}")
+        step = f"sim:lockstep:={str(lockstep).lower()}"
+        options = ("--robot", robot, "--speed", "0", "-p", step, "-p", "sim:start_paused:=true")
         up = Up(domain_id, Path(folder), "up", *options)
-        probe = Probe(domain_id, "" if robot == "ankle" else "/lf_ankle")
+        whole = Probe(domain_id)
+        probe = whole if robot == "ankle" else Probe(domain_id, "/lf_ankle")
         try:
             probe.listen(CLOCK, JAM_COMMAND, ACTUATOR_STATES)
+            # before time begins: a first command that was missed is repeated up to 50 ms later
+            probe.spin_until(lambda: _is_complete(probe), "command and acknowledgement are received")
+            probe.spin_until(lambda: "jammkle: up; paused" in up.text(), "the graph is up")
+            whole.call(SET_PAUSED, data=False)
             probe.spin_until(lambda: _time_s(probe) > 2.0 and _has_jammed(probe), "it has landed and is being jammed")
             steering = [each for each in up.children() if any(name in each.cmdline() for name in STEERING)]
             before_s, begin_s, core_s = _time_s(probe), time.perf_counter(), sum(map(_core_s, steering))
@@ -95,25 +100,43 @@ def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
             received = max(len(probe.received[CLOCK.name]) - ticks, 1)
             return simulated_s / passed_s, used_s / simulated_s, 1e3 * passed_s / received, _way_ms(probe)
         finally:
-            probe.close()
+            for each in {whole, probe}:
+                each.close()
             up.stop()
+
+
+def _is_complete(probe: Probe) -> bool:
+    return all(each.get_publisher_count() > 0 for each in probe.node.subscriptions)
 
 
 def _has_jammed(probe: Probe) -> bool:
     return any(any(each.energised) for each in probe.received[ACTUATOR_STATES.name])
 
 
-def _asks(command: JamCommand) -> bool:
-    return any(channel.vacuum_pa > 0.0 for channel in command.channels)
-
-
 def _way_ms(probe: Probe) -> float:
-    """Return the simulated time from the sample on which it was first decided to jam, to the first solenoid that does.
+    """Return the simulated time from the sample on which it was first decided to jam, to that channel's solenoid, ms.
 
-    A command that asks for something new has the stamp of the sample that led to it: the controller is in step.
+    A command that asks for something new has the stamp of the sample that led to it: the controller is in step. The
+    solenoid's time is that of the step from which on the hardware drives it.
+
+    Raises:
+        RuntimeError: the solenoid was energised before it was asked for, so the command was missed.
+
     """
-    asked_s = next(_stamp_s(each) for each in probe.received[JAM_COMMAND.name] if _asks(each))
-    done_s = next(_stamp_s(each) for each in probe.received[ACTUATOR_STATES.name] if any(each.energised))
+    asked_s, channel = next(
+        (_stamp_s(command), each.channel)
+        for command in probe.received[JAM_COMMAND.name]
+        for each in command.channels
+        if each.vacuum_pa > 0.0
+    )
+    done_s = next(
+        _stamp_s(states)
+        for states in probe.received[ACTUATOR_STATES.name]
+        if dict(zip(states.channels, states.energised, strict=True))[channel]
+    )
+    if done_s < asked_s:
+        msg = f"{channel} was energised at {done_s:.3f} s, and first seen to be asked for at {asked_s:.3f} s"
+        raise RuntimeError(msg)
     return 1e3 * (done_s - asked_s)
 
 

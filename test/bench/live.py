@@ -71,7 +71,7 @@ def main(
         f"four ankles: {four.cores:.2f} cores at a real-time factor of {four.real_time_factor:.2f}; "
         f"load before {four.load_before:.1f}\n"
         f"IMU at {found.imu_rate_hz:.0f} Hz for {minutes:g} min: {found.landings} landings, {found.liftoffs_told} "
-        f"lift-offs and {found.impacts_told} impacts told, {found.trials} reached the solenoid\n"
+        f"lift-offs and {found.impacts_reported} impacts reported, {found.trials} reached the solenoid\n"
         f"sample to solenoid: median {found.median_ms:.2f} ms, p99 {found.p99_ms:.2f} ms; two bare relays: "
         f"{found.relays_median_ms:.2f} ms, p99 {found.relays_p99_ms:.2f} ms; one and back: "
         f"{found.round_trip_median_ms:.2f} ms, p99 {found.round_trip_p99_ms:.2f} ms; "

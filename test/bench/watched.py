@@ -119,7 +119,7 @@ def real_time_factor(probe: Probe, meanwhile: Callable[[float], None], settle_s:
     """Simulated seconds per second, by /clock at the begin and the end; nobody listens to it in between.
 
     Args:
-        probe: Node to hear it with.
+        probe: Node to receive it with.
         meanwhile: Called again and again with the time that is left, s, for no longer than that.
         settle_s: How long to wait before.
 

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from jammkle_common.bags.reading import opened
 from jammkle_common.bags.run_sheet import read_sheet
-from jammkle_common.bags.times import BagTimes
+from jammkle_common.bags.times import BagTimes, Span, other_clock
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import SIM_PARAMETERS
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from jammkle_common.bags.reading import Connection
 
 _PROGRESS_MESSAGES = 10_000
-_ALIKE = 0.02
-"""Part by which durations of log and data may differ without a word."""
 
 
 @dataclass(frozen=True)
@@ -68,28 +66,6 @@ class BagInfo:
     """Whether the bag, or a file in it or beside it, says what was done to the machine."""
 
 
-@dataclass
-class _Span:
-    """Messages of one topic so far, and their first and last time, ns."""
-
-    count: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-
-    def take(self, time_ns: int) -> None:
-        self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
-        self.last_ns = max(self.last_ns, time_ns) if self.count else time_ns
-        self.count += 1
-
-    @property
-    def duration_s(self) -> float:
-        return (self.last_ns - self.first_ns) / NANOSECONDS_PER_SECOND
-
-    @property
-    def rate_hz(self) -> float | None:
-        return (self.count - 1) / self.duration_s if self.duration_s > 0 else None
-
-
 def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
     """Read a bag's description, and all its messages once, to see that it is whole.
 
@@ -103,8 +79,8 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
     """
     with opened(path) as reader:
         empty = reader.message_count == 0
-        times, whole = BagTimes(reader), _Span()
-        spans = {connection.topic: _Span() for connection in reader.connections}
+        times, whole = BagTimes(reader), Span()
+        spans = {connection.topic: Span() for connection in reader.connections}
         for number, message in enumerate(times.messages(reader.connections)):
             spans[message.connection.topic].take(message.time_ns)
             whole.take(message.time_ns)
@@ -126,7 +102,7 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
         )
 
 
-def _topic(connection: Connection, span: _Span, times: BagTimes) -> TopicInfo:
+def _topic(connection: Connection, span: Span, times: BagTimes) -> TopicInfo:
     profiles = connection.profiles()
     return TopicInfo(
         name=connection.topic,
@@ -144,7 +120,7 @@ def info_line(info: BagInfo) -> str:
     topics = f"{len(info.topics)} topic{'' if len(info.topics) == 1 else 's'}"
     return (
         f"{info.bag}: {info.messages} messages on {topics} in {info.duration_s:.3f} s from "
-        f"ROS time {info.start_s:.3f} s{_other_clock(info)}"
+        f"ROS time {info.start_s:.3f} s{other_clock(info.duration_s, info.data_duration_s)}"
     )
 
 
@@ -177,10 +153,3 @@ def info_table(info: BagInfo) -> Table:
         rate = "" if topic.rate_hz is None else f"{topic.rate_hz:.1f}"
         topics.add_row(name, str(topic.count), rate, topic.rate_by if rate else "", offered)
     return topics
-
-
-def _other_clock(info: BagInfo) -> str:
-    """Return a word on data that has another time than its log."""
-    if not info.duration_s or abs(info.data_duration_s / info.duration_s - 1.0) < _ALIKE:
-        return ""
-    return f"; its data span {info.data_duration_s:.3f} s by their own clock"

@@ -29,6 +29,7 @@ from jammkle_common.bags.contents import (
 )
 from jammkle_common.bags.reading import messages, open_files, opened
 from jammkle_common.bags.storage import MCAP, ROS1, SQLITE, ZSTD, begins_with, merged
+from jammkle_common.bags.times import BagTimes, Span, other_clock
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
@@ -53,6 +54,7 @@ class Recovered:
         was_whole: Whether there was nothing to do.
         messages: In the bag.
         duration_s: From the first to the last log time.
+        data_duration_s: By the clock of the messages; differs where log times lie apart, or the log has another clock.
         torn_bytes: Cut off at the ends of its files: what was not written as a whole.
         given_up: Messages at the end that were given up, as there was no room for the ending.
         missing: Files of it that are lost: named by its metadata and not there, or without anything in them.
@@ -64,6 +66,7 @@ class Recovered:
     was_whole: bool
     messages: int
     duration_s: float
+    data_duration_s: float
     torn_bytes: int
     given_up: int
     missing: tuple[str, ...] = ()
@@ -75,7 +78,8 @@ class Recovered:
 
     def text(self) -> str:
         """Return what people read."""
-        holds = f"{self.bag}: {self.messages} messages in {self.duration_s:.3f} s"
+        clock = other_clock(self.duration_s, self.data_duration_s)
+        holds = f"{self.bag}: {self.messages} messages in {self.duration_s:.3f} s{clock}"
         lost = (
             f"; of it {', '.join(self.missing)} {'is' if len(self.missing) == 1 else 'are'} lost"
             if self.missing
@@ -125,15 +129,19 @@ def recover(bag: Path, on_progress: Callable[[float], None], target: Path | None
         given_up += _write_metadata_of(contents, sections)
         changed = True
     with opened(bag, quietly=True) as reader:
-        count, total = 0, sum(each.msgcount for each in reader.every)
-        for count, _ in enumerate(messages(reader, bag, reader.every), 1):
-            if count % _PROGRESS_MESSAGES == 0:
-                on_progress(count / total)
+        total = sum(each.msgcount for each in reader.every)
+        span = Span()
+        for message in BagTimes(reader).messages(reader.connections):
+            span.take(message.time_ns)
+            if span.count % _PROGRESS_MESSAGES == 0:
+                on_progress(span.count / total)
+        count = span.count + sum(1 for _ in messages(reader, bag, reader.left_out))
         return Recovered(
             bag=bag,
             was_whole=not changed,
             messages=count,
             duration_s=(reader.end_time - reader.start_time) / NANOSECONDS_PER_SECOND,
+            data_duration_s=span.duration_s,
             torn_bytes=torn_bytes,
             given_up=given_up,
             missing=_lost(contents),

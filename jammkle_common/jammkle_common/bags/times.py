@@ -39,6 +39,8 @@ _HOLE_NS = 24 * 3600 * NANOSECONDS_PER_SECOND
 """Step of the log from which on it is said. Assumed: no landing or walk pauses for a day."""
 _REWOUND_NS = 2 * NANOSECONDS_PER_SECOND
 """Step back of a topic from which on it is said. Assumed: a recorder's queues hold two seconds."""
+_SAME_SPAN = 0.02
+"""Part by which the spans of log and data may differ without a word. Assumed: a second in a minute is worth none."""
 _FEW = 3
 """Fewest stamps from which a topic's clock is judged. Assumed: two may both be odd."""
 _FIRST = 20
@@ -63,6 +65,38 @@ class TimedMessage(NamedTuple):
     time_ns: int
     log_ns: int
     data: bytes
+
+
+@dataclass
+class Span:
+    """Messages so far, and their first and last time, ns."""
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+    def take(self, time_ns: int) -> None:
+        """Count a message of a time."""
+        self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
+        self.last_ns = max(self.last_ns, time_ns) if self.count else time_ns
+        self.count += 1
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last."""
+        return (self.last_ns - self.first_ns) / NANOSECONDS_PER_SECOND
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Messages per second; None where they have no duration."""
+        return (self.count - 1) / self.duration_s if self.duration_s > 0 else None
+
+
+def other_clock(log_duration_s: float, data_duration_s: float) -> str:
+    """Return a word on data that span another time than their log; empty where both are the same."""
+    if not log_duration_s or abs(data_duration_s / log_duration_s - 1.0) < _SAME_SPAN:
+        return ""
+    return f"; its data span {data_duration_s:.3f} s by their own clock"
 
 
 @dataclass
@@ -97,6 +131,41 @@ class _Stamps:
         )
 
 
+@dataclass
+class _LogPart:
+    """A part of a log between two steps of a day or more, and how it lies to the stamps of its messages."""
+
+    start_ns: int
+    lags_ns: dict[int, list[int]] = field(default_factory=dict)
+    """Log time minus stamp, of the first messages of each topic."""
+    count: int = 0
+    shift_ns: int = 0
+    """What its log times are ahead of the rest, by the stamps."""
+
+    def take(self, connection: Connection, log_ns: int, stamp_ns: int) -> None:
+        """Count a message; its stamp is zero where it has none."""
+        self.count += 1
+        lags_ns = self.lags_ns.setdefault(connection.id, [])
+        if stamp_ns and len(lags_ns) < _FIRST:
+            lags_ns.append(log_ns - stamp_ns)
+
+    def off_ns(self, rest: _LogPart) -> int | None:
+        """Return how far its log is ahead of the rest, by topics of both: zero where any agrees, None without any."""
+        offs_ns = [
+            statistics.median_low(lags_ns) - statistics.median_low(rest.lags_ns[topic])
+            for topic, lags_ns in self.lags_ns.items()
+            if lags_ns and rest.lags_ns.get(topic)
+        ]
+        if any(abs(each) <= _APART_NS for each in offs_ns):
+            return 0
+        return statistics.median_low(offs_ns) if offs_ns else None
+
+    @property
+    def limit_ns(self) -> int:
+        """Difference of log and stamp from which on a stamp is odd; a log that stands still may do so for long."""
+        return _HOLE_NS if self.shift_ns else _APART_NS
+
+
 class BagTimes:
     """Tells the time of each message of a bag that is read in the order of its log.
 
@@ -108,16 +177,18 @@ class BagTimes:
     """
 
     def __init__(self, reader: BagReader) -> None:
-        """Look at the first messages of each topic of an open bag."""
+        """Look at the first messages of each topic of an open bag; at all, where its log spans more than a day."""
         self._reader = reader
         self._stamped = {
             name: _begins_with_time(reader.typestore.fielddefs, name)
             for name in {each.msgtype for each in reader.connections}
         }
         self._tick_ns = self._start_tick_ns = _first_tick_ns(reader)
-        self._begin_ns = reader.start_time
-        self._stamps: dict[int, _Stamps] = {}
-        self._look_at_first()
+        stamped = [each for each in reader.connections if self._stamped[each.msgtype] and not _is_clock(each)]
+        self._parts = self._log_parts()
+        self._begin_ns = min(each.start_ns - each.shift_ns for each in self._parts)
+        self._stamps: dict[int, _Stamps] = {each.id: _Stamps() for each in stamped}
+        self._look_at_first(stamped)
         self.doubts: dict[str, str] = {}
         self.rewound = ""
         self._last_ns: dict[int, int] = {}
@@ -150,17 +221,17 @@ class BagTimes:
         self._last_ns.clear()
         for stamps in self._stamps.values():
             stamps.odd = 0
-        for connection, log_ns, data in messages(self._reader, self._reader.path, [*connections, *clocks]):
-            time_ns = self._time_ns(connection, log_ns, data)
+        for connection, logged_ns, data in messages(self._reader, self._reader.path, [*connections, *clocks]):
+            part = self._part(logged_ns)
+            log_ns = logged_ns - part.shift_ns
+            time_ns = self._time_ns(connection, log_ns, data, part.limit_ns)
             if log_ns - before_ns > _HOLE_NS:
                 step_d = (log_ns - before_ns) / _HOLE_NS
                 self._say(f"its log makes a step of {step_d:.1f} days: the clock was set, or two bags were joined")
             before_ns = max(log_ns, before_ns)
             self._watch_for_rewinding(connection, time_ns)
             if connection.id in chosen:
-                yield TimedMessage(
-                    connection, time_ns, max(log_ns, self._begin_ns), self._stamped_with(time_ns, connection, data)
-                )
+                yield TimedMessage(connection, time_ns, log_ns, self._stamped_with(time_ns, connection, data))
         odd = {each.topic: self._stamps[each.id].odd for each in connections if each.id in self._stamps}
         if any(odd.values()):
             which = ", ".join(topic for topic, count in odd.items() if count)
@@ -181,32 +252,59 @@ class BagTimes:
     def _next_best(self) -> str:
         return "the log" if self._start_tick_ns is None else CLOCK.name
 
-    def _look_at_first(self) -> None:
+    def _log_parts(self) -> list[_LogPart]:
+        """Find parts of the log that have a clock of their own, as before a clock was set; one part as a rule.
+
+        The part with most messages is the rest that the others are compared with, topic by topic. What has no stamps,
+        and was logged at zero, is of the begin of the rest.
+        """
+        reader = self._reader
+        parts, before_ns = [_LogPart(reader.start_time)], reader.start_time
+        if reader.end_time - reader.start_time <= _HOLE_NS:
+            return parts
+        for connection, log_ns, data in messages(reader, reader.path, reader.connections):
+            if log_ns - before_ns > _HOLE_NS:
+                parts.append(_LogPart(log_ns))
+            before_ns = log_ns
+            is_stamped = self._stamped[connection.msgtype] and not _is_clock(connection)
+            parts[-1].take(connection, log_ns, _stamp_ns(data) if is_stamped else 0)
+        rest = max(parts, key=lambda each: each.count)
+        for place, part in enumerate(parts):
+            off_ns = part.off_ns(rest)
+            if off_ns is None and part is not rest and part.start_ns < _HOLE_NS:
+                off_ns = part.start_ns - rest.start_ns
+            part.shift_ns = off_ns or 0
+            if part.shift_ns:
+                where = "at its start" if place == 0 else f"after its step {place}"
+                how_far = (
+                    f"{abs(part.shift_ns) / _HOLE_NS:.1f} days {'after' if part.shift_ns > 0 else 'before'} the rest"
+                )
+                self._say(f"log times {where} lie {how_far}: they are shifted onto it")
+        return parts
+
+    def _part(self, logged_ns: int) -> _LogPart:
+        return next((each for each in reversed(self._parts) if each.start_ns <= logged_ns), self._parts[0])
+
+    def _look_at_first(self, stamped: Collection[Connection]) -> None:
         """Take the first stamps of every topic that has any."""
-        stamped = [each for each in self._reader.connections if self._stamped[each.msgtype] and not _is_clock(each)]
-        self._stamps = {each.id: _Stamps() for each in stamped}
         missing = {each.id for each in stamped if each.msgcount >= _FIRST}
         clocks = [each for each in self._reader.connections if _is_clock(each)]
-        logs_ns = []
         for connection, log_ns, data in (
             messages(self._reader, self._reader.path, [*stamped, *clocks]) if missing else ()
         ):
             if _is_clock(connection):
                 self._tick_ns = _stamp_ns(data)
                 continue
-            logs_ns.append(log_ns)
-            stamps = self._stamps[connection.id]
-            if len(stamps.stamps_ns) < _FIRST:
-                stamps.stamps_ns.append(_stamp_ns(data))
+            stamps, stamp_ns = self._stamps[connection.id], _stamp_ns(data)
+            if self._tick_ns == stamp_ns == self._start_tick_ns:
+                continue  # the clock itself stands, as before a simulation's first step
+            if len(stamps.stamps_ns) < _FIRST and not self._part(log_ns).shift_ns:
+                stamps.stamps_ns.append(stamp_ns)
                 stamps.known_ns.append(log_ns if self._tick_ns is None else self._tick_ns)
                 if len(stamps.stamps_ns) == _FIRST:
                     missing.discard(connection.id)
             if not missing:
                 break
-        usual_ns = statistics.median_low(logs_ns or [self._begin_ns])
-        if usual_ns - self._begin_ns > _HOLE_NS:
-            self._begin_ns = next(each for each in logs_ns if usual_ns - each <= _HOLE_NS)
-            self._say("log times at its start are days before the rest; they are taken as its begin")
         for stamps in self._stamps.values():
             stamps.judge(self._begin_ns if self._start_tick_ns is None else self._start_tick_ns)
 
@@ -232,16 +330,16 @@ class BagTimes:
                 self.doubts[each.topic] = why
         return 0 if near or self._start_tick_ns is not None else rest_ns
 
-    def _time_ns(self, connection: Connection, log_ns: int, data: bytes) -> int:
+    def _time_ns(self, connection: Connection, log_ns: int, data: bytes, limit_ns: int) -> int:
         stamps = self._stamps.get(connection.id)
         if _is_clock(connection):
             self._tick_ns = _stamp_ns(data)
             return self._tick_ns
-        known_ns = max(log_ns, self._begin_ns) - self._ahead_ns if self._tick_ns is None else self._tick_ns
+        known_ns = log_ns - self._ahead_ns if self._tick_ns is None else self._tick_ns
         if stamps is None or stamps.why_none:
             return known_ns
         time_ns = _stamp_ns(data) + stamps.shift_ns
-        if abs(time_ns - known_ns) > _APART_NS:
+        if abs(time_ns - known_ns) > limit_ns:
             stamps.odd += 1
             return known_ns
         if self._ahead_ns:  # a log of another clock may go at another pace, as beside a simulation

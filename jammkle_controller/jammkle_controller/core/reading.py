@@ -60,6 +60,11 @@ def load_n(message: Any) -> float:
     return -float(message.wrench.force.z)
 
 
+def load_n_of(measured: wire.Measured) -> float:
+    """Return the same of a message that was read from its bytes."""
+    return -measured.values[wire.WRENCH_FORCE_Z]
+
+
 def joint_position(message: Any, joint: str) -> float | None:
     """Return the position of a joint (sensor_msgs/JointState), rad; None: the message does not hold it."""
     names = list(message.name)

@@ -229,7 +229,7 @@ def test_lost_samples_are_lost() -> None:
     assert 0.6 < share < 0.74
 
 
-def test_bad_wishes_are_told_in_one_line() -> None:
+def test_bad_requests_are_refused_in_one_line() -> None:
     """Unknown rigs, settings and faults, and sizes out of range, name value, limit and way out."""
     for plan, faults, words in (
         (Plan("moon", {}), (), "moon"),

@@ -268,11 +268,11 @@ def test_runs_in_processes_are_those_in_this_one() -> None:
     """Workers give the results of a direct run, in the order of the tasks, and tell of every run that is done."""
     (drop,) = [each for each in ROW_EXPERIMENTS if each.identifier == "squash_ball"]
     tasks = [Task(drop, "fitted", 3, repeat) for repeat in range(2)]
-    told: list[int] = []
-    outcomes = run_all(tasks, lambda done, _: told.append(done), lambda: False, workers=1)
+    reported: list[int] = []
+    outcomes = run_all(tasks, lambda done, _: reported.append(done), lambda: False, workers=1)
     assert [outcome.results for outcome in outcomes] == [run_task(task).results for task in tasks]
     assert outcomes[0].results != outcomes[1].results
-    assert told == [1, 2]
+    assert reported == [1, 2]
 
 
 def test_a_request_to_stop_ends_the_runs() -> None:
